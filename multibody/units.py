@@ -1,0 +1,113 @@
+"""Units at the door: quantities become SI numbers here, and nowhere else.
+
+Inside the package every number is SI.  Pint does the work and is imported only when a unit really has to be
+converted, because importing it costs a noticeable part of the start-up time.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+__all__ = ["UnitError", "convert", "quantity", "same_dimension"]
+
+
+class UnitError(ValueError):
+    """A unit is unknown, or does not measure the quantity that is asked for."""
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    import pint
+
+    registry = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry.define("percent = 0.01 = %")
+    return registry
+
+
+@lru_cache(maxsize=512)
+def _unit(text: str) -> Any:
+    cleaned = text.strip().replace("·", "*").replace("²", "**2").replace("³", "**3").replace("^", "**")
+    if cleaned in ("", "1", "-"):
+        cleaned = "dimensionless"
+    try:
+        return _registry().parse_units(cleaned)
+    except Exception as error:
+        raise UnitError(f"unknown unit '{text}': write it as in 'N', 'mm', 'rad/s', 'N*m', 'm/s**2'") from error
+
+
+@lru_cache(maxsize=512)
+def _line(source: str, target: str) -> tuple[float, float]:
+    """Slope and intercept of the conversion from one unit to another."""
+    a, b = _unit(source), _unit(target)
+    if a.dimensionality != b.dimensionality:
+        raise UnitError(f"'{source}' cannot be converted to '{target}': they measure different quantities")
+    q = _registry().Quantity
+    zero = float(q(0.0, a).to(b).magnitude)
+    return float(q(1.0, a).to(b).magnitude) - zero, zero
+
+
+def convert(value: Any, source: str, target: str) -> Any:
+    """Convert a number or array from one unit to another.
+
+    Parameters
+    ----------
+    value : float or ndarray
+        Number(s) in the unit ``source``.
+    source, target : str
+        Units, such as ``"mm"`` and ``"m"``; the empty string is dimensionless.
+
+    Raises
+    ------
+    UnitError
+        If a unit is unknown or the two measure different quantities.
+
+    Examples
+    --------
+    >>> round(convert(2.5, "mm", "m"), 6)
+    0.0025
+    """
+    if source == target:
+        return value
+    slope, zero = _line(source, target)
+    return value * slope + zero
+
+
+def same_dimension(a: str, b: str) -> bool:
+    """Tell whether two units measure the same quantity.
+
+    Examples
+    --------
+    >>> same_dimension("N*m", "J"), same_dimension("kg", "N")
+    (True, False)
+    """
+    return a == b or bool(_unit(a).dimensionality == _unit(b).dimensionality)
+
+
+def quantity(value: Any, unit: str) -> float:
+    """Return a number in ``unit`` from a number, a text such as ``"95 kg"``, or a pint quantity.
+
+    Raises
+    ------
+    UnitError
+        If the text is not a number with a unit, or the unit measures something else.
+
+    Examples
+    --------
+    >>> quantity("3 mm", "m")
+    0.003
+    >>> quantity(3.0, "m")
+    3.0
+    """
+    if isinstance(value, str):
+        text = value.strip()
+        for cut in range(len(text), 0, -1):
+            try:
+                number = float(text[:cut])
+            except ValueError:
+                continue
+            return float(convert(number, text[cut:].strip(), unit)) if text[cut:].strip() else number
+        raise UnitError(f"'{value}' is not a number with a unit, such as '3.2 {unit}'")
+    if hasattr(value, "magnitude") and hasattr(value, "units"):
+        return float(convert(float(value.magnitude), f"{value.units}", unit))
+    return float(value)
