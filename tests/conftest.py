@@ -17,8 +17,8 @@ from hypothesis import settings
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# A first call compiles, which a deadline would take for a slow example; in CI the same examples run every time,
-# so that a run tells about the change and not about luck.
+# A first call compiles, which a deadline would take for a slow example; in CI the same examples run every
+# time, so that a run tells about the change and not about luck.
 settings.register_profile("house", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("house")
 

@@ -1,8 +1,8 @@
 """What MkDocs does for this site beyond its settings.
 
-A page dropped into one of the folders below stands in the navigation by itself, in the order of the file names,
-with the folder's ``index.md`` first; every public module gets a reference page; equations between dollars become
-MathML at build time, because a reader of the pages may have no network.
+A page dropped into one of the folders below stands in the navigation by itself, in the order of the file
+names, with the folder's ``index.md`` first; every public module gets a reference page; equations between dollars
+become MathML at build time, because a reader of the pages may have no network.
 """
 
 from __future__ import annotations
@@ -93,7 +93,8 @@ def _mathml(page: Page, display: str) -> Any:
         try:
             result = convert(source, display=display)
         except Exception as error:
-            raise PluginError(f"{page.file.src_uri}: cannot set the equation '{source}': {error!r}") from error
+            where = page.file.src_uri
+            raise PluginError(f"{where}: cannot set the equation '{source}': {error!r}") from error
         return f'<div class="equation">{result}</div>' if display == "block" else result
 
     return replace

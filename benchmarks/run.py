@@ -1,0 +1,224 @@
+"""Run benchmark entries in turns; print medians, spread and ratios; write the docs page on request.
+
+See README.md beside this file, and ``python benchmarks/run.py --help``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+import importlib.util
+import json
+import os
+import platform
+import random
+import re
+import statistics
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import date
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+PAGE = HERE.parent / "docs" / "benchmarks" / "index.md"
+FEWEST_ROUNDS = 3
+
+
+@dataclass
+class Entry:
+    """One thing that is timed, and its times in seconds, one for each round."""
+
+    name: str
+    work: Callable[[], float | None]
+    times: list[float] = field(default_factory=list)
+
+    def once(self) -> float:
+        """Seconds that the work took, or that it says it took."""
+        start = time.perf_counter()
+        said = self.work()
+        took = time.perf_counter() - start
+        return float(said) if isinstance(said, float) else took
+
+
+@dataclass
+class Group:
+    """The entries of one file, compared with the first of them."""
+
+    subject: str
+    title: str
+    entries: list[Entry]
+
+
+def load(path: Path) -> Group:
+    """Prepare the entries of a benchmark file.
+
+    Raises
+    ------
+    ValueError
+        If the file has no ``bench_*`` function, or one of them has no docstring or returns no callable.
+    """
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise ValueError(f"{path}: not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    entries = []
+    for name, function in vars(module).items():
+        if not name.startswith("bench_") or not callable(function):
+            continue
+        if not function.__doc__:
+            raise ValueError(f"{path.name}: {name} needs a docstring, whose first line names it in the table")
+        work = function()
+        if not callable(work):
+            raise ValueError(f"{path.name}: {name} must return the callable to be timed, not {work!r}")
+        entries.append(Entry(function.__doc__.strip().splitlines()[0], work))
+    if not entries:
+        raise ValueError(f"{path.name}: no function named bench_*")
+    title = (module.__doc__ or path.stem).strip().splitlines()[0]
+    return Group(path.stem.removeprefix("bench_"), title, entries)
+
+
+def measure(group: Group, rounds: int, seconds: float, rng: random.Random) -> None:
+    """Time the entries in turns, in a new order each round, after one call each that does not count.
+
+    Stops after ``rounds`` rounds, or earlier once ``seconds`` are spent, but not before three rounds.
+    """
+    for entry in group.entries:
+        entry.once()
+    start = time.perf_counter()
+    for done in range(rounds):
+        if done >= FEWEST_ROUNDS and time.perf_counter() - start > seconds:
+            break
+        for entry in rng.sample(group.entries, len(group.entries)):
+            entry.times.append(entry.once())
+
+
+def quartiles(values: Sequence[float]) -> tuple[float, float, float]:
+    """Lower quartile, median and upper quartile.
+
+    Examples
+    --------
+    >>> quartiles([4.0, 1.0, 2.0, 3.0, 5.0])
+    (2.0, 3.0, 4.0)
+    """
+    low, mid, high = statistics.quantiles(values, n=4, method="inclusive")
+    return low, mid, high
+
+
+def duration(seconds: float) -> str:
+    """Write a duration with three digits in the unit that suits it.
+
+    Examples
+    --------
+    >>> duration(0.01234), duration(2.5), duration(4.2e-7)
+    ('12.3 ms', '2.50 s', '420 ns')
+    """
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if seconds >= size:
+            return f"{seconds / size:#.3g} {unit}".replace(". ", " ")
+    return f"{seconds / 1e-9:.0f} ns"
+
+
+def rows(group: Group) -> list[tuple[str, ...]]:
+    """Cells of a group's table: name, median, quartiles, ratio with its quartiles, rounds."""
+    base = group.entries[0].times
+    cells = []
+    for entry in group.entries:
+        low, mid, high = quartiles(entry.times)
+        if entry is group.entries[0]:
+            ratio = "1"
+        else:
+            a, b, c = quartiles([t / t0 for t, t0 in zip(entry.times, base, strict=True)])
+            ratio = f"{b:.3g} ({a:.3g} to {c:.3g})"
+        spread = f"{duration(low)} to {duration(high)}"
+        cells.append((entry.name, duration(mid), spread, ratio, str(len(entry.times))))
+    return cells
+
+
+HEAD = ("entry", "median", "quartiles", "ratio", "rounds")
+
+
+def plain_table(group: Group) -> str:
+    """The table of a group for a terminal."""
+    lines = [HEAD, *rows(group)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(HEAD))]
+    cells = [[c.ljust(w) for c, w in zip(line, widths, strict=True)] for line in lines]
+    return "\n".join([group.title, *("  " + "  ".join(line).rstrip() for line in cells)])
+
+
+def machine() -> str:
+    """Processor, cores and versions, in one line."""
+    model = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        found = re.search(r"^model name\s*:\s*(.+)$", info.read_text(), re.MULTILINE)
+        model = found.group(1) if found else model
+    parts = [f"{model}, {os.cpu_count()} cores", f"Python {platform.python_version()}"]
+    for package in ("numpy", "scipy", "numba", "vtsdt"):
+        try:
+            parts.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            continue
+    return ", ".join(parts)
+
+
+def page(groups: Sequence[Group], rounds: int) -> str:
+    """Text of the docs page."""
+    lines = [
+        "# Benchmarks",
+        "",
+        f"Measured {date.today().isoformat()} on {machine()},",
+        "by `python benchmarks/run.py --write-docs`, which writes this page anew. The entries of a table take turns;",
+        "the ratio is to the first of them, as the median (and the quartiles) of the ratios within each of up to",
+        f"{rounds} rounds.",
+    ]
+    for group in groups:
+        lines += ["", f"## {group.title.rstrip('.')}", ""]
+        lines += ["| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
+        lines += ["| " + " | ".join(row) + " |" for row in rows(group)]
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line: see the module's text."""
+    parser = argparse.ArgumentParser(prog="benchmarks/run.py", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("subjects", nargs="*", default=["*"], help="names of bench_NAME.py, patterns allowed")
+    parser.add_argument("--rounds", type=int, default=11, help="rounds at most (%(default)s)")
+    parser.add_argument("--seconds", type=float, default=60.0, help="per file; then no new round starts")
+    parser.add_argument("--seed", type=int, default=0, help="for the order of the entries")
+    parser.add_argument("--json", type=Path, help="write all single times into this file")
+    parser.add_argument("--write-docs", action="store_true", help="write docs/benchmarks/index.md")
+    options = parser.parse_args(arguments)
+    if options.rounds < FEWEST_ROUNDS:
+        parser.error(f"--rounds must be at least {FEWEST_ROUNDS}: fewer have no quartiles")
+    files = sorted(HERE.glob("bench_*.py"))
+    names = {path: path.stem.removeprefix("bench_") for path in files}
+    chosen = [f for f in files if any(fnmatch.fnmatch(names[f], name) for name in options.subjects)]
+    if not chosen:
+        wanted = " or ".join(options.subjects)
+        parser.error(f"no benchmark is called {wanted}; there are: {', '.join(names.values())}")
+    if options.write_docs and chosen != files:
+        parser.error("--write-docs writes the whole page: leave out the names")
+    rng = random.Random(options.seed)
+    print(machine())
+    groups = []
+    for path in chosen:
+        group = load(path)
+        measure(group, options.rounds, options.seconds, rng)
+        print(f"\n{plain_table(group)}", flush=True)
+        groups.append(group)
+    if options.json:
+        times = {group.subject: {entry.name: entry.times for entry in group.entries} for group in groups}
+        text = json.dumps({"machine": machine(), "seconds": times}, indent=1)
+        options.json.write_text(text + "\n", encoding="utf-8")
+    if options.write_docs:
+        PAGE.write_text(page(groups, options.rounds), encoding="utf-8")
+        print(f"\nwrote {PAGE.relative_to(HERE.parent)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
