@@ -125,7 +125,7 @@ def duration(seconds: float) -> str:
 def rows(group: Group) -> list[tuple[str, ...]]:
     """Cells of a group's table: name, median, quartiles, ratio with its quartiles, rounds."""
     base = group.entries[0].times
-    cells = []
+    cells: list[tuple[str, ...]] = []
     for entry in group.entries:
         low, mid, high = quartiles(entry.times)
         if entry is group.entries[0]:
@@ -171,9 +171,9 @@ def page(groups: Sequence[Group], rounds: int) -> str:
         "# Benchmarks",
         "",
         f"Measured {date.today().isoformat()} on {machine()},",
-        "by `python benchmarks/run.py --write-docs`, which writes this page anew. The entries of a table take turns;",
-        "the ratio is to the first of them, as the median (and the quartiles) of the ratios within each of up to",
-        f"{rounds} rounds.",
+        "by `python benchmarks/run.py --write-docs`, which writes this page anew. The entries of a table",
+        "take turns; the ratio is to the first of them, as the median (and the quartiles) of the ratios",
+        f"within each of up to {rounds} rounds.",
     ]
     for group in groups:
         lines += ["", f"## {group.title.rstrip('.')}", ""]

@@ -27,7 +27,8 @@ settings.load_profile("house")
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark what reads recordings, leave out slow tests, and skip peers, unless ``-m`` names them."""
     wanted = config.option.markexpr
-    kept, left_out = [], []
+    kept: list[pytest.Item] = []
+    left_out: list[pytest.Item] = []
     for item in items:
         if "measured_data" in getattr(item, "fixturenames", ()):
             item.add_marker("measured")

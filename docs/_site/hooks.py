@@ -1,8 +1,8 @@
 """What MkDocs does for this site beyond its settings.
 
 A page dropped into one of the folders below stands in the navigation by itself, in the order of the file
-names, with the folder's ``index.md`` first; every public module gets a reference page; equations between dollars
-become MathML at build time, because a reader of the pages may have no network.
+names, with the folder's ``index.md`` first; every public module gets a reference page; equations between
+dollars become MathML at build time, because a reader of the pages may have no network.
 """
 
 from __future__ import annotations
