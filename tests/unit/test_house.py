@@ -164,6 +164,12 @@ def test_importing_a_package_is_light(package: str) -> None:
     assert run.stdout.strip() == "[]", run.stdout + run.stderr
 
 
+def test_every_folder_with_modules_is_a_package() -> None:
+    """A folder without ``__init__`` imports all the same, but no reference page can be made from it."""
+    folders = {path.parent for path in FILES.values()}
+    assert [str(f.relative_to(ROOT)) for f in sorted(folders) if not (f / "__init__.py").is_file()] == []
+
+
 def _undocumented(path: Path) -> Iterator[str]:
     """What is public and has no docstring; a method of a subclass may inherit its own."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
