@@ -1,0 +1,185 @@
+"""What luck alone would give: shuffled residuals, and p-values from the largest score among all candidates.
+
+Blocks of the whitened residual are put in other places, with a random sign and a random circular shift, while the
+candidates stay where they are. With six or more records a block is a whole record; with fewer, records are cut into
+pieces that are longer than the residual's correlation time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from discrepancy.blocks import Array
+from discrepancy.projection import Layout, Projection
+from discrepancy.score import Scorer
+
+MIN_PIECES = 12
+WHOLE_RECORDS = 6
+P_FLOOR = 1e-12
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Pieces that are shuffled: (block, first sample, number of samples)."""
+
+    spans: tuple[tuple[int, int, int], ...]
+    correlation_time: float
+    dt: float
+
+    @property
+    def few(self) -> bool:
+        """True if there are too few pieces for the shuffle to be varied."""
+        return len(self.spans) < WHOLE_RECORDS
+
+
+def correlation_length(layout: Layout, e: Array) -> float:
+    """Integral correlation length of a stacked residual, samples: the largest of the channels."""
+    worst = 1.0
+    for c in range(layout.n_channels):
+        num, den = None, 0.0
+        n_lag = max(8, min(layout.lengths) // 4)
+        for b, n in enumerate(layout.lengths):
+            x = layout.view(e, b)[:, c]
+            f = np.fft.rfft(x, 2 * n)
+            acf = np.fft.irfft(np.abs(f) ** 2)[:n_lag]
+            num = acf if num is None else num[: len(acf)] + acf[: len(num)]
+            den += float(x @ x)
+        if num is None or den == 0:
+            continue
+        rho = np.asarray(num) / den
+        below = np.flatnonzero(rho < 0.05)
+        stop = int(below[0]) if below.size else len(rho)
+        worst = max(worst, 1.0 + 2.0 * float(np.sum(rho[1:stop])))
+    return worst
+
+
+def cut(layout: Layout, dt: float, e: Array) -> Pieces:
+    """Choose the pieces to shuffle."""
+    corr = correlation_length(layout, e)
+    if len(layout.lengths) >= WHOLE_RECORDS:
+        spans = [(b, 0, n) for b, n in enumerate(layout.lengths)]
+        return Pieces(tuple(spans), corr * dt, dt)
+    total = sum(layout.lengths)
+    size = max(total / MIN_PIECES, 8.0 * corr, 32.0)
+    spans = []
+    for b, n in enumerate(layout.lengths):
+        parts = max(1, int(n // size))
+        edges = np.linspace(0, n, parts + 1).astype(int)
+        spans += [(b, int(a), int(z - a)) for a, z in zip(edges[:-1], edges[1:], strict=True)]
+    return Pieces(tuple(spans), corr * dt, dt)
+
+
+def shuffled(
+    e: Array, projection: Projection, pieces: Pieces, draws: int, rng: np.random.Generator, chunk: int = 50
+) -> Iterator[Array]:
+    """Yield projected shuffled residuals, shape (n_rows, ≤ chunk)."""
+    lay = projection.layout
+    C = lay.n_channels
+    n_piece = len(pieces.spans)
+    scale = np.sqrt(lay.n_data / max(1.0, lay.n_data - projection.n_directions))
+    views = [lay.view(e, b) for b in range(len(lay.lengths))]
+    done = 0
+    while done < draws:
+        m = min(chunk, draws - done)
+        out = np.zeros((lay.n_rows, m))
+        for j in range(m):
+            source = rng.permutation(n_piece)
+            for target, src in enumerate(source):
+                b, first, length = pieces.spans[target]
+                sb, sfirst, slength = pieces.spans[src]
+                idx = sfirst + (rng.integers(slength) + np.arange(length)) % slength
+                r0 = lay.starts[b] + first * C
+                sign = scale if rng.random() < 0.5 else -scale
+                out[r0 : r0 + length * C, j] = (sign * views[sb][idx]).reshape(-1)
+        if lay.n_prior:
+            out[lay.n_data :] = rng.standard_normal((lay.n_prior, m))
+        yield projection.remove(out)
+        done += m
+
+
+@dataclass(frozen=True)
+class Null:
+    """Null distribution of the surprise u.
+
+    Attributes
+    ----------
+    maxima : ndarray, shape (draws,)
+        Largest u over all candidates and shape grids, sorted.
+    single : ndarray, shape (n_candidates, draws)
+        Largest u over each candidate's own grid.
+    lam : ndarray, shape (n_groups,)
+        Mean LM/df of each group over the draws, the inflation that shuffling alone would give.
+    """
+
+    maxima: Array
+    single: Array
+    lam: Array
+    pieces: Pieces
+
+    def p_value(self, u: Array | float) -> Array:
+        """Family-wise p; beyond the draws from an exponential tail (see `tail_p`)."""
+        return tail_p(self.maxima, np.atleast_1d(np.asarray(u, dtype=float)))
+
+    def critical(self, level: float) -> float:
+        """Value of u that luck exceeds with probability ``level``."""
+        return float(np.quantile(self.maxima, 1.0 - level))
+
+
+def tail_p(draws: Array, u: Array) -> Array:
+    """Tail probability of u from sorted draws.
+
+    Where ten or more draws lie above u this is their share, (1 + count)/(1 + draws). Further out the upper tenth is
+    continued as an exponential. Its scale is the upper 95 % confidence limit of the mean excess and not less than
+    one, the scale that a perfectly calibrated u would have. Nothing below 1e-12 is returned: a smaller number would
+    describe the assumed tail and not the data.
+    """
+    x = np.sort(draws)
+    n = len(x)
+    above = n - np.searchsorted(x, u, side="left")
+    p = (1.0 + above) / (n + 1.0)
+    n_tail = max(10, n // 10)
+    if n > 2 * n_tail:
+        base = x[n - n_tail - 1]
+        mean = float(np.mean(x[n - n_tail :] - base))
+        scale = max(1.0, mean * (1.0 + 1.645 / np.sqrt(n_tail)))
+        tail = (n_tail + 1.0) / (n + 1.0) * np.exp(-(np.maximum(u, base) - base) / scale)
+        p = np.where(above >= 10, p, np.minimum(tail, (1.0 + 10) / (n + 1.0)))
+    out: Array = np.clip(p, P_FLOOR, 1.0)
+    return out
+
+
+def null_distribution(
+    scorer: Scorer,
+    projection: Projection,
+    e: Array,
+    *,
+    draws: int,
+    rng: np.random.Generator,
+    n_candidates: int,
+    pieces: Pieces,
+) -> Null:
+    """Score shuffled residuals.
+
+    Parameters
+    ----------
+    e : ndarray, shape (n_rows,)
+        Projected residual with the significant effects removed.
+    """
+    groups = scorer.columns.groups
+    owner = np.array([g.candidate for g in groups])
+    single = np.zeros((n_candidates, draws))
+    total = np.zeros(len(groups))
+    at = 0
+    for E in shuffled(e, projection, pieces, draws, rng):
+        s = scorer(E)
+        m = E.shape[1]
+        block = np.zeros((n_candidates, m))
+        np.maximum.at(block, owner, s.u)
+        single[:, at : at + m] = block
+        total += np.sum(s.lm, axis=1)
+        at += m
+    maxima = np.sort(single.max(axis=0)) if n_candidates else np.zeros(draws)
+    return Null(maxima, single, total / draws / scorer.kdim, pieces)

@@ -1,0 +1,217 @@
+"""Scores of many candidate columns against one or many residuals, in plain linear algebra.
+
+The same code scores the measured residual and every shuffled one, so that whatever is done to the data is done to
+the null as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from discrepancy.blocks import Array
+from discrepancy.projection import Projection
+from discrepancy.spectral import ScoreVariance, make_bands, score_variance
+
+LAMBDA_FLOOR = 0.5
+NOT_EXCITED = 0.0
+ABSORBED = 1.0 - 1e-6
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns of one candidate at one point of its shape grid."""
+
+    candidate: int
+    shape: int
+    cols: slice
+    one_sided: bool
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Projected and orthonormalised candidate columns.
+
+    Attributes
+    ----------
+    Z : ndarray, shape (n_rows, n_columns)
+    groups : list of Group
+    R : list of ndarray, shape (k, k)
+        Triangular factors: raw projected columns are ``Z[:, cols] @ R``.
+    absorbed : list of ndarray, shape (n_theta, k)
+        Parameter change that imitates a unit amplitude.
+    kappa : dict
+        (candidate, shape) → share of the candidate's effect that calibration can absorb.
+    dropped : dict
+        (candidate, shape) → why it cannot be scored.
+    """
+
+    Z: Array
+    groups: list[Group]
+    R: list[Array]
+    absorbed: list[Array]
+    kappa: dict[tuple[int, int], float]
+    dropped: dict[tuple[int, int], str]
+
+
+def prepare_columns(
+    whitened: list[tuple[int, int, bool, Array]], projection: Projection, uncertain: str = "the uncertain parameters"
+) -> Columns:
+    """Project and orthonormalise; ``whitened`` holds (candidate, shape, one_sided, columns (n_rows, k))."""
+    parts, groups, Rs, absorbed = [], [], [], []
+    kappa: dict[tuple[int, int], float] = {}
+    dropped: dict[tuple[int, int], str] = {}
+    start = 0
+    for cand, shape, one_sided, Z in whitened:
+        key = (cand, shape)
+        norm = np.linalg.norm(Z, axis=0)
+        if not np.all(norm > NOT_EXCITED):
+            dropped[key] = "not excited: these records never make it act"
+            kappa[key] = float("nan")
+            continue
+        theta = projection.parameters(Z)
+        Zp = projection.remove(Z.copy())
+        # A second pass removes what rounding left of nearly collinear columns.
+        projection.remove(Zp)
+        kept = float(np.sum(Zp**2) / np.sum(Z**2))
+        kappa[key] = 1.0 - kept
+        q, r = np.linalg.qr(Zp / norm)
+        least = np.linalg.svd(r, compute_uv=False)[-1]
+        if kappa[key] > ABSORBED or least**2 < 1.0 - ABSORBED:
+            dropped[key] = f"not identifiable: {uncertain} can imitate it entirely"
+            continue
+        flip = np.sign(np.diag(r))
+        k = Z.shape[1]
+        parts.append(q * flip)
+        Rs.append((r * flip[:, None]) * norm)
+        absorbed.append(theta)
+        groups.append(Group(cand, shape, slice(start, start + k), one_sided))
+        start += k
+    rows = projection.layout.n_rows
+    Zall = np.concatenate(parts, axis=1) if parts else np.zeros((rows, 0))
+    return Columns(Zall, groups, Rs, absorbed, kappa, dropped)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Scores of every group for every residual, shape (n_groups, m); amplitudes (n_columns, m), orthonormal basis."""
+
+    lm: Array
+    lam: Array
+    u: Array
+    amplitude: Array
+
+
+@dataclass(frozen=True)
+class Scorer:
+    """Scores residuals; made once for a set of columns."""
+
+    columns: Columns
+    variance: ScoreVariance
+    kdim: Array
+    dof: Array
+    own_trace: Array
+
+    def __call__(self, E: Array, noise: Array | None = None, removed: Array | None = None) -> Scores:
+        """Score residuals.
+
+        Parameters
+        ----------
+        E : ndarray, shape (n_rows, m)
+            Projected residuals.
+        noise : ndarray, shape (n_rows, m), optional
+            Residuals from which the noise is measured, if other than E (known effects removed).
+        removed : ndarray, shape (n_groups,), optional
+            Share of each group's columns that was removed to make ``noise``; its own fit is then not removed twice.
+        """
+        Z = self.columns.Z
+        A = Z.T @ E
+        used = self._one_sided(A)
+        lm = self._sum(used**2)
+        N = E if noise is None else noise
+        cross = self.variance.bands.cross(N)
+        m = N.shape[1]
+        V = (self.variance.weights @ cross.reshape(-1, m)).real + self.variance.prior_share[:, None]
+        a = used if noise is None else Z.T @ N
+        r = self.variance.functional.T @ N
+        quad = V - 2.0 * self._sum(a * r) + self._own(a)
+        left = 1.0 - self.own_trace
+        if removed is not None:
+            left = 1.0 - self.own_trace * (1.0 - removed)
+        lam = np.maximum(quad / np.maximum(left, 0.1)[:, None], LAMBDA_FLOOR)
+        return Scores(lm, lam, self.surprise(lm / lam), used)
+
+    def surprise(self, ratio: Array) -> Array:
+        """−ln of the F tail probability of LM/λ: one scale for groups of different size and different noise."""
+        from scipy.special import betainc, betaln, fdtrc
+
+        k, nu = self.kdim[:, None], self.dof[:, None]
+        with np.errstate(divide="ignore"):
+            tail = np.maximum(fdtrc(k, nu, ratio / k), 0.0)
+            out = -np.log(tail)
+        tiny = ~np.isfinite(out)
+        if np.any(tiny):
+            # Leading term of the incomplete beta function where the tail underflows.
+            x = np.broadcast_to(nu, ratio.shape) / (nu + ratio)
+            series = -(nu / 2) * np.log(x) + np.log(nu / 2) + betaln(nu / 2, k / 2)
+            out = np.where(tiny, series, out)
+        del betainc
+        return out
+
+    def _sum(self, x: Array) -> Array:
+        return np.add.reduceat(x, [g.cols.start for g in self.columns.groups], axis=0)
+
+    def _own(self, a: Array) -> Array:
+        out = np.empty((len(self.columns.groups), a.shape[1]))
+        single = [i for i, g in enumerate(self.columns.groups) if g.cols.stop - g.cols.start == 1]
+        if single:
+            c = np.array([self.variance.own[i][0, 0] for i in single])
+            out[single] = c[:, None] * a[[self.columns.groups[i].cols.start for i in single]] ** 2
+        for i, g in enumerate(self.columns.groups):
+            if g.cols.stop - g.cols.start > 1:
+                part = a[g.cols]
+                out[i] = np.einsum("cm,cd,dm->m", part, self.variance.own[i], part)
+        return out
+
+    def _one_sided(self, A: Array) -> Array:
+        """Amplitudes allowed by sign: a wrong sign counts as zero."""
+        used = A.copy()
+        for i, g in enumerate(self.columns.groups):
+            if not g.one_sided:
+                continue
+            part = A[g.cols]
+            R = self.columns.R[i]
+            if part.shape[0] == 1:
+                used[g.cols] = np.maximum(part, 0.0)
+                continue
+            raw = np.linalg.solve(R, part)
+            d = R / np.linalg.norm(R, axis=0)
+            along = np.maximum(d.T @ part, 0.0)
+            pick = np.argmax(along, axis=0)
+            single = d[:, pick] * along[pick, np.arange(part.shape[1])]
+            used[g.cols] = np.where(np.all(raw >= 0, axis=0), part, single)
+        return used
+
+    def raw_amplitude(self, group: int, a: Array) -> tuple[Array, Array]:
+        """Amplitude in the candidate's unit and its covariance for λ = 1."""
+        Rinv = np.linalg.inv(self.columns.R[group])
+        return Rinv @ a, Rinv @ Rinv.T
+
+
+def make_scorer(columns: Columns, projection: Projection, dt: float, extra: list[Array] | None = None) -> Scorer:
+    """Prepare the scorer; ``extra`` are orthonormal directions also removed from the residual's noise."""
+    basis = [projection.basis]
+    lay = projection.layout
+    for b, q in enumerate(projection.local):
+        if q is not None:
+            full = np.zeros((lay.n_rows, q.shape[1]))
+            full[lay.rows(b)] = q
+            basis.append(full)
+    bands = make_bands(lay, dt, basis + list(extra or []))
+    var = score_variance(columns.Z, [g.cols for g in columns.groups], bands)
+    kdim = np.array([float(g.cols.stop - g.cols.start) for g in columns.groups])
+    own = np.array([float(np.trace(c)) for c in var.own])
+    # The group's own fit takes its share of the degrees of freedom too.
+    dof = np.maximum(var.dof - kdim, 1.0)
+    return Scorer(columns, var, kdim, dof, own)
