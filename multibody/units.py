@@ -20,7 +20,7 @@ class UnitError(ValueError):
 def _registry() -> Any:
     import pint
 
-    registry = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry: Any = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
     registry.define("percent = 0.01 = %")
     return registry
 
@@ -33,7 +33,8 @@ def _unit(text: str) -> Any:
     try:
         return _registry().parse_units(cleaned)
     except Exception as error:
-        raise UnitError(f"unknown unit '{text}': write it as in 'N', 'mm', 'rad/s', 'N*m', 'm/s**2'") from error
+        example = "'N', 'mm', 'rad/s', 'N*m', 'm/s**2'"
+        raise UnitError(f"unknown unit '{text}': write it as in {example}") from error
 
 
 @lru_cache(maxsize=512)
