@@ -1,0 +1,209 @@
+"""From a checked model to its equations: named states, inputs, parameters, outputs and a set of statements."""
+
+from __future__ import annotations
+
+import ast
+from typing import Any
+
+import numpy as np
+
+from multibody import tables
+from multibody.component import nearest
+from multibody.declare import Energy, Input, Output, Power, State
+from multibody.declare import Unknown as UnknownDeclaration
+from multibody.dynamics import accelerations
+from multibody.equation_set import Assembly, Quantity, Unknown
+from multibody.equations import Scope, method_statements, variable
+from multibody.errors import EquationError, ModelError
+from multibody.kinematics import Kinematics, resolve_nodes
+from multibody.model import Model
+from multibody.network import Network, network
+from multibody.places import places_of
+
+__all__ = ["assemble"]
+
+
+def assemble(model: Model, *, probes: bool = False, energy: bool = False) -> Assembly:
+    """Check a model and write down its equations.
+
+    Parameters
+    ----------
+    model : Model
+        The machine.
+    probes : bool
+        Add an input ``probe.<place>`` for every place where an effect could act (a force, equal and opposite on
+        the two sides), and outputs of the relative motion there.
+    energy : bool
+        Add states that integrate the power lost and supplied, so that an energy balance is as exact as the motion.
+
+    Raises
+    ------
+    ModelError
+        With every fault found.
+    """
+    net = network(model)
+    if net.faults:
+        raise ModelError(model.name, net.faults)
+    work = Assembly(model.name)
+    _components(model, work)
+    kinematics = resolve_nodes(model, net, work)
+    work.places = places_of(model, net, kinematics)
+    if probes:
+        _probes(work, kinematics)
+    if not work.faults:
+        kinematics.balance(work)
+        accelerations(work)
+        _energies(model, work, energy)
+        _show(model, net, work)
+    if work.faults:
+        raise ModelError(model.name, work.faults)
+    _rename(work)
+    return work
+
+
+def _components(model: Model, work: Assembly) -> None:
+    """Parameters, states, signals and equations of every component."""
+    for owner, component in model.components.items():
+        scope = Scope(owner, component, work.kernels)
+        for item in component.declarations.values():
+            if item.name in component.values:
+                work.parameter(
+                    f"{owner}.{item.name}", item.unit, item.meaning, component.values[item.name],  # type: ignore[attr-defined]
+                    min=item.min, max=item.max)  # type: ignore[attr-defined]
+            elif item.name in component.tables:
+                _table(work, owner, item, component.tables[item.name])
+        for name, state in component.of_kind(State).items():
+            var = variable(owner, name)
+            work.states.append(Quantity(f"{owner}.{name}", state.unit, state.meaning, var, component.starts[name]))
+            work.derivatives[var] = variable(owner, "der", name)
+        for name, item in component.of_kind(UnknownDeclaration).items():
+            work.unknowns.append(Unknown(f"{owner}.{name}", variable(owner, name), variable(owner, "zero", name)))
+            work.output(f"{owner}.{name}", item.unit, item.meaning, variable(owner, name))
+        try:
+            work.statements += method_statements(scope, "equations")
+        except EquationError as error:
+            work.faults.append(str(error))
+        hook = getattr(component, "assemble", None)
+        if hook is not None:
+            hook(owner, work)
+    entries = {e.name: e for e in model.inputs.values()}
+    for entry in entries.values():
+        work.inputs.append(Quantity(entry.name, entry.unit, "model input", variable("input", entry.name), entry.default or 0.0))
+
+
+def _table(work: Assembly, owner: str, item: Any, points: tuple[np.ndarray, np.ndarray]) -> None:
+    x, y = points
+    base = variable(owner, item.name)
+    work.constants[f"{base}__start"] = len(work.parameters)
+    work.constants[f"{base}__size"] = x.size
+    packed = tables.packed(x, y, item.interpolation)
+    parts = (("x", item.x_unit), ("y", item.unit), ("slope", f"({item.unit or '1'})/({item.x_unit or '1'})"))
+    for k, value in enumerate(packed):
+        part, unit = parts[k // x.size]
+        work.parameter(f"{owner}.{item.name}.{part}[{k % x.size}]", unit, item.meaning, float(value))
+
+
+def _probes(work: Assembly, kinematics: Kinematics) -> None:
+    for k, place in enumerate(work.places):
+        var = f"probe__{k}"
+        unit = "N" if place.domain == "translation" else "N*m"
+        work.inputs.append(Quantity(f"probe.{place.name}", unit, f"extra {unit} at {place.name}", var))
+        kinematics.push(place.first, var)
+        if place.second is not None:
+            kinematics.push(place.second, f"-{var}")
+        sides = [side for side in (place.first, place.second) if side is not None]
+        shown_motions = place.motion_names()[: 2 if any(kinematics.massless(s) for s in sides) else 3]
+        for what, (name, motion_unit) in enumerate(shown_motions):
+            first = kinematics.motion(place.first, what)
+            second = kinematics.motion(place.second, what) if place.second is not None else "0.0"
+            shown = f"place__{k}__{name}"
+            work.add(f"{shown} = {first} - {second}" if second != "0.0" else f"{shown} = {first}", place.name)
+            work.output(f"place.{place.name}.{name}", motion_unit, f"{name} at {place.name}", shown)
+
+
+def _energies(model: Model, work: Assembly, integrate: bool) -> None:
+    stored, lost, supplied = [], [], []
+    for owner, component in model.components.items():
+        for name, item in component.of_kind(Output).items():
+            var = variable(owner, name)
+            if isinstance(item, Energy):
+                stored.append(var)
+            elif isinstance(item, Power):
+                (lost if item.kind == "loss" else supplied).append(var)
+    for owner, var in work.kinetic:
+        work.output(f"{owner}.kinetic_energy", "J", "kinetic energy", var)
+        stored.append(var)
+    for name, unit, terms in (("stored", "J", stored), ("lost_power", "W", lost), ("supplied_power", "W", supplied)):
+        var = f"energy__{name}"
+        work.add(f"{var} = {' + '.join(terms) or '0.0'}", "energy balance")
+        work.output(f"energy.{name}", unit, f"{name.replace('_', ' ')} over all components", var)
+    if integrate:
+        for name in ("lost", "supplied"):
+            var = f"energy__{name}"
+            work.states.append(Quantity(f"energy.{name}", "J", f"energy {name} since the start", var))
+            work.derivatives[var] = f"energy__{name}_power"
+
+
+def _show(model: Model, net: Network, work: Assembly) -> None:
+    """Signals carried to inputs, and the quantities that can be looked at."""
+    written = {name for item in work.statements for name in item.writes}
+    for owner, component in model.components.items():
+        for name, item in component.of_kind(Input).items():
+            source = net.sources.get(f"{owner}.{name}")
+            target = variable(owner, name)
+            if source is None:
+                work.parameter(f"{owner}.{name}", item.unit, item.meaning, float(item.default))
+            elif source.startswith("input:"):
+                work.renamed[target] = variable("input", source[6:])
+            else:
+                work.renamed[target] = variable(*model.find(source)[::2])  # type: ignore[misc, index]
+        for name, item in component.of_kind(Output).items():
+            if variable(owner, name) not in written:
+                work.faults.append(f"component '{owner}': output '{name}' has no equation: assign self.{name}")
+            work.output(f"{owner}.{name}", item.unit, item.meaning, variable(owner, name))
+        for name in component.of_kind(State):
+            if variable(owner, "der", name) not in written:
+                work.faults.append(f"component '{owner}': state '{name}' has no rate: assign self.der.{name}")
+    for state in work.states:
+        work.output(state.name, state.unit, state.meaning, state.variable)
+    known = {q.name: q for q in work.outputs}
+    for name, source in model.outputs.items():
+        quantity = known.get(work.aliases.get(source, source)) or _port_quantity(model, source)
+        if quantity is None:
+            work.faults.append(f"model output '{name}': there is no quantity '{source}'{nearest(source, known)}")
+        elif name not in known:
+            work.output(name, quantity.unit, quantity.meaning, quantity.variable)
+
+
+def _port_quantity(model: Model, source: str) -> Quantity | None:
+    head, _, last = source.rpartition(".")
+    found = model.find(head) if head else None
+    if found is None:
+        return None
+    port = found[1].declarations.get(found[2])
+    units = getattr(port, "units", {})
+    if last not in units:
+        return None
+    return Quantity(source, units[last], last, variable(found[0], found[2], last))
+
+
+def _rename(work: Assembly) -> None:
+    """Put node quantities in the place of the port quantities that they are."""
+
+    def final(name: str) -> str:
+        while name in work.renamed:
+            name = work.renamed[name]
+        return name
+
+    class Put(ast.NodeTransformer):
+        def visit_Name(self, node: ast.Name) -> ast.Name:
+            return ast.Name(final(node.id), node.ctx)
+
+    for item in work.statements:
+        item.nodes = [Put().visit(n) for n in item.nodes]
+        item.reads = {final(n) for n in item.reads}
+        item.writes = {final(n) for n in item.writes}
+    work.outputs = [
+        Quantity(q.name, q.unit, q.meaning, final(q.variable)) for q in work.outputs
+    ]
+    work.derivatives = {k: final(v) for k, v in work.derivatives.items()}

@@ -1,0 +1,168 @@
+"""Ordered equations written out as one flat source file: rates, outputs, and the exact derivatives of both.
+
+The text is plain Python over arrays.  It is compiled by numba, it can be stepped through in a debugger, and it is
+the same text that is hashed for the cache on disk.
+"""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass
+
+import numpy as np
+
+from multibody.differentiate import Differentiator, active_names, d
+from multibody.equation_set import Assembly, Quantity
+from multibody.kernels import kernel_sources, tangent_name
+from multibody.ordering import Block, Item, dependencies, ordered
+
+__all__ = ["Source", "generate"]
+
+_HEADER = '''"""Equations of the model '{name}', written out by vtsdt.  States, inputs and parameters stand in this order:
+
+states: {states}
+inputs: {inputs}
+parameters: {parameters}
+outputs: {outputs}
+"""
+import math
+
+from numba import njit
+'''
+_NEWTON_STEPS = 40
+
+
+@dataclass(frozen=True)
+class Source:
+    """Generated source text and what is known of its structure.
+
+    Parameters
+    ----------
+    text : str
+        Python source with the functions ``rhs``, ``outputs``, ``rhs_tangent`` and ``outputs_tangent``.
+    sparsity : ndarray of bool, shape (n, n)
+        Whether the rate of state i can depend on state j.
+    """
+
+    text: str
+    sparsity: np.ndarray
+
+
+def generate(work: Assembly) -> Source:
+    """Order the equations of an assembled model and write them out.
+
+    Raises
+    ------
+    ModelError
+        If the equations cannot be ordered (see `multibody.ordering.ordered`).
+    """
+    rates = [work.derivatives[q.variable] for q in work.states]
+    shown = [q.variable for q in work.outputs]
+    rate_items = ordered(work, rates)
+    output_items = ordered(work, shown)
+    texts, tangents = kernel_sources(work.kernels)
+    kernels = [f"@njit(cache=True, error_model='numpy')\n{text}" for text in (*texts, *tangents)]
+    header = _HEADER.format(
+        name=work.name, states=_listing(work.states), inputs=_listing(work.inputs),
+        parameters=_listing(work.parameters), outputs=_listing(work.outputs))
+    bodies = [
+        _function(work, "rhs", "dx", rate_items, rates, tangent=False),
+        _function(work, "outputs", "y", output_items, shown, tangent=False),
+        _function(work, "rhs_tangent", "out", rate_items, rates, tangent=True),
+        _function(work, "outputs_tangent", "out", output_items, shown, tangent=True),
+    ]
+    deps = dependencies(rate_items, [q.variable for q in work.states])
+    sparsity = np.array([[s.variable in deps.get(r, ()) for s in work.states] for r in rates], dtype=bool)
+    return Source("\n\n".join([header, *kernels, *bodies]) + "\n", sparsity.reshape(len(rates), len(rates)))
+
+
+def _listing(quantities: list[Quantity]) -> str:
+    names = [q.name for q in quantities if not q.name.endswith("]")]
+    return ", ".join(names) or "none"
+
+
+def _function(work: Assembly, name: str, result: str, items: list[Item], wanted: list[str], *, tangent: bool) -> str:
+    used = {n for item in items for n in item.reads} | set(wanted)
+    lines: list[str] = []
+    seeds: set[str] = set()
+    for array, group in (("x", work.states), ("u", work.inputs), ("p", work.parameters)):
+        for k, q in enumerate(group):
+            if q.variable in used:
+                lines.append(f"{q.variable} = {array}[{k}]")
+                if tangent:
+                    lines.append(f"{d(q.variable)} = {array}_dot[{k}]")
+                    seeds.add(q.variable)
+    lines += [f"{c} = {value}" for c, value in work.constants.items() if c in used]
+    if "p" in used:
+        seeds.add("p")
+    nodes = [n for item in items for n in item.nodes]
+    active = active_names(nodes, seeds)
+    for item in items:  # an unknown follows from everything that its block reads
+        if isinstance(item, Block) and item.reads & active:
+            active = active_names(nodes, active | {u.variable for u in item.unknowns})
+    writer = Differentiator(active, tangent_name)
+    for item in items:
+        if isinstance(item, Block):
+            lines += _block_lines(item, active if tangent else None)
+        else:
+            lines.append(f"# {item.origin}")
+            body = writer.statements(item.nodes) if tangent else item.nodes
+            lines += [line for node in body for line in ast.unparse(node).splitlines()]
+    for k, var in enumerate(wanted):
+        if not tangent:
+            lines.append(f"{result}[{k}] = {var}")
+        else:
+            lines.append(f"{result}[{k}] = {d(var) if var in active else '0.0'}")
+    arguments = "t, x, u, p, x_dot, u_dot, p_dot" if tangent else "t, x, u, p"
+    return "\n    ".join([f"def {name}({arguments}, {result}):", *lines, "return"])
+
+
+def _block_lines(block: Block, active: set[str] | None) -> list[str]:
+    """Solve a block for its unknowns; with ``active``, carry the tangents through it as well."""
+    z = [u.variable for u in block.unknowns]
+    r = [u.residual for u in block.unknowns]
+    m = len(z)
+    inner_active = active_names(block.nodes, set(z))
+    inner = Differentiator(inner_active, tangent_name)
+    lines = [f"# implicit: {', '.join(u.name for u in block.unknowns)}", *(f"{v} = 0.0" for v in z)]
+    sweep: list[str] = []
+    for j in range(m):
+        sweep += [f"{d(v)} = {1.0 if k == j else 0.0}" for k, v in enumerate(z)]
+        sweep += _unparse(inner.statements(block.nodes))
+        for i in range(m):
+            sweep.append(f"A_{i}_{j} = {d(r[i]) if r[i] in inner_active else '0.0'}")
+    sweep += [f"r_{i} = {r[i]}" for i in range(m)]
+    sweep += _solution(m, "r", "s")
+    if block.affine:
+        lines += sweep + [f"{z[i]} = -s_{i}" for i in range(m)]
+    else:
+        sweep += [f"{z[i]} = {z[i]} - s_{i}" for i in range(m)]
+        done = " and ".join(f"abs(s_{i}) <= 1e-13 * abs({z[i]}) + 1e-300" for i in range(m))
+        lines += [f"for step in range({_NEWTON_STEPS}):", *("    " + s for s in sweep), f"    if {done}:", "        break"]
+    if active is None:
+        return lines + _unparse(block.nodes)
+    outer = Differentiator(active, tangent_name)
+    lines += [f"{d(v)} = 0.0" for v in z] + _unparse(outer.statements(block.nodes))
+    lines += [f"r_{i} = {d(r[i]) if r[i] in active else '0.0'}" for i in range(m)]
+    lines += _solution(m, "r", "s") + [f"{d(z[i])} = -s_{i}" for i in range(m)]
+    return lines + _unparse(outer.statements(block.nodes))
+
+
+def _unparse(nodes: list[ast.stmt]) -> list[str]:
+    return [line for node in nodes for line in ast.unparse(node).splitlines()]
+
+
+def _solution(m: int, right: str, result: str) -> list[str]:
+    """Write out the solution of A s = r by elimination (the matrices are conductances and masses: no pivoting)."""
+    lines = [f"B_{i}_{j} = A_{i}_{j}" for i in range(m) for j in range(m)] if m > 1 else []
+    a = "B" if m > 1 else "A"
+    lines += [f"{result}_{i} = {right}_{i}" for i in range(m)]
+    for k in range(m):
+        for i in range(k + 1, m):
+            lines.append(f"f_{i} = {a}_{i}_{k} / {a}_{k}_{k}")
+            lines += [f"{a}_{i}_{j} = {a}_{i}_{j} - f_{i} * {a}_{k}_{j}" for j in range(k + 1, m)]
+            lines.append(f"{result}_{i} = {result}_{i} - f_{i} * {result}_{k}")
+    for i in reversed(range(m)):
+        terms = "".join(f" - {a}_{i}_{j} * {result}_{j}" for j in range(i + 1, m))
+        lines.append(f"{result}_{i} = ({result}_{i}{terms}) / {a}_{i}_{i}")
+    return lines

@@ -1,0 +1,224 @@
+"""A machine as a named graph: components, what is connected to what, what comes in and what is looked at."""
+
+from __future__ import annotations
+
+import copy
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from multibody.component import Component, nearest
+from multibody.declare import Input, Output, Port
+from multibody.errors import ModelError
+
+if TYPE_CHECKING:
+    from multibody.system import System
+
+__all__ = ["Endpoint", "Model", "ModelInput", "Part"]
+
+GROUND = "ground"
+_NAME = re.compile(r"[A-Za-z]\w*(\.[A-Za-z]\w*)*\Z")
+
+
+class Endpoint(str):
+    """A port or signal of a named component, such as ``"guide.a"``."""
+
+
+class Part:
+    """A component in a model; its attributes are the endpoints to connect.
+
+    Examples
+    --------
+    >>> from multibody import Model
+    >>> from multibody.library import Mass
+    >>> Model("m").add("carriage", Mass(m=2.0)).flange
+    'carriage.flange'
+    """
+
+    def __init__(self, name: str, component: Component):
+        self.name = name
+        self.component = component
+
+    def __getattr__(self, attribute: str) -> Endpoint:
+        if attribute.startswith("__"):
+            raise AttributeError(attribute)
+        known = self.component.of_kind((Port, Input, Output))  # type: ignore[arg-type]
+        if attribute not in known:
+            kind = type(self.component).__name__
+            raise AttributeError(f"{kind} '{self.name}' has no port or signal '{attribute}'{nearest(attribute, known)}")
+        return Endpoint(f"{self.name}.{attribute}")
+
+    def __repr__(self) -> str:
+        return f"Part({self.name!r}, {self.component!r})"
+
+
+@dataclass
+class ModelInput:
+    """A signal that enters the model from outside and the component inputs that it feeds."""
+
+    name: str
+    targets: list[str]
+    unit: str = ""
+    default: float | None = None
+
+
+@dataclass
+class _Graph:
+    components: dict[str, Component] = field(default_factory=dict)
+    connections: list[tuple[str, ...]] = field(default_factory=list)
+    inputs: dict[str, ModelInput] = field(default_factory=dict)
+    outputs: dict[str, str] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
+
+
+class Model:
+    """A named graph of components.
+
+    Parameters
+    ----------
+    name : str
+        Name of the machine, used in messages, tables and files.
+
+    Examples
+    --------
+    >>> from multibody.library import Mass, Spring
+    >>> model = Model("oscillator")
+    >>> body = model.add("body", Mass(m=1.0, position=0.1))
+    >>> spring = model.add("spring", Spring(stiffness=100.0))
+    >>> model.connect(spring.a, model.ground)
+    >>> model.connect(spring.b, body.flange)
+    >>> model.build().state_names
+    ('body.position', 'body.velocity')
+    """
+
+    def __init__(self, name: str):
+        self.name = name
+        self.ground = Endpoint(GROUND)
+        self._graph = _Graph()
+
+    # ---------------------------------------------------------------- building
+
+    def add(self, name: str, component: Component) -> Part:
+        """Add a component under a name and return it as a `Part` whose attributes can be connected."""
+        graph = self._graph
+        if not isinstance(component, Component):
+            graph.faults.append(f"'{name}' is a {type(component).__name__}, not a component: add an instance of a Component class")
+            component = Component()
+        elif not _NAME.match(name) or name == GROUND:
+            graph.faults.append(f"'{name}' cannot name a component: use letters, digits and dots, not '{GROUND}'")
+        elif name in graph.components:
+            graph.faults.append(f"the name '{name}' is used twice: give each component its own name")
+        else:
+            graph.components[name] = component
+        return Part(name, component)
+
+    def connect(self, *endpoints: str) -> None:
+        """Connect ports to each other (or to ``model.ground``), or an output signal to input signals."""
+        self._graph.connections.append(tuple(str(e) for e in endpoints))
+
+    def input(self, name: str, *targets: str, default: float | None = None) -> None:
+        """Declare a signal that enters from outside and the component inputs that it feeds."""
+        if name in self._graph.inputs:
+            self._graph.faults.append(f"the model input '{name}' is declared twice")
+        self._graph.inputs[name] = ModelInput(name, [str(t) for t in targets], default=default)
+
+    def output(self, name: str, source: str) -> None:
+        """Give a second name to a component's output, state or port quantity, such as ``"drive.flange.force"``."""
+        if name in self._graph.outputs:
+            self._graph.faults.append(f"the model output '{name}' is declared twice")
+        self._graph.outputs[name] = str(source)
+
+    # ---------------------------------------------------------------- looking
+
+    @property
+    def components(self) -> dict[str, Component]:
+        """The components by name, in the order in which they were added."""
+        return dict(self._graph.components)
+
+    @property
+    def connections(self) -> list[tuple[str, ...]]:
+        """The connections as they were made."""
+        return list(self._graph.connections)
+
+    @property
+    def inputs(self) -> dict[str, ModelInput]:
+        """The declared model inputs by name."""
+        return dict(self._graph.inputs)
+
+    @property
+    def outputs(self) -> dict[str, str]:
+        """Second names of quantities: name → component quantity."""
+        return dict(self._graph.outputs)
+
+    @property
+    def declared_faults(self) -> list[str]:
+        """Faults met while the model was put together (a name used twice, not a component)."""
+        return list(self._graph.faults)
+
+    def part(self, name: str) -> Part:
+        """Return a component of the model as a `Part`."""
+        if name not in self._graph.components:
+            raise KeyError(f"model '{self.name}' has no component '{name}'{nearest(name, self._graph.components)}")
+        return Part(name, self._graph.components[name])
+
+    def find(self, endpoint: str) -> tuple[str, Component, str] | None:
+        """Split ``"carriage.guide.a"`` into component name, component and the rest; None when no component fits."""
+        pieces = endpoint.split(".")
+        for cut in range(len(pieces) - 1, 0, -1):
+            name = ".".join(pieces[:cut])
+            if name in self._graph.components:
+                return name, self._graph.components[name], ".".join(pieces[cut:])
+        return None
+
+    # ---------------------------------------------------------------- changing a copy
+
+    def copy(self, name: str | None = None) -> Model:
+        """Return an independent copy; components are values and are shared."""
+        other = Model(name or self.name)
+        other._graph = copy.copy(self._graph)
+        for slot in ("components", "connections", "inputs", "outputs", "faults"):
+            setattr(other._graph, slot, copy.copy(getattr(self._graph, slot)))
+        other._graph.inputs = {k: copy.deepcopy(v) for k, v in self._graph.inputs.items()}
+        return other
+
+    def with_values(self, values: dict[str, float]) -> Model:
+        """Return a copy with parameters replaced, given as ``{"mass.m": 96.0}`` in SI.
+
+        Raises
+        ------
+        ModelError
+            If a name is not a parameter or start value of the model.
+        """
+        other, faults = self.copy(), []
+        changes: dict[str, dict[str, Any]] = {}
+        for key, value in values.items():
+            found = self.find(key)
+            if found is None or found[2] not in (*found[1].values, *found[1].starts):
+                known = [f"{n}.{p}" for n, c in self._graph.components.items() for p in (*c.values, *c.starts)]
+                faults.append(f"no parameter '{key}'{nearest(key, known)}")
+            else:
+                changes.setdefault(found[0], {})[found[2]] = value
+        if faults:
+            raise ModelError(self.name, faults)
+        for name, change in changes.items():
+            other._graph.components[name] = self._graph.components[name].copy(**change)
+        return other
+
+    def build(self, **options: Any) -> System:
+        """Check the model, assemble its equations and return the compiled `System`.
+
+        Raises
+        ------
+        ModelError
+            With every fault of the model.
+        """
+        from multibody.system import System
+
+        return System(self, **options)
+
+    def __repr__(self) -> str:
+        graph = self._graph
+        return (
+            f"Model({self.name!r}: {len(graph.components)} components, {len(graph.connections)} connections, "
+            f"{len(graph.inputs)} inputs)"
+        )

@@ -1,0 +1,87 @@
+"""Where an effect can act: every relative motion that the machine's topology has, found without a list by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from multibody.declare import Rotation, Translation
+
+if TYPE_CHECKING:
+    from multibody.kinematics import Kinematics
+    from multibody.model import Model
+    from multibody.network import Network, Node
+
+__all__ = ["Place", "places_of"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A pair of sides that move against each other.
+
+    Parameters
+    ----------
+    name : str
+        The component that joins the two sides, or, for motion against the ground, the component that moves.
+    domain : {"translation", "rotation"}
+        Kind of motion.
+    first_port, second_port : str
+        Endpoints of the two sides; the motion is that of the first relative to the second; ``"ground"`` possible.
+    first, second : Node
+        Nodes of the two sides; the second is None for the ground.
+    also : tuple of str
+        Other names for the same pair.
+    """
+
+    name: str
+    domain: str
+    first_port: str
+    second_port: str
+    first: Node = field(repr=False, compare=False)
+    second: Node | None = field(repr=False, compare=False, default=None)
+    also: tuple[str, ...] = ()
+
+    def motion_names(self) -> tuple[tuple[str, str], ...]:
+        """Names and units of position, rate and acceleration."""
+        port: type[Translation] | type[Rotation] = Translation if self.domain == "translation" else Rotation
+        names = (port.potential, port.rate, "acceleration")
+        return tuple((name, port.units[name]) for name in names)
+
+    @property
+    def force_unit(self) -> str:
+        """Unit of what acts between the two sides."""
+        return "N" if self.domain == "translation" else "N*m"
+
+
+def places_of(model: Model, net: Network, kinematics: Kinematics) -> list[Place]:
+    """Return the places of a model, one for each pair of sides, named by the part that joins them."""
+    found: dict[tuple[int, int], list[tuple[str, str, str, Node, Node | None]]] = {}
+
+    def still(node: Node) -> bool:
+        return node.grounded or not kinematics.moves(node)
+
+    def note(name: str, first: str, second: str, a: Node, b: Node | None) -> None:
+        key = (id(a), id(b) if b is not None else 0)
+        swapped = (key[1], key[0])
+        found.setdefault(swapped if swapped in found else key, []).append((name, first, second, a, b))
+
+    for owner, component in model.components.items():
+        ports = [n for n, p in component.of_kind(Translation | Rotation).items()]  # type: ignore[arg-type]
+        pairs = [(ports[0], ports[1])] if len(ports) == 2 and not component.is_transmission() else []
+        for first, second in pairs:
+            a, b = net.node_of[f"{owner}.{first}"], net.node_of[f"{owner}.{second}"]
+            if a is b or a.domain != b.domain or (still(a) and still(b)):
+                continue
+            if still(a):
+                first, second, a, b = second, first, b, a
+            note(owner, f"{owner}.{first}", "ground" if still(b) else f"{owner}.{second}", a, None if still(b) else b)
+    for node in net.nodes:
+        if node.domain in ("translation", "rotation") and node.inertial and kinematics.moves(node):
+            port = node.inertial[0]
+            note(port.owner, port.name, "ground", node, None)
+    places = []
+    for entries in found.values():
+        name, first, second, a, b = entries[0]
+        also = tuple(dict.fromkeys(e[0] for e in entries[1:] if e[0] != name))
+        places.append(Place(name, a.domain, first, second, a, b, also))
+    return places

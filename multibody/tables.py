@@ -1,0 +1,130 @@
+"""Curves given by points, evaluated inside equations: piecewise linear and shape-preserving cubic.
+
+The points live in the parameter vector ``p`` from index ``start``: first the ``size`` arguments, then the ``size``
+values and, for the cubic, the ``size`` slopes.  Outside its points a curve is constant.  The functions are kernels:
+they are written in the subset for equations, and each has its exact directional derivative beside it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+__all__ = ["TANGENTS", "cubic", "cubic_tangent", "interval", "linear", "linear_tangent", "packed", "pchip_slopes"]
+
+
+def interval(p, start, size, x):
+    """Return k such that x lies between points k and k + 1, the first and last interval taking what is outside."""
+    low = 0
+    high = size - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if p[start + middle] <= x:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def linear(p, start, size, x):
+    """Return the piecewise linear curve at x."""
+    if x <= p[start]:
+        return p[start + size]
+    if x >= p[start + size - 1]:
+        return p[start + 2 * size - 1]
+    k = start + interval(p, start, size, x)
+    s = (x - p[k]) / (p[k + 1] - p[k])
+    return p[k + size] + s * (p[k + size + 1] - p[k + size])
+
+
+def linear_tangent(p, p_dot, start, size, x, x_dot):
+    """Return the piecewise linear curve and its directional derivative (argument and values may both change)."""
+    if x <= p[start]:
+        return p[start + size], p_dot[start + size]
+    if x >= p[start + size - 1]:
+        return p[start + 2 * size - 1], p_dot[start + 2 * size - 1]
+    k = start + interval(p, start, size, x)
+    width = p[k + 1] - p[k]
+    s = (x - p[k]) / width
+    rise = p[k + size + 1] - p[k + size]
+    value = p[k + size] + s * rise
+    return value, x_dot * rise / width + (1.0 - s) * p_dot[k + size] + s * p_dot[k + size + 1]
+
+
+def cubic(p, start, size, x):
+    """Return the cubic Hermite curve at x."""
+    if x <= p[start]:
+        return p[start + size]
+    if x >= p[start + size - 1]:
+        return p[start + 2 * size - 1]
+    k = start + interval(p, start, size, x)
+    width = p[k + 1] - p[k]
+    s = (x - p[k]) / width
+    y0 = p[k + size]
+    rise = p[k + size + 1] - y0
+    d0 = p[k + 2 * size] * width
+    d1 = p[k + 2 * size + 1] * width
+    return y0 + s * (d0 + s * (3.0 * rise - 2.0 * d0 - d1 + s * (d0 + d1 - 2.0 * rise)))
+
+
+def cubic_tangent(p, p_dot, start, size, x, x_dot):
+    """Return the cubic Hermite curve and its directional derivative, values and slopes taken as parameters."""
+    if x <= p[start]:
+        return p[start + size], p_dot[start + size]
+    if x >= p[start + size - 1]:
+        return p[start + 2 * size - 1], p_dot[start + 2 * size - 1]
+    k = start + interval(p, start, size, x)
+    width = p[k + 1] - p[k]
+    s = (x - p[k]) / width
+    y0 = p[k + size]
+    rise = p[k + size + 1] - y0
+    d0 = p[k + 2 * size] * width
+    d1 = p[k + 2 * size + 1] * width
+    c2 = 3.0 * rise - 2.0 * d0 - d1
+    c3 = d0 + d1 - 2.0 * rise
+    value = y0 + s * (d0 + s * (c2 + s * c3))
+    slope = (d0 + s * (2.0 * c2 + 3.0 * s * c3)) / width
+    y0_dot = p_dot[k + size]
+    rise_dot = p_dot[k + size + 1] - y0_dot
+    e0 = p_dot[k + 2 * size] * width
+    e1 = p_dot[k + 2 * size + 1] * width
+    of_values = y0_dot + s * (e0 + s * (3.0 * rise_dot - 2.0 * e0 - e1 + s * (e0 + e1 - 2.0 * rise_dot)))
+    return value, x_dot * slope + of_values
+
+
+TANGENTS = {linear: linear_tangent, cubic: cubic_tangent}
+
+
+def pchip_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return the slopes of the shape-preserving cubic through points (Fritsch and Butland 1984).
+
+    Examples
+    --------
+    >>> pchip_slopes(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 0.0]))[1]
+    np.float64(0.0)
+    """
+    width, secant = np.diff(x), np.diff(y) / np.diff(x)
+    if x.size == 2:
+        return np.repeat(secant, 2)
+    w1, w2 = 2 * width[1:] + width[:-1], width[1:] + 2 * width[:-1]
+    same_sign = secant[:-1] * secant[1:] > 0
+    safe = np.where(secant == 0, 1.0, secant)
+    harmonic = (w1 + w2) / (w1 / safe[:-1] + w2 / safe[1:])
+    slopes = np.zeros_like(y)
+    slopes[1:-1] = np.where(same_sign, harmonic, 0.0)
+    slopes[0] = _end_slope(width[0], width[1], secant[0], secant[1])
+    slopes[-1] = _end_slope(width[-1], width[-2], secant[-1], secant[-2])
+    return slopes
+
+
+def _end_slope(h0: float, h1: float, s0: float, s1: float) -> float:
+    slope = ((2 * h0 + h1) * s0 - h0 * s1) / (h0 + h1)
+    if np.sign(slope) != np.sign(s0):
+        return 0.0
+    if np.sign(s0) != np.sign(s1) and abs(slope) > 3 * abs(s0):
+        return 3.0 * s0
+    return float(slope)
+
+
+def packed(x: np.ndarray, y: np.ndarray, interpolation: str) -> np.ndarray:
+    """Return a curve's points as they stand in the parameter vector."""
+    return np.concatenate([x, y, pchip_slopes(x, y)] if interpolation == "cubic" else [x, y])
