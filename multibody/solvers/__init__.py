@@ -1,0 +1,23 @@
+"""Compiled integrators behind SciPy's extension point `OdeSolver`, and what they integrate."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_PLACES = {
+    "DormandPrince54": "dormand_prince",
+    "Directions": "problem",
+    "NativeProblem": "problem",
+    "ProblemError": "problem",
+    "Samples": "base",
+    "integrate": "run",
+}
+
+__all__ = sorted(_PLACES)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PLACES:
+        return getattr(importlib.import_module(f"multibody.solvers.{_PLACES[name]}"), name)
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

@@ -1,0 +1,311 @@
+"""What the compiled methods share: SciPy's side of a solver that takes many steps per call."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.integrate import DenseOutput, OdeSolver
+
+from multibody.native import load_driver
+from multibody.solvers.problem import FIELD, NativeProblem, ProblemError
+
+__all__ = ["NativeSolver", "Samples", "StoredSteps"]
+
+# Layout of ``clock`` and ``tally``: see kernels/dormand_prince.py, which says what each entry is.
+T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
+WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
+MORE, FINISHED, BUFFER_FULL, TOO_SMALL = 0, 1, 2, -1
+
+STORE_BYTES = 1 << 20
+CHUNK_BYTES = 1 << 23
+SAMPLED_STEPS = 1 << 14
+
+
+class Samples:
+    """States at given times, written by the compiled loop while it integrates.
+
+    Without it, what happens between steps is seen through SciPy's dense output, which keeps every stage of
+    every step of a call: too much for a problem with hundreds of directions.
+
+    Parameters
+    ----------
+    times : ndarray, shape (nt,), s
+        In the direction of integration and within its interval.
+    receive : callable, optional
+        ``receive(first, times, states)`` gets the samples in pieces, states of shape (len(times), size),
+        which are overwritten afterwards.  Without it they are kept in ``states``.
+
+    Attributes
+    ----------
+    states : ndarray, shape (nt, size)
+        The samples, if there is no ``receive``.
+    count : int
+        Number of samples written so far.
+    """
+
+    def __init__(
+        self, times: Any, receive: Callable[[int, np.ndarray, np.ndarray], None] | None = None
+    ) -> None:
+        self.times = np.ascontiguousarray(times, dtype=np.float64)
+        self.receive = receive
+        self.states = np.empty((0, 0))
+        self.count = 0
+
+    def begin(self, size: int) -> np.ndarray:
+        """Return the buffer for states of the given size."""
+        rows = len(self.times)
+        if self.receive is not None:
+            rows = min(rows, max(1, CHUNK_BYTES // (8 * max(size, 1))))
+        self.states = np.empty((rows, size))
+        self.count = 0
+        return self.states
+
+    def flush(self, first: int, end: int) -> int:
+        """Hand over the samples first..end; return the first sample of the buffer from now on."""
+        self.count = end
+        if self.receive is None:
+            return 0
+        if end > first:
+            self.receive(first, self.times[first:end], self.states[: end - first])
+        return end
+
+
+class StoredSteps(DenseOutput):
+    """The solution between two calls: the interpolants of the steps in between."""
+
+    def __init__(
+        self, t_old: float, t: float, direction: float, steps: int, store: Any, kernel: Callable
+    ) -> None:
+        super().__init__(t_old, t)
+        self._direction = direction
+        self._steps = steps
+        self._store = tuple(part[:steps].copy() for part in store)
+        self._kernel = kernel
+
+    def _call_impl(self, t: Any) -> np.ndarray:
+        at = np.ascontiguousarray(np.atleast_1d(t), dtype=np.float64)
+        out = np.empty((at.size, self._store[1].shape[1]))
+        self._kernel(at, self._direction, self._steps, *self._store, out)
+        return out[0] if np.ndim(t) == 0 else out.T
+
+
+def _tolerance(name: str, value: Any, problem: NativeProblem) -> np.ndarray:
+    given = np.asarray(value, dtype=np.float64)
+    if given.shape not in ((), (problem.n,), (problem.size,)):
+        raise ProblemError(
+            f"{name} has the shape {given.shape}; give a number or one for each of {problem.n} states"
+        )
+    if not np.all(np.isfinite(given)) or np.any(given < 0.0):
+        raise ProblemError(f"{name} must be finite and not negative")
+    if given.shape == (problem.size,):
+        return given.copy()
+    full = np.tile(np.broadcast_to(given, (problem.n,)), 1 + problem.n_directions)
+    if name == "atol" and problem.directions is not None:
+        full[problem.n :] /= np.repeat(np.asarray(problem.directions.scale), problem.n)
+    return full
+
+
+class NativeSolver(OdeSolver):
+    """Base of the compiled methods; use `DormandPrince54` or `Rodas5P`.
+
+    Parameters
+    ----------
+    fun : callable
+        Asked for by SciPy and not used: the right-hand side is that of ``problem``.
+    t0, t_bound : float, s
+        Interval of integration, in either direction.
+    y0 : ndarray, shape (size,)
+        ``problem.initial(x0)``.
+    problem : NativeProblem
+    rtol, atol : float or ndarray, shape (n,) or (size,)
+        The error of a step is at most about atol + rtol·|y|, as a root mean square over the states.
+    max_step : float, s
+        Largest step.
+    first_step : float, s, optional
+        First step; found by itself without it.
+    internal_steps : int, optional
+        Steps per call.  SciPy looks for events only between calls, so events ask for 1 (`integrate` does
+        that).
+    samples : Samples, optional
+        Write the states at these times and do without dense output.
+    control_directions : bool
+        Let the error of the directions limit the step as well.
+    """
+
+    ORDER: ClassVar[int] = 5
+    STAGES: ClassVar[int] = 7
+    DRIVER: ClassVar[str] = ""
+
+    def __init__(
+        self,
+        fun: Any,
+        t0: float,
+        y0: Any,
+        t_bound: float,
+        problem: NativeProblem | None = None,
+        rtol: Any = 1e-3,
+        atol: Any = 1e-6,
+        max_step: float = np.inf,
+        first_step: float | None = None,
+        vectorized: bool = False,
+        internal_steps: int | None = None,
+        samples: Samples | None = None,
+        control_directions: bool = False,
+        **extraneous: Any,
+    ) -> None:
+        if problem is None:
+            raise ProblemError(f"{type(self).__name__} needs a NativeProblem: solve_ivp(..., problem=...)")
+        if extraneous:
+            warnings.warn(f"{type(self).__name__} ignores: {', '.join(sorted(extraneous))}", stacklevel=3)
+        super().__init__(fun, t0, y0, t_bound, vectorized)
+        if self.n != problem.size:
+            raise ProblemError(
+                f"y0 has {self.n} components, the problem {problem.size} "
+                f"({problem.n} states, {problem.n_directions} directions): use problem.initial(x0)"
+            )
+        if not max_step > 0.0:
+            raise ProblemError(f"max_step must be positive, it is {max_step}")
+        span = abs(t_bound - t0)
+        if first_step is not None and not 0.0 < first_step <= max(span, np.finfo(float).tiny):
+            raise ProblemError(
+                f"first_step must be positive and within the interval of {span:g} s, it is {first_step}"
+            )
+        self.problem = problem
+        self.y = np.array(self.y, dtype=np.float64)
+        self.max_step = max_step
+        self.rtol = np.maximum(_tolerance("rtol", rtol, problem), 100 * np.finfo(float).eps)
+        self.atol = _tolerance("atol", atol, problem)
+        self.field = problem.field()
+        self._driver = load_driver(self.DRIVER)
+        self._count = problem.size if control_directions else problem.n
+        self._samples = samples
+        size = problem.size
+        if samples is not None:
+            self._steps = internal_steps or SAMPLED_STEPS
+            slots = 1
+        else:
+            fitting = STORE_BYTES // (8 * max(size, 1) * (self.STAGES + 1))
+            self._steps = internal_steps or int(np.clip(fitting, 1, 64))
+            slots = self._steps
+        self._store = (np.empty((slots, 2)), np.empty((slots, size)), np.empty((slots, self.STAGES, size)))
+        self._work = np.empty(size)
+        self._state = self.y.copy()
+        self._clock = np.zeros(8)
+        self._tally = np.zeros(11, dtype=np.int64)
+        self._tally[WANTED] = self._steps
+        self._begin_samples()
+        self._clock[[T, ERROR, END, DIRECTION]] = self.t, 1e-4, self.t_bound, self.direction
+        # Numba cannot compare with infinity times zero, and no interval is longer than this.
+        self._clock[LARGEST] = min(max_step, 1e300)
+        self._clock[STEP] = self._first_step() if first_step is None else first_step
+
+    def _begin_samples(self) -> None:
+        if self._samples is None:
+            self._sample_t, self._sample_y = np.empty(0), np.empty((0, self.n))
+            return
+        t = self._samples.times
+        if np.any(self.direction * np.diff(t) < 0.0):
+            raise ProblemError("sample times must follow the direction of integration")
+        if t.size and (
+            self.direction * (t[0] - self.t) < 0.0 or self.direction * (t[-1] - self.t_bound) > 0.0
+        ):
+            raise ProblemError(f"sample times must be within {self.t:g} s and {self.t_bound:g} s")
+        self._sample_t, self._sample_y = t, self._samples.begin(self.n)
+        at_start = int(np.count_nonzero(t == self.t))
+        self._sample_y[: min(at_start, len(self._sample_y))] = self.y
+        self._tally[SAMPLE] = at_start
+        self._samples.count = at_start
+
+    def _first_step(self) -> float:
+        """First step from the size of the derivative and of its change (Hairer, Norsett, Wanner I, II.4)."""
+        if self.t == self.t_bound:
+            return 0.0
+        x, scale = self.y[: self._count], (self.atol + self.rtol * np.abs(self.y))[: self._count]
+        scale = np.maximum(scale, 1e-300)
+
+        def norm(v: np.ndarray) -> float:
+            return float(np.sqrt(np.mean((v[: self._count] / scale) ** 2)))
+
+        limit = min(abs(self.t_bound - self.t), self.max_step)
+        evaluate_at = load_driver(FIELD).evaluate_at
+        f0, f1 = np.empty(self.n), np.empty(self.n)
+        evaluate_at(self.t, self.y, f0, self.field)
+        with np.errstate(all="ignore"):
+            d0, d1 = norm(x), norm(f0)
+            h0 = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
+            h0 = min(h0, limit)
+            evaluate_at(self.t + self.direction * h0, self.y + self.direction * h0 * f0, f1, self.field)
+            d2 = norm(f1 - f0) / h0 if h0 > 0.0 else 0.0
+            steepest = max(d1, d2)
+            h1 = max(1e-6, h0 * 1e-3) if steepest <= 1e-15 else (0.01 / steepest) ** (1 / (self.ORDER + 1))
+        self.problem.check()
+        self._tally[EVALUATIONS] += 2
+        step = min(100 * h0, h1, limit)
+        return float(step) if np.isfinite(step) and step > 0.0 else min(1e-6, limit)
+
+    def _extra(self) -> tuple[Any, ...]:
+        """Arguments of the driver beyond those that all methods share."""
+        return ()
+
+    def _advance(self) -> int:
+        return self._driver.advance(
+            self.field,
+            self._clock,
+            self._tally,
+            self._state,
+            self._work,
+            *self._store,
+            self.rtol,
+            self.atol,
+            self._count,
+            self._sample_t,
+            self._sample_y,
+            *self._extra(),
+        )
+
+    def _step_impl(self) -> tuple[bool, str | None]:
+        clock, tally = self._clock, self._tally
+        while True:
+            status = self._advance()
+            self.problem.check()
+            if self._samples is not None and (status != MORE or self._samples.receive is not None):
+                tally[FIRST] = self._samples.flush(int(tally[FIRST]), int(tally[SAMPLE]))
+            if status != BUFFER_FULL:
+                break
+        self.nfev, self.njev, self.nlu = (
+            int(tally[EVALUATIONS]),
+            int(tally[JACOBIANS]),
+            int(tally[FACTORIZATIONS]),
+        )
+        if status == TOO_SMALL and tally[DONE] == 0:
+            return False, self._explanation()
+        self.t = float(clock[T])
+        self.y = self._state.copy()
+        return True, None
+
+    def _explanation(self) -> str:
+        derivative = np.empty(self.n)
+        load_driver(FIELD).evaluate_at(self.t, self.y, derivative, self.field)
+        bad = np.flatnonzero(~np.isfinite(derivative))
+        if bad.size:
+            return (
+                f"the derivative of {self.problem.name_of(int(bad[0]))} is not finite at t = {self.t:.9g} s"
+                + (f" ({bad.size} derivatives in all)" if bad.size > 1 else "")
+            )
+        return (
+            f"the step became too small at t = {self.t:.9g} s; the largest scaled error was that of "
+            f"{self.problem.name_of(int(self._tally[WORST]))}"
+        )
+
+    def _dense_output_impl(self) -> DenseOutput:
+        if self._samples is not None:
+            raise RuntimeError(
+                "samples replace dense output: leave out samples to use t_eval, events or dense_output"
+            )
+        steps = int(self._tally[DONE])
+        return StoredSteps(
+            self.t_old, self.t, float(self.direction), steps, self._store, self._driver.interpolate_many
+        )

@@ -1,0 +1,272 @@
+"""An initial value problem of native functions, with the directions in which it is differentiated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from multibody.inputs import InputTable
+from multibody.native import NativeFunction, load_driver
+
+__all__ = ["Directions", "NativeProblem", "ProblemError"]
+
+FIELD = "multibody.solvers.kernels.field"
+
+
+class ProblemError(ValueError):
+    """The parts of a problem do not fit each other."""
+
+
+def _array(value: Any, shape: tuple[int, ...]) -> np.ndarray:
+    return np.zeros(shape) if value is None else np.array(value, dtype=np.float64, order="C")
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """Directions in initial state, parameters and inputs along which the solution is differentiated.
+
+    Along direction k the derivative S_k of the state obeys S_k' = f_x S_k + f_u u_dot_k + f_p p_dot_k.
+
+    Parameters
+    ----------
+    x0_dot : ndarray, shape (m, n)
+        Tangent of the initial state.
+    p_dot : ndarray, shape (m, n_p)
+        Tangent of the parameters.  A component on a delay parameter acts through the delayed input as well.
+    channel : ndarray of int, shape (m,), optional
+        Input whose tangent is given over time by ``shape``, or -1.
+    shape_t : ndarray, shape (ns,), s, optional
+        Time grid of ``shape``.
+    shape : ndarray, shape (ns, m), optional
+        Tangent of the input ``channel[k]``, interpolated linearly and constant beyond the ends.
+    scale : ndarray, shape (m,), optional
+        Size of a step along each direction that matters; only error control of the directions uses it, which
+        divides the absolute tolerance by it.
+    """
+
+    x0_dot: np.ndarray
+    p_dot: np.ndarray
+    channel: np.ndarray | None = None
+    shape_t: np.ndarray | None = None
+    shape: np.ndarray | None = None
+    scale: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        p_dot = np.array(self.p_dot, dtype=np.float64, ndmin=2, order="C")
+        m = len(p_dot)
+        fields = {
+            "p_dot": p_dot,
+            "x0_dot": np.array(self.x0_dot, dtype=np.float64, ndmin=2, order="C"),
+            "channel": np.full(m, -1) if self.channel is None else np.array(self.channel, dtype=np.int64),
+            "shape_t": _array(self.shape_t, (1,)),
+            "shape": _array(self.shape, (1, m)),
+            "scale": np.ones(m) if self.scale is None else np.array(self.scale, dtype=np.float64),
+        }
+        faults = []
+        if len(fields["x0_dot"]) != m:
+            faults.append(f"x0_dot has {len(fields['x0_dot'])} directions, p_dot has {m}")
+        if fields["shape"].shape != (fields["shape_t"].size, m):
+            faults.append(
+                f"shape is {fields['shape'].shape}, shape_t and p_dot ask for ({fields['shape_t'].size}, {m})"
+            )
+        if fields["channel"].shape != (m,) or fields["scale"].shape != (m,):
+            faults.append(f"channel and scale need one entry for each of the {m} directions")
+        if np.any(np.diff(fields["shape_t"]) <= 0.0):
+            faults.append("shape_t does not increase")
+        if faults:
+            raise ProblemError("; ".join(faults))
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def count(self) -> int:
+        """Number of directions."""
+        return len(self.p_dot)
+
+
+@dataclass(frozen=True, eq=False)
+class NativeProblem:
+    """Right-hand side, parameters and inputs of x' = f(t, x, u(t), p), for the compiled solvers.
+
+    Parameters
+    ----------
+    rhs : NativeFunction
+        ``f(t, x, u, p, dx)``.
+    p : ndarray, shape (n_p,)
+        Parameters.
+    table : InputTable
+        Inputs over time.
+    n : int
+        Number of states.
+    tangent : NativeFunction, optional
+        Directional derivative of ``rhs``; the stiff solver and directions need it.
+    directions : Directions, optional
+        The solver then integrates y = [x, S_0, S_1, ...].
+    colours : ndarray of int, shape (n,), optional
+        Colour of each column of the Jacobian; columns of one colour share no row.  Default: each its own.
+    pattern : ndarray of bool, shape (n, n), optional
+        Entries of the Jacobian that can differ from zero; needed where two columns share a colour.
+    state_names : sequence of str, optional
+        For messages.
+
+    Raises
+    ------
+    ProblemError
+        If shapes do not fit; all faults at once.
+    """
+
+    rhs: NativeFunction
+    p: np.ndarray
+    table: InputTable
+    n: int
+    tangent: NativeFunction | None = None
+    directions: Directions | None = None
+    colours: np.ndarray | None = None
+    pattern: np.ndarray | None = None
+    state_names: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "p", np.array(self.p, dtype=np.float64, ndmin=1, order="C"))
+        faults = []
+        delays = self.table.kernel["delays"]
+        if np.any(delays >= self.p.size):
+            faults.append(
+                f"a delay parameter has the index {delays.max()}, but there are {self.p.size} parameters"
+            )
+        if not np.all(np.isfinite(self.p)):
+            faults.append(f"parameter {int(np.flatnonzero(~np.isfinite(self.p))[0])} is not finite")
+        d = self.directions
+        if d is not None:
+            if self.tangent is None:
+                faults.append("directions need the tangent of the right-hand side")
+            if d.x0_dot.shape[1] != self.n or d.p_dot.shape[1] != self.p.size:
+                faults.append(
+                    f"directions are for {d.x0_dot.shape[1]} states and {d.p_dot.shape[1]} parameters, "
+                    f"the problem has {self.n} and {self.p.size}"
+                )
+            if d.channel is not None and np.any(d.channel >= self.table.n_inputs):
+                faults.append(
+                    f"a direction acts on input {d.channel.max()}, but there are {self.table.n_inputs}"
+                )
+        if self.colours is not None:
+            faults += self._colour_faults(np.asarray(self.colours))
+        if self.state_names and len(self.state_names) != self.n:
+            faults.append(f"there are {self.n} states but {len(self.state_names)} state names")
+        if faults:
+            raise ProblemError("; ".join(faults))
+
+    def _colour_faults(self, colours: np.ndarray) -> list[str]:
+        if colours.shape != (self.n,):
+            return [f"colours has the shape {colours.shape}, not ({self.n},)"]
+        if np.unique(colours).size == self.n:
+            return []
+        if self.pattern is None or np.shape(self.pattern) != (self.n, self.n):
+            return [
+                f"columns share colours, so the pattern of the Jacobian is needed, shape ({self.n}, {self.n})"
+            ]
+        pattern = np.asarray(self.pattern, dtype=bool)
+        return [
+            f"columns {np.flatnonzero(colours == colour).tolist()} share a colour and a row"
+            for colour in np.unique(colours)
+            if np.any(pattern[:, colours == colour].sum(axis=1) > 1)
+        ]
+
+    @property
+    def n_directions(self) -> int:
+        """Number of directions."""
+        return 0 if self.directions is None else self.directions.count
+
+    @property
+    def size(self) -> int:
+        """Length of y = [x, S_0, S_1, ...]."""
+        return self.n * (1 + self.n_directions)
+
+    def initial(self, x0: Any) -> np.ndarray:
+        """Return y at the start from the state x0, shape (n,)."""
+        x0 = np.asarray(x0, dtype=np.float64)
+        if x0.shape != (self.n,):
+            raise ProblemError(f"the initial state has the shape {x0.shape}, the problem has {self.n} states")
+        if self.directions is None:
+            return x0.copy()
+        return np.concatenate([x0, self.directions.x0_dot.ravel()])
+
+    def split(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return x, shape (n, ...), and the derivatives, shape (m, n, ...), from y, shape (size, ...)."""
+        return y[: self.n], y[self.n :].reshape(self.n_directions, self.n, *y.shape[1:])
+
+    def name_of(self, index: int) -> str:
+        """Return the words for component ``index`` of y in a message."""
+        state = index % self.n
+        name = f"state {state}" + (f" ('{self.state_names[state]}')" if self.state_names else "")
+        return name if index < self.n else f"{name} along direction {index // self.n - 1}"
+
+    def owners(self) -> np.ndarray:
+        """Return for each colour and row the column that the entry belongs to, or -1; shape (colours, n)."""
+        if self.colours is None:
+            return np.repeat(np.arange(self.n)[:, None], self.n, axis=1)
+        _, colour = np.unique(np.asarray(self.colours), return_inverse=True)
+        owner = np.full((colour.max() + 1, self.n), -1)
+        pattern = (
+            np.ones((self.n, self.n), bool) if self.pattern is None else np.asarray(self.pattern, dtype=bool)
+        )
+        for column in range(self.n):
+            owner[colour[column], pattern[:, column]] = column
+        return owner
+
+    def field(self) -> Any:
+        """Return a new `Field` for compiled drivers, with its own workspace."""
+        from multibody.solvers.kernels.bundle import Field
+
+        k, n_u, m = self.table.kernel, self.table.n_inputs, self.n_directions
+        d = self.directions or Directions(np.zeros((0, self.n)), np.zeros((0, self.p.size)))
+        weight = np.zeros((m, n_u))
+        for column, delay in enumerate(k["delays"]):
+            if delay >= 0 and m:
+                weight[:, column] = -d.p_dot[:, delay]
+        return Field(
+            rhs=self.rhs.address,
+            tangent=0 if self.tangent is None else self.tangent.address,
+            n=self.n,
+            m=m,
+            p=self.p,
+            times=k["times"],
+            values=k["values"],
+            slopes=k["slopes"],
+            kinds=k["kinds"],
+            delays=k["delays"],
+            held=k["held"],
+            moving=k["moving"],
+            u=k["values"][0].copy(),
+            rate=np.zeros(n_u),
+            u_dot=np.zeros(n_u),
+            cursor=np.zeros(n_u, dtype=np.int64),
+            p_dot=d.p_dot.reshape(m, self.p.size),
+            channel=np.asarray(d.channel, dtype=np.int64),
+            weight=weight,
+            shape_t=np.asarray(d.shape_t),
+            shape=np.asarray(d.shape),
+            shape_cursor=np.zeros(1, dtype=np.int64),
+            delayed=int(np.any(weight != 0.0)),
+        )
+
+    def check(self) -> None:
+        """Raise what a plain Python function raised while compiled code called it."""
+        self.rhs.check()
+        if self.tangent is not None:
+            self.tangent.check()
+
+    @property
+    def fun(self) -> Callable[[float, np.ndarray], np.ndarray]:
+        """The derivative of y as ``fun(t, y)``, for SciPy's own methods."""
+        evaluate_at, bundle = load_driver(FIELD).evaluate_at, self.field()
+
+        def fun(t: float, y: np.ndarray) -> np.ndarray:
+            out = np.empty(self.size)
+            evaluate_at(float(t), np.ascontiguousarray(y, dtype=np.float64), out, bundle)
+            self.check()
+            return out
+
+        return fun

@@ -1,0 +1,78 @@
+"""The short way to a solution: `scipy.integrate.solve_ivp` with the options that fit the question."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from multibody.solvers.base import NativeSolver, Samples
+from multibody.solvers.dormand_prince import DormandPrince54
+from multibody.solvers.problem import NativeProblem
+
+__all__ = ["integrate"]
+
+
+def integrate(
+    problem: NativeProblem,
+    t_span: tuple[float, float],
+    x0: Any,
+    t_eval: Any = None,
+    method: type[NativeSolver] = DormandPrince54,
+    events: Any = None,
+    dense_output: bool = False,
+    samples: Samples | None = None,
+    **options: Any,
+) -> Any:
+    """Solve a problem with a compiled method through ``solve_ivp``.
+
+    It differs from a direct call in two options.  With ``t_eval`` alone the compiled loop writes the states
+    at these times itself; with ``events`` every call takes one step, so that no event between the steps of a
+    call is missed, as with SciPy's own methods.
+
+    Parameters
+    ----------
+    problem : NativeProblem
+    t_span : (float, float), s
+    x0 : array_like, shape (n,)
+        Initial state; the directions' part comes from the problem.
+    t_eval : array_like, shape (nt,), s, optional
+    method : type
+        `DormandPrince54` or `Rodas5P`.
+    events, dense_output
+        As in ``solve_ivp``.
+    samples : Samples, optional
+        In place of ``t_eval``, to receive states piece by piece.
+    options
+        Options of `NativeSolver`: rtol, atol, max_step, first_step, control_directions, internal_steps.
+
+    Returns
+    -------
+    OdeResult
+        As from ``solve_ivp``; ``y`` has the shape (size, nt), see `NativeProblem.split`.
+    """
+    import scipy.integrate
+
+    # SciPy's stubs do not know that a method may take options of its own.
+    solve_ivp: Any = scipy.integrate.solve_ivp
+    y0 = problem.initial(x0)
+    common: dict[str, Any] = dict(method=method, problem=problem, **options)
+    if events is not None or dense_output:
+        if events is not None:
+            common.setdefault("internal_steps", 1)
+        return solve_ivp(
+            _unused, t_span, y0, t_eval=t_eval, events=events, dense_output=dense_output, **common
+        )
+    kept = samples is None and t_eval is not None
+    if kept:
+        samples = Samples(t_eval)
+    solution = solve_ivp(_unused, t_span, y0, samples=samples, **common)
+    if kept and samples is not None:
+        solution.t = samples.times[: samples.count]
+        solution.y = np.asarray(samples.states[: samples.count].T)
+    return solution
+
+
+def _unused(t: float, y: np.ndarray) -> np.ndarray:
+    """Stand in for the function that ``solve_ivp`` asks for; compiled methods take it from the problem."""
+    raise RuntimeError("this right-hand side is in the problem")
