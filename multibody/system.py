@@ -1,0 +1,308 @@
+"""A compiled machine: named states, inputs, parameters and outputs, rates, exact Jacobians, and what is done with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multibody.assembly import assemble
+from multibody.codegen import generate
+from multibody.component import nearest
+from multibody.equation_set import Quantity
+from multibody.errors import ModelError
+from multibody.places import Place
+
+if TYPE_CHECKING:
+    from multibody.equilibrium import Equilibrium
+    from multibody.linearize import Linearization
+    from multibody.model import Model
+    from multibody.native import NativeFunction
+    from multibody.trajectory import Trajectory
+
+__all__ = ["System"]
+
+
+class System:
+    """The assembled equations ẋ = f(t, x, u, p), y = h(t, x, u, p) of a model.
+
+    Made by `Model.build`.  Vectors follow the order of ``state_names``, ``input_names``, ``parameter_names`` and
+    ``output_names``; every number is SI.  Functions are compiled when they are first used, once per structure and
+    machine, and found again by other processes.
+
+    Parameters
+    ----------
+    model : Model
+        The machine.
+    probes : bool
+        Add an input ``probe.<place>`` for a force at every place where an effect can act.
+    energy : bool
+        Add states ``energy.lost`` and ``energy.supplied``.
+    compiled : bool
+        False evaluates the same text as plain Python, for debugging.
+
+    Raises
+    ------
+    ModelError
+        With every fault of the model.
+    """
+
+    def __init__(self, model: Model, *, probes: bool = False, energy: bool = False, compiled: bool = True):
+        work = assemble(model, probes=probes, energy=energy)
+        source = generate(work)
+        self.model = model
+        self.name = model.name
+        self.text = source.text
+        self.sparsity = source.sparsity
+        self.compiled = compiled
+        self.places: tuple[Place, ...] = tuple(work.places)
+        self.states: tuple[Quantity, ...] = tuple(work.states)
+        self.inputs: tuple[Quantity, ...] = tuple(work.inputs)
+        self.parameters: tuple[Quantity, ...] = tuple(work.parameters)
+        self.outputs: tuple[Quantity, ...] = tuple(work.outputs)
+        self.state_names = tuple(q.name for q in self.states)
+        self.input_names = tuple(q.name for q in self.inputs)
+        self.parameter_names = tuple(q.name for q in self.parameters)
+        self.output_names = tuple(q.name for q in self.outputs)
+        by_variable = {q.variable: k for k, q in enumerate(self.states)}
+        #: index of the state that is the rate of another state (position → velocity)
+        self.rate_states: dict[int, int] = {
+            k: by_variable[work.derivatives[q.variable]]
+            for k, q in enumerate(self.states) if work.derivatives[q.variable] in by_variable
+        }
+        self._index = {
+            kind: {q.name: k for k, q in enumerate(group)}
+            for kind, group in (("state", self.states), ("input", self.inputs), ("parameter", self.parameters),
+                                ("output", self.outputs))
+        }
+
+    # ---------------------------------------------------------------- names and vectors
+
+    @property
+    def start(self) -> np.ndarray:
+        """Start values of the states, shape (n,)."""
+        return np.array([q.value for q in self.states])
+
+    @property
+    def p(self) -> np.ndarray:
+        """Parameter values of the model, shape (n_p,)."""
+        return np.array([q.value for q in self.parameters])
+
+    @property
+    def u(self) -> np.ndarray:
+        """Default values of the inputs, shape (n_u,)."""
+        return np.array([q.value for q in self.inputs])
+
+    def index(self, kind: str, name: str) -> int:
+        """Return the position of a ``"state"``, ``"input"``, ``"parameter"`` or ``"output"`` by its name.
+
+        Raises
+        ------
+        KeyError
+            With the nearest name that exists.
+        """
+        try:
+            return self._index[kind][name]
+        except KeyError:
+            raise KeyError(f"'{self.name}' has no {kind} '{name}'{nearest(name, self._index[kind])}") from None
+
+    def unit(self, name: str) -> str:
+        """Return the SI unit of an output, state, input or parameter."""
+        for group in (self.outputs, self.states, self.inputs, self.parameters):
+            for q in group:
+                if q.name == name:
+                    return q.unit
+        raise KeyError(f"'{self.name}' has no quantity '{name}'{nearest(name, self.output_names)}")
+
+    def parameter_vector(self, values: Mapping[str, float] | np.ndarray | None = None) -> np.ndarray:
+        """Return the parameter vector with some values replaced by name.
+
+        Raises
+        ------
+        ModelError
+            With every unknown name and every value outside its bounds.
+        """
+        if isinstance(values, np.ndarray):
+            return np.ascontiguousarray(values, dtype=float)
+        return self._vector("parameter", self.parameters, values)
+
+    def state_vector(self, values: Mapping[str, float] | np.ndarray | None = None) -> np.ndarray:
+        """Return the start vector with some values replaced by name."""
+        if isinstance(values, np.ndarray):
+            return np.ascontiguousarray(values, dtype=float)
+        return self._vector("state", self.states, values)
+
+    def _vector(self, kind: str, group: tuple[Quantity, ...], values: Mapping[str, float] | None) -> np.ndarray:
+        vector = np.array([q.value for q in group])
+        faults = []
+        for name, value in (values or {}).items():
+            k = self._index[kind].get(name)
+            if k is None:
+                faults.append(f"there is no {kind} '{name}'{nearest(name, self._index[kind])}")
+                continue
+            q = group[k]
+            if not np.isfinite(value):
+                faults.append(f"{kind} '{name}' is {value}: give a finite number")
+            elif (q.min is not None and value < q.min) or (q.max is not None and value > q.max):
+                faults.append(f"{kind} '{name}' is {value:g} {q.unit}, outside its bounds [{q.min}, {q.max}]")
+            vector[k] = value
+        if faults:
+            raise ModelError(self.name, faults)
+        return vector
+
+    # ---------------------------------------------------------------- functions
+
+    @cached_property
+    def _module(self) -> Any:
+        from multibody.native import load_source
+
+        return load_source(self.text, "model")
+
+    @cached_property
+    def rhs_function(self) -> NativeFunction:
+        """The rates as a native function ``rhs(t, x, u, p, dx)``."""
+        from multibody.native import compile_rhs
+
+        return compile_rhs(self._module, "rhs", self.compiled)
+
+    @cached_property
+    def outputs_function(self) -> NativeFunction:
+        """The outputs as a native function ``outputs(t, x, u, p, y)``."""
+        from multibody.native import compile_rhs
+
+        return compile_rhs(self._module, "outputs", self.compiled)
+
+    @cached_property
+    def rhs_tangent(self) -> NativeFunction:
+        """Directional derivative of the rates as a native function."""
+        from multibody.native import compile_tangent
+
+        return compile_tangent(self._module, "rhs_tangent", self.compiled)
+
+    @cached_property
+    def outputs_tangent(self) -> NativeFunction:
+        """Directional derivative of the outputs as a native function."""
+        from multibody.native import compile_tangent
+
+        return compile_tangent(self._module, "outputs_tangent", self.compiled)
+
+    def rhs(self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None) -> np.ndarray:
+        """Return the rates of the states at one instant, shape (n,)."""
+        return self.rhs_function(
+            t, x, self.u if u is None else u, self.p if p is None else p, np.empty(len(self.states)))
+
+    def outputs_at(self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None) -> np.ndarray:
+        """Return the outputs at one instant, shape (n_y,)."""
+        return self.outputs_function(
+            t, x, self.u if u is None else u, self.p if p is None else p, np.empty(len(self.outputs)))
+
+    def jacobian(
+        self, wrt: str, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None, *,
+        of: str = "rhs",
+    ) -> np.ndarray:
+        """Return the exact Jacobian of rates or outputs with respect to states, inputs or parameters.
+
+        Parameters
+        ----------
+        wrt : {"x", "u", "p"}
+            What is varied.
+        of : {"rhs", "outputs"}
+            What is differentiated.
+
+        Returns
+        -------
+        ndarray, shape (n or n_y, n or n_u or n_p)
+        """
+        x = np.asarray(x, dtype=float)
+        u = self.u if u is None else np.asarray(u, dtype=float)
+        p = self.p if p is None else np.asarray(p, dtype=float)
+        found = self.jacobian_along(wrt, np.array([t], dtype=float), x[None], u[None], p, of=of)
+        return found[0]
+
+    def jacobian_along(
+        self, wrt: str, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray, *,
+        of: str = "rhs", columns: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Return the exact Jacobian at every row of a trajectory.
+
+        Parameters
+        ----------
+        wrt : {"x", "u", "p"}
+            What is varied.
+        times, states, inputs : ndarray, shapes (nt,), (nt, n), (nt, n_u)
+            The trajectory.
+        p : ndarray, shape (n_p,)
+            Parameters.
+        columns : ndarray of int, optional
+            Only these columns.
+
+        Returns
+        -------
+        ndarray, shape (nt, n or n_y, number of columns)
+        """
+        from multibody.native import load_driver
+
+        function = self.rhs_tangent if of == "rhs" else self.outputs_tangent
+        sizes = {"x": len(self.states), "u": len(self.inputs), "p": len(self.parameters)}
+        chosen = np.arange(sizes[wrt]) if columns is None else np.asarray(columns, dtype=int)
+        seeds = {key: np.zeros((chosen.size, size)) for key, size in sizes.items()}
+        seeds[wrt][np.arange(chosen.size), chosen] = 1.0
+        rows = len(self.states) if of == "rhs" else len(self.outputs)
+        out = np.empty((times.size, chosen.size, rows))
+        load_driver("multibody.solvers.kernels.along").tangents_along(
+            function.address, *_contiguous(times, states, inputs, p), seeds["x"], seeds["u"], seeds["p"], out)
+        function.check()
+        return out.transpose(0, 2, 1)
+
+    def outputs_along(self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Return the outputs at every row of a trajectory, shape (nt, n_y)."""
+        from multibody.native import load_driver
+
+        out = np.empty((times.size, len(self.outputs)))
+        load_driver("multibody.solvers.kernels.along").rhs_along(
+            self.outputs_function.address, *_contiguous(times, states, inputs, p), out)
+        self.outputs_function.check()
+        return out
+
+    @cached_property
+    def colours(self) -> np.ndarray:
+        """Colour of each state such that columns of one colour share no row of the Jacobian, shape (n,)."""
+        n = len(self.states)
+        colours = np.full(n, -1)
+        for j in np.argsort(-self.sparsity.sum(axis=0), kind="stable"):
+            rows = self.sparsity[:, j]
+            taken = {colours[k] for k in range(n) if colours[k] >= 0 and np.any(self.sparsity[:, k] & rows)}
+            colours[j] = next(c for c in range(n) if c not in taken)
+        return colours
+
+    # ---------------------------------------------------------------- analyses
+
+    def simulate(self, *args: Any, **kwargs: Any) -> Trajectory:
+        """Simulate; see `multibody.simulate.simulate`."""
+        from multibody.simulate import simulate
+
+        return simulate(self, *args, **kwargs)
+
+    def equilibrium(self, *args: Any, **kwargs: Any) -> Equilibrium:
+        """Find a static state; see `multibody.equilibrium.equilibrium`."""
+        from multibody.equilibrium import equilibrium
+
+        return equilibrium(self, *args, **kwargs)
+
+    def linearize(self, *args: Any, **kwargs: Any) -> Linearization:
+        """Linearise about a state; see `multibody.linearize.linearize`."""
+        from multibody.linearize import linearize
+
+        return linearize(self, *args, **kwargs)
+
+    def __repr__(self) -> str:
+        return (
+            f"System({self.name!r}: {len(self.states)} states, {len(self.inputs)} inputs, "
+            f"{len(self.parameters)} parameters, {len(self.outputs)} outputs)"
+        )
+
+
+def _contiguous(*arrays: Any) -> tuple[np.ndarray, ...]:
+    return tuple(np.ascontiguousarray(a, dtype=float) for a in arrays)
