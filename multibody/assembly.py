@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -16,14 +17,16 @@ from multibody.equation_set import Assembly, Quantity, Unknown
 from multibody.equations import Scope, method_statements, variable
 from multibody.errors import EquationError, ModelError
 from multibody.kinematics import Kinematics, resolve_nodes
-from multibody.model import Model
+from multibody.model import Model, ModelInput
 from multibody.network import Network, network
 from multibody.places import places_of
 
 __all__ = ["assemble"]
 
 
-def assemble(model: Model, *, probes: bool = False, energy: bool = False) -> Assembly:
+def assemble(
+    model: Model, *, probes: bool = False, energy: bool = False, outputs: Iterable[str] | None = None
+) -> Assembly:
     """Check a model and write down its equations.
 
     Parameters
@@ -35,6 +38,9 @@ def assemble(model: Model, *, probes: bool = False, energy: bool = False) -> Ass
         the two sides), and outputs of the relative motion there.
     energy : bool
         Add states that integrate the power lost and supplied, so that an energy balance is as exact as the motion.
+
+    outputs : iterable of str, optional
+        Keep only these outputs.
 
     Raises
     ------
@@ -55,6 +61,8 @@ def assemble(model: Model, *, probes: bool = False, energy: bool = False) -> Ass
         accelerations(work)
         _energies(model, work, energy)
         _show(model, net, work)
+    if outputs is not None and not work.faults:
+        _keep(work, list(outputs))
     if work.faults:
         raise ModelError(model.name, work.faults)
     _rename(work)
@@ -88,7 +96,27 @@ def _components(model: Model, work: Assembly) -> None:
             hook(owner, work)
     entries = {e.name: e for e in model.inputs.values()}
     for entry in entries.values():
-        work.inputs.append(Quantity(entry.name, entry.unit, "model input", variable("input", entry.name), entry.default or 0.0))
+        _model_input(work, entry)
+
+
+def _model_input(work: Assembly, entry: ModelInput) -> None:
+    """A signal from outside, with its gain error, offset and delay where the model has them."""
+    used = variable("input", entry.name)
+    raw = used if entry.gain is None and entry.offset is None else f"{used}__raw"
+    work.inputs.append(Quantity(entry.name, entry.unit, "model input", raw, entry.default or 0.0))
+    text = raw
+    if entry.gain is not None:
+        gain = work.parameter(f"input.{entry.name}.gain", "", "relative gain error of the input", entry.gain)
+        text = f"(1.0 + {gain}) * {text}"
+    if entry.offset is not None:
+        offset = work.parameter(f"input.{entry.name}.offset", entry.unit, "offset of the input", entry.offset)
+        text = f"{text} + {offset}"
+    if raw != used:
+        work.add(f"{used} = {text}", f"input {entry.name}")
+    if entry.delay is not None:
+        name = f"input.{entry.name}.delay"
+        work.parameter(name, "s", "delay of the input", entry.delay)
+        work.input_delays[entry.name] = name
 
 
 def _table(work: Assembly, owner: str, item: Any, points: tuple[np.ndarray, np.ndarray]) -> None:
@@ -168,7 +196,7 @@ def _show(model: Model, net: Network, work: Assembly) -> None:
         work.output(state.name, state.unit, state.meaning, state.variable)
     known = {q.name: q for q in work.outputs}
     for name, source in model.outputs.items():
-        quantity = known.get(work.aliases.get(source, source)) or _port_quantity(model, source)
+        quantity = known.get(source) or _port_quantity(model, source)
         if quantity is None:
             work.faults.append(f"model output '{name}': there is no quantity '{source}'{nearest(source, known)}")
         elif name not in known:
@@ -185,6 +213,12 @@ def _port_quantity(model: Model, source: str) -> Quantity | None:
     if last not in units:
         return None
     return Quantity(source, units[last], last, variable(found[0], found[2], last))
+
+
+def _keep(work: Assembly, names: list[str]) -> None:
+    known = {q.name: q for q in work.outputs}
+    work.faults += [f"there is no output '{n}'{nearest(n, known)}" for n in names if n not in known]
+    work.outputs = [known[n] for n in dict.fromkeys(names) if n in known]
 
 
 def _rename(work: Assembly) -> None:

@@ -12,23 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from multibody.differentiate import Differentiator, active_names, d
-from multibody.equation_set import Assembly, Quantity
+from multibody.equation_set import Assembly
 from multibody.kernels import kernel_sources, tangent_name
 from multibody.ordering import Block, Item, dependencies, ordered
 
 __all__ = ["Source", "generate"]
 
-_HEADER = '''"""Equations of the model '{name}', written out by vtsdt.  States, inputs and parameters stand in this order:
-
-states: {states}
-inputs: {inputs}
-parameters: {parameters}
-outputs: {outputs}
-"""
-import math
-
-from numba import njit
-'''
+_HEADER = 'import math\n\nfrom numba import njit\n'
 _NEWTON_STEPS = 40
 
 
@@ -38,13 +28,15 @@ class Source:
 
     Parameters
     ----------
-    text : str
-        Python source with the functions ``rhs``, ``outputs``, ``rhs_tangent`` and ``outputs_tangent``.
+    texts : dict of str
+        Python source of each of the functions ``rhs``, ``outputs``, ``rhs_tangent`` and ``outputs_tangent``.  Each
+        stands in a file of its own: functions with the same text then share one compiled version, whatever else
+        their models have.
     sparsity : ndarray of bool, shape (n, n)
         Whether the rate of state i can depend on state j.
     """
 
-    text: str
+    texts: dict[str, str]
     sparsity: np.ndarray
 
 
@@ -60,25 +52,21 @@ def generate(work: Assembly) -> Source:
     shown = [q.variable for q in work.outputs]
     rate_items = ordered(work, rates)
     output_items = ordered(work, shown)
-    texts, tangents = kernel_sources(work.kernels)
-    kernels = [f"@njit(cache=True, error_model='numpy')\n{text}" for text in (*texts, *tangents)]
-    header = _HEADER.format(
-        name=work.name, states=_listing(work.states), inputs=_listing(work.inputs),
-        parameters=_listing(work.parameters), outputs=_listing(work.outputs))
-    bodies = [
-        _function(work, "rhs", "dx", rate_items, rates, tangent=False),
-        _function(work, "outputs", "y", output_items, shown, tangent=False),
-        _function(work, "rhs_tangent", "out", rate_items, rates, tangent=True),
-        _function(work, "outputs_tangent", "out", output_items, shown, tangent=True),
-    ]
+    kernels, tangents = ([f"@njit(cache=True, error_model='numpy')\n{t}" for t in part]
+                         for part in kernel_sources(work.kernels))
+    texts = {
+        "rhs": _function(work, "rhs", "dx", rate_items, rates, tangent=False),
+        "outputs": _function(work, "outputs", "y", output_items, shown, tangent=False),
+        "rhs_tangent": _function(work, "rhs_tangent", "out", rate_items, rates, tangent=True),
+        "outputs_tangent": _function(work, "outputs_tangent", "out", output_items, shown, tangent=True),
+    }
+    texts = {
+        name: "\n\n".join([_HEADER, *kernels, *(tangents if name.endswith("tangent") else ()), body]) + "\n"
+        for name, body in texts.items()
+    }
     deps = dependencies(rate_items, [q.variable for q in work.states])
     sparsity = np.array([[s.variable in deps.get(r, ()) for s in work.states] for r in rates], dtype=bool)
-    return Source("\n\n".join([header, *kernels, *bodies]) + "\n", sparsity.reshape(len(rates), len(rates)))
-
-
-def _listing(quantities: list[Quantity]) -> str:
-    names = [q.name for q in quantities if not q.name.endswith("]")]
-    return ", ".join(names) or "none"
+    return Source(texts, sparsity.reshape(len(rates), len(rates)))
 
 
 def _function(work: Assembly, name: str, result: str, items: list[Item], wanted: list[str], *, tangent: bool) -> str:

@@ -60,7 +60,7 @@ class Assembly:
     kernels: dict[str, Callable[..., Any]] = field(default_factory=dict)
     places: list[Place] = field(default_factory=list)
     renamed: dict[str, str] = field(default_factory=dict)
-    aliases: dict[str, str] = field(default_factory=dict)
+    input_delays: dict[str, str] = field(default_factory=dict)
     kinetic: list[tuple[str, str]] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
 

@@ -54,12 +54,19 @@ class Part:
 
 @dataclass
 class ModelInput:
-    """A signal that enters the model from outside and the component inputs that it feeds."""
+    """A signal that enters the model from outside and the component inputs that it feeds.
+
+    ``gain`` (relative), ``offset`` (in the signal's unit) and ``delay`` (s) are errors of the signal on its way in;
+    None means that the model has no such error.
+    """
 
     name: str
     targets: list[str]
     unit: str = ""
     default: float | None = None
+    gain: float | None = None
+    offset: float | None = None
+    delay: float | None = None
 
 
 @dataclass
@@ -192,6 +199,11 @@ class Model:
         other, faults = self.copy(), []
         changes: dict[str, dict[str, Any]] = {}
         for key, value in values.items():
+            kind = key.rpartition(".")[2]
+            source = key.removeprefix("input.").rpartition(".")[0]
+            if key.startswith("input.") and getattr(other._graph.inputs.get(source), kind, None) is not None:
+                setattr(other._graph.inputs[source], kind, value)
+                continue
             found = self.find(key)
             if found is None or found[2] not in (*found[1].values, *found[1].starts):
                 known = [f"{n}.{p}" for n, c in self._graph.components.items() for p in (*c.values, *c.starts)]
@@ -202,6 +214,17 @@ class Model:
             raise ModelError(self.name, faults)
         for name, change in changes.items():
             other._graph.components[name] = self._graph.components[name].copy(**change)
+        return other
+
+    def with_input_error(self, name: str, **errors: float) -> Model:
+        """Return a copy in which an input has a ``gain`` (relative), ``offset`` or ``delay`` (s) error."""
+        if name not in self._graph.inputs:
+            raise KeyError(f"model '{self.name}' has no input '{name}'{nearest(name, self._graph.inputs)}")
+        other = self.copy()
+        for kind, value in errors.items():
+            if kind not in ("gain", "offset", "delay"):
+                raise ValueError(f"an input has no '{kind}' error: give gain, offset or delay")
+            setattr(other._graph.inputs[name], kind, value)
         return other
 
     def build(self, **options: Any) -> System:

@@ -136,9 +136,10 @@ def input_table(
         raise SimulationError(f"'{system.name}' cannot be simulated:\n" + "\n".join(f"  - {f}" for f in faults))
     if not grids:
         return InputTable.constant(columns)
+    delays = dict(system.input_delays)
     grid = grids[0] if all(g is grids[0] or np.array_equal(g, grids[0]) for g in grids) else np.unique(np.concatenate(grids))
     same = {n: _on_grid(c, grid, interpolation) if isinstance(c, tuple) else c for n, c in columns.items()}
-    return InputTable.from_columns(grid, same, interpolation)
+    return InputTable.from_columns(grid, same, interpolation, delays)
 
 
 def _on_grid(column: tuple[np.ndarray, np.ndarray], grid: np.ndarray, interpolation: str) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +40,8 @@ class System:
         Add an input ``probe.<place>`` for a force at every place where an effect can act.
     energy : bool
         Add states ``energy.lost`` and ``energy.supplied``.
+    outputs : iterable of str, optional
+        Only these outputs are computed; default: all.
     compiled : bool
         False evaluates the same text as plain Python, for debugging.
 
@@ -49,12 +51,15 @@ class System:
         With every fault of the model.
     """
 
-    def __init__(self, model: Model, *, probes: bool = False, energy: bool = False, compiled: bool = True):
-        work = assemble(model, probes=probes, energy=energy)
+    def __init__(
+        self, model: Model, *, probes: bool = False, energy: bool = False, outputs: Iterable[str] | None = None,
+        compiled: bool = True,
+    ):
+        work = assemble(model, probes=probes, energy=energy, outputs=outputs)
         source = generate(work)
         self.model = model
         self.name = model.name
-        self.text = source.text
+        self.texts = source.texts
         self.sparsity = source.sparsity
         self.compiled = compiled
         self.places: tuple[Place, ...] = tuple(work.places)
@@ -66,6 +71,10 @@ class System:
         self.input_names = tuple(q.name for q in self.inputs)
         self.parameter_names = tuple(q.name for q in self.parameters)
         self.output_names = tuple(q.name for q in self.outputs)
+        #: index of the parameter that delays an input, by the input's name
+        self.input_delays: dict[str, int] = {
+            name: self.parameter_names.index(parameter) for name, parameter in work.input_delays.items()
+        }
         by_variable = {q.variable: k for k, q in enumerate(self.states)}
         #: index of the state that is the rate of another state (position → velocity)
         self.rate_states: dict[int, int] = {
@@ -154,39 +163,31 @@ class System:
 
     # ---------------------------------------------------------------- functions
 
-    @cached_property
-    def _module(self) -> Any:
-        from multibody.native import load_source
+    def _native(self, name: str) -> NativeFunction:
+        from multibody.native import compile_rhs, compile_tangent, load_source
 
-        return load_source(self.text, "model")
+        compile_ = compile_tangent if name.endswith("tangent") else compile_rhs
+        return compile_(load_source(self.texts[name], name), name, self.compiled)
 
     @cached_property
     def rhs_function(self) -> NativeFunction:
         """The rates as a native function ``rhs(t, x, u, p, dx)``."""
-        from multibody.native import compile_rhs
-
-        return compile_rhs(self._module, "rhs", self.compiled)
+        return self._native("rhs")
 
     @cached_property
     def outputs_function(self) -> NativeFunction:
         """The outputs as a native function ``outputs(t, x, u, p, y)``."""
-        from multibody.native import compile_rhs
-
-        return compile_rhs(self._module, "outputs", self.compiled)
+        return self._native("outputs")
 
     @cached_property
     def rhs_tangent(self) -> NativeFunction:
         """Directional derivative of the rates as a native function."""
-        from multibody.native import compile_tangent
-
-        return compile_tangent(self._module, "rhs_tangent", self.compiled)
+        return self._native("rhs_tangent")
 
     @cached_property
     def outputs_tangent(self) -> NativeFunction:
         """Directional derivative of the outputs as a native function."""
-        from multibody.native import compile_tangent
-
-        return compile_tangent(self._module, "outputs_tangent", self.compiled)
+        return self._native("outputs_tangent")
 
     def rhs(self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None) -> np.ndarray:
         """Return the rates of the states at one instant, shape (n,)."""
