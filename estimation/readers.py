@@ -16,6 +16,7 @@ import numpy as np
 
 from estimation.checks import RecordError, Rows
 from estimation.columns import nearest
+from estimation.matlab import load_arrays
 
 __all__ = ["FORMATS", "Table", "read_table"]
 
@@ -337,29 +338,14 @@ def _label(value: Any) -> str:
 
 def _read_mat(path: Path, columns: list[str], labels: list[str]) -> Table:
     name = path.name
-    with path.open("rb") as stream:
-        head = stream.read(520)
-    if head.startswith(b"MATLAB 7.3") or head.startswith(b"\x89HDF") or head[512:].startswith(b"\x89HDF"):
-        found = _mat_73(path)
-    else:
-        import scipy.io
-
-        try:
-            content = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=True)
-        except Exception as error:  # the reader raises many kinds on damaged files
-            raise RecordError([f"{name}: is not a readable MATLAB file ({error})"]) from error
-        found = {}
-        for key, value in content.items():
-            if not key.startswith("__"):
-                _flatten(key, value, found)
+    found = load_arrays(path)
     vectors = {key: value for key, value in found.items() if value.ndim == 1 and value.size > 1}
     wanted = [*columns, *labels]
-    faults = []
-    for each in wanted:
-        if each in found and each not in vectors:
-            faults.append(
-                f"{name}: '{each}' has the shape {found[each].shape} and is not a column of samples"
-            )
+    faults = [
+        f"{name}: '{each}' has the shape {found[each].shape} and is not a column of samples"
+        for each in wanted
+        if each in found and each not in vectors
+    ]
     faults += _missing_columns(
         name, [each for each in wanted if each not in found], list(vectors), "variable"
     )
@@ -372,37 +358,6 @@ def _read_mat(path: Path, columns: list[str], labels: list[str]) -> Table:
     if faults:
         raise RecordError(faults)
     return _from_arrays(path, list(vectors), columns, labels, lambda each: vectors[each])
-
-
-def _flatten(key: str, value: Any, found: dict[str, np.ndarray]) -> None:
-    """Collect the arrays of a MATLAB variable; fields of a structure are called ``data.force``."""
-    array = np.asarray(value)
-    if array.dtype.names:
-        if array.ndim == 0:
-            for part in array.dtype.names:
-                _flatten(
-                    f"{key}.{part}", array[part].item() if array[part].dtype == object else array[part], found
-                )
-        return
-    found[key] = array.squeeze()
-
-
-def _mat_73(path: Path) -> dict[str, np.ndarray]:
-    try:
-        import h5py
-    except ImportError as error:
-        raise RecordError(
-            [f"{path.name}: is a MATLAB 7.3 (HDF5) file: save it with save(…, '-v7'), or install h5py"]
-        ) from error
-    found: dict[str, np.ndarray] = {}
-    with h5py.File(path, "r") as file:
-
-        def visit(key: str, node: Any) -> None:
-            if isinstance(node, h5py.Dataset) and not key.startswith("#"):
-                found[key.replace("/", ".")] = np.asarray(node[()]).squeeze()
-
-        file.visititems(visit)
-    return found
 
 
 _READERS = {".csv": _read_csv, ".csv.gz": _read_csv, ".parquet": _read_parquet, ".mat": _read_mat}

@@ -184,8 +184,10 @@ class _File:
         signals = {key: replace(each, values=each.values[keep]) for key, each in signals.items()}
         for each in signals.values():
             self.warnings += [f.text for f in check_values(file, each.column, each.values, rows)]
-        arrays = {key: (each.column, each.values) for key, each in signals.items()}
-        self.faults += [f.text for f in check_copies(file, arrays)]
+        as_written = {key: (column, table.numbers[column][keep]) for key, column in self.columns.items()}
+        in_si = {key: (each.column, each.values) for key, each in signals.items()}
+        copies = check_copies(file, as_written) + check_copies(file, in_si)
+        self.faults += dict.fromkeys(fault.text for fault in copies)
         if time_unit != "s":
             self.log.append(f"{self.time}: {time_unit} to s")
         parts = []
@@ -234,7 +236,13 @@ class _File:
     def _window(self, time: np.ndarray) -> np.ndarray:
         """Rows inside the window; rows without a time stamp stay, so that they are told."""
         start, stop = self.rules.start, self.rules.stop
-        outside = (time < (-np.inf if start is None else start)) | (time > (np.inf if stop is None else stop))
+        # As in Preparation: a stamp that was summed to 0.30000000000000004 is inside stop = 0.3.
+        steps = np.abs(np.diff(time))
+        steps = steps[np.isfinite(steps)]
+        slack = 1e-6 * float(np.median(steps)) if len(steps) else 0.0
+        low = -np.inf if start is None else start - slack
+        high = np.inf if stop is None else stop + slack
+        outside = (time < low) | (time > high)
         if outside.any():
             if (~outside).sum() < 2:
                 self.faults.append(

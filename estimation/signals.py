@@ -224,7 +224,7 @@ def smooth_derivative(
     bandwidth_hz : float, Hz
         −3 dB frequency of the smoothing.
     order : int
-        1 or 2: first or second derivative.
+        1 or 2: first or second derivative; 0 smooths only, for what the derivatives are compared with.
 
     Returns
     -------
@@ -244,8 +244,8 @@ def smooth_derivative(
     """
     from scipy.signal import savgol_filter
 
-    if order not in (1, 2):
-        raise SignalError(f"order = {order}: only first and second derivatives are offered")
+    if order not in (0, 1, 2):
+        raise SignalError(f"order = {order}: only smoothing (0), first and second derivatives are offered")
     step, degree = _step(time), 3
     share = bandwidth_hz * 2.0 * step
     if not 0.0 < share <= 0.5:
