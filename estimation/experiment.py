@@ -1,0 +1,333 @@
+"""A machine confronted with one record: what the model says the sensors read, and how that changes with anything.
+
+The model runs from the recorded inputs over the record's own time grid.  Outputs and their derivatives then pass the
+same window, filter and decimation as the measurement.  Sensors may have errors of their own (offset, gain, drift,
+delay), which are parameters like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from estimation.record import Record
+from estimation.signals import Preparation
+
+if TYPE_CHECKING:
+    from multibody.inputs import InputTable
+    from multibody.solvers.problem import Directions
+    from multibody.system import System
+
+__all__ = ["Experiment", "Push", "Response", "SensorError"]
+
+SENSOR_KINDS = ("offset", "gain", "drift", "delay")
+
+
+@dataclass(frozen=True)
+class SensorError:
+    """An error of the sensor of one output: ``y = (1 + gain)·ŷ(t − delay) + offset + drift·t``.
+
+    Parameters
+    ----------
+    output : str
+    kind : {"offset", "gain", "drift", "delay"}
+        Unit: that of the output, 1, that of the output per s, and s.
+    value : float
+    """
+
+    output: str
+    kind: str
+    value: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Parameter name, such as ``"sensor.carriage.position.offset"``."""
+        return f"sensor.{self.output}.{self.kind}"
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A small extra signal on a model input over time, whose effect on the outputs is asked for.
+
+    Parameters
+    ----------
+    channel : str
+        Model input, for instance ``"probe.guide"``.
+    values : ndarray, shape (nt,)
+        On the record's time grid.
+    """
+
+    channel: str
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Model outputs on the prepared grid of a record, and their derivatives.
+
+    Parameters
+    ----------
+    outputs : ndarray, shape (n, n_channels)
+    derivatives : ndarray, shape (n, n_channels, m)
+    """
+
+    outputs: np.ndarray
+    derivatives: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """One record, and how a machine is laid beside it.
+
+    Parameters
+    ----------
+    record : Record
+        Its signals carry the names of model inputs and outputs.
+    inputs, outputs : tuple of str
+        Model inputs that the record drives, and outputs that it measured.
+    preparation : Preparation
+        Window, low-pass and decimation for record and model.
+    start : mapping of str to (float or "measured")
+        Start values of states in SI; ``"measured"`` takes the first sample of the output of the same name.
+    free : tuple of str
+        States whose start value is estimated from this record.
+    offsets : tuple of str
+        Outputs whose sensor may have an offset of its own in this record.
+    rtol : float
+        Relative tolerance of the integration.
+    """
+
+    record: Record
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    preparation: Preparation = field(default_factory=Preparation)
+    start: Mapping[str, float | Literal["measured"]] = field(default_factory=dict)
+    free: tuple[str, ...] = ()
+    offsets: tuple[str, ...] = ()
+    rtol: float = 1e-6
+    _cache: dict[str, object] = field(default_factory=dict, repr=False)
+
+    # ---------------------------------------------------------------- the measurement
+
+    @property
+    def name(self) -> str:
+        """The record's name."""
+        return self.record.name
+
+    @property
+    def time(self) -> np.ndarray:
+        """Time of the prepared samples, shape (n,), s."""
+        return self._measured()[0]
+
+    @property
+    def measured(self) -> np.ndarray:
+        """Prepared measurement, shape (n, n_channels)."""
+        return self._measured()[1]
+
+    def _measured(self) -> tuple[np.ndarray, np.ndarray]:
+        if "measured" not in self._cache:
+            self._cache["measured"] = self.preparation.apply(self.record.time, self.record.values(*self.outputs))
+        return self._cache["measured"]  # type: ignore[return-value]
+
+    def with_preparation(self, preparation: Preparation) -> Experiment:
+        """Return the same experiment, prepared otherwise."""
+        return replace(self, preparation=preparation, _cache={})
+
+    # ---------------------------------------------------------------- the model
+
+    def table(self, system: System) -> InputTable:
+        """Return the recorded inputs as the system's input table; inputs that are not recorded keep their default."""
+        from multibody.simulate import input_table
+
+        key = f"table {id(system)}"
+        if key not in self._cache:
+            driven = {n: (self.record.time, self.record.signals[n].values) for n in self.inputs}
+            self._cache[key] = (system, input_table(system, driven))
+        return self._cache[key][1]  # type: ignore[index]
+
+    def start_vector(self, system: System) -> np.ndarray:
+        """Return the start state: the study's values, what the sensors read first, else the model's own."""
+        x = system.start
+        for k, name in enumerate(system.state_names):
+            given = self.start.get(name)
+            if isinstance(given, float | int):
+                x[k] = given
+            elif name in self.outputs and (given == "measured" or name in self.free):
+                x[k] = self.record.signals[name].values[0]
+        return x
+
+    def simulate(
+        self, system: System, p: np.ndarray, x0: np.ndarray | None = None, sensors: Sequence[SensorError] = ()
+    ) -> np.ndarray:
+        """Return what the model says the sensors read, prepared, shape (n, n_channels).
+
+        Raises
+        ------
+        SimulationError
+            If the integration fails.
+        """
+        return self.respond(system, p, x0, sensors=sensors).outputs
+
+    def respond(
+        self,
+        system: System,
+        p: np.ndarray,
+        x0: np.ndarray | None = None,
+        *,
+        parameters: Sequence[str] = (),
+        states: Sequence[str] = (),
+        pushes: Sequence[Push] = (),
+        sensors: Sequence[SensorError] = (),
+        batch: int = 48,
+    ) -> Response:
+        """Simulate the record and differentiate the outputs along directions, all in compiled code.
+
+        Parameters
+        ----------
+        system : System
+        p : ndarray, shape (n_p,)
+        x0 : ndarray, shape (n,), optional
+            Start state; default `start_vector`.
+        parameters, states : sequence of str
+            Parameters (``sensor.…`` included) and start values to differentiate by.
+        pushes : sequence of Push
+            Extra input signals to differentiate by.
+        sensors : sequence of SensorError
+            Errors of the sensors.
+        batch : int
+            Directions integrated together; limits memory.
+
+        Returns
+        -------
+        Response
+            Derivatives in the order parameters, states, pushes.
+        """
+        x0 = self.start_vector(system) if x0 is None else x0
+        physical = [n for n in parameters if not n.startswith("sensor.")]
+        total = len(physical) + len(states) + len(pushes)
+        pick = np.array([system.index("output", n) for n in self.outputs])
+        time = self.record.time
+        raw, parts = None, []
+        for first in range(0, max(total, 1), batch):
+            directions = self._directions(system, physical, states, pushes, slice(first, min(first + batch, total)))
+            y, dy = _integrate(system, self, p, x0, directions, pick)
+            raw = y if raw is None else raw
+            parts.append(dy)
+        assert raw is not None
+        dy = np.concatenate(parts, axis=2)
+        y, dy, own = _apply_sensors(self.outputs, time, raw, dy, sensors, [n for n in parameters if n not in physical])
+        order = {n: k for k, n in enumerate(physical)}
+        columns = [dy[:, :, order[n]] if n in order else own[n] for n in parameters]
+        rest = [dy[:, :, k] for k in range(len(physical), total)]
+        stacked = np.stack([y, *columns, *rest], axis=2)
+        prepared = self.preparation.apply(time, stacked.reshape(time.size, -1))[1].reshape(-1, *stacked.shape[1:])
+        return Response(prepared[:, :, 0], prepared[:, :, 1:])
+
+    def _directions(
+        self, system: System, parameters: Sequence[str], states: Sequence[str], pushes: Sequence[Push], part: slice
+    ) -> Directions | None:
+        from multibody.solvers.problem import Directions
+
+        n, n_p = len(system.states), len(system.parameters)
+        chosen = [*parameters, *states, *pushes][part]
+        if not chosen:
+            return None
+        m = len(chosen)
+        x_dot, p_dot, channel = np.zeros((m, n)), np.zeros((m, n_p)), np.full(m, -1)
+        shape_t = self.record.time if pushes else None
+        shape = np.zeros((self.record.time.size, m)) if pushes else None
+        for k, item in enumerate(chosen):
+            if isinstance(item, Push):
+                channel[k] = system.index("input", item.channel)
+                assert shape is not None
+                shape[:, k] = item.values
+            elif part.start + k < len(parameters):
+                p_dot[k, system.index("parameter", item)] = 1.0
+            else:
+                x_dot[k, system.index("state", item)] = 1.0
+        return Directions(x_dot, p_dot, channel, shape_t, shape)
+
+
+def _integrate(
+    system: System, experiment: Experiment, p: np.ndarray, x0: np.ndarray, directions: Directions | None, pick: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return outputs (nt, n_channels) and their derivatives (nt, n_channels, m) on the record's grid."""
+    from multibody.errors import SimulationError
+    from multibody.native import load_driver
+    from multibody.simulate import native_problem
+    from multibody.solvers import Samples, integrate
+
+    time = np.array(experiment.record.time)
+    table = experiment.table(system)
+    problem = native_problem(system, p, table, directions)
+    inputs, n, m = table(time, p), len(system.states), problem.n_directions
+    inputs = np.ascontiguousarray(inputs.reshape(time.size, -1))
+    y = np.empty((time.size, pick.size))
+    dy = np.empty((time.size, pick.size, m))
+    n_y = len(system.outputs)
+    if directions is not None:
+        rates = np.ascontiguousarray(table.derivative(time, p).reshape(time.size, -1))
+        delays = np.zeros((m, inputs.shape[1]))
+        for name, k in system.input_delays.items():
+            delays[:, system.index("input", name)] = -directions.p_dot[:, k]
+        shape = directions.shape if directions.channel is not None and directions.shape is not None else None
+        if shape is None or len(shape) != time.size:
+            shape = np.zeros((time.size, m))
+    along = load_driver("multibody.solvers.kernels.along")
+
+    def receive(first: int, times: np.ndarray, states: np.ndarray) -> None:
+        rows = slice(first, first + times.size)
+        x = np.ascontiguousarray(states[:, :n])
+        y[rows] = system.outputs_along(times, x, inputs[rows], p)[:, pick]
+        if directions is not None:
+            step = max(1, 4_000_000 // max(m * n_y, 1))
+            for a in range(0, times.size, step):
+                b = min(a + step, times.size)
+                out = np.empty((b - a, m, n_y))
+                part = slice(first + a, first + b)
+                along.observe_along(
+                    system.outputs_tangent.address, np.require(times[a:b], float, ["C", "W"]), np.ascontiguousarray(states[a:b]),
+                    inputs[part], rates[part], p, directions.p_dot, np.ascontiguousarray(shape[part]),
+                    directions.channel, delays, out)
+                dy[part] = out[:, :, pick].transpose(0, 2, 1)
+
+    solution = integrate(
+        problem, (float(time[0]), float(time[-1])), x0, samples=Samples(time, receive), rtol=experiment.rtol,
+        atol=experiment.rtol * 1e-3, max_step=min(table.largest_step(), _feature_limit(system, p)))
+    if solution.status < 0 or not np.all(np.isfinite(y)):
+        raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
+    return y, dy
+
+
+def _feature_limit(system: System, p: np.ndarray) -> float:
+    return np.inf
+
+
+def _apply_sensors(
+    outputs: Sequence[str], time: np.ndarray, y: np.ndarray, dy: np.ndarray, sensors: Sequence[SensorError],
+    wanted: Sequence[str],
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Send outputs and derivatives through the sensors, and differentiate by the sensors' own parameters."""
+    y, dy = y.copy(), dy if not sensors else dy.copy()
+    value = {s.name: s.value for s in sensors}
+    own = {name: np.zeros_like(y) for name in wanted}
+    since = time - time[0]
+    for c, output in enumerate(outputs):
+        offset, gain, drift, delay = (value.get(f"sensor.{output}.{kind}", 0.0) for kind in SENSOR_KINDS)
+        rate = np.gradient(y[:, c], time) if f"sensor.{output}.delay" in own or delay else None
+        if delay:
+            late = time - delay
+            y[:, c] = np.interp(late, time, y[:, c])
+            for k in range(dy.shape[2]):
+                dy[:, c, k] = np.interp(late, time, dy[:, c, k])
+        parts = {"offset": np.ones_like(time), "gain": y[:, c], "drift": since,
+                 "delay": -(1.0 + gain) * rate if rate is not None else None}
+        for kind, part in parts.items():
+            if part is not None and f"sensor.{output}.{kind}" in own:
+                own[f"sensor.{output}.{kind}"][:, c] = part
+        y[:, c] = (1.0 + gain) * y[:, c] + offset + drift * since
+        dy[:, c] *= 1.0 + gain
+    return y, dy, own
