@@ -187,8 +187,8 @@ def _read_csv(path: Path, columns: list[str], labels: list[str]) -> Table:
     faults = _missing_columns(name, [*columns, *labels], names)
     if faults and (len(names) == 1 or names[0].lower() == "sep="):
         faults.append(
-            f"{name}, line {kept[0] + 1}: '{header[:40]}' does not look like a header: separate columns by comma, "
-            "semicolon or tab, and put # before lines that stand above the header"
+            f"{name}, line {kept[0] + 1}: '{header[:40]}' does not look like a header: "
+            "separate columns by comma, semicolon or tab, and put # before lines that stand above the header"
         )
         raise RecordError(faults)
     rows = Rows(np.array(body_at, dtype=np.int64) + 1, "line")

@@ -68,7 +68,7 @@ REFUSED = {
     "no data": (["time_s,x_mm,F_N"], ["header but no data"]),
     "one row": (text(table(1)), ["only one row of data (line 2)"]),
     "no header": (text(table())[1:], ["line 1: no header"]),
-    "lines above": (["Rig 5", *text(table())], ["line 1: 'Rig 5' does not look like a header", "put # before"]),
+    "lines above": (["Rig 5", *text(table())], ["'Rig 5' does not look like a header", "put # before"]),
     "spaces": (["time_s x_mm F_N", "0 1 2"], ["separate columns by comma, semicolon or tab"]),
     "missing column": (["time_s,x_m,F_N", "0,1,2", "1,2,3"], ["no column 'x_mm'; nearest: 'x_m'"]),
     "two missing columns": (["time,x_m,F_N", "0,1,2"], ["no column 'time_s'", "no column 'x_mm'"]),
