@@ -244,7 +244,8 @@ def noise_floor(values: np.ndarray) -> NoiseFloor:
     that looks like noise, is counted as noise: give the noise in the study where it is known.  A quantised
     channel has at least step/√12, the deviation of an even rounding error.
 
-    The two growth limits were set by looking at real channels (EMPS force and position, lead-screw torque, lift
+    The two growth limits were set by looking at real channels (EMPS force and position, lead-screw
+    torque, lift
     acceleration); beyond these and synthetic signals they are untested.
     """
     values = np.asarray(values, dtype=float)
