@@ -20,15 +20,21 @@ __all__ = [
     "State",
     "Table",
     "Translation",
+    "Unit",
     "Unknown",
 ]
 
 
 @dataclass(frozen=True)
 class Declaration:
-    """Base of everything that can stand in the body of a component class."""
+    """Base of everything that can stand in the body of a component class.
+
+    ``when`` is a condition on one of the component's options, such as ``"lossy"``, ``"not lossy"`` or
+    ``"order >= 2"``: where it does not hold the declaration does not exist.
+    """
 
     name: str = field(default="", init=False, compare=False)
+    when: str = field(default="", kw_only=True)
 
     def __set_name__(self, owner: type, name: str) -> None:
         object.__setattr__(self, "name", name)
@@ -87,6 +93,17 @@ class Option(Declaration):
     default: bool | int | str
     meaning: str
     choices: tuple[Any, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Unit(Declaration):
+    """A unit that each instance chooses; other declarations use it in theirs, as in ``"{signal}/s"``.
+
+    It lets one controller or filter serve signals of any kind while every connection is still checked.
+    """
+
+    default: str
+    meaning: str
 
 
 @dataclass(frozen=True)
@@ -154,6 +171,8 @@ class Port(Declaration):
     rate: ClassVar[str] = ""
     flow: ClassVar[str] = ""
     units: ClassVar[dict[str, str]] = {}
+    #: names under which a law written for both domains finds this domain's quantities
+    generic: ClassVar[dict[str, str]] = {}
 
 
 @dataclass(frozen=True)
@@ -209,6 +228,7 @@ class Rotation(Port):
     units: ClassVar[dict[str, str]] = {
         "angle": "rad", "speed": "rad/s", "acceleration": "rad/s**2", "torque": "N*m", "reaction": "N*m",
     }
+    generic: ClassVar[dict[str, str]] = {"position": "angle", "velocity": "speed", "force": "torque"}
 
 
 @dataclass(frozen=True)
