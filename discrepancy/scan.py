@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 MAX_CLEAN = 4
 CLEAN_LEVEL = 0.01
+# Surprise (−ln p of one column) above which an effect is kept out of the whitening fit.
+LEAST = 8.0
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,12 @@ def _whitened(
     columns = prepare_columns(list(stacked), proj)
     scorer = make_scorer(columns, proj, residual.dt) if columns.groups else None
     return _Whitened(whitener, proj, e_raw, e, columns, scorer)
+
+
+def _louder(s: Scores, scorer: Scorer, e: Array) -> Scores:
+    """Raise λ where the residual is louder at the times at which a candidate acts (noise in motion only)."""
+    lam = s.lam * scorer.local(e)[:, None]
+    return Scores(s.lm, lam, scorer.surprise(s.lm / lam), s.amplitude)
 
 
 def _best_groups(scorer: Scorer, s: Scores) -> dict[int, int]:
@@ -317,7 +325,8 @@ def _fit(
     for r in range(rounds):
         groups: tuple[int, ...] = ()
         if w.scorer is not None and clean:
-            groups = _remove_effects(w, clean, 0.0 if r else 0.0).groups
+            least = LEAST if r else np.inf
+            groups = _remove_effects(w, clean, least).groups
         raw = _raw_residual(w, residual, sens, candidates, groups)
         fitted = fit_whitener(raw, residual.dt, residual.channels, max_order=max_order)
         w = _whitened(fitted, residual, sens, candidates)
@@ -339,6 +348,7 @@ def _judge(
     cleaned = _remove_effects(w, MAX_CLEAN, -np.log(CLEAN_LEVEL / len(scorer.columns.groups)))
     share = _share_removed(scorer, cleaned.basis)
     s = scorer(w.e[:, None], cleaned.e[:, None], share) if cleaned.groups else scorer(w.e[:, None])
+    s = _louder(s, scorer, cleaned.e)
     pieces = cut(lay, residual.dt, cleaned.e)
     null = null_distribution(scorer, w.projection, cleaned.e, draws=draws, rng=rng, n_candidates=len(candidates),
                              pieces=pieces)

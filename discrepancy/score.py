@@ -11,10 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from discrepancy.blocks import Array
-from discrepancy.projection import Projection
+from discrepancy.projection import Layout, Projection
 from discrepancy.spectral import ScoreVariance, make_bands, score_variance
 
 LAMBDA_FLOOR = 0.5
+WINDOWS_PER_BLOCK = 48
+MIN_WINDOW = 16
 NOT_EXCITED = 0.0
 ABSORBED = 1.0 - 1e-6
 
@@ -112,6 +114,7 @@ class Scorer:
     kdim: Array
     dof: Array
     own_trace: Array
+    windows: list[tuple[Array, float]]
 
     def __call__(self, E: Array, noise: Array | None = None, removed: Array | None = None) -> Scores:
         """Score residuals.
@@ -142,9 +145,32 @@ class Scorer:
         lam = np.maximum(quad / np.maximum(left, 0.1)[:, None], LAMBDA_FLOOR)
         return Scores(lm, lam, self.surprise(lm / lam), used)
 
+    def local(self, e: Array) -> Array:
+        """How much noisier the residual is at the *times* at which each group acts; never below one.
+
+        The candidate's own fit is removed first; ``e`` has shape (n_rows,).
+        """
+        a = self._one_sided((self.columns.Z.T @ e)[:, None])[:, 0]
+        num = np.zeros(len(self.columns.groups))
+        den = np.zeros_like(num)
+        level_d = 0.0
+        starts = [g.cols.start for g in self.columns.groups]
+        for rows, count in self.windows:
+            Zw = self.columns.Z[rows]
+            energy = np.add.reduceat(np.sum(Zw**2, axis=0), starts)
+            fit = np.add.reduceat(Zw * a, starts, axis=1)
+            left = np.maximum(count - energy, 0.5 * count)
+            num += energy * np.sum((e[rows, None] - fit) ** 2, axis=0) / left
+            den += energy
+            level_d += count
+        e2 = float(e @ e)
+        own = np.add.reduceat(a**2, starts)
+        level = (e2 - own) / max(1.0, level_d - 1.0)
+        return np.maximum(1.0, num / np.maximum(den, 1e-300) / np.maximum(level, 1e-300))
+
     def surprise(self, ratio: Array) -> Array:
         """−ln of the F tail probability of LM/λ: one scale for groups of different size and different noise."""
-        from scipy.special import betainc, betaln, fdtrc
+        from scipy.special import betaln, fdtrc
 
         k, nu = self.kdim[:, None], self.dof[:, None]
         with np.errstate(divide="ignore"):
@@ -156,7 +182,6 @@ class Scorer:
             x = np.broadcast_to(nu, ratio.shape) / (nu + ratio)
             series = -(nu / 2) * np.log(x) + np.log(nu / 2) + betaln(nu / 2, k / 2)
             out = np.where(tiny, series, out)
-        del betainc
         return out
 
     def _sum(self, x: Array) -> Array:
@@ -213,5 +238,32 @@ def make_scorer(columns: Columns, projection: Projection, dt: float, extra: list
     kdim = np.array([float(g.cols.stop - g.cols.start) for g in columns.groups])
     own = np.array([float(np.trace(c)) for c in var.own])
     # The group's own fit takes its share of the degrees of freedom too.
-    dof = np.maximum(var.dof - kdim, 1.0)
-    return Scorer(columns, var, kdim, dof, own)
+    windows = _windows(lay)
+    dof = np.minimum(var.dof, _dof_in_time(columns, windows))
+    return Scorer(columns, var, kdim, np.maximum(dof - kdim, 1.0), own, windows)
+
+
+def _windows(layout: Layout) -> list[tuple[Array, float]]:
+    """Rows of short windows of one channel of one block, with their number."""
+    out = []
+    for b, n in enumerate(layout.lengths):
+        parts = max(1, min(WINDOWS_PER_BLOCK, n // MIN_WINDOW))
+        edges = np.linspace(0, n, parts + 1).astype(int)
+        for a, z in zip(edges[:-1], edges[1:], strict=True):
+            for c in range(layout.n_channels):
+                rows = layout.starts[b] + np.arange(a, z) * layout.n_channels + c
+                out.append((rows, float(z - a)))
+    return out
+
+
+def _dof_in_time(columns: Columns, windows: list[tuple[Array, float]]) -> Array:
+    """Degrees of freedom with which the noise is known at the times at which each group acts."""
+    starts = [g.cols.start for g in columns.groups]
+    first = np.zeros(len(starts))
+    second = np.zeros(len(starts))
+    for rows, count in windows:
+        energy = np.add.reduceat(np.sum(columns.Z[rows] ** 2, axis=0), starts)
+        first += energy
+        second += energy**2 / count
+    out: Array = first**2 / np.maximum(second, 1e-300)
+    return out

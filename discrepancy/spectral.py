@@ -19,7 +19,7 @@ import numpy as np
 from discrepancy.blocks import Array
 from discrepancy.projection import Layout
 
-MIN_ORDINATES = 10.0
+MIN_ORDINATES = 5.0
 RELATIVE_WIDTH = 0.12
 
 

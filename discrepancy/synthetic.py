@@ -18,6 +18,7 @@ from discrepancy.blocks import Array, Candidate, Residual, Sensitivities
 
 DISTURBANCES = ("white", "ar2", "drift", "drifting sensor", "motion", "mixed")
 KP, KV = 40.0, 400.0
+WARM = 1.0
 
 
 @dataclass(frozen=True)
@@ -42,9 +43,8 @@ class Axis:
         """Outputs."""
         return ("position", "force")
 
-    def respond(self, forces: Sequence[Array], sensor: bool = False) -> list[Array]:
-        """Outputs (n_t, 2, …) for one force per record, N."""
-        del sensor
+    def respond(self, forces: Sequence[Array]) -> list[Array]:
+        """Outputs (n_t, 2, …) for one force per record, N; the first value has acted for long before."""
         return [_closed_loop(f, self.dt, m.mass) for f, m in zip(forces, self.motions, strict=True)]
 
 
@@ -59,7 +59,9 @@ def _closed_loop(force: Array, dt: float, mass: float) -> Array:
     from scipy.signal import ss2tf
 
     num, den = ss2tf(*num_den[:4])
-    return np.stack([lfilter(num[c], den, force, axis=0) for c in range(2)], axis=1)
+    warm = np.repeat(force[:1], round(WARM / dt), axis=0)
+    full = np.concatenate([warm, force])
+    return np.stack([lfilter(num[c], den, full, axis=0)[len(warm):] for c in range(2)], axis=1)
 
 
 def _profile(rng: np.random.Generator, duration: float, dt: float, travel: float) -> Motion:
@@ -168,8 +170,7 @@ def candidates(axis: Axis, exclude: Sequence[str] = ()) -> list[Candidate]:
         if kind in exclude:
             continue
         cols = [axis.respond([law(kind, m, s, axis.dt) for m in axis.motions]) for s in grid]
-        cols2 = [[np.swapaxes(b, 1, 1) for b in c] for c in cols]
-        out.append(Candidate(kind, "guide", tuple(map(tuple, cols2)), tuple(grid), one_sided, unit="N"))
+        out.append(Candidate(kind, "guide", tuple(map(tuple, cols)), tuple(grid), one_sided, unit="N"))
     for c, name in enumerate(axis.channels):
         for kind in ("sensor_offset", "sensor_drift", "sensor_gain"):
             blocks = []
@@ -213,15 +214,17 @@ def disturb(axis: Axis, kind: str, rng: np.random.Generator, size: float = 8.0) 
     """Noise of the outputs: sensor noise and a disturbance force of about ``size`` N rms, per record."""
     out = []
     for m in axis.motions:
-        n = len(m.x)
+        before = round(WARM / axis.dt)
+        n = len(m.x) + before
         f = np.zeros(n)
         if kind in ("ar2", "mixed"):
             f += size * _ar2(rng, n, 3.0, 0.15, axis.dt)
         if kind in ("drift", "mixed"):
             f += size * _ou(rng, n, 1.5, axis.dt)
         if kind == "motion":
-            f += size * _ou(rng, n, 0.05, axis.dt) * np.minimum(1.0, np.abs(m.v) / 0.1)
-        y = _closed_loop(f, axis.dt, m.mass)
+            f += size * _ou(rng, n, 0.05, axis.dt) * np.minimum(1.0, np.abs(np.pad(m.v, (before, 0))) / 0.1)
+        y = _closed_loop(f, axis.dt, m.mass)[before:]
+        n = len(m.x)
         y += rng.standard_normal((n, 2)) * np.array([2e-5, 1.0])
         if kind == "drifting sensor":
             y += np.stack([2e-4 * _ou(rng, n, 3.0, axis.dt), 5.0 * _ou(rng, n, 3.0, axis.dt)], axis=1)

@@ -4,7 +4,8 @@ A residual of a real machine mixes fast sensor noise with slow drift. A plain au
 rate forgets after a few milliseconds and never sees the drift. Here each channel is predicted from its last
 samples one by one and, further back, from means over windows that double in length (5-8, 9-16, 17-32 … samples
 ago). A dozen coefficients then reach seconds into the past. The number of single lags and of windows is chosen by
-BIC. The first samples of a block, which have no past, use the same predictor cut short, each with its own variance,
+AIC: BIC prefers filters that forget a slow drift, and with one or two records of 6 s that raised false alarms under a
+mixed disturbance from 4 in 60 to 9 in 60. The first samples of a block, which have no past, use the same predictor cut short, each with its own variance,
 so nothing has to be thrown away.
 
 The long windows are those of the heterogeneous autoregression of Corsi (2009), J. Financial Econometrics 7, 174.
@@ -19,6 +20,8 @@ import numpy as np
 
 from discrepancy.blocks import Array
 
+# Cost of one coefficient in units of twice the log-likelihood; 2 is Akaike's.
+PENALTY = 2.0
 _SINGLE_LAGS = (0, 1, 2, 4, 8, 16, 32)
 
 
@@ -156,10 +159,10 @@ def _fit_channel(series: Sequence[Array], max_order: int, longest: int) -> Chann
         r = q[: len(groups), -1]
         rss = float(y @ y) - np.concatenate([[0.0], np.cumsum(r**2)])
         rss = np.maximum(rss, 1e-14 * float(y @ y))
-        bic = n * np.log(rss / n) + np.arange(len(groups) + 1) * np.log(n)
-        j = int(np.argmin(bic))
-        if best is None or bic[j] < best[0]:
-            best = (float(bic[j]), groups, j)
+        aic = n * np.log(rss / n) + np.arange(len(groups) + 1) * PENALTY
+        j = int(np.argmin(aic))
+        if best is None or aic[j] < best[0]:
+            best = (float(aic[j]), groups, j)
     if best is None:
         return ChannelFilter((), (np.empty(0),), np.array([np.sqrt(pooled)]))
     groups = best[1][: best[2]]
