@@ -1,0 +1,147 @@
+"""An effect of a kind at a place, and how it is put into a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from discrepancy.kinds import Kind, kind_named
+
+if TYPE_CHECKING:
+    from estimation.calibrate import UncertainParameter
+    from estimation.experiment import SensorError
+    from multibody.component import Component
+    from multibody.model import Model
+    from multibody.places import Place
+
+__all__ = ["Effect", "law_class"]
+
+
+def law_class(kind: Kind, domain: str) -> type[Component]:
+    """Return the component class of a connection kind for a domain."""
+    from discrepancy.laws import LAWS
+
+    return LAWS[kind.law][0 if domain == "translation" else 1]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect: kind, place, strengths and shape.
+
+    Parameters
+    ----------
+    kind, where : str
+        Such as ``"coulomb_friction"`` at ``"guide"``.
+    strengths : mapping of str to float
+        SI; all zero is absence.
+    shape : mapping of str to float
+        The law's other parameters.
+    ports : tuple of str
+        Endpoints of the two sides (connections).
+    domain : str
+        ``"translation"`` or ``"rotation"`` (connections).
+    load : str
+        Output that gives the load, where the law asks for one.
+    number : int
+        Counts effects of one kind at one place.
+    """
+
+    kind: str
+    where: str
+    strengths: Mapping[str, float] = field(default_factory=dict)
+    shape: Mapping[str, float] = field(default_factory=dict)
+    ports: tuple[str, ...] = ()
+    domain: str = ""
+    load: str = ""
+    number: int = 1
+
+    @classmethod
+    def at_place(cls, kind: str, place: Place, **parts: Any) -> Effect:
+        """Return an effect at a place of a model."""
+        return cls(kind, place.name, ports=(place.first_port, place.second_port), domain=place.domain, **parts)
+
+    @property
+    def definition(self) -> Kind:
+        """The kind's entry in the catalogue."""
+        return kind_named(self.kind)
+
+    @property
+    def component_name(self) -> str:
+        """Name of the component that carries the effect in a model (connections)."""
+        return f"{self.kind}.{self.where}" + (f".n{self.number}" if self.number > 1 else "")
+
+    def parameter_name(self, parameter: str) -> str:
+        """Return the full name of one of the effect's parameters."""
+        at = self.definition.at
+        if at == "connection":
+            return f"{self.component_name}.{parameter}"
+        return f"{at}.{self.where}.{parameter}"
+
+    def parameters(self) -> dict[str, float]:
+        """Return strengths and shape by their full names."""
+        return {self.parameter_name(k): v for k, v in {**self.shape, **self.strengths}.items()}
+
+    def unit(self, parameter: str) -> str:
+        """Return the unit of one of the effect's parameters."""
+        if self.definition.at == "connection":
+            item: Any = law_class(self.definition, self.domain).declarations[parameter]
+            return str(item.unit)
+        return {"gain": "", "delay": "s", "offset": "", "drift": ""}[parameter]
+
+    def with_values(self, values: Mapping[str, float]) -> Effect:
+        """Return the effect with parameters replaced, given by full name."""
+        mine = {k: values[self.parameter_name(k)] for k in {**self.shape, **self.strengths}
+                if self.parameter_name(k) in values}
+        return replace(
+            self, strengths={k: mine.get(k, v) for k, v in self.strengths.items()},
+            shape={k: mine.get(k, v) for k, v in self.shape.items()})
+
+    def added_to(self, model: Model) -> Model:
+        """Return a copy of the model with the effect in it; sensor errors leave the model as it is."""
+        kind = self.definition
+        if kind.at == "sensor":
+            return model
+        if kind.at == "input":
+            return model.with_input_error(self.where, **dict(self.strengths))
+        other = model.copy()
+        cls = law_class(kind, self.domain)
+        part = other.add(self.component_name, cls(**{**self.shape, **self.strengths}))
+        other.connect(f"{self.component_name}.a", self.ports[0])
+        if "b" in cls.declarations:
+            other.connect(f"{self.component_name}.b", self.ports[1])
+        if self.load:
+            other.connect(self.load, part.load)
+        return other
+
+    def sensor_error(self) -> SensorError | None:
+        """Return the sensor's error, for sensor kinds."""
+        from estimation.experiment import SensorError
+
+        if self.definition.at != "sensor":
+            return None
+        name = self.definition.strengths[0]
+        return SensorError(self.where, name, float(self.strengths.get(name, 0.0)))
+
+    def uncertain(self, sizes: Mapping[str, float] | None = None) -> list[UncertainParameter]:
+        """Return what calibration may move once the effect is in: strengths, and the shapes that may be fitted."""
+        from estimation.calibrate import UncertainParameter
+
+        kind = self.definition
+        found = []
+        for name, value in self.strengths.items():
+            low = 0.0 if kind.one_sided else -math.inf
+            found.append(UncertainParameter(self.parameter_name(name), value, min=low, unit=self.unit(name)))
+        for name in kind.free_shapes:
+            value = self.shape[name]
+            positive = name in ("v_stribeck", "width", "x_s", "order")
+            reach = (sizes or {}).get(name, abs(value) if value else 1.0)
+            low, high = (0.2 * value, 5.0 * value) if positive else (value - reach, value + reach)
+            if name == "order":
+                low, high = 0.9 * value, 1.1 * value
+            found.append(UncertainParameter(self.parameter_name(name), value, min=low, max=high, unit=self.unit(name)))
+        return found
+
+    def __str__(self) -> str:
+        return f"{self.kind}@{self.where}"

@@ -1,0 +1,327 @@
+"""The kinds of effect that the catalogue knows: law, strengths, shapes to try, and what each means to an engineer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+__all__ = ["Kind", "KindText", "MotionRange", "kind_named", "kinds", "register"]
+
+Shapes = list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class MotionRange:
+    """How far and how fast a connection moved in the records.
+
+    Parameters
+    ----------
+    low, high : float
+        Travel, m or rad.
+    speed : float
+        95th percentile of the absolute speed, m/s or rad/s.
+    turns : bool
+        True for a rotation.
+    scale : float
+        Stiffness of the connection's own spring where it has one, else 0.
+    """
+
+    low: float
+    high: float
+    speed: float
+    turns: bool = False
+    scale: float = 0.0
+
+    @property
+    def centre(self) -> float:
+        """Middle of the travel."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def half(self) -> float:
+        """Half of the travel."""
+        return max(0.5 * (self.high - self.low), 1e-300)
+
+    @property
+    def v_s(self) -> float:
+        """Speed below which the sign of the speed is smoothed: a hundredth of the speed in the records."""
+        return max(0.01 * self.speed, 1e-300)
+
+
+@dataclass(frozen=True)
+class KindText:
+    """A kind in words: what it is, what usually causes it, how to confirm it by hand."""
+
+    title: str
+    what: str
+    causes: str
+    confirm: str
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of effect.
+
+    Parameters
+    ----------
+    name : str
+        Name in files; a kind once named keeps its name.
+    at : {"connection", "sensor", "input"}
+        What it acts on.
+    law : str
+        Name in `discrepancy.laws.LAWS` (connections), or the sensor's or input's error.
+    strengths : tuple of str
+        Parameters that are zero when the effect is absent.
+    text : KindText
+    shapes : callable, optional
+        From the motion, the shapes to try: other parameters of the law.
+    free_shapes : tuple of str
+        Shape parameters that are fitted once the effect is in.
+    one_sided : bool
+        A strength below zero makes no physical sense.
+    linear : bool
+        False if the force is not proportional to the strength; the scan then takes a secant at a small strength.
+    needs : {"", "stiffness", "load", "ground"}
+        What the connection must have: a spring of its own, a force that passes through, or the ground on one side.
+    elastic : bool or None
+        True: only where the connection has a spring; False: only where it has none; None: anywhere.
+    """
+
+    name: str
+    at: str
+    law: str
+    strengths: tuple[str, ...]
+    text: KindText
+    shapes: Callable[[MotionRange], Shapes] | None = None
+    free_shapes: tuple[str, ...] = ()
+    one_sided: bool = False
+    linear: bool = True
+    needs: str = ""
+    elastic: bool | None = None
+    aliases: tuple[str, ...] = field(default=())
+
+    def shape_grid(self, motion: MotionRange) -> Shapes:
+        """Return the shapes to try for a motion; one empty shape when the kind has none."""
+        return self.shapes(motion) if self.shapes is not None else [{}]
+
+
+def _smooth_sign(m: MotionRange) -> Shapes:
+    return [{"v_s": m.v_s}]
+
+
+def _low_speeds(m: MotionRange) -> Shapes:
+    return [{"v_stribeck": f * m.speed, "v_s": m.v_s} for f in (0.03, 0.08, 0.2, 0.5)]
+
+
+def _centred(m: MotionRange) -> Shapes:
+    return [{"centre": m.centre, "half": m.half}]
+
+
+def _centred_sign(m: MotionRange) -> Shapes:
+    return [{"centre": m.centre, "half": m.half, "v_s": m.v_s}]
+
+
+def _centre(m: MotionRange) -> Shapes:
+    return [{"centre": m.centre}]
+
+
+def _spots(m: MotionRange) -> Shapes:
+    widths = (0.05 * m.half, 0.15 * m.half)
+    return [
+        {"place": float(c), "width": float(w), "v_s": m.v_s}
+        for w in widths
+        for c in np.arange(m.low + 0.5 * w, m.high, 1.2 * w)
+    ]
+
+
+def _orders(m: MotionRange) -> Shapes:
+    """Whole orders per turn on a shaft; on a slide, wavelengths from half the travel downwards, one travel-period apart."""
+    if m.turns and m.high - m.low > np.pi:
+        return [{"order": float(k)} for k in (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 36, 48)]
+    count = 40
+    return [{"order": float(np.pi * k / (2 * m.half) * 2)} for k in np.arange(1.0, count, 0.5)]
+
+
+def _displacements(m: MotionRange) -> Shapes:
+    return [{"x_s": f * m.half} for f in (0.003, 0.01, 0.03, 0.1)]
+
+
+def _spring(m: MotionRange) -> Shapes:
+    return [{"stiffness": m.scale}]
+
+
+def _spring_gap(m: MotionRange) -> Shapes:
+    return [{"stiffness": m.scale, "centre": c} for c in (0.0, m.centre)]
+
+
+_T = KindText
+_KINDS: dict[str, Kind] = {}
+
+
+def register(kind: Kind) -> Kind:
+    """Add a kind to the catalogue; its name must be new.
+
+    Raises
+    ------
+    ValueError
+        If the name is taken.
+    """
+    if kind.name in _KINDS:
+        raise ValueError(f"there is already a kind '{kind.name}': give yours another name")
+    _KINDS[kind.name] = kind
+    return kind
+
+
+def kinds() -> dict[str, Kind]:
+    """Return all kinds by name."""
+    return dict(_KINDS)
+
+
+def kind_named(name: str) -> Kind:
+    """Return a kind by its name.
+
+    Raises
+    ------
+    KeyError
+        With the nearest name.
+    """
+    from multibody.component import nearest
+
+    if name not in _KINDS:
+        raise KeyError(f"there is no effect '{name}'{nearest(name, _KINDS)}")
+    return _KINDS[name]
+
+
+def _add(rows: Sequence[Kind]) -> None:
+    for row in rows:
+        register(row)
+
+
+_add([
+    Kind("viscous_friction", "connection", "Viscous", ("viscous",), _T(
+        "viscous friction", "A resistance proportional to speed.",
+        "Lubricant shear in guides, bearings and seals; grease that is cold or too stiff; eddy currents.",
+        "Move at several constant speeds in both directions: the drive force rises in a straight line with speed."),
+        one_sided=True, elastic=False),
+    Kind("extra_damping", "connection", "Damping", ("viscous",), _T(
+        "additional damping", "Damping between two sides that are joined by a spring, beyond what the model has.",
+        "Material damping, joints, rubber elements, rope strands that rub.",
+        "Let the machine ring down after a step or knock: the vibration dies faster or slower than the model's."),
+        elastic=True),
+    Kind("coulomb_friction", "connection", "Coulomb", ("coulomb",), _T(
+        "dry (Coulomb) friction", "A resistance of constant size against the motion, whatever the speed.",
+        "Sliding guides, seals, plain bearings, screws, preloaded rolling guides.",
+        "Move slowly in both directions: the drive force jumps by twice the friction when the direction changes."),
+        _smooth_sign, one_sided=True),
+    Kind("asymmetric_coulomb_friction", "connection", "AsymmetricCoulomb", ("forward", "backward"), _T(
+        "dry friction that differs with direction", "A constant resistance, of another size in each direction.",
+        "Worn or tilted guides, a one-sided preload, a screw worn on one flank, a cable chain, weight on an incline.",
+        "Move at the same constant speed forwards and backwards: the drive force differs by more than its sign."),
+        _smooth_sign, one_sided=True),
+    Kind("asymmetric_viscous_friction", "connection", "AsymmetricViscous", ("forward", "backward"), _T(
+        "viscous friction that differs with direction", "A resistance proportional to speed, steeper one way.",
+        "A ball screw or nut worn on one flank, seals with a lip, one-sided lubrication.",
+        "Plot the drive force against constant speed in both directions: the two slopes differ."),
+        one_sided=True, elastic=False),
+    Kind("stribeck_friction", "connection", "Stribeck", ("breakaway",), _T(
+        "Stribeck friction (more friction at low speed)", "Friction that falls while the motion gathers speed.",
+        "Lubricated sliding contacts, in which the oil film builds up only with speed; guides that stood for a while.",
+        "Move at very low constant speeds: the drive force falls with rising speed; stick-slip may show."),
+        _low_speeds, ("v_stribeck",), one_sided=True),
+    Kind("quadratic_drag", "connection", "Drag", ("drag",), _T(
+        "drag that grows with the square of the speed", "A resistance proportional to speed squared.",
+        "Air or fluid that is pushed aside, ventilation of rotors, displaced oil.",
+        "Compare constant speeds: doubling the speed makes this part of the force four times larger."),
+        one_sided=True, elastic=False),
+    Kind("load_dependent_friction", "connection", "LoadFriction", ("share",), _T(
+        "friction proportional to the load", "Dry friction whose level follows the force that passes through.",
+        "Gear meshes, screws, loaded guides and bearings: the normal force rises with the load.",
+        "Repeat a slow motion with twice the payload: the friction rises with it."),
+        _smooth_sign, one_sided=True, needs="load"),
+    Kind("position_dependent_friction", "connection", "PositionFriction", ("slope", "bow"), _T(
+        "friction that changes along the travel", "Dry friction with a level that depends on where the machine is.",
+        "Guides that are not parallel, a bent rail, uneven wear, misaligned bearings.",
+        "Move slowly over the whole travel both ways: half the difference of the two force curves is the friction."),
+        _centred_sign, elastic=False),
+    Kind("constant_force", "connection", "Constant", ("push",), _T(
+        "a constant force", "A force that does not depend on motion.",
+        "Weight of a part or a slope, a counterbalance, a preloaded cable or hose, an offset of the drive.",
+        "Hold still at several places: the holding force has the same non-zero mean everywhere.")),
+    Kind("linear_stiffness", "connection", "Stiffness", ("stiffness",), _T(
+        "a spring", "A force proportional to the displacement.",
+        "A cable or hose that is dragged along, a bellows, a flexure, magnetic attraction.",
+        "Hold still at several places: the holding force rises in a straight line with position."),
+        _centre),
+    Kind("cubic_stiffness", "connection", "CubicStiffness", ("stiffness",), _T(
+        "a spring that hardens or softens", "A force that grows with the cube of the displacement.",
+        "Flexures at large deflection, rubber, stops that come into contact gradually.",
+        "Hold still at several places: the holding force bends away from a straight line towards the ends."),
+        _centre),
+    Kind("backlash", "connection", "Backlash", ("gap",), _T(
+        "play (backlash)", "A gap in an elastic connection: within it nothing is transmitted.",
+        "Worn gears, keys, couplings, loose screws, a nut without preload.",
+        "Hold one side and move the other by hand: it moves freely for a moment. Reverse slowly and watch both sides."),
+        _spring_gap, ("centre",), one_sided=True, linear=False, needs="stiffness", elastic=True),
+    Kind("hysteresis", "connection", "Hysteresis", ("level",), _T(
+        "friction with elastic displacement (hysteresis)", "Friction that first yields like a spring, then slides.",
+        "Rolling guides and ball screws (presliding), rope strands, rubber, clamped joints.",
+        "Reverse after a very short stroke: force against position draws a closed loop."),
+        _displacements, ("x_s",), one_sided=True),
+    Kind("position_dependent_force", "connection", "PositionForce", ("bow", "wave"), _T(
+        "a force that belongs to the position", "A force that depends on position but not on direction of travel.",
+        "A rail that is not level, magnetic attraction, cable carriers, cams, an uneven counterbalance.",
+        "Move slowly both ways over the travel: the mean of the two force curves is not flat."),
+        _centred),
+    Kind("local_bump", "connection", "Bump", ("level",), _T(
+        "a tight spot", "More resistance at one place of the travel.",
+        "A rail joint, a dent, dirt, a damaged ball or race, a bent screw.",
+        "Move slowly over the place by hand or under power and watch the force; look at the rail there."),
+        _spots, ("place", "width"), one_sided=True),
+    Kind("angle_harmonic", "connection", "Harmonic", ("cosine", "sine"), _T(
+        "a force that repeats along the way", "A force with a fixed period in angle or position.",
+        "Cogging of a motor, eccentric pulleys or gears, unbalance against gravity, pitch error of a screw or rack.",
+        "Move at several speeds: the frequency of the ripple follows the speed; its period in angle stays."),
+        _orders, ("order",)),
+    Kind("added_inertia", "connection", "AddedInertia", ("inertia",), _T(
+        "inertia that is not in the model", "A resistance against acceleration.",
+        "A payload, coupling, rotor, hose or fixture that was forgotten or changed.",
+        "Accelerate harder: the extra force is proportional to the acceleration and absent at constant speed."),
+        needs="ground"),
+    Kind("slip", "connection", "Slip", ("creep",), _T(
+        "slip (creep)", "An elastic connection that gives way slowly under load.",
+        "A belt or rope that creeps over its pulley, a clamp or press fit that slides.",
+        "Mark both sides and run loaded: the marks drift apart."),
+        _spring, one_sided=True, linear=False, needs="stiffness", elastic=True),
+    Kind("sensor_offset", "sensor", "offset", ("offset",), _T(
+        "a sensor offset", "The sensor reads too much or too little by a constant.",
+        "Zero not set, temperature, mounting under stress, a homing position that moved.",
+        "Read the sensor at a state that is known (unloaded, at the reference mark).")),
+    Kind("sensor_gain", "sensor", "gain", ("gain",), _T(
+        "a sensor gain error", "The sensor reads too much or too little by a fixed share.",
+        "Wrong calibration factor, another amplifier setting, a scale in other units.",
+        "Apply two known values and compare the difference.")),
+    Kind("sensor_delay", "sensor", "delay", ("delay",), _T(
+        "a sensor delay", "The sensor's signal comes late.",
+        "Filters in the sensor or amplifier, bus cycles, channels that are sampled one after the other.",
+        "Record a sharp event on this and a direct channel together and compare the instants."),
+        one_sided=True),
+    Kind("sensor_drift", "sensor", "drift", ("drift",), _T(
+        "a sensor drift", "The sensor's reading creeps away with time.",
+        "Warming up, integrators without reset, charge amplifiers.",
+        "Leave the machine at rest and record for as long as a run takes.")),
+    Kind("input_offset", "input", "offset", ("offset",), _T(
+        "an input offset", "What reaches the machine differs from what was recorded as input by a constant.",
+        "Offset of an amplifier or analogue output, a zero that is not set.",
+        "Command zero and measure at the machine.")),
+    Kind("input_gain", "input", "gain", ("gain",), _T(
+        "an input gain error", "What reaches the machine differs from what was recorded as input by a fixed share.",
+        "Another amplifier gain, torque constant or unit than assumed.",
+        "Command two known values and measure at the machine.")),
+    Kind("input_delay", "input", "delay", ("delay",), _T(
+        "an input delay", "The machine receives the input later than it was recorded.",
+        "Bus and computing time of the controller, filters, a digital hold.",
+        "Record command and response of the amplifier together and compare the instants."),
+        one_sided=True),
+])
