@@ -9,17 +9,19 @@ from typing import Any
 import numpy as np
 
 from multibody import tables
-from multibody.component import nearest
+from multibody.component import Component, nearest
 from multibody.declare import Energy, Input, Output, Power, State
 from multibody.declare import Unknown as UnknownDeclaration
 from multibody.dynamics import accelerations
 from multibody.equation_set import Assembly, Quantity, Unknown
-from multibody.equations import Scope, method_statements, variable
+from multibody.equations import Scope, method_statements
 from multibody.errors import EquationError, ModelError
 from multibody.kinematics import Kinematics, resolve_nodes
 from multibody.model import Model, ModelInput
 from multibody.network import Network, network
 from multibody.places import places_of
+from multibody.spatial.tree import assemble_spatial
+from multibody.statements import Statement, variable
 
 __all__ = ["assemble"]
 
@@ -48,11 +50,13 @@ def assemble(
         With every fault found.
     """
     net = network(model)
-    if net.faults:
-        raise ModelError(model.name, net.faults)
     work = Assembly(model.name)
     _components(model, work)
+    if net.faults or work.faults:
+        raise ModelError(model.name, dict.fromkeys([*net.faults, *work.faults]))
     kinematics = resolve_nodes(model, net, work)
+    if net.frames or any(node.axes for node in net.nodes):
+        assemble_spatial(model, net, kinematics, work)
     work.places = places_of(model, net, kinematics)
     if probes:
         _probes(work, kinematics)
@@ -82,27 +86,44 @@ def _components(model: Model, work: Assembly) -> None:
                 _table(work, owner, item, component.tables[item.name])
         for name, state in component.of_kind(State).items():
             var = variable(owner, name)
-            work.states.append(Quantity(f"{owner}.{name}", state.unit, state.meaning, var, component.starts[name]))
-            work.derivatives[var] = variable(owner, "der", name)
+            start = component.starts.get(name, state.start)  # absent where the value given was at fault
+            work.states.append(Quantity(f"{owner}.{name}", state.unit, state.meaning, var, start))
+            work.derivatives[var] = variable(owner, "_der", name)
         for name, item in component.of_kind(UnknownDeclaration).items():
-            work.unknowns.append(Unknown(f"{owner}.{name}", variable(owner, name), variable(owner, "zero", name)))
+            work.unknowns.append(Unknown(f"{owner}.{name}", variable(owner, name), variable(owner, "_zero", name)))
             work.output(f"{owner}.{name}", item.unit, item.meaning, variable(owner, name))
         try:
-            work.statements += method_statements(scope, "equations")
+            statements = method_statements(scope, "equations")
+            work.statements += statements
+            work.faults += _without_equation(owner, component, statements)
         except EquationError as error:
-            work.faults.append(str(error))
+            work.faults += str(error).splitlines()
         hook = getattr(component, "assemble", None)
-        if hook is not None:
+        if hook is not None and not component.faults:
             hook(owner, work)
-    entries = {e.name: e for e in model.inputs.values()}
-    for entry in entries.values():
+    for entry in model.inputs.values():
         _model_input(work, entry)
+
+
+def _without_equation(owner: str, component: Component, statements: list[Statement]) -> list[str]:
+    written = {name for s in statements for name in s.writes}
+    kinds: tuple[tuple[type, str, str, str], ...] = (
+        (Output, "", "output '{0}' has no equation", "self.{0}"),
+        (State, "_der", "state '{0}' has no rate", "self.der.{0}"),
+        (UnknownDeclaration, "_zero", "unknown '{0}' has nothing that determines it", "self.zero.{0}"),
+    )
+    return [
+        f"component '{owner}' ({type(component).__name__}): {told.format(name)}: assign {remedy.format(name)}"
+        for kind, part, told, remedy in kinds
+        for name in component.of_kind(kind)
+        if variable(owner, *filter(None, (part, name))) not in written
+    ]
 
 
 def _model_input(work: Assembly, entry: ModelInput) -> None:
     """A signal from outside, with its gain error, offset and delay where the model has them."""
     used = variable("input", entry.name)
-    raw = used if entry.gain is None and entry.offset is None else f"{used}__raw"
+    raw = used if entry.gain is None and entry.offset is None else f"{used}___raw"
     work.inputs.append(Quantity(entry.name, entry.unit, "model input", raw, entry.default or 0.0))
     text = raw
     if entry.gain is not None:
@@ -122,8 +143,8 @@ def _model_input(work: Assembly, entry: ModelInput) -> None:
 def _table(work: Assembly, owner: str, item: Any, points: tuple[np.ndarray, np.ndarray]) -> None:
     x, y = points
     base = variable(owner, item.name)
-    work.constants[f"{base}__start"] = len(work.parameters)
-    work.constants[f"{base}__size"] = x.size
+    work.constants[f"{base}___start"] = len(work.parameters)
+    work.constants[f"{base}___size"] = x.size
     packed = tables.packed(x, y, item.interpolation)
     parts = (("x", item.x_unit), ("y", item.unit), ("slope", f"({item.unit or '1'})/({item.x_unit or '1'})"))
     for k, value in enumerate(packed):
@@ -161,6 +182,9 @@ def _energies(model: Model, work: Assembly, integrate: bool) -> None:
     for owner, var in work.kinetic:
         work.output(f"{owner}.kinetic_energy", "J", "kinetic energy", var)
         stored.append(var)
+    for owner, var in work.potential:
+        work.output(f"{owner}.potential_energy", "J", "potential energy in gravity", var)
+        stored.append(var)
     for name, unit, terms in (("stored", "J", stored), ("lost_power", "W", lost), ("supplied_power", "W", supplied)):
         var = f"energy__{name}"
         work.add(f"{var} = {' + '.join(terms) or '0.0'}", "energy balance")
@@ -174,7 +198,6 @@ def _energies(model: Model, work: Assembly, integrate: bool) -> None:
 
 def _show(model: Model, net: Network, work: Assembly) -> None:
     """Signals carried to inputs, and the quantities that can be looked at."""
-    written = {name for item in work.statements for name in item.writes}
     for owner, component in model.components.items():
         for name, item in component.of_kind(Input).items():
             source = net.sources.get(f"{owner}.{name}")
@@ -186,12 +209,7 @@ def _show(model: Model, net: Network, work: Assembly) -> None:
             else:
                 work.renamed[target] = variable(*model.find(source)[::2])  # type: ignore[misc, index]
         for name, item in component.of_kind(Output).items():
-            if variable(owner, name) not in written:
-                work.faults.append(f"component '{owner}': output '{name}' has no equation: assign self.{name}")
             work.output(f"{owner}.{name}", item.unit, item.meaning, variable(owner, name))
-        for name in component.of_kind(State):
-            if variable(owner, "der", name) not in written:
-                work.faults.append(f"component '{owner}': state '{name}' has no rate: assign self.der.{name}")
     for state in work.states:
         work.output(state.name, state.unit, state.meaning, state.variable)
     known = {q.name: q for q in work.outputs}

@@ -13,6 +13,7 @@ import numpy as np
 
 from multibody.differentiate import Differentiator, active_names, d
 from multibody.equation_set import Assembly
+from multibody.errors import EquationError, ModelError
 from multibody.kernels import kernel_sources, tangent_name
 from multibody.ordering import Block, Item, dependencies, ordered
 
@@ -50,10 +51,12 @@ def generate(work: Assembly) -> Source:
     """
     rates = [work.derivatives[q.variable] for q in work.states]
     shown = [q.variable for q in work.outputs]
-    rate_items = ordered(work, rates)
-    output_items = ordered(work, shown)
-    kernels, tangents = ([f"@njit(cache=True, error_model='numpy')\n{t}" for t in part]
-                         for part in kernel_sources(work.kernels))
+    try:
+        kernels, tangents = ([f"@njit(cache=True, error_model='numpy')\n{t}" for t in part]
+                             for part in kernel_sources(work.kernels, work.statements))
+    except EquationError as error:
+        raise ModelError(work.name, str(error).splitlines()) from error
+    rate_items, output_items = ordered(work, rates, shown)
     texts = {
         "rhs": _function(work, "rhs", "dx", rate_items, rates, tangent=False),
         "outputs": _function(work, "outputs", "y", output_items, shown, tangent=False),
@@ -61,7 +64,7 @@ def generate(work: Assembly) -> Source:
         "outputs_tangent": _function(work, "outputs_tangent", "out", output_items, shown, tangent=True),
     }
     texts = {
-        name: "\n\n".join([_HEADER, *kernels, *(tangents if name.endswith("tangent") else ()), body]) + "\n"
+        name: "\n\n".join([_HEADER, *kernels, *(tangents if "_tangent(" in body else ()), body]) + "\n"
         for name, body in texts.items()
     }
     deps = dependencies(rate_items, [q.variable for q in work.states])
@@ -93,7 +96,7 @@ def _function(work: Assembly, name: str, result: str, items: list[Item], wanted:
         if isinstance(item, Block):
             lines += _block_lines(item, active if tangent else None)
         else:
-            lines.append(f"# {item.origin}")
+            lines.append(f"# {item.origin.partition(', ')[0]}")
             body = writer.statements(item.nodes) if tangent else item.nodes
             lines += [line for node in body for line in ast.unparse(node).splitlines()]
     for k, var in enumerate(wanted):

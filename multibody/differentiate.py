@@ -20,7 +20,7 @@ Kernel = Callable[[str], str]
 
 def d(name: str) -> str:
     """Return the name of the tangent of a name."""
-    return f"d_{name}"
+    return f"_d_{name}"
 
 
 def _name(text: str) -> ast.Name:
@@ -168,7 +168,7 @@ class Differentiator:
         return [*pre, ast.Assign([ast.Tuple(elements, ast.Store())], call)]
 
     def _temporary(self) -> str:
-        return f"w{next(self._count)}"
+        return f"_w{next(self._count)}"
 
     def _hold(self, pre: list[ast.stmt], value: Expr) -> Expr:
         """Keep a value under a name of its own, unless it already has one."""

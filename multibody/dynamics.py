@@ -94,7 +94,7 @@ def accelerations(work: Assembly) -> None:
         _collect(part, matrix, force)
     massless = {c.key for c in work.coordinates if c.kind == "free" and (c.key, c.key) not in matrix}
     for c in work.coordinates:
-        work.add(f"{c.key}__F = {total(force[c.key])}", c.name)
+        work.add(f"{c.key}___F = {total(force[c.key])}", c.name)
     for (i, j), terms in matrix.items():
         if i <= j:
             work.add(f"{_entry(i, j)} = {total(terms)}", f"mass of {i}")
@@ -104,17 +104,17 @@ def accelerations(work: Assembly) -> None:
         members = [c for c in free if c.key in block]
         right = []
         for c in members:
-            terms = [f"{c.key}__F"]
+            terms = [f"{c.key}___F"]
             terms += [f"-{_entry(c.key, g.key)} * {g.acceleration}" for g in given if (c.key, g.key) in matrix]
             right.append(" + ".join(terms))
         _solve(work, members, right, matrix)
     for g in given:
         if g.reaction:
             inertia = [f"{_entry(g.key, c.key)} * {c.acceleration}" for c in (*free, *given) if (g.key, c.key) in matrix]
-            work.add(f"{g.reaction} = {total(inertia)} - {g.key}__F", g.name)
+            work.add(f"{g.reaction} = {total(inertia)} - {g.key}___F", g.name)
     for c in work.coordinates:
         if c.key in massless:  # no mass: the speed is what makes the forces balance
-            work.unknowns.append(Unknown(c.name, c.velocity, f"{c.key}__F"))
+            work.unknowns.append(Unknown(c.name, c.velocity, f"{c.key}___F"))
 
 
 def _collect(part: Contribution, matrix: dict[tuple[str, str], list[str]], force: dict[str, list[str]]) -> None:
@@ -134,7 +134,7 @@ def _collect(part: Contribution, matrix: dict[tuple[str, str], list[str]], force
 
 
 def _entry(i: str, j: str) -> str:
-    return f"M__{min(i, j)}__{max(i, j)}"
+    return f"_M__{min(i, j)}___{max(i, j)}"
 
 
 def _blocks(keys: list[str], matrix: dict[tuple[str, str], list[str]]) -> list[set[str]]:
@@ -156,12 +156,12 @@ def _solve(work: Assembly, members: list[Coordinate], right: list[str], matrix: 
     origin = ", ".join(c.name for c in members)
     if len(members) == 1:
         c = members[0]
-        top = right[0] if right[0] == f"{c.key}__F" else f"({right[0]})"
+        top = right[0] if right[0] == f"{c.key}___F" else f"({right[0]})"
         work.add(f"{c.acceleration} = {top} / {_entry(c.key, c.key)}", origin)
         return
     n = len(members)
     keys = [c.key for c in members]
-    base = f"S__{keys[0]}"
+    base = f"_S__{keys[0]}_"
     present = [[(keys[i], keys[j]) in matrix for j in range(n)] for i in range(n)]
     low = [[False] * n for _ in range(n)]
     for i in range(n):

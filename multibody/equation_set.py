@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from multibody.equations import Statement, names_read, names_written, variable
+from multibody.statements import Statement, variable
 
 if TYPE_CHECKING:
     from multibody.dynamics import Contribution, Coordinate
@@ -62,6 +62,7 @@ class Assembly:
     renamed: dict[str, str] = field(default_factory=dict)
     input_delays: dict[str, str] = field(default_factory=dict)
     kinetic: list[tuple[str, str]] = field(default_factory=list)
+    potential: list[tuple[str, str]] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
 
     def add(self, text: str, origin: str) -> None:
@@ -81,5 +82,4 @@ class Assembly:
 
 def statement(text: str, origin: str) -> Statement:
     """Return one assignment, given as text, as a statement."""
-    node = ast.parse(text).body[0]
-    return Statement([node], names_read(node), names_written(node), origin)
+    return Statement.of([ast.parse(text).body[0]], origin)

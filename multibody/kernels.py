@@ -5,16 +5,20 @@ from __future__ import annotations
 import ast
 import inspect
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from multibody import tables
 from multibody.component import Component
-from multibody.differentiate import Differentiator, active_names
-from multibody.equations import Rewriter, Scope, names_written, parse_function
+from multibody.differentiate import Differentiator, active_names, d
+from multibody.equations import Scope, parse_function
 from multibody.errors import EquationError
+from multibody.rewriter import Rewriter
+from multibody.statements import Statement, flow, names_written
 
 __all__ = ["kernel_sources", "tangent_name"]
+
+Kernels = dict[str, Callable[..., Any]]
 
 
 def tangent_name(kernel: str) -> str:
@@ -25,10 +29,15 @@ def tangent_name(kernel: str) -> str:
 class _KernelRewriter(Rewriter):
     """As for equations, but names stay local and the function returns."""
 
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        if node.id in self.locals:
-            return ast.Name(node.id, node.ctx)
-        return super().visit_Name(node)
+    def where(self, node: ast.AST) -> str:
+        line = self.first_line + getattr(node, "lineno", 1) - 1
+        return f"function {self.scope.name} ({self.file}:{line})"
+
+    def local_name(self, node: ast.Name) -> str:
+        super().local_name(node)
+        if node.id.startswith("_") and node.id != "_":
+            raise self.refuse(node, f"'{node.id}' begins with an underscore: give the variable another name")
+        return node.id
 
     def visit_Return(self, node: ast.Return) -> ast.stmt:
         if node.value is None:
@@ -36,42 +45,79 @@ class _KernelRewriter(Rewriter):
         return ast.Return(self.visit(node.value))
 
 
-def _plain(name: str, function: Callable[..., Any], scope: Scope) -> ast.FunctionDef:
+def _plain(name: str, function: Callable[..., Any], kernels: Kernels) -> ast.FunctionDef:
     node, file, first = parse_function(function)
+    scope = Scope(node.name, Component(), kernels)
     arguments = [a.arg for a in node.args.args]
-    if node.args.vararg or node.args.kwonlyargs or node.args.kwarg or node.args.defaults:
-        raise EquationError(f"{file}:{first}: '{node.name}' takes plain positional arguments only")
+    if node.args.vararg or node.args.kwonlyargs or node.args.kwarg or node.args.defaults or node.args.posonlyargs:
+        raise EquationError(f"function {node.name} ({file}:{first}) takes plain positional arguments only")
     rewriter = _KernelRewriter(scope, function, names_written(node) | set(arguments), file, first)
-    body: list[ast.stmt] = []
-    for item in node.body:
-        out = rewriter.visit(item)
-        body += out if isinstance(out, list) else [out] if out is not None else []
+    for argument in node.args.args:
+        rewriter.local_name(ast.copy_location(ast.Name(argument.arg, ast.Load()), argument))
+    body = [out for item in node.body for out in rewriter.statement(item)]
+    where = f"function {node.name} ({file}:{first})"
+    found = flow(body)
+    if not found.returns:
+        raise EquationError(f"{where} must return on every path")
+    if unset := sorted(found.reads - set(arguments)):
+        raise EquationError(f"{where}: '{unset[0]}' may be used before it has a value: assign it in every branch")
     args = ast.arguments([], [ast.arg(a) for a in arguments], None, [], [], None, [])
-    return ast.FunctionDef(name, args, body, [], type_params=[])
+    out = ast.FunctionDef(name, args, body, [], type_params=[])  # type: ignore[call-arg]
+    if len(set(_returned(out))) > 1:
+        raise EquationError(f"{where} must return the same number of values everywhere")
+    return out
+
+
+def _returned(node: ast.FunctionDef) -> list[int]:
+    """Return how many values each return statement gives."""
+    values = [n.value for n in ast.walk(node) if isinstance(n, ast.Return)]
+    return [len(v.elts) if isinstance(v, ast.Tuple) else 1 for v in values]
+
+
+def _check_calls(nodes: Iterable[ast.stmt], counts: dict[str, int], where: str) -> None:
+    """Refuse calls whose number of results is not the number of names that take them."""
+    for node in nodes:
+        unpacked = {
+            id(n.value): len(n.targets[0].elts)
+            for n in ast.walk(node)
+            if isinstance(n, ast.Assign) and isinstance(n.targets[0], ast.Tuple)
+        }
+        for call in ast.walk(node):
+            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
+                gives, takes = counts.get(call.func.id, 1), unpacked.get(id(call), 1)
+                if gives != takes:
+                    raise EquationError(f"{where}: '{call.func.id}' returns {gives} values, taken by {takes} names")
 
 
 def _tangent(node: ast.FunctionDef) -> ast.FunctionDef:
     arguments = [a.arg for a in node.args.args]
     active = active_names(node.body, set(arguments))
     body = Differentiator(active, tangent_name).statements(node.body)
-    args = ast.arguments([], [ast.arg(a) for a in (*arguments, *(f"d_{a}" for a in arguments))], None, [], [], None, [])
-    return ast.FunctionDef(tangent_name(node.name), args, body, [], type_params=[])
+    both = [ast.arg(a) for a in (*arguments, *map(d, arguments))]
+    args = ast.arguments([], both, None, [], [], None, [])
+    return ast.FunctionDef(tangent_name(node.name), args, body, [], type_params=[])  # type: ignore[call-arg]
 
 
 def _raw(name: str, function: Callable[..., Any]) -> str:
-    text = textwrap.dedent(inspect.getsource(function))
-    return text.replace(f"def {function.__name__}(", f"def {name}(", 1).replace("interval(", "k_tables_interval(")
+    text = textwrap.dedent(inspect.getsource(function)).replace("interval(", "k_tables_interval(")
+    return text.replace(f"def {function.__name__}(", f"def {name}(", 1)
 
 
-def kernel_sources(kernels: dict[str, Callable[..., Any]]) -> tuple[list[str], list[str]]:
+def kernel_sources(kernels: Kernels, statements: Iterable[Statement] = ()) -> tuple[list[str], list[str]]:
     """Return the texts of kernels and of their tangents, each before the ones that call it.
 
     Parameters
     ----------
     kernels : dict
         Functions by the names under which the equations call them.
+    statements : iterable of Statement
+        Statements whose calls are checked.
+
+    Raises
+    ------
+    EquationError
+        If a function steps outside the subset, calls itself, or is used with a wrong number of values.
     """
-    plain: dict[str, ast.FunctionDef] = {}
     texts: list[str] = []
     tangents: list[str] = []
     table_kernels = {n: f for n, f in kernels.items() if f in tables.TANGENTS}
@@ -80,26 +126,30 @@ def kernel_sources(kernels: dict[str, Callable[..., Any]]) -> tuple[list[str], l
     for name, function in sorted(table_kernels.items()):
         texts.append(_raw(name, function))
         tangents.append(_raw(tangent_name(name), tables.TANGENTS[function]))
-    pending = {n: f for n, f in kernels.items() if n not in table_kernels}
-    calls: dict[str, set[str]] = {}
-    while pending:
-        name, function = pending.popitem()
-        scope = Scope(name, Component())
-        plain[name] = _plain(name, function, scope)
-        calls[name] = set(scope.kernels)
-        pending.update({n: f for n, f in scope.kernels.items() if n not in plain})
+    known = dict(kernels)
+    plain: dict[str, ast.FunctionDef] = {}
+    while pending := [n for n in known if n not in plain and n not in table_kernels]:
+        for name in pending:
+            plain[name] = _plain(name, known[name], known)
+    counts = {name: _returned(node)[0] for name, node in plain.items()}
+    for name, node in plain.items():
+        _check_calls(node.body, counts, f"function {name}")
+    for statement in statements:
+        _check_calls(statement.nodes, counts, statement.origin)
     done: set[str] = set()
 
     def emit(name: str, above: tuple[str, ...]) -> None:
         if name in above:
-            raise EquationError(f"functions called by equations may not call each other in a circle: {name}")
-        if name in done or name not in plain:
+            circle = " → ".join([*above[above.index(name):], name])
+            raise EquationError(f"functions called by equations may not call each other in a circle: {circle}")
+        if name in done:
             return
-        for inner in sorted(calls[name]):
+        node = plain[name]
+        called = {n.func.id for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
+        for inner in sorted(called & plain.keys()):
             emit(inner, (*above, name))
         done.add(name)
-        node = ast.fix_missing_locations(plain[name])
-        texts.append(ast.unparse(node))
+        texts.append(ast.unparse(ast.fix_missing_locations(node)))
         tangents.append(ast.unparse(ast.fix_missing_locations(_tangent(node))))
 
     for name in sorted(plain):

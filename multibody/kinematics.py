@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 from multibody.declare import Pin, Port
 from multibody.dynamics import Contribution, Coordinate, total
 from multibody.equation_set import Assembly, Quantity, Unknown
-from multibody.equations import variable
-from multibody.transmissions import directed, follow
+from multibody.statements import variable
+from multibody.transmissions import Coupling, directed, follow
 
 if TYPE_CHECKING:
     from multibody.model import Model
     from multibody.network import Network, Node, PortOf
 
-__all__ = ["Kinematics", "resolve_nodes"]
+__all__ = ["Kinematics", "owner_rank", "resolve_nodes"]
 
 
 @dataclass
@@ -40,6 +40,7 @@ class Kinematics:
         self.motions: dict[int, _Motion] = {}
         self.drives: dict[int, set[int]] = {}
         self._massless: set[int] = set()
+        self.couplings: list[Coupling] = []
 
     def of(self, node: Node) -> _Motion:
         """Return a node's motion."""
@@ -56,7 +57,7 @@ class Kinematics:
 
     def reaches_inertia(self, node: Node) -> bool:
         """Tell whether a node has inertia, itself or through what it drives."""
-        if node.inertial:
+        if node.inertial or node.axes:
             return True
         driven = [n for n in self.net.nodes if id(n) in self.drives.get(id(node), ())]
         return any(self.reaches_inertia(n) for n in driven)
@@ -78,26 +79,49 @@ class Kinematics:
             flows = [f for f in flows if f in written]
             if node.domain == Pin.domain:
                 base = variable(node.label.owner, node.label.port_name)
-                work.add(f"{base}__sum = {total(flows)}", node.label.name)
+                work.add(f"{base}___sum = {total(flows)}", node.label.name)
                 if node.label.prescribed:
-                    work.add(f"{base}__reaction = {base}__sum", node.label.name)
+                    work.add(f"{base}__reaction = {base}___sum", node.label.name)
                 elif not node.grounded:
-                    work.unknowns.append(Unknown(f"{node.label.name}.voltage", f"{base}__voltage", f"{base}__sum"))
+                    work.unknowns.append(Unknown(f"{node.label.name}.voltage", f"{base}__voltage", f"{base}___sum"))
                 continue
             motion = self.of(node)
             terms = flows + motion.pushes
             if not motion.factors:
                 continue
-            work.add(f"{motion.base}__net = {total(terms)}", node.label.name)
+            work.add(f"{motion.base}___net = {total(terms)}", node.label.name)
             inertia = [variable(p.owner, p.inertia or "") for p in node.inertial]
             work.contributions.append(Contribution(
                 node.label.owner, (motion.factors,),
                 {(0, 0): f"({total(inertia)})" if len(inertia) > 1 else inertia[0]} if inertia else {},
-                (motion.bias,), (f"{motion.base}__net",)))
+                (motion.bias,), (f"{motion.base}___net",)))
             for p in node.inertial:
-                var = f"{variable(p.owner, p.port_name)}__kinetic"
+                var = f"{variable(p.owner, p.port_name)}___kinetic"
                 work.add(f"{var} = 0.5 * {variable(p.owner, p.inertia or '')} * {self.motion(node, 1)} ** 2", p.owner)
                 work.kinetic.append((p.owner, var))
+        self._transmitted(work, written)
+
+    def _transmitted(self, work: Assembly, written: set[str]) -> None:
+        """State what every transmission exerts on its ports, as ``<owner>.<port>.reaction``.
+
+        On the side that follows it is what Newton's law there leaves over; the other sides get −J times it, because
+        an ideal transmission takes as much power as it gives.
+        """
+        given_back: dict[int, list[str]] = {}
+        for coupling in reversed(self.couplings):  # what follows this target is known before it
+            node = self.net.node_of[coupling.target]
+            port = type(node.label.port)
+            flows = [variable(p.owner, p.port_name, port.flow) for p in node.ports]
+            terms = [f for f in flows if f in written] + self.of(node).pushes + given_back.get(id(node), [])
+            needed = [f"{variable(p.owner, p.inertia or '')} * {self.motion(node, 2)}" for p in node.inertial]
+            needed += [f"{variable(p.owner, p.port_name)}___needed" for p in node.axes]
+            reaction = variable(*coupling.target.rpartition(".")[::2], "reaction")
+            work.add(f"{reaction} = {total(needed)} - ({total(terms)})", coupling.owner)
+            for i, source in enumerate(coupling.sources):
+                back = variable(*source.rpartition(".")[::2], "reaction")
+                slope = f"{variable(coupling.owner)}___J{i}"
+                work.add(f"{back} = -{slope} * {reaction}", coupling.owner)
+                given_back.setdefault(id(self.net.node_of[source]), []).append(back)
 
 
 def resolve_nodes(model: Model, net: Network, work: Assembly) -> Kinematics:
@@ -120,6 +144,7 @@ def resolve_nodes(model: Model, net: Network, work: Assembly) -> Kinematics:
         elif node.grounded:
             work.add(f"{base}__voltage = 0.0", "ground")
     couplings = directed(model, net, work)
+    kin.couplings = couplings
     followers = {id(net.node_of[c.target]) for c in couplings}
     for c in couplings:
         for source in c.sources:
@@ -131,11 +156,12 @@ def resolve_nodes(model: Model, net: Network, work: Assembly) -> Kinematics:
     for coupling in couplings:
         follow(kin, net, coupling, work)
         _show_motion(kin, net.node_of[coupling.target], work, skip=None)
-    work.states.sort(key=lambda q: _owner_rank(q.name, order))
+    work.states.sort(key=lambda q: owner_rank(q.name, order))
     return kin
 
 
-def _owner_rank(name: str, order: list[str]) -> int:
+def owner_rank(name: str, order: list[str]) -> int:
+    """Return the place of a quantity's component among the components, or their number when it has none."""
     owners = [k for k, owner in enumerate(order) if name.startswith(owner + ".")]
     return max(owners, key=lambda k: len(order[k])) if owners else len(order)
 
@@ -168,17 +194,29 @@ def _leader(kin: Kinematics, node: Node, work: Assembly) -> None:
     starts = label.component.starts if label.inertia else {}
     names = [_start_name(label, what) if label.inertia else f"{label.port_name}.{what}" for what in (port.potential, port.rate)]
     massless = not kin.reaches_inertia(node)
-    for name, what, var in zip(names, (port.potential, port.rate), (position, rate), strict=True):
+    named = zip(_state_names(label), (port.potential, port.rate), (position, rate), strict=True)
+    for (name, start), what, var in named:
         if what == port.rate and massless:
             continue
         work.states.append(
-            Quantity(f"{label.owner}.{name}", port.units[what], what, var, starts.get(name, 0.0)))
+            Quantity(f"{label.owner}.{name}", port.units[what], what, var, start))
     work.derivatives[position] = rate
     if massless:
         kin._massless.add(id(node))
     else:
         work.derivatives[rate] = acceleration
     _show_motion(kin, node, work, skip=label if label.inertia else None)
+
+
+def _state_names(port: PortOf) -> list[tuple[str, float]]:
+    """Names and start values of the two states of an independent node."""
+    if port.coordinate:
+        return list(port.component.coordinate_states(port.coordinate))  # type: ignore[attr-defined]
+    kind = type(port.port)
+    if not port.inertia:
+        return [(f"{port.port_name}.{what}", 0.0) for what in (kind.potential, kind.rate)]
+    names = [_start_name(port, what) for what in (kind.potential, kind.rate)]
+    return [(name, port.component.starts.get(name, 0.0)) for name in names]
 
 
 def _start_name(port: PortOf, what: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 __all__ = ["Endpoint", "Model", "ModelInput", "Part"]
 
 GROUND = "ground"
-_NAME = re.compile(r"[A-Za-z]\w*(\.[A-Za-z]\w*)*\Z")
 
 
 class Endpoint(str):
@@ -108,11 +106,15 @@ class Model:
     def add(self, name: str, component: Component) -> Part:
         """Add a component under a name and return it as a `Part` whose attributes can be connected."""
         graph = self._graph
+        name = str(name)
         if not isinstance(component, Component):
-            graph.faults.append(f"'{name}' is a {type(component).__name__}, not a component: add an instance of a Component class")
+            told = f"the class {component.__name__}" if isinstance(component, type) else f"a {type(component).__name__}"
+            graph.faults.append(f"'{name}' is {told}, not a component: add an instance of a Component class")
             component = Component()
-        elif not _NAME.match(name) or name == GROUND:
-            graph.faults.append(f"'{name}' cannot name a component: use letters, digits and dots, not '{GROUND}'")
+        elif not hasattr(component, "values"):
+            kind = type(component).__name__
+            graph.faults.append(f"component '{name}': {kind}.__init__ must call super().__init__(**values)")
+            component = Component()
         elif name in graph.components:
             graph.faults.append(f"the name '{name}' is used twice: give each component its own name")
         else:

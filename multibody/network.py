@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from multibody.component import Component, nearest
+from multibody.declaration_checks import declaration_faults, name_fault
 from multibody.declare import Frame, Input, Output, Pin, Port, Rotation, Translation
 from multibody.model import GROUND, Model
 from multibody.units import same_dimension
 
 __all__ = ["Network", "Node", "PortOf", "network"]
+
+RESERVED = frozenset((GROUND, "energy", "input", "place", "probe"))
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,11 @@ class PortOf:
     def inertia(self) -> str | None:
         """Name of the parameter that gives the port inertia."""
         return getattr(self.port, "inertia", None)
+
+    @property
+    def coordinate(self) -> str | None:
+        """Name of the free motion of a rigid body that the port is."""
+        return getattr(self.port, "coordinate", None)
 
     @property
     def prescribed(self) -> bool:
@@ -53,8 +61,8 @@ class Node:
 
     @property
     def label(self) -> PortOf:
-        """The port that gives the node its name: the first with inertia, else the first that prescribes, else the first."""
-        for wanted in ("inertia", "prescribed"):
+        """The port that names the node: the first that is a body's axis, has inertia, prescribes, or the first."""
+        for wanted in ("coordinate", "inertia", "prescribed"):
             for port in self.ports:
                 if getattr(port, wanted):
                     return port
@@ -65,6 +73,11 @@ class Node:
         """Ports with inertia."""
         return [p for p in self.ports if p.inertia]
 
+    @property
+    def axes(self) -> list[PortOf]:
+        """Ports that are a free motion of a rigid body."""
+        return [p for p in self.ports if p.coordinate]
+
 
 @dataclass
 class Network:
@@ -72,6 +85,7 @@ class Network:
 
     nodes: list[Node] = field(default_factory=list)
     node_of: dict[str, Node] = field(default_factory=dict)
+    frames: list[Node] = field(default_factory=list)
     sources: dict[str, str] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
 
@@ -82,7 +96,9 @@ def network(model: Model) -> Network:
     if not model.components:
         net.faults.append("the model has no components: add some with model.add(name, component)")
     for name, component in model.components.items():
-        net.faults += [f"component '{name}': {fault}" for fault in component.faults]
+        told = [*declaration_faults(component), *component.faults]
+        net.faults += [f"component '{name}' ({type(component).__name__}): {fault}" for fault in told]
+    net.faults += _name_faults(model)
     links: dict[str, set[str]] = {}
     ports: dict[str, PortOf] = {}
     for owner, component in model.components.items():
@@ -96,13 +112,36 @@ def network(model: Model) -> Network:
     _signals(model, net)
     _nodes(ports, links, net)
     for name, reference in ports.items():
-        free_alone = reference.inertia or isinstance(reference.port, Frame)
+        held = isinstance(reference.port, Frame) and (reference.port.parent or reference.port.offset is not None)
+        free_alone = reference.inertia or reference.coordinate or held
         if name not in touched and not free_alone:
             noun = f"{reference.port.domain} port '{name}' ({reference.port.meaning or type(reference.component).__name__})"
             net.faults.append(f"{noun} is not connected: connect it to another port or to the ground")
     for node in net.nodes:
         _overconstrained(node, net)
     return net
+
+
+def _name_faults(model: Model) -> list[str]:
+    """Return names that cannot stand beside each other, because two quantities would have the same full name."""
+    faults = []
+    for what, names in (("component", model.components), ("model input", model.inputs)):
+        for name in names:
+            why = next((why for word in name.split(".") if (why := name_fault(word))), None)
+            if why:
+                faults.append(f"'{name}' cannot be the name of a {what}: {why}, dots between words")
+    for name in model.components:
+        first = name.partition(".")[0]
+        if first in RESERVED:
+            faults.append(f"component '{name}': '{first}' is the model's own name for something else: rename it")
+        owner, _, rest = name.rpartition(".")
+        while owner:
+            head = rest.partition(".")[0]
+            if owner in model.components and head in model.components[owner].declarations:
+                faults.append(f"component '{name}' has the same name as '{head}' of component '{owner}': rename one")
+            owner, _, before = owner.rpartition(".")
+            rest = f"{before}.{rest}"
+    return faults
 
 
 def _connection(
@@ -215,7 +254,7 @@ def _signals(model: Model, net: Network) -> None:
 def _nodes(ports: dict[str, PortOf], links: dict[str, set[str]], net: Network) -> None:
     seen: set[str] = set()
     for name, reference in ports.items():
-        if name in seen or isinstance(reference.port, Frame):
+        if name in seen:
             continue
         node = Node(reference.port.domain)
         stack, members = [name], []
@@ -233,7 +272,7 @@ def _nodes(ports: dict[str, PortOf], links: dict[str, set[str]], net: Network) -
         node.ports = [ports[e] for e in sorted(members, key=order.index)]
         for end in members:
             net.node_of[end] = node
-        net.nodes.append(node)
+        (net.frames if node.domain == Frame.domain else net.nodes).append(node)
 
 
 def _overconstrained(node: Node, net: Network) -> None:

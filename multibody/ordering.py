@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from multibody.differentiate import Differentiator, active_names, d
 from multibody.equation_set import Assembly, Unknown
-from multibody.equations import Statement, names_read
 from multibody.errors import ModelError
 from multibody.kernels import tangent_name
+from multibody.statements import Statement, copied, names_read, readable
 
 __all__ = ["Block", "dependencies", "ordered"]
 
@@ -42,24 +42,40 @@ class Block:
 Item = Statement | Block
 
 
-def ordered(work: Assembly, wanted: Iterable[str]) -> list[Item]:
-    """Return the statements needed for some variables, each after what it reads.
+def ordered(work: Assembly, *wanted: Iterable[str]) -> list[list[Item]]:
+    """Return for each group of variables the statements that it needs, each after what it reads.
 
     Raises
     ------
     ModelError
-        If a variable has no equation, an unknown has none that it influences, or equations chase each other in an
-        algebraic loop.
+        If a variable has no equation or two, an unknown has none that it influences, or equations chase each other
+        in an algebraic loop.
     """
-    sources = {q.variable for group in (work.states, work.inputs, work.parameters) for q in group}
-    sources |= {*work.constants, "t", "p"}
-    pseudo = {u.variable: u for u in work.unknowns}
+    faults: list[str] = []
     entries: list[Statement | Unknown] = [*work.statements, *work.unknowns]
     writer: dict[str, int] = {}
     for k, entry in enumerate(entries):
-        for name in [entry.variable] if isinstance(entry, Unknown) else entry.writes:
-            writer.setdefault(name, k)
-    faults: list[str] = []
+        for name in sorted({entry.variable} if isinstance(entry, Unknown) else entry.writes):
+            if name in writer:
+                both = " and ".join(_origin(entries[i]) for i in (writer[name], k))
+                faults.append(f"'{readable(name)}' is given twice, by {both}: keep one of the two")
+            writer[name] = k
+    groups = [_order(work, names, entries, writer, faults) for names in wanted]
+    if faults:
+        raise ModelError(work.name, dict.fromkeys(faults))
+    return groups
+
+
+def _origin(entry: Statement | Unknown) -> str:
+    return entry.name if isinstance(entry, Unknown) else entry.origin
+
+
+def _order(
+    work: Assembly, wanted: Iterable[str], entries: list[Statement | Unknown], writer: dict[str, int], faults: list[str]
+) -> list[Item]:
+    sources = {q.variable for group in (work.states, work.inputs, work.parameters) for q in group}
+    sources |= {*work.constants, "t", "p"}
+    pseudo = {u.variable for u in work.unknowns}
     reads: dict[int, list[int]] = {}
     stack = [(name, "the model") for name in wanted]
     while stack:
@@ -67,18 +83,15 @@ def ordered(work: Assembly, wanted: Iterable[str]) -> list[Item]:
         if name in sources:
             continue
         if name not in writer:
-            faults.append(f"nothing determines '{name.replace('__', '.')}', which {reader} reads: give it an equation")
+            faults.append(f"nothing determines '{readable(name)}', which {reader} reads{_remedy(name)}")
             continue
         k = writer[name]
         if k in reads:
             continue
         entry = entries[k]
         needed = {entry.residual} if isinstance(entry, Unknown) else entry.reads
-        origin = entry.name if isinstance(entry, Unknown) else entry.origin
-        stack += [(n, origin) for n in needed]
+        stack += [(n, _origin(entry)) for n in sorted(needed)]
         reads[k] = sorted({writer[n] for n in needed if n in writer and n not in sources})
-    if faults:
-        raise ModelError(work.name, dict.fromkeys(faults))
     items: list[Item] = []
     for group in _components(reads):
         if len(group) == 1 and group[0] not in reads[group[0]]:
@@ -90,14 +103,20 @@ def ordered(work: Assembly, wanted: Iterable[str]) -> list[Item]:
             continue
         unknowns = [e for e in (entries[k] for k in group) if isinstance(e, Unknown)]
         statements = [e for e in (entries[k] for k in sorted(group)) if isinstance(e, Statement)]
-        inner = _inner_order(statements, set(pseudo))
+        inner = _inner_order(statements, pseudo)
         if not unknowns or inner is None:
             faults.append(_loop(statements))
         else:
             items.append(_block(unknowns, inner))
-    if faults:
-        raise ModelError(work.name, faults)
     return items
+
+
+def _remedy(name: str) -> str:
+    if name.endswith("__acceleration"):
+        return ": where nothing has mass there is no acceleration, so add a Mass or Inertia there"
+    if name.endswith("__reaction"):
+        return ": only a port that prescribes its motion, or a transmission's, has a reaction"
+    return ": give it an equation"
 
 
 def _undetermined(unknown: Unknown) -> str:
@@ -136,16 +155,12 @@ def _block(unknowns: list[Unknown], statements: list[Statement]) -> Block:
     nodes = [n for s in statements for n in s.nodes]
     seeds = {u.variable for u in unknowns}
     active = active_names(nodes, seeds)
-    derived = Differentiator(active, tangent_name).statements([_copy(n) for n in nodes])
+    derived = Differentiator(active, tangent_name).statements([copied(n) for n in nodes])
     bent = active_names(derived, seeds)
     branching = any(
         isinstance(n, ast.If | ast.IfExp) and names_read(n.test) & active for s in derived for n in ast.walk(s))
     affine = not branching and not any(d(u.residual) in bent for u in unknowns)
     return Block(unknowns, statements, affine)
-
-
-def _copy(node: ast.stmt) -> ast.stmt:
-    return ast.parse(ast.unparse(node)).body[0]
 
 
 def _components(reads: dict[int, list[int]]) -> list[list[int]]:

@@ -108,7 +108,8 @@ def pchip_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     w1, w2 = 2 * width[1:] + width[:-1], width[1:] + 2 * width[:-1]
     same_sign = secant[:-1] * secant[1:] > 0
     safe = np.where(secant == 0, 1.0, secant)
-    harmonic = (w1 + w2) / (w1 / safe[:-1] + w2 / safe[1:])
+    inverse = np.where(same_sign, w1 / safe[:-1] + w2 / safe[1:], 1.0)
+    harmonic = (w1 + w2) / inverse
     slopes = np.zeros_like(y)
     slopes[1:-1] = np.where(same_sign, harmonic, 0.0)
     slopes[0] = _end_slope(width[0], width[1], secant[0], secant[1])

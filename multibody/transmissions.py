@@ -10,9 +10,10 @@ from multibody.declare import Port
 from multibody.differentiate import Differentiator, active_names, d
 from multibody.dynamics import product, total
 from multibody.equation_set import Assembly
-from multibody.equations import Scope, Statement, method_statements, names_read, names_written, variable
+from multibody.equations import Scope, method_statements
 from multibody.errors import EquationError
 from multibody.kernels import tangent_name
+from multibody.statements import Statement, copied, names_written, variable
 
 if TYPE_CHECKING:
     from multibody.kinematics import Kinematics
@@ -116,11 +117,11 @@ def follow(kin: Kinematics, net: Network, coupling: Coupling, work: Assembly) ->
     bias: list[str] = []
     factors: dict[str, list[str]] = {}
     for i, (source, leader) in enumerate(zip(sources, leaders, strict=True)):
-        slope = f"{variable(coupling.owner)}__J{i}"
+        slope = f"{variable(coupling.owner)}___J{i}"
         derived = _slope(nodes, target, source, slope)
         if derived is None:
             continue
-        work.statements.append(_compound(derived, coupling.owner))
+        work.statements.append(Statement.of(derived, coupling.owner))
         rate.append(f"{slope} * {kin.motion(leader, 1)}")
         for key, factor in kin.of(leader).factors.items():
             factors.setdefault(key, []).append(product(slope, factor))
@@ -129,15 +130,15 @@ def follow(kin: Kinematics, net: Network, coupling: Coupling, work: Assembly) ->
         for j, (other, mover) in enumerate(zip(sources, leaders, strict=True)):
             bent = _slope(derived, slope, other, f"{slope}_{j}")
             if bent is not None:
-                work.statements.append(_compound(bent, coupling.owner))
+                work.statements.append(Statement.of(bent, coupling.owner))
                 bias.append(f"{slope}_{j} * {kin.motion(mover, 1)} * {kin.motion(leader, 1)}")
     for key, terms in factors.items():
-        var = f"{motion.base}__J__{key}"
+        var = f"{motion.base}___J__{key}"
         work.add(f"{var} = {total(terms)}", coupling.owner)
         motion.factors[key] = var
     work.add(f"{motion.base}__{port.rate} = {total(rate)}", coupling.owner)
     if bias:
-        motion.bias = f"{motion.base}__bias"
+        motion.bias = f"{motion.base}___bias"
         work.add(f"{motion.bias} = {total(bias)}", coupling.owner)
     known = {c.key: c.acceleration for c in work.coordinates}
     terms = [f"{var} * {known[key]}" for key, var in motion.factors.items()] + ([motion.bias] if motion.bias else [])
@@ -154,7 +155,7 @@ def _slope(nodes: list[ast.stmt], target: str, source: str, result: str) -> list
     active = active_names(nodes, {source})
     if target not in active:
         return None
-    derived = Differentiator(active, tangent_name).statements([_copy(n) for n in nodes])
+    derived = Differentiator(active, tangent_name).statements([copied(n) for n in nodes])
     own = {n for s in derived for n in names_written(s)}
 
     class Put(ast.NodeTransformer):
@@ -167,12 +168,3 @@ def _slope(nodes: list[ast.stmt], target: str, source: str, result: str) -> list
 
     return [Put().visit(s) for s in derived]
 
-
-def _copy(node: ast.stmt) -> ast.stmt:
-    return ast.parse(ast.unparse(node)).body[0]
-
-
-def _compound(nodes: list[ast.stmt], origin: str) -> Statement:
-    writes = {n for s in nodes for n in names_written(s)}
-    reads = {n for s in nodes for n in names_read(s)} - writes
-    return Statement(nodes, reads, writes, origin)
