@@ -21,7 +21,7 @@ __all__ = ["Effect", "law_class"]
 
 def law_class(kind: Kind, domain: str) -> type[Component]:
     """Return the component class of a connection kind for a domain."""
-    from discrepancy.laws import LAWS
+    from discrepancy.effect_laws import LAWS
 
     return LAWS[kind.law][0 if domain == "translation" else 1]
 

@@ -71,7 +71,7 @@ class Kind:
     at : {"connection", "sensor", "input"}
         What it acts on.
     law : str
-        Name in `discrepancy.laws.LAWS` (connections), or the sensor's or input's error.
+        Name in `discrepancy.effect_laws.LAWS` (connections), or the sensor's or input's error.
     strengths : tuple of str
         Parameters that are zero when the effect is absent.
     text : KindText
@@ -205,7 +205,7 @@ _add([
         "Lubricant shear in guides, bearings and seals; grease that is cold or too stiff; eddy currents.",
         "Move at several constant speeds in both directions: the drive force rises in a straight line with speed."),
         one_sided=True, elastic=False),
-    Kind("extra_damping", "connection", "Damping", ("viscous",), _T(
+    Kind("extra_damping", "connection", "Viscous", ("viscous",), _T(
         "additional damping", "Damping between two sides that are joined by a spring, beyond what the model has.",
         "Material damping, joints, rubber elements, rope strands that rub.",
         "Let the machine ring down after a step or knock: the vibration dies faster or slower than the model's."),

@@ -1,0 +1,315 @@
+"""How every candidate effect would change the outputs: its force along the motion, carried through the machine.
+
+A connection's effect is a force between two sides.  Its law is evaluated along the simulated motion at unit
+strength, and the force is then sent through the exact linearisation of the machine along that motion.  Nothing has
+to be compiled for it, and hundreds of candidates and shapes cost one integration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discrepancy.blocks import Candidate, Residual, Sensitivities
+from discrepancy.catalogue import Entry
+from discrepancy.effects import law_class
+from discrepancy.kinds import Kind, MotionRange
+from estimation.experiment import Experiment, Push, SensorError
+
+if TYPE_CHECKING:
+    from estimation.calibrate import Calibration
+    from estimation.signals import Preparation
+    from multibody.system import System
+
+__all__ = ["Confrontation", "candidate_columns", "law_force"]
+
+MOTION = ("position", "velocity", "acceleration")
+
+
+@dataclass(frozen=True, eq=False)
+class Confrontation:
+    """A calibrated machine beside the records that may be used to choose.
+
+    Parameters
+    ----------
+    system : System
+        Built with probes and with the places' motion among its outputs.
+    calibration : Calibration
+        Of the experiments in it.
+    sensors : tuple of SensorError
+        Errors of sensors that the model already has, at their calibrated values.
+    preparation : Preparation
+        For the scan: at least as coarse as that of the experiments.
+    """
+
+    system: System
+    calibration: Calibration
+    sensors: tuple[SensorError, ...]
+    preparation: Preparation
+    p: np.ndarray
+    _cache: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    @property
+    def experiments(self) -> list[Experiment]:
+        """The experiments, prepared for the scan."""
+        if "experiments" not in self._cache:
+            self._cache["experiments"] = [
+                f.experiment.with_preparation(self.preparation) for f in self.calibration.fits]
+        return self._cache["experiments"]
+
+    def start(self, index: int) -> np.ndarray:
+        """Return the fitted start state of an experiment."""
+        fit = self.calibration.fits[index]
+        x = fit.experiment.start_vector(self.system)
+        for name in fit.experiment.free:
+            x[self.system.index("state", name)] = fit.own[name]
+        return x
+
+    def motions(self, index: int) -> dict[str, np.ndarray]:
+        """Return all outputs of the nominal run of an experiment on its full time grid, by name."""
+        key = f"motion {index}"
+        if key not in self._cache:
+            from multibody.simulate import simulate
+
+            experiment = self.experiments[index]
+            run = simulate(
+                self.system, (float(experiment.record.time[0]), float(experiment.record.time[-1])),
+                inputs=experiment.table(self.system), parameters=self.p, initial=self.start(index),
+                times=experiment.record.time, rtol=experiment.rtol, atol=experiment.rtol * 1e-3)
+            self._cache[key] = {n: run.outputs[:, k] for k, n in enumerate(self.system.output_names)}
+        return self._cache[key]
+
+    def residual(self) -> Residual:
+        """Return measured minus modelled outputs at the calibrated values, prepared for the scan."""
+        blocks = []
+        for i, experiment in enumerate(self.experiments):
+            y = experiment.simulate(self.system, self.p, self.start(i), self.sensors)
+            own = self.calibration.fits[i].own
+            for c, name in enumerate(experiment.outputs):
+                y[:, c] += own.get(f"offset of {name}", 0.0)
+            blocks.append(experiment.measured - y)
+        time = self.experiments[0].time
+        return Residual(blocks, float(np.median(np.diff(time))), self.experiments[0].outputs)
+
+    def sensitivities(self) -> Sensitivities:
+        """Return the derivatives by what calibration may move, and by each record's own unknowns."""
+        parameters = [p for p in self.calibration.parameters if p.name not in self.calibration.not_excited]
+        blocks, nuisance = [], []
+        k = len(parameters)
+        for i, experiment in enumerate(self.experiments):
+            dy = experiment.respond(
+                self.system, self.p, self.start(i), parameters=[p.name for p in parameters],
+                states=experiment.free, sensors=self.sensors).derivatives
+            blocks.append(dy[:, :, :k])
+            own = [dy[:, :, k:]]
+            for name in experiment.offsets:
+                one = np.zeros((dy.shape[0], dy.shape[1], 1))
+                one[:, experiment.outputs.index(name)] = 1.0
+                own.append(one)
+            stacked = np.concatenate(own, axis=2)
+            nuisance.append(stacked if stacked.shape[2] else None)
+        values = np.array([self.calibration[p.name] for p in parameters])
+        prior = np.array([p.std for p in parameters])
+        offset = np.where(np.isfinite(prior), np.array([p.value for p in parameters]) - values, 0.0)
+        return Sensitivities([p.name for p in parameters], blocks, prior, offset, nuisance)
+
+    def range_of(self, entry: Entry) -> MotionRange:
+        """Return how far and fast a connection moved."""
+        assert entry.place is not None
+        names = entry.place.motion_names()
+        runs = [self.motions(i) for i in range(len(self.experiments))]
+        x = np.concatenate([r[f"place.{entry.where}.{names[0][0]}"] for r in runs])
+        v = np.concatenate([r[f"place.{entry.where}.{names[1][0]}"] for r in runs])
+        scale = self.p[self.system.index("parameter", entry.stiffness)] if entry.stiffness else 0.0
+        return MotionRange(
+            float(x.min()), float(x.max()), float(np.quantile(np.abs(v), 0.95)), entry.place.domain == "rotation",
+            float(scale))
+
+
+@lru_cache(maxsize=128)
+def _law_system(kind: Kind) -> System:
+    """Return a flange moved from outside against the ground with the kind's law between them."""
+    from multibody import Component, Model, Translation
+    from multibody.declare import Input
+
+    class Moved(Component):
+        """A flange whose motion is given by signals."""
+
+        x = Input("m", "position")
+        v = Input("m/s", "velocity")
+        a = Input("m/s**2", "acceleration")
+        flange = Translation("what moves", prescribed=True)
+
+        def equations(self):
+            self.flange.position = self.x
+            self.flange.velocity = self.v
+            self.flange.acceleration = self.a
+
+    model = Model("law")
+    moved = model.add("moved", Moved())
+    part = model.add("effect", law_class(kind, "translation")())
+    model.connect(part.a, moved.flange)
+    model.connect(part.b, model.ground)
+    for signal in ("x", "v", "a"):
+        model.input(signal, f"moved.{signal}", default=0.0)
+    if kind.needs == "load":
+        model.input("load", part.load, default=0.0)
+    return model.build(outputs=("effect.force",))
+
+
+def law_force(
+    kind: Kind, time: np.ndarray, motion: dict[str, np.ndarray], shape: dict[str, float], strength: dict[str, float]
+) -> np.ndarray:
+    """Return the force of a law on side a along a motion, shape (nt,).
+
+    Parameters
+    ----------
+    kind : Kind
+    time : ndarray, shape (nt,), s
+    motion : dict
+        ``position``, ``velocity``, ``acceleration`` and, where the law asks for it, ``load``; each (nt,).
+    shape, strength : dict
+        The law's parameters.
+    """
+    if kind.law == "AddedInertia":
+        return -strength["inertia"] * motion["acceleration"]
+    from multibody.inputs import InputTable
+    from multibody.simulate import native_problem
+    from multibody.solvers import integrate
+
+    system = _law_system(kind)
+    p = system.parameter_vector({f"effect.{k}": v for k, v in {**shape, **strength}.items()})
+    zeros = np.zeros_like(time)
+    columns = {"x": motion["position"], "v": motion["velocity"], "a": motion.get("acceleration", zeros)}
+    if "load" in system.input_names:
+        columns["load"] = motion["load"]
+    inputs = np.column_stack([columns[n] for n in system.input_names])
+    states = np.zeros((time.size, len(system.states)))
+    if len(system.states):
+        table = InputTable(time, inputs, system.input_names)
+        solution = integrate(
+            native_problem(system, p, table), (float(time[0]), float(time[-1])), system.start, t_eval=time,
+            rtol=1e-5, atol=1e-9, max_step=table.largest_step())
+        states = np.ascontiguousarray(solution.y.T)
+    return system.outputs_along(time, states, inputs, p)[:, 0]
+
+
+def _small_strength(kind: Kind, motion: MotionRange) -> float:
+    """A strength at which a law that is not linear in it is looked at: small, but visible."""
+    return 0.05 * motion.half if kind.name == "backlash" else 0.01 * motion.half / max(motion.scale * motion.half, 1e-300)
+
+
+def candidate_columns(
+    facts: Confrontation, entries: Sequence[Entry], progress: Any = None
+) -> tuple[list[Candidate], list[tuple[Entry, str]]]:
+    """Return the candidates with their columns, and the entries that these records cannot speak about.
+
+    Parameters
+    ----------
+    facts : Confrontation
+    entries : sequence of Entry
+    progress : callable, optional
+        Gets a line of text now and then.
+    """
+    refused: list[tuple[Entry, str]] = []
+    plans: list[tuple[Entry, list[dict[str, float]], list[str]]] = []
+    for entry in entries:
+        if entry.kind.at == "connection":
+            motion = facts.range_of(entry)
+            if motion.speed <= 0.0 or motion.half < 1e-12:
+                refused.append((entry, "this connection does not move in these records"))
+                continue
+            plans.append((entry, entry.kind.shape_grid(motion), list(entry.kind.strengths)))
+        else:
+            plans.append((entry, [{}], list(entry.kind.strengths)))
+    columns: dict[tuple[str, int], list[np.ndarray]] = {}
+    for i in range(len(facts.experiments)):
+        if progress is not None:
+            progress(f"sensitivities of {len(plans)} candidates on {facts.experiments[i].name}")
+        _record_columns(facts, i, plans, columns)
+    found: list[Candidate] = []
+    for entry, shapes, strengths in plans:
+        cols = [columns[entry.name, k] for k in range(len(shapes))]
+        quiet = [not any(np.any(b) for b in shape) for shape in cols]
+        if all(quiet):
+            refused.append((entry, "it would not change any measured output of these records"))
+            continue
+        kept = [k for k, q in enumerate(quiet) if not q]
+        found.append(Candidate(
+            entry.kind.name, entry.where, [cols[k] for k in kept], [shapes[k] for k in kept],
+            one_sided=entry.kind.one_sided, amplitudes=tuple(strengths), info={"entry": entry}))
+    return found, refused
+
+
+def _record_columns(
+    facts: Confrontation, index: int, plans: Sequence[tuple[Entry, list[dict[str, float]], list[str]]],
+    columns: dict[tuple[str, int], list[np.ndarray]],
+) -> None:
+    """Append one record's columns of every candidate."""
+    experiment = facts.experiments[index]
+    time = np.array(experiment.record.time)
+    run = facts.motions(index)
+    pushes: list[Push] = []
+    wanted: list[tuple[tuple[str, int], int]] = []
+    sensors: dict[tuple[str, int], np.ndarray] = {}
+    for entry, shapes, strengths in plans:
+        if entry.kind.at == "connection":
+            forces = _forces(facts, entry, run, time, shapes, strengths)
+            for k, group in enumerate(forces):
+                for force in group:
+                    wanted.append(((entry.name, k), len(pushes)))
+                    pushes.append(Push(f"probe.{entry.where}", force))
+        elif entry.kind.at == "input":
+            u = experiment.record.signals[entry.where].values
+            shape = {"offset": np.ones_like(time), "gain": u, "delay": -np.gradient(u, time)}[entry.kind.law]
+            wanted.append(((entry.name, 0), len(pushes)))
+            pushes.append(Push(entry.where, shape))
+        else:
+            sensors[entry.name, 0] = _sensor_column(experiment, run, time, entry)
+    parts: dict[tuple[str, int], list[np.ndarray]] = {}
+    batch = 96
+    start = facts.start(index)
+    for first in range(0, len(pushes), batch):
+        part = pushes[first : first + batch]
+        dy = experiment.respond(facts.system, facts.p, start, pushes=part, sensors=facts.sensors, batch=batch).derivatives
+        for key, k in wanted:
+            if first <= k < first + batch:
+                parts.setdefault(key, []).append(dy[:, :, k - first])
+    for key, group in parts.items():
+        columns.setdefault(key, []).append(np.stack(group, axis=2))
+    for key, column in sensors.items():
+        columns.setdefault(key, []).append(column)
+
+
+def _forces(
+    facts: Confrontation, entry: Entry, run: dict[str, np.ndarray], time: np.ndarray, shapes: list[dict[str, float]],
+    strengths: list[str],
+) -> list[list[np.ndarray]]:
+    assert entry.place is not None
+    names = [n for n, _ in entry.place.motion_names()]
+    motion = {
+        general: run[f"place.{entry.where}.{own}"]
+        for general, own in zip(MOTION, names, strict=True) if f"place.{entry.where}.{own}" in run}
+    if entry.load:
+        motion["load"] = run[entry.load]
+    found = []
+    for shape in shapes:
+        group = []
+        for name in strengths:
+            size = 1.0 if entry.kind.linear else _small_strength(entry.kind, facts.range_of(entry))
+            strength = {n: (size if n == name else 0.0) for n in strengths}
+            group.append(law_force(entry.kind, time, motion, shape, strength) / size)
+        found.append(group)
+    return found
+
+
+def _sensor_column(experiment: Experiment, run: dict[str, np.ndarray], time: np.ndarray, entry: Entry) -> np.ndarray:
+    y = run[entry.where]
+    shape = {"offset": np.ones_like(time), "gain": y, "drift": time - time[0], "delay": -np.gradient(y, time)}[entry.kind.law]
+    full = np.zeros((time.size, len(experiment.outputs)))
+    full[:, experiment.outputs.index(entry.where)] = shape
+    return experiment.preparation.apply(time, full)[1][:, :, None]
