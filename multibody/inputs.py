@@ -33,6 +33,52 @@ def _parabola_slopes(times: np.ndarray, values: np.ndarray) -> np.ndarray:
     return slopes
 
 
+def _uneven(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Tell where two slopes differ by more than rounding."""
+    return np.abs(after - before) > 1e-9 * (np.abs(after) + np.abs(before))
+
+
+def _rough(times: np.ndarray, values: np.ndarray, slopes: np.ndarray, kinds: np.ndarray) -> np.ndarray:
+    """Mark the samples, shape (nt, n_u), where an input jumps or one of its first two derivatives does."""
+    marks = np.zeros(values.shape, dtype=bool)
+    if len(times) < 2:
+        return marks
+    width = np.diff(times)[:, None]
+    rise = np.diff(values, axis=0) / width
+    still = np.zeros((1, values.shape[1]))
+    kinks = _uneven(np.vstack([still, rise]), np.vstack([rise, still]))
+    # Second derivatives of the cubic at the left and the right end of each interval.
+    left = (6.0 * rise - 4.0 * slopes[:-1] - 2.0 * slopes[1:]) / width
+    right = (2.0 * slopes[:-1] + 4.0 * slopes[1:] - 6.0 * rise) / width
+    bends = _uneven(np.vstack([still, right]), np.vstack([left, still]))
+    bends[[0, -1]] |= slopes[[0, -1]] != 0.0
+    steps = np.vstack([np.zeros((1, values.shape[1]), dtype=bool), values[1:] != values[:-1]])
+    for kind, found in ((0, steps), (1, kinks), (2, bends)):
+        marks[:, kinds == kind] = found[:, kinds == kind]
+    return marks
+
+
+def _breaks(
+    times: np.ndarray, rough: np.ndarray, kinds: np.ndarray, delays: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Collect for each delay the times at which a step must end."""
+    found, jumps, start, owner = [], [], [0], []
+    for delay in np.unique(delays):
+        own = rough[:, delays == delay]
+        rows = np.flatnonzero(own.any(axis=1))
+        if rows.size:
+            found.append(times[rows])
+            jumps.append(own[rows][:, kinds[delays == delay] == 0].any(axis=1))
+            start.append(start[-1] + rows.size)
+            owner.append(delay)
+    return {
+        "breaks": np.concatenate(found) if found else np.zeros(0),
+        "jumps": np.concatenate(jumps).astype(np.int64) if jumps else np.zeros(0, dtype=np.int64),
+        "break_start": np.array(start, dtype=np.int64),
+        "break_delay": np.array(owner, dtype=np.int64),
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class InputTable:
     """Inputs sampled at common times, interpolated column by column, constant beyond both ends.
@@ -85,15 +131,18 @@ class InputTable:
         _check(times, values, names, kinds, delays)
         code = np.array([INTERPOLATIONS.index(kind) for kind in kinds], dtype=np.int64).reshape(count)
         changing = np.any(values != values[0], axis=0) if count else np.zeros(0, dtype=bool)
+        slopes = _parabola_slopes(times, values)
+        delays = delays.astype(np.int64).reshape(count)
         # Compiled code gets these arrays, which must be writable there; the public views are not.
         self._kernel.update(
             times=times,
             values=values,
-            slopes=_parabola_slopes(times, values),
+            slopes=slopes,
             kinds=code,
-            delays=delays.astype(np.int64).reshape(count),
+            delays=delays,
             held=np.flatnonzero(changing & (code == 0)).astype(np.int64),
             moving=np.flatnonzero(changing & (code != 0)).astype(np.int64),
+            **_breaks(times, _rough(times, values, slopes, code), code, delays),
         )
         object.__setattr__(self, "times", _view(times))
         object.__setattr__(self, "values", _view(values))
@@ -166,7 +215,7 @@ class InputTable:
 
     @property
     def kernel(self) -> dict[str, np.ndarray]:
-        """The arrays that compiled drivers read: times, values, slopes, kinds, delays, held, moving."""
+        """The arrays that compiled drivers read, and where steps must end (see `bundle`)."""
         return self._kernel
 
     def __call__(self, t: Any, p: np.ndarray | None = None) -> np.ndarray:
@@ -209,8 +258,8 @@ class InputTable:
     def largest_step(self) -> float:
         """Return the largest integrator step, in s, that jumps over no sample; infinite for constant inputs.
 
-        Samples of held inputs do not count for this package's own solvers, which end their steps at the
-        jumps; for any other solver they do, so they are included here.
+        For SciPy's own methods.  This package's end their steps at every sample where an input or one of its
+        first two derivatives jumps, which limits the step only there.
         """
         if len(self.times) < 2:
             return math.inf

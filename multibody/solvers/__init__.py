@@ -9,6 +9,7 @@ _PLACES = {
     "DormandPrince54": "dormand_prince",
     "Directions": "problem",
     "NativeProblem": "problem",
+    "Rodas5P": "rosenbrock",
     "ProblemError": "problem",
     "Samples": "base",
     "integrate": "run",

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
 
 from multibody.native import load_driver
-from multibody.solvers.problem import FIELD, NativeProblem, ProblemError
+from multibody.solvers.problem import NativeProblem, ProblemError
 
 __all__ = ["NativeSolver", "Samples", "StoredSteps"]
 
@@ -191,7 +191,7 @@ class NativeSolver(OdeSolver):
             self._steps = internal_steps or int(np.clip(fitting, 1, 64))
             slots = self._steps
         self._store = (np.empty((slots, 2)), np.empty((slots, size)), np.empty((slots, self.STAGES, size)))
-        self._work = np.empty(size)
+        self._work = np.empty(2 * size)
         self._state = self.y.copy()
         self._clock = np.zeros(8)
         self._tally = np.zeros(11, dtype=np.int64)
@@ -223,25 +223,22 @@ class NativeSolver(OdeSolver):
         """First step from the size of the derivative and of its change (Hairer, Norsett, Wanner I, II.4)."""
         if self.t == self.t_bound:
             return 0.0
-        x, scale = self.y[: self._count], (self.atol + self.rtol * np.abs(self.y))[: self._count]
-        scale = np.maximum(scale, 1e-300)
+        problem, n = self.problem, self.problem.n
+        x, scale = self.y[:n], np.maximum(self.atol[:n] + self.rtol[:n] * np.abs(self.y[:n]), 1e-300)
 
         def norm(v: np.ndarray) -> float:
-            return float(np.sqrt(np.mean((v[: self._count] / scale) ** 2)))
+            return float(np.sqrt(np.mean((v / scale) ** 2)))
 
         limit = min(abs(self.t_bound - self.t), self.max_step)
-        evaluate_at = load_driver(FIELD).evaluate_at
-        f0, f1 = np.empty(self.n), np.empty(self.n)
-        evaluate_at(self.t, self.y, f0, self.field)
+        f0 = problem.derivative(self.t, x)
         with np.errstate(all="ignore"):
             d0, d1 = norm(x), norm(f0)
             h0 = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
             h0 = min(h0, limit)
-            evaluate_at(self.t + self.direction * h0, self.y + self.direction * h0 * f0, f1, self.field)
+            f1 = problem.derivative(self.t + self.direction * h0, x + self.direction * h0 * f0)
             d2 = norm(f1 - f0) / h0 if h0 > 0.0 else 0.0
             steepest = max(d1, d2)
             h1 = max(1e-6, h0 * 1e-3) if steepest <= 1e-15 else (0.01 / steepest) ** (1 / (self.ORDER + 1))
-        self.problem.check()
         self._tally[EVALUATIONS] += 2
         step = min(100 * h0, h1, limit)
         return float(step) if np.isfinite(step) and step > 0.0 else min(1e-6, limit)
@@ -252,7 +249,7 @@ class NativeSolver(OdeSolver):
 
     def _advance(self) -> int:
         return self._driver.advance(
-            self.field,
+            self.field.numbers,
             self._clock,
             self._tally,
             self._state,
@@ -287,8 +284,7 @@ class NativeSolver(OdeSolver):
         return True, None
 
     def _explanation(self) -> str:
-        derivative = np.empty(self.n)
-        load_driver(FIELD).evaluate_at(self.t, self.y, derivative, self.field)
+        derivative = self.problem.derivative(self.t, self.y[: self.problem.n])
         bad = np.flatnonzero(~np.isfinite(derivative))
         if bad.size:
             return (

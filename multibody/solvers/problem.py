@@ -227,30 +227,36 @@ class NativeProblem:
             if delay >= 0 and m:
                 weight[:, column] = -d.p_dot[:, delay]
         return Field(
-            rhs=self.rhs.address,
-            tangent=0 if self.tangent is None else self.tangent.address,
-            n=self.n,
-            m=m,
+            self.rhs.address,
+            0 if self.tangent is None else self.tangent.address,
+            self.n,
             p=self.p,
-            times=k["times"],
-            values=k["values"],
-            slopes=k["slopes"],
-            kinds=k["kinds"],
-            delays=k["delays"],
-            held=k["held"],
-            moving=k["moving"],
-            u=k["values"][0].copy(),
-            rate=np.zeros(n_u),
-            u_dot=np.zeros(n_u),
-            cursor=np.zeros(n_u, dtype=np.int64),
-            p_dot=d.p_dot.reshape(m, self.p.size),
-            channel=np.asarray(d.channel, dtype=np.int64),
+            p_dot=d.p_dot,
+            channel=np.asarray(d.channel),
             weight=weight,
             shape_t=np.asarray(d.shape_t),
             shape=np.asarray(d.shape),
-            shape_cursor=np.zeros(1, dtype=np.int64),
-            delayed=int(np.any(weight != 0.0)),
+            **{**k, **self._breaks(d)},
         )
+
+    def _breaks(self, directions: Directions) -> dict[str, np.ndarray]:
+        """Where steps must end: at the breaks of the inputs and of the tangents of the inputs."""
+        names = ("breaks", "jumps", "break_start", "break_delay")
+        own = {name: self.table.kernel[name] for name in names}
+        times, shape = np.asarray(directions.shape_t), np.asarray(directions.shape)
+        if shape.shape[1] == 0 or times.size < 2:
+            return own
+        added = InputTable(times, shape).kernel
+        return {
+            "breaks": np.append(own["breaks"], added["breaks"]),
+            "jumps": np.append(own["jumps"], added["jumps"]),
+            "break_start": np.append(own["break_start"], own["break_start"][-1] + added["break_start"][1:]),
+            "break_delay": np.append(own["break_delay"], added["break_delay"]),
+        }
+
+    def derivative(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Return f(t, x, u(t), p), shape (n,); slow, for a single evaluation."""
+        return self.rhs(t, x, self.table(t, self.p), self.p, np.empty(self.n))
 
     def check(self) -> None:
         """Raise what a plain Python function raised while compiled code called it."""
@@ -261,11 +267,11 @@ class NativeProblem:
     @property
     def fun(self) -> Callable[[float, np.ndarray], np.ndarray]:
         """The derivative of y as ``fun(t, y)``, for SciPy's own methods."""
-        evaluate_at, bundle = load_driver(FIELD).evaluate_at, self.field()
+        evaluate_at, field = load_driver(FIELD).evaluate_at, self.field()
 
         def fun(t: float, y: np.ndarray) -> np.ndarray:
             out = np.empty(self.size)
-            evaluate_at(float(t), np.ascontiguousarray(y, dtype=np.float64), out, bundle)
+            evaluate_at(float(t), np.ascontiguousarray(y, dtype=np.float64), out, field.numbers)
             self.check()
             return out
 

@@ -25,7 +25,7 @@ def compiled(table, t, p=(0.0,)):
     nowhere = NativeFunction("none", 0, lambda *a: None, 4, True)
     field = NativeProblem(nowhere, np.array(p), table, 1).field()
     out, rate = np.empty((len(t), table.n_inputs)), np.empty((len(t), table.n_inputs))
-    load_driver(FIELD).inputs_along(t, out, rate, field)
+    load_driver(FIELD).inputs_along(t, out, rate, field.numbers)
     return out, rate
 
 

@@ -1,20 +1,57 @@
 """Inputs at a time, and the right-hand side with its directional derivatives, for every compiled driver.
 
-Drivers get a `Field` (see `bundle`).
+``c`` is the vector of a `Field` (see `bundle` for its indices), ``y`` is [x, directions].
 """
 
 from __future__ import annotations
 
 import math
 
-from multibody.solvers.kernels.bundle import LINEAR
-from multibody.solvers.kernels.calls import call_rhs, call_tangent, entry, inner
+from multibody.solvers.kernels.bundle import (
+    BREAK_CURSOR,
+    BREAK_DELAY,
+    BREAK_START,
+    BREAKS,
+    CHANNEL,
+    CURSOR,
+    DELAYED,
+    DELAYS,
+    HELD,
+    KINDS,
+    LINEAR,
+    MOVING,
+    N_GROUPS,
+    N_HELD,
+    N_MOVING,
+    N_P,
+    N_U,
+    P_DOT,
+    RATE,
+    RHS,
+    ROWS,
+    SHAPE,
+    SHAPE_CURSOR,
+    SHAPE_ROWS,
+    SHAPE_T,
+    SLOPES,
+    TANGENT,
+    TIMES,
+    U_DOT,
+    VALUES,
+    WEIGHT,
+    WINDOW,
+    M,
+    N,
+    P,
+    U,
+)
+from multibody.solvers.kernels.calls import call_rhs, call_tangent, entry, floats, inner, ints, pointer, shift
 
 
 @inner
-def locate(times, s, i):
+def locate(times, rows, s, i):
     """Return the interval i with times[i] <= s < times[i+1], beginning the search at i."""
-    last = times.size - 2
+    last = rows - 2
     if last < 0:
         return 0
     if times[i] <= s:
@@ -37,179 +74,176 @@ def locate(times, s, i):
 
 
 @inner
-def look_up(t, field):
+def own_time(t, column, c):
+    """Return the time at which a column is looked up."""
+    delay = ints(c[DELAYS])[column]
+    return t - floats(c[P])[delay] if delay >= 0 else t
+
+
+@inner
+def look_up(t, c):
     """Write the continuously changing inputs at time t into u."""
-    times, values, slopes, kinds, delays = field.times, field.values, field.slopes, field.kinds, field.delays
-    p, moving, u, cursor = field.p, field.moving, field.u, field.cursor
-    end = times.size - 1
-    for a in range(moving.size):
-        c = moving[a]
-        s = t
-        if delays[c] >= 0:
-            s -= p[delays[c]]
+    times, values, slopes, u = floats(c[TIMES]), floats(c[VALUES]), floats(c[SLOPES]), floats(c[U])
+    cursor, kinds, moving = ints(c[CURSOR]), ints(c[KINDS]), ints(c[MOVING])
+    width, end = c[N_U], c[ROWS] - 1
+    for a in range(c[N_MOVING]):
+        column = moving[a]
+        s = own_time(t, column, c)
         if s <= times[0]:
-            u[c] = values[0, c]
+            u[column] = values[column]
         elif s >= times[end]:
-            u[c] = values[end, c]
+            u[column] = values[end * width + column]
         else:
-            i = locate(times, s, cursor[c])
-            cursor[c] = i
-            width = times[i + 1] - times[i]
-            z = (s - times[i]) / width
-            if kinds[c] == LINEAR:
-                u[c] = values[i, c] + z * (values[i + 1, c] - values[i, c])
+            i = locate(times, end + 1, s, cursor[column])
+            cursor[column] = i
+            j = i * width + column
+            span = times[i + 1] - times[i]
+            z = (s - times[i]) / span
+            rise = values[j + width] - values[j]
+            if kinds[column] == LINEAR:
+                u[column] = values[j] + z * rise
             else:
-                rise = values[i + 1, c] - values[i, c]
-                a0 = width * slopes[i, c] - rise
-                a1 = rise - width * slopes[i + 1, c]
-                u[c] = values[i, c] + z * (rise + (1.0 - z) * ((1.0 - z) * a0 + z * a1))
+                left = span * slopes[j] - rise
+                right = rise - span * slopes[j + width]
+                u[column] = values[j] + z * (rise + (1.0 - z) * ((1.0 - z) * left + z * right))
 
 
 @inner
-def look_up_rate(t, field):
-    """Write the time derivative of every delayed input into rate; that of a held input is taken as zero."""
-    times, values, slopes, kinds, delays = field.times, field.values, field.slopes, field.kinds, field.delays
-    p, moving, rate, cursor = field.p, field.moving, field.rate, field.cursor
-    end = times.size - 1
-    for a in range(moving.size):
-        c = moving[a]
-        if delays[c] < 0:
+def look_up_rates(t, c):
+    """Write the time derivative of every delayed input into rate; that of a held input is taken as zero.
+
+    It may jump where steps begin and end; there the value inside the step counts.
+    """
+    window = floats(c[WINDOW])
+    t = min(max(t, window[0]), window[1])
+    times, values, slopes, rate = floats(c[TIMES]), floats(c[VALUES]), floats(c[SLOPES]), floats(c[RATE])
+    cursor, kinds, moving, delays = ints(c[CURSOR]), ints(c[KINDS]), ints(c[MOVING]), ints(c[DELAYS])
+    width, end = c[N_U], c[ROWS] - 1
+    for a in range(c[N_MOVING]):
+        column = moving[a]
+        if delays[column] < 0:
             continue
-        s = t - p[delays[c]]
+        s = own_time(t, column, c)
         if s <= times[0] or s >= times[end]:
-            rate[c] = 0.0
+            rate[column] = 0.0
             continue
-        i = locate(times, s, cursor[c])
-        cursor[c] = i
-        width = times[i + 1] - times[i]
-        rise = (values[i + 1, c] - values[i, c]) / width
-        if kinds[c] == LINEAR:
-            rate[c] = rise
-        else:
-            z = (s - times[i]) / width
-            a0 = slopes[i, c] - rise
-            a1 = rise - slopes[i + 1, c]
-            rate[c] = rise + (1.0 - 2.0 * z) * ((1.0 - z) * a0 + z * a1) + z * (1.0 - z) * (a1 - a0)
+        i = locate(times, end + 1, s, cursor[column])
+        cursor[column] = i
+        j = i * width + column
+        span = times[i + 1] - times[i]
+        rise = (values[j + width] - values[j]) / span
+        rate[column] = rise
+        if kinds[column] != LINEAR:
+            z = (s - times[i]) / span
+            left, right = slopes[j] - rise, rise - slopes[j + width]
+            rate[column] += (1.0 - 2.0 * z) * ((1.0 - z) * left + z * right) + z * (1.0 - z) * (right - left)
 
 
 @inner
-def hold_at(t, field):
-    """Write the held inputs of time t into u; t is inside a step, so that it is on no jump."""
-    times, values, delays = field.times, field.values, field.delays
-    p, held, u, cursor = field.p, field.held, field.u, field.cursor
-    end = times.size - 1
-    for a in range(held.size):
-        c = held[a]
-        s = t
-        if delays[c] >= 0:
-            s -= p[delays[c]]
-        if s >= times[end]:
-            u[c] = values[end, c]
-        else:
-            i = locate(times, s, cursor[c])
-            cursor[c] = i
-            u[c] = values[i, c]
+def hold_at(t, c):
+    """Write the held inputs of time t into u; the solvers ask inside a step, so that t is on no jump."""
+    times, values, u = floats(c[TIMES]), floats(c[VALUES]), floats(c[U])
+    cursor, held = ints(c[CURSOR]), ints(c[HELD])
+    end = c[ROWS] - 1
+    for a in range(c[N_HELD]):
+        column = held[a]
+        s = own_time(t, column, c)
+        i = end
+        if s < times[end]:
+            i = locate(times, end + 1, s, cursor[column])
+            cursor[column] = i
+        u[column] = values[i * c[N_U] + column]
 
 
 @inner
-def next_jump(t, direction, reach, field):
-    """Return the time of the next jump of a held input in the direction of integration, within reach."""
-    times, values, delays = field.times, field.values, field.delays
-    p, held, cursor = field.p, field.held, field.cursor
-    end = times.size - 1
-    near = 1e-14 * abs(t)
-    best = direction * math.inf
-    for a in range(held.size):
-        c = held[a]
-        delay = 0.0
-        if delays[c] >= 0:
-            delay = p[delays[c]]
-        i = locate(times, t - delay, cursor[c])
-        if direction > 0.0:
-            j = max(i, 1)
-            while j <= end and times[j] + delay <= t + reach:
-                if times[j] + delay > t + near and values[j, c] != values[j - 1, c]:
-                    best = min(best, times[j] + delay)
-                    break
-                j += 1
-        else:
-            j = min(i + 1, end)
-            while j >= 1 and times[j] + delay >= t - reach:
-                if times[j] + delay < t - near and values[j, c] != values[j - 1, c]:
-                    best = max(best, times[j] + delay)
-                    break
-                j -= 1
-    return best
+def next_break(t, direction, c):
+    """Return the next time at which a step must end, in the direction of integration, and its index."""
+    times, start, delays = floats(c[BREAKS]), ints(c[BREAK_START]), ints(c[BREAK_DELAY])
+    cursor = ints(c[BREAK_CURSOR])
+    # What is nearer than rounding has been reached.
+    edge = t + direction * 1e-14 * abs(t)
+    best, found = direction * math.inf, -1
+    for g in range(c[N_GROUPS]):
+        delay = floats(c[P])[delays[g]] if delays[g] >= 0 else 0.0
+        j, low, high = cursor[g], start[g], start[g + 1]
+        # j becomes the first break that lies after the edge, or for a backward search not before it.
+        while j < high and (times[j] + delay <= edge if direction > 0.0 else times[j] + delay < edge):
+            j += 1
+        while j > low and (times[j - 1] + delay > edge if direction > 0.0 else times[j - 1] + delay >= edge):
+            j -= 1
+        cursor[g] = j
+        if direction < 0.0:
+            j -= 1
+        if low <= j < high and direction * (times[j] + delay - best) < 0.0:
+            best, found = times[j] + delay, j
+    return best, found
 
 
 @inner
-def input_tangent(t, k, field):
+def input_tangent(t, k, c):
     """Write the tangent of the inputs along direction k into u_dot."""
-    rate, u_dot, channel, weight = field.rate, field.u_dot, field.channel, field.weight
-    shape_t, shape, shape_cursor, delayed = field.shape_t, field.shape, field.shape_cursor, field.delayed
-    for c in range(u_dot.size):
-        u_dot[c] = 0.0
-    if delayed:
-        for c in range(u_dot.size):
-            u_dot[c] = weight[k, c] * rate[c]
-    c = channel[k]
-    if c >= 0:
-        end = shape_t.size - 1
-        if t <= shape_t[0]:
-            u_dot[c] += shape[0, k]
-        elif t >= shape_t[end]:
-            u_dot[c] += shape[end, k]
+    u_dot, width = floats(c[U_DOT]), c[N_U]
+    if c[DELAYED]:
+        rate, weight = floats(c[RATE]), shift(floats(c[WEIGHT]), k * width)
+        for column in range(width):
+            u_dot[column] = weight[column] * rate[column]
+    else:
+        for column in range(width):
+            u_dot[column] = 0.0
+    channel = ints(c[CHANNEL])[k]
+    if channel >= 0:
+        times, shape, m, end = floats(c[SHAPE_T]), floats(c[SHAPE]), c[M], c[SHAPE_ROWS] - 1
+        if t <= times[0]:
+            u_dot[channel] += shape[k]
+        elif t >= times[end]:
+            u_dot[channel] += shape[end * m + k]
         else:
-            i = locate(shape_t, t, shape_cursor[0])
-            shape_cursor[0] = i
-            z = (t - shape_t[i]) / (shape_t[i + 1] - shape_t[i])
-            u_dot[c] += (1.0 - z) * shape[i, k] + z * shape[i + 1, k]
+            cursor = ints(c[SHAPE_CURSOR])
+            i = locate(times, end + 1, t, cursor[0])
+            cursor[0] = i
+            z = (t - times[i]) / (times[i + 1] - times[i])
+            u_dot[channel] += (1.0 - z) * shape[i * m + k] + z * shape[(i + 1) * m + k]
 
 
 @inner
-def tangents(t, y, dy, field):
+def tangents(t, y, dy, c):
     """Write the derivative of every direction's column of y into dy; u must be that of time t."""
-    tangent, n, m, p, u, u_dot, p_dot = (
-        field.tangent,
-        field.n,
-        field.m,
-        field.p,
-        field.u,
-        field.u_dot,
-        field.p_dot,
-    )
-    if field.delayed:
-        look_up_rate(t, field)
-    for k in range(m):
-        input_tangent(t, k, field)
-        a = n * (k + 1)
-        call_tangent(tangent, t, y, u, p, y[a : a + n], u_dot, p_dot[k], dy[a : a + n])
+    if c[DELAYED]:
+        look_up_rates(t, c)
+    u, p, p_dot, u_dot = floats(c[U]), floats(c[P]), floats(c[P_DOT]), floats(c[U_DOT])
+    for k in range(c[M]):
+        input_tangent(t, k, c)
+        a = c[N] * (k + 1)
+        call_tangent(c[TANGENT], t, y, u, p, shift(y, a), u_dot, shift(p_dot, k * c[N_P]), shift(dy, a))
 
 
 @inner
-def evaluate(t, y, dy, field):
-    """Write the derivative of y = [x, directions] at time t into dy; held inputs stay as they are."""
-    if field.moving.size > 0:
-        look_up(t, field)
-    call_rhs(field.rhs, t, y, field.u, field.p, dy)
-    if field.m > 0:
-        tangents(t, y, dy, field)
+def evaluate(t, y, dy, c):
+    """Write the derivative of y at time t into dy; held inputs stay as they are."""
+    if c[N_MOVING] > 0:
+        look_up(t, c)
+    call_rhs(c[RHS], t, y, floats(c[U]), floats(c[P]), dy)
+    if c[M] > 0:
+        tangents(t, y, dy, c)
 
 
 @entry
-def evaluate_at(t, y, dy, field):
+def evaluate_at(t, y, dy, numbers):
     """Evaluate once, from Python; at a jump the value after it counts."""
-    hold_at(t, field)
-    evaluate(t, y, dy, field)
+    c = pointer(numbers)
+    hold_at(t, c)
+    evaluate(t, pointer(y), pointer(dy), c)
 
 
 @entry
-def inputs_along(t, out, out_rate, field):
+def inputs_along(times, out, out_rate, numbers):
     """Write the inputs, and the rates of the delayed ones, at many times."""
-    for i in range(t.size):
-        hold_at(t[i], field)
-        look_up(t[i], field)
-        look_up_rate(t[i], field)
-        for c in range(out.shape[1]):
-            out[i, c] = field.u[c]
-            out_rate[i, c] = field.rate[c]
+    c = pointer(numbers)
+    u, rate = floats(c[U]), floats(c[RATE])
+    for i in range(times.size):
+        hold_at(times[i], c)
+        look_up(times[i], c)
+        look_up_rates(times[i], c)
+        for column in range(out.shape[1]):
+            out[i, column] = u[column]
+            out_rate[i, column] = rate[column]

@@ -1,0 +1,441 @@
+"""Many steps of the Rosenbrock method Rodas5P in one call.
+
+Coefficients: Steinebach (2023), Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks,
+BIT Numerical Mathematics 63, 27, in the form of Hairer and Wanner, Solving Ordinary Differential Equations
+II, IV.7. Jacobian columns are directional derivatives of the right-hand side.  The Jacobian of [x,
+directions] has that of x in every diagonal block, so that one factorization serves all; the block below it,
+the second derivative along a direction, enters by a difference quotient.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from multibody.solvers.kernels.bundle import N_MOVING, TANGENT, M, N, P, U
+from multibody.solvers.kernels.calls import call_tangent, entry, floats, inner, pointer, shift
+from multibody.solvers.kernels.field import evaluate, look_up, tangents
+from multibody.solvers.kernels.stepping import (
+    BUFFER_FULL,
+    DIRECTION,
+    DONE,
+    END,
+    EVALUATIONS,
+    FACTORIZATIONS,
+    FINISHED,
+    FIRST,
+    JACOBIANS,
+    LARGEST,
+    MORE,
+    REJECTED,
+    SAMPLE,
+    SLOT,
+    STEP,
+    STEP_OLD,
+    T_OLD,
+    TOO_SMALL,
+    WANTED,
+    WORST,
+    T,
+    mean_error,
+    plan,
+    settle,
+    worst,
+)
+
+GAMMA = 0.21193756319429014
+NODES = np.array(
+    [0.0, 0.6358126895828704, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1.0, 1.0, 1.0]
+)
+TIME = np.array(
+    [GAMMA, -0.42387512638858027, -0.3384627126235924, 1.8046452872882734, 2.325825639765069, 0.0, 0.0, 0.0]
+)
+A = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+        [3.0, 0.0, 0.0, 0.0, 0.0],
+        [2.849394379747939, 0.45842242204463923, 0.0, 0.0, 0.0],
+        [-6.954028509809101, 2.489845061869568, -10.358996098473584, 0.0, 0.0],
+        [2.8029986275628964, 0.5072464736228206, -0.3988312541770524, -0.04721187230404641, 0.0],
+        [
+            -7.502846399306121,
+            2.561846144803919,
+            -11.627539656261098,
+            -0.18268767659942256,
+            0.030198172008377946,
+        ],
+    ]
+)
+C = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [-14.155112264123755, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [-17.97296035885952, -2.859693295451294, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [147.12150275711716, -1.41221402718213, 71.68940251302358, 0.0, 0.0, 0.0, 0.0],
+        [165.43517024871676, -0.4592823456491126, 42.90938336958603, -5.961986721573306, 0.0, 0.0, 0.0],
+        [
+            24.854864614690072,
+            -3.0009227002832186,
+            47.4931110020768,
+            5.5814197821558125,
+            -0.6610691825249471,
+            0.0,
+            0.0,
+        ],
+        [
+            30.91273214028599,
+            -3.1208243349937974,
+            77.79954646070892,
+            34.28646028294783,
+            -19.097331116725623,
+            -28.087943162872662,
+            0.0,
+        ],
+        [
+            37.80277123390563,
+            -3.2571969029072276,
+            112.26918849496327,
+            66.9347231244047,
+            -40.06618937091002,
+            -54.66780262877968,
+            -9.48861652309627,
+        ],
+    ]
+)
+H = np.array(
+    [
+        [
+            25.948786856663858,
+            -2.5579724845846235,
+            10.433815404888879,
+            -2.3679251022685204,
+            0.524948541321073,
+            1.1241088310450404,
+            0.4272876194431874,
+            -0.17202221070155493,
+        ],
+        [
+            -9.91568850695171,
+            -0.9689944594115154,
+            3.0438037242978453,
+            -24.495224566215796,
+            20.176138334709044,
+            15.98066361424651,
+            -6.789040303419874,
+            -6.710236069923372,
+        ],
+        [
+            11.419903575922262,
+            2.8879645146136994,
+            72.92137995996029,
+            80.12511834622643,
+            -52.072871366152654,
+            -59.78993625266729,
+            -0.15582684282751913,
+            4.883087185713722,
+        ],
+    ]
+)
+
+
+@inner
+def jacobian(t, x, c, owner, colours, seed, column, zero, matrix):
+    """Write the Jacobian by columns; ``owner`` gives for each colour and row the column of the entry."""
+    n = c[N]
+    for i in range(n * n):
+        matrix[i] = 0.0
+    for colour in range(colours):
+        row = shift(owner, colour * n)
+        for i in range(n):
+            seed[i] = 0.0
+        for i in range(n):
+            if row[i] >= 0:
+                seed[row[i]] = 1.0
+        call_tangent(c[TANGENT], t, x, floats(c[U]), floats(c[P]), seed, zero, zero, column)
+        for i in range(n):
+            if row[i] >= 0:
+                matrix[row[i] * n + i] = column[i]
+
+
+@inner
+def factorize(n, a, pivots):
+    """Replace a matrix stored by columns by its LU factors; return False if it is singular."""
+    for k in range(n):
+        own = shift(a, k * n)
+        best, found = abs(own[k]), k
+        for i in range(k + 1, n):
+            if abs(own[i]) > best:
+                best, found = abs(own[i]), i
+        pivots[k] = found
+        if not (best > 0.0 and math.isfinite(best)):
+            return False
+        scale = 1.0 / own[found]
+        own[found], own[k] = own[k], own[found]
+        for i in range(k + 1, n):
+            own[i] *= scale
+        for j in range(k + 1, n):
+            other = shift(a, j * n)
+            factor = other[found]
+            other[found], other[k] = other[k], factor
+            if factor != 0.0:
+                for i in range(k + 1, n):
+                    other[i] -= factor * own[i]
+    return True
+
+
+@inner
+def culprit(c, t, h, size, y, f, matrix, shifted, result):
+    """Return the first state whose rate, or a derivative of it, is not finite here or just ahead; else -1.
+
+    The scaled errors do not tell: solving the linear system spreads what is not finite over all states.
+    """
+    n = c[N]
+    for i in range(n):
+        if not math.isfinite(f[i]):
+            return i
+        for j in range(n):
+            if not math.isfinite(matrix[j * n + i]):
+                return i
+    for i in range(size):
+        shifted[i] = y[i] + h * f[i]
+    evaluate(t + h, shifted, result, c)
+    for i in range(n):
+        if not math.isfinite(result[i]):
+            return i
+    return -1
+
+
+@inner
+def solve(n, a, pivots, b):
+    """Replace b by the solution of the factorized system."""
+    for k in range(n):
+        found = pivots[k]
+        value = b[found]
+        b[found], b[k] = b[k], value
+        if value != 0.0:
+            own = shift(a, k * n)
+            for i in range(k + 1, n):
+                b[i] -= value * own[i]
+    for k in range(n - 1, -1, -1):
+        own = shift(a, k * n)
+        value = b[k] / own[k]
+        b[k] = value
+        for i in range(k):
+            b[i] -= value * own[i]
+
+
+@inner
+def couple(t, c, size, y, f, increment, shifted, result, out):
+    """Add to the directions' part of out the derivative of their rates along ``increment`` of the state."""
+    n, step = c[N], 1e-6
+    for i in range(n):
+        shifted[i] = y[i] + step * increment[i]
+    for i in range(n, size):
+        shifted[i] = y[i]
+    if c[N_MOVING] > 0:
+        look_up(t, c)
+    tangents(t, shifted, result, c)
+    for i in range(n, size):
+        out[i] += (result[i] - f[i]) / step
+
+
+@inner
+def stages(c, t, h, size, y, f, f_t, factors, pivots, k, y_new, shifted, result):
+    """Compute the eight stages into k and the result into y_new."""
+    n = c[N]
+    for s in range(8):
+        own = shift(k, s * size)
+        for i in range(size):
+            own[i] = f[i]
+        if s > 0:
+            last = shift(k, (s - 1) * size)
+            if s < 6:
+                for i in range(size):
+                    y_new[i] = y[i]
+                for j in range(s):
+                    a, other = A[s, j], shift(k, j * size)
+                    for i in range(size):
+                        y_new[i] += a * other[i]
+            else:
+                for i in range(size):
+                    y_new[i] += last[i]
+            evaluate(t + NODES[s] * h, y_new, own, c)
+            for j in range(s):
+                a, other = C[s, j] / h, shift(k, j * size)
+                for i in range(size):
+                    own[i] += a * other[i]
+        if TIME[s] != 0.0:
+            a = h * TIME[s]
+            for i in range(size):
+                own[i] += a * f_t[i]
+        solve(n, factors, pivots, own)
+        if size > n:
+            couple(t, c, size, y, f, own, shifted, result, own)
+            for j in range(c[M]):
+                solve(n, factors, pivots, shift(own, n * (j + 1)))
+    last = shift(k, 7 * size)
+    for i in range(size):
+        y_new[i] += last[i]
+
+
+@inner
+def interpolate(z, size, y, k, out):
+    """Write the state at the fraction z of a step; k holds its end and three vectors of the interpolant."""
+    d1, d2, d3 = shift(k, size), shift(k, 2 * size), shift(k, 3 * size)
+    for i in range(size):
+        out[i] = (1.0 - z) * y[i] + z * (k[i] + (1.0 - z) * (d1[i] + z * (d2[i] + z * d3[i])))
+
+
+@inner
+def store_interpolant(size, k, y_new, out):
+    """Write what `interpolate` needs of a step."""
+    for i in range(size):
+        out[i] = y_new[i]
+    for j in range(3):
+        row = shift(out, (j + 1) * size)
+        for i in range(size):
+            row[i] = 0.0
+        for s in range(8):
+            a, other = H[j, s], shift(k, s * size)
+            for i in range(size):
+                row[i] += a * other[i]
+
+
+@inner
+def write_samples(clock, tally, size, y, k, count, sample_t, rows, sample_y):
+    """Write the samples inside the last step; return False when the buffer is full before its end."""
+    direction, t, t_old, h = clock[DIRECTION], clock[T], clock[T_OLD], clock[STEP_OLD]
+    j = tally[SAMPLE]
+    while j < count and direction * (sample_t[j] - t) <= 0.0:
+        row = j - tally[FIRST]
+        if row == rows:
+            tally[SAMPLE] = j
+            return False
+        interpolate((sample_t[j] - t_old) / h, size, y, k, shift(sample_y, row * size))
+        j += 1
+    tally[SAMPLE] = j
+    return True
+
+
+@inner
+def linearize(c, t, direction, size, y, f, f_t, shifted, owner, colours, zero, matrix):
+    """Write the rates f, their time derivative f_t and the Jacobian of x at y."""
+    reach = direction * math.sqrt(2.220446049250313e-16 * max(1e-5, abs(t)))
+    evaluate(t + reach, y, f_t, c)
+    evaluate(t, y, f, c)
+    for i in range(size):
+        f_t[i] = (f_t[i] - f[i]) / reach
+    jacobian(t, y, c, owner, colours, shifted, shift(shifted, size), zero, matrix)
+
+
+@inner
+def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol, atol):
+    """Take one step with error control from y; return False if it would have to be too small."""
+    n, t, direction = c[N], clock[T], clock[DIRECTION]
+    y_new, errors, f, f_t = work, shift(work, size), shift(work, 2 * size), shift(work, 3 * size)
+    shifted, result, k = shift(work, 4 * size), shift(work, 5 * size), shift(work, 6 * size)
+    matrix = shift(work, 14 * size)
+    factors, zero = shift(matrix, n * n), shift(matrix, 2 * n * n)
+    proposal = min(clock[STEP], clock[LARGEST])
+    limit = math.inf
+    known = False
+    while True:
+        h, t_new, clipped, _ = plan(c, clock, proposal)
+        if h == 0.0:
+            return False
+        if not known:
+            linearize(c, t, direction, size, y, f, f_t, shifted, owner, colours, zero, matrix)
+            tally[EVALUATIONS] += 2
+            tally[JACOBIANS] += 1
+            known = True
+        signed = t_new - t
+        diagonal = 1.0 / (signed * GAMMA)
+        for i in range(n * n):
+            factors[i] = -matrix[i]
+        for i in range(n):
+            factors[i * n + i] += diagonal
+        tally[FACTORIZATIONS] += 1
+        error = math.nan
+        if factorize(n, factors, pivots):
+            stages(c, t, signed, size, y, f, f_t, factors, pivots, k, y_new, shifted, result)
+            tally[EVALUATIONS] += 7
+            error = mean_error(count, y, y_new, shift(k, 7 * size), rtol, atol, errors)
+            if error <= 1.0:
+                break
+            tally[WORST] = worst(count, errors)
+        if not math.isfinite(error):
+            found = culprit(c, t, signed, size, y, f, matrix, shifted, result)
+            tally[WORST] = found if found >= 0 else tally[WORST]
+        limit = h
+        tally[REJECTED] += 1
+        proposal = h * max(0.2, 0.9 * error**-0.2) if math.isfinite(error) else 0.2 * h
+    settle(clock, h, t_new, error, 0.2, 0.0, proposal if clipped else 0.0, limit)
+    return True
+
+
+@entry
+def advance(
+    numbers,
+    clock,
+    tally,
+    y,
+    work,
+    store_t,
+    store_y,
+    store_k,
+    rtol,
+    atol,
+    count,
+    sample_t,
+    sample_y,
+    owner,
+    pivots,
+):
+    """Take many steps; as `dormand_prince.advance`, with four vectors for the interpolant of each step."""
+    size, c = y.size, pointer(numbers)
+    ticks, counts, times, samples = pointer(clock), pointer(tally), pointer(sample_t), pointer(sample_y)
+    states, derivatives, space = pointer(store_y), pointer(store_k), pointer(work)
+    relative, absolute, rows, columns = pointer(rtol), pointer(atol), pointer(pivots), pointer(owner)
+    tally[DONE] = 0
+    while True:
+        slot = tally[SLOT]
+        start, k = shift(states, slot * size), shift(derivatives, slot * 4 * size)
+        if tally[SAMPLE] < sample_t.size and not write_samples(
+            ticks, counts, size, start, k, sample_t.size, times, sample_y.shape[0], samples
+        ):
+            return BUFFER_FULL
+        if clock[T] == clock[END]:
+            return FINISHED
+        if tally[DONE] >= tally[WANTED]:
+            return MORE
+        slot = tally[DONE] % store_t.shape[0]
+        tally[SLOT] = slot
+        start, k = shift(states, slot * size), shift(derivatives, slot * 4 * size)
+        for i in range(size):
+            start[i] = y[i]
+        if not one_step(
+            c, ticks, counts, size, count, start, space, rows, columns, owner.shape[0], relative, absolute
+        ):
+            return TOO_SMALL
+        store_interpolant(size, shift(space, 6 * size), space, k)
+        store_t[slot, 0] = clock[T_OLD]
+        store_t[slot, 1] = clock[STEP_OLD]
+        tally[DONE] += 1
+        for i in range(size):
+            y[i] = work[i]
+
+
+@entry
+def interpolate_many(t, direction, steps, store_t, store_y, store_k, out):
+    """Write the states at the times t, each in the stored step that holds it, into the rows of out."""
+    size = out.shape[1]
+    states, vectors, rows = pointer(store_y), pointer(store_k), pointer(out)
+    j = 0
+    for i in range(t.size):
+        while j > 0 and direction * (t[i] - store_t[j, 0]) < 0.0:
+            j -= 1
+        while j + 1 < steps and direction * (t[i] - store_t[j + 1, 0]) > 0.0:
+            j += 1
+        z = (t[i] - store_t[j, 0]) / store_t[j, 1]
+        interpolate(z, size, shift(states, j * size), shift(vectors, j * 4 * size), shift(rows, i * size))

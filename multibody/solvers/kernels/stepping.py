@@ -1,0 +1,96 @@
+"""What every method with error control does around its formulas: plan a step, settle the next one.
+
+Indices into ``clock`` (float64): time, proposed step, error of the last step, end, direction, largest step,
+begin and size of the last accepted step.  Indices into ``tally`` (int64): steps wanted, steps done, rejected
+steps, evaluations, next sample, first sample of the buffer, state of the largest error, whether the
+derivative at y is known (0 no, 1 as stage 1, 2 as stage 7 of the last step), slot of the last step,
+Jacobians, factorizations.
+"""
+
+from __future__ import annotations
+
+import math
+
+from multibody.solvers.kernels.bundle import DELAYED, JUMPS, N_GROUPS, N_HELD, WINDOW
+from multibody.solvers.kernels.calls import floats, inner, ints
+from multibody.solvers.kernels.field import hold_at, next_break
+
+T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
+WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
+MORE, FINISHED, BUFFER_FULL, TOO_SMALL = 0, 1, 2, -1
+
+
+@inner
+def plan(c, clock, proposal):
+    """Fit a proposed step to the end and to the next break of the inputs, and hold the inputs for it.
+
+    Returns the size of the step, its end, whether it was clipped, and whether the rates jump at its end; the
+    size is zero if the proposal is too small to go on.
+    """
+    t, direction = clock[T], clock[DIRECTION]
+    h = proposal
+    t_new = t + direction * h
+    clipped, jump = False, False
+    if not proposal >= 10.0 * 2.220446049250313e-16 * abs(t) + 1e-300:
+        return 0.0, t, clipped, jump
+    target = clock[END]
+    if c[N_GROUPS] > 0:
+        edge, index = next_break(t, direction, c)
+        if direction * (edge - target) < 0.0:
+            target = edge
+            jump = ints(c[JUMPS])[index] != 0 or c[DELAYED] != 0
+    remaining = direction * (target - t)
+    if 1.01 * h >= remaining:
+        h, t_new, clipped = remaining, target, True
+    else:
+        jump = False
+        # Two equal steps are better than a long one and a short one.
+        if 2.0 * h > remaining:
+            h, clipped = 0.5 * remaining, True
+            t_new = t + direction * h
+    if c[N_HELD] > 0:
+        hold_at(t + 0.5 * direction * h, c)
+    if c[DELAYED] != 0:
+        inside = max(1e-9 * h, 1e-15 * max(abs(t), abs(t_new)))
+        window = floats(c[WINDOW])
+        window[0], window[1] = min(t, t_new) + inside, max(t, t_new) - inside
+    return h, t_new, clipped, jump
+
+
+@inner
+def settle(clock, h, t_new, error, exponent, damping, keep, limit):
+    """Accept a step: remember it and propose the next, between ``keep`` and ``limit``.
+
+    A PI controller (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.2).
+    """
+    t = clock[T]
+    factor = 0.9 * max(error, 1e-10) ** -exponent * clock[ERROR] ** damping
+    clock[STEP] = min(limit, max(keep, h * min(10.0, max(0.2, factor))))
+    clock[ERROR] = max(error, 1e-4)
+    clock[T_OLD] = t
+    clock[STEP_OLD] = t_new - t
+    clock[T] = t_new
+
+
+@inner
+def mean_error(count, y, y_new, raw, rtol, atol, errors):
+    """Scale raw errors by the tolerances and return their root mean square."""
+    total = 0.0
+    for i in range(count):
+        e = raw[i] / (atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i])))
+        errors[i] = e
+        total += e * e
+    return math.sqrt(total / count)
+
+
+@inner
+def worst(count, errors):
+    """Return the index of the largest scaled error; one that is not finite wins."""
+    found, largest = 0, -1.0
+    for i in range(count):
+        e = abs(errors[i])
+        if not math.isfinite(e):
+            return i
+        if e > largest:
+            found, largest = i, e
+    return found
