@@ -52,11 +52,20 @@ def generate(work: Assembly) -> Source:
     rates = [work.derivatives[q.variable] for q in work.states]
     shown = [q.variable for q in work.outputs]
     try:
-        kernels, tangents = ([f"@njit(cache=True, error_model='numpy')\n{t}" for t in part]
-                             for part in kernel_sources(work.kernels, work.statements))
+        kernel_texts, tangent_texts = kernel_sources(work.kernels, work.statements)
     except EquationError as error:
         raise ModelError(work.name, str(error).splitlines()) from error
-    rate_items, output_items = ordered(work, rates, shown)
+    unknowns = [u.variable for u in work.unknowns]
+    rate_items, output_items, unknown_items = ordered(work, rates, shown, unknowns)
+    if blocks := [item for item in unknown_items if isinstance(item, Block)]:
+        from multibody.solvability import unsolvable
+
+        text = _function(work, "rhs", "dx", unknown_items, unknowns, tangent=False)
+        if faults := unsolvable(work, blocks, text, kernel_texts):
+            raise ModelError(work.name, faults)
+    kernels, tangents = (
+        [f"@njit(cache=True, error_model='numpy')\n{text}" for text in part] for part in (kernel_texts, tangent_texts)
+    )
     texts = {
         "rhs": _function(work, "rhs", "dx", rate_items, rates, tangent=False),
         "outputs": _function(work, "outputs", "y", output_items, shown, tangent=False),
