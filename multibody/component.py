@@ -61,6 +61,7 @@ class Component:
                 if isinstance(item, Declaration):
                     collected.pop(name, None)
                     collected[name] = item
+                    collected.update({n: extra for n, extra in item.brings().items() if n not in vars(base)})
                 elif name in collected:  # a subclass may take a declaration away by setting it to None
                     del collected[name]
         cls.declarations = collected

@@ -39,6 +39,10 @@ class Declaration:
     def __set_name__(self, owner: type, name: str) -> None:
         object.__setattr__(self, "name", name)
 
+    def brings(self) -> dict[str, Declaration]:
+        """Return further declarations that come with this one, by name."""
+        return {}
+
 
 @dataclass(frozen=True)
 class Parameter(Declaration):
@@ -190,10 +194,13 @@ class Translation(Port):
         Name of the parameter (kg) by which the component resists acceleration of this flange.
     prescribed : bool
         True when the component's equations give the flange its position, velocity and acceleration.
+    coordinate : str, optional
+        Name of the free motion of a rigid body that this flange is; the body's equations bring the inertia.
     """
 
     inertia: str | None = None
     prescribed: bool = False
+    coordinate: str | None = None
 
     domain: ClassVar[str] = "translation"
     potential: ClassVar[str] = "position"
@@ -216,10 +223,13 @@ class Rotation(Port):
         Name of the parameter (kg m²) by which the component resists angular acceleration of this flange.
     prescribed : bool
         True when the component's equations give the flange its angle, speed and acceleration.
+    coordinate : str, optional
+        Name of the free motion of a rigid body that this flange is; the body's equations bring the inertia.
     """
 
     inertia: str | None = None
     prescribed: bool = False
+    coordinate: str | None = None
 
     domain: ClassVar[str] = "rotation"
     potential: ClassVar[str] = "angle"
@@ -246,7 +256,67 @@ class Pin(Port):
 
 @dataclass(frozen=True)
 class Frame(Port):
-    """A point and directions fixed to a rigid body, where spatial forces and moments act."""
+    """A point and directions fixed to a rigid body, where spatial forces and moments act.
+
+    Shared by all that is connected, in world axes: position ``px py pz``, rotation matrix ``r11 … r33`` (its columns
+    are the frame's axes), velocity ``vx vy vz``, angular velocity ``wx wy wz``, acceleration ``ax ay az``, angular
+    acceleration ``alx aly alz``, and gravity ``gx gy gz``.  ``fx fy fz`` and ``mx my mz`` are the force and the moment
+    that this component exerts on the frame, world axes, the force at the frame's point.
+
+    Parameters
+    ----------
+    meaning : str
+        One line.
+    offset : tuple, optional
+        Given by a component that holds the frame: its place in body axes (in world axes on the ground).  Each of the
+        three entries is a number (the default of a parameter ``<name>_x``, ``_y`` or ``_z`` that comes with the
+        frame), the name of a declared parameter (perhaps with a minus before it), or None for zero.
+    angles : tuple
+        Roll, pitch and yaw of the frame against the body in the same manner (``<name>_roll``, …).
+    parent : bool
+        True for the frame that a rigid body hangs on.
+    """
+
+    offset: tuple[float | str | None, ...] | None = None
+    angles: tuple[float | str | None, ...] = (None, None, None)
+    parent: bool = False
 
     domain: ClassVar[str] = "frame"
-    units: ClassVar[dict[str, str]] = {}
+    motions: ClassVar[tuple[str, ...]] = (
+        *(f"{what}{axis}" for what in ("p", "v", "w", "a", "al", "g") for axis in "xyz"),
+        *(f"r{i}{j}" for i in "123" for j in "123"),
+    )
+    units: ClassVar[dict[str, str]] = {
+        f"{what}{axis}": unit
+        for what, unit in (
+            ("p", "m"), ("v", "m/s"), ("w", "rad/s"), ("a", "m/s**2"), ("al", "rad/s**2"), ("g", "m/s**2"),
+            ("f", "N"), ("m", "N*m"))
+        for axis in "xyz"
+    } | {f"r{i}{j}": "1" for i in "123" for j in "123"}
+
+    @property
+    def offset_names(self) -> tuple[str | None, ...]:
+        """Names of the parameters of the offset, None for zero."""
+        return self._names(self.offset or (None, None, None), ("x", "y", "z"))
+
+    @property
+    def angle_names(self) -> tuple[str | None, ...]:
+        """Names of the parameters of roll, pitch and yaw, None for zero."""
+        return self._names(self.angles, ("roll", "pitch", "yaw"))
+
+    def _names(self, entries: tuple[float | str | None, ...], kinds: tuple[str, ...]) -> tuple[str | None, ...]:
+        return tuple(
+            e if e is None or isinstance(e, str) else f"{self.name}_{kind}" for e, kind in zip(entries, kinds, strict=True))
+
+    def brings(self) -> dict[str, Declaration]:
+        """Return the parameters that give the frame its place on the body."""
+        what = self.meaning or "frame"
+        numbers = [*zip(self.offset_names, self.offset or (), ["m"] * 3, "xyz", strict=False)]
+        numbers += zip(self.angle_names, self.angles, ["rad"] * 3, ("roll", "pitch", "yaw"), strict=True)
+        found: dict[str, Declaration] = {}
+        for name, default, unit, kind in numbers:
+            if name is not None and not isinstance(default, str):
+                item = Parameter(default, unit, f"{kind} of the {what} on the body", when=self.when)
+                object.__setattr__(item, "name", name)
+                found[name] = item
+        return found

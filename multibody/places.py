@@ -66,7 +66,8 @@ def places_of(model: Model, net: Network, kinematics: Kinematics) -> list[Place]
         found.setdefault(swapped if swapped in found else key, []).append((name, first, second, a, b))
 
     for owner, component in model.components.items():
-        ports = [n for n, p in component.of_kind(Translation | Rotation).items()]  # type: ignore[arg-type]
+        flanges = component.of_kind(Translation | Rotation)  # type: ignore[arg-type]
+        ports = [n for n, p in flanges.items() if not p.coordinate]
         pairs = [(ports[0], ports[1])] if len(ports) == 2 and not component.is_transmission() else []
         for first, second in pairs:
             a, b = net.node_of[f"{owner}.{first}"], net.node_of[f"{owner}.{second}"]
@@ -79,6 +80,9 @@ def places_of(model: Model, net: Network, kinematics: Kinematics) -> list[Place]
         if node.domain in ("translation", "rotation") and node.inertial and kinematics.moves(node):
             port = node.inertial[0]
             note(port.owner, port.name, "ground", node, None)
+        if node.axes and kinematics.moves(node):
+            port = node.axes[0]
+            note(f"{port.owner}.{port.coordinate}", port.name, "ground", node, None)
     places = []
     for entries in found.values():
         name, first, second, a, b = entries[0]
