@@ -80,7 +80,7 @@ class Kinematics:
             if node.domain == Pin.domain:
                 base = variable(node.label.owner, node.label.port_name)
                 work.add(f"{base}___sum = {total(flows)}", node.label.name)
-                if node.label.prescribed:
+                if node.prescriber is not None:
                     work.add(f"{base}__reaction = {base}___sum", node.label.name)
                 elif not node.grounded:
                     work.unknowns.append(Unknown(f"{node.label.name}.voltage", f"{base}__voltage", f"{base}___sum"))
@@ -185,9 +185,9 @@ def _leader(kin: Kinematics, node: Node, work: Assembly) -> None:
         work.add(f"{acceleration} = 0.0", label.name)
         return
     motion.factors = {motion.base: "1.0"}
-    if label.prescribed:
-        work.coordinates.append(
-            Coordinate(motion.base, label.name, rate, acceleration, "prescribed", f"{motion.base}__reaction"))
+    if node.prescriber is not None:
+        reaction = f"{variable(node.prescriber.owner, node.prescriber.port_name)}__reaction"
+        work.coordinates.append(Coordinate(motion.base, label.name, rate, acceleration, "prescribed", reaction))
         _show_motion(kin, node, work, skip=None)
         return
     work.coordinates.append(Coordinate(motion.base, label.name, rate, acceleration))

@@ -69,9 +69,19 @@ class Node:
         return self.ports[0]
 
     @property
+    def prescriber(self) -> PortOf | None:
+        """The port whose component gives the node its motion or voltage."""
+        return next((p for p in self.ports if p.prescribed), None)
+
+    @property
     def inertial(self) -> list[PortOf]:
         """Ports with inertia."""
         return [p for p in self.ports if p.inertia]
+
+    @property
+    def prescriber(self) -> PortOf | None:
+        """The port whose component gives the node its motion, or None."""
+        return next((p for p in self.ports if p.prescribed), None)
 
     @property
     def axes(self) -> list[PortOf]:

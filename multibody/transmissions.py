@@ -48,7 +48,7 @@ def directed(model: Model, net: Network, work: Assembly) -> list[Coupling]:
 
     def possible(way: Coupling) -> bool:
         target = net.node_of[way.target]
-        held = target.grounded or target.label.prescribed or any(p.locked for p in target.ports)
+        held = target.grounded or target.prescriber is not None or any(p.locked for p in target.ports)
         circle = any(id(target) in leads.get(s, set()) | {s} for s in (id(net.node_of[n]) for n in way.sources))
         return not held and id(target) not in leads and not circle
 
