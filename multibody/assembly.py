@@ -66,7 +66,7 @@ def assemble(
         _energies(model, work, energy)
         _show(model, net, work)
     if outputs is not None and not work.faults:
-        _keep(work, list(outputs))
+        _keep(work, [*outputs, *_guards(model)])
     if work.faults:
         raise ModelError(model.name, work.faults)
     _rename(work)
@@ -231,6 +231,14 @@ def _port_quantity(model: Model, source: str) -> Quantity | None:
     if last not in units:
         return None
     return Quantity(source, units[last], last, variable(found[0], found[2], last))
+
+
+def _guards(model: Model) -> list[str]:
+    """Outputs that a simulation needs to keep its steps short enough, behind those that are asked for."""
+    return [
+        f"{owner}.{name}" for owner, component in model.components.items() for pair in component.features.items()
+        for name in pair if isinstance(component.declarations.get(name), Output)
+    ]
 
 
 def _keep(work: Assembly, names: list[str]) -> None:

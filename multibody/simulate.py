@@ -20,6 +20,7 @@ __all__ = ["input_table", "native_problem", "simulate"]
 
 NATIVE = ("DormandPrince54", "Rodas5P")
 SCIPY = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
+_FEATURE_RUNS = 4
 
 
 def simulate(
@@ -80,8 +81,11 @@ def simulate(
     table = input_table(system, inputs, interpolation=interpolation)
     limit = table.largest_step() if max_step is None else max_step
     run = _run(system, table, functions, p, x0, (t0, t1), times, method, rtol, atol, limit, events)
-    if max_step is None and (finer := _feature_step(system, run, limit)) is not None:
-        run = _run(system, table, functions, p, x0, (t0, t1), times, method, rtol, atol, finer, events)
+    for _ in range(_FEATURE_RUNS):  # a run that jumped over a motion does not show the speeds that it has
+        if max_step is not None or (finer := _feature_step(system, run, limit)) is None:
+            break
+        limit = finer
+        run = _run(system, table, functions, p, x0, (t0, t1), times, method, rtol, atol, limit, events)
     return run
 
 
@@ -248,9 +252,11 @@ def _feature_step(system: System, run: Trajectory, limit: float) -> float | None
         for width_name, speed_name in getattr(component, "features", {}).items():
             if width_name in component.tables:
                 width = float(np.diff(component.tables[width_name][0]).min())
-            else:
+            elif width_name in component.values:
                 width = float(run.p[system.index("parameter", f"{owner}.{width_name}")])
-            speed = float(np.max(np.abs(run[f"{owner}.{speed_name}"]), initial=0.0))
+            else:
+                width = float(np.min(np.abs(run[f"{owner}.{width_name}"])))
+            speed = 1.0 if speed_name == "time" else float(np.max(np.abs(run[f"{owner}.{speed_name}"]), initial=0.0))
             if speed > 0.0 and width > 0.0:
                 finest = min(finest, 0.5 * width / speed)
-    return finest if finest < limit else None
+    return finest if finest < 0.8 * limit else None  # the same speed, sampled anew, is no reason to run again
