@@ -191,8 +191,6 @@ def _leader(kin: Kinematics, node: Node, work: Assembly) -> None:
         _show_motion(kin, node, work, skip=None)
         return
     work.coordinates.append(Coordinate(motion.base, label.name, rate, acceleration))
-    starts = label.component.starts if label.inertia else {}
-    names = [_start_name(label, what) if label.inertia else f"{label.port_name}.{what}" for what in (port.potential, port.rate)]
     massless = not kin.reaches_inertia(node)
     named = zip(_state_names(label), (port.potential, port.rate), (position, rate), strict=True)
     for (name, start), what, var in named:

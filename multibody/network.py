@@ -79,11 +79,6 @@ class Node:
         return [p for p in self.ports if p.inertia]
 
     @property
-    def prescriber(self) -> PortOf | None:
-        """The port whose component gives the node its motion, or None."""
-        return next((p for p in self.ports if p.prescribed), None)
-
-    @property
     def axes(self) -> list[PortOf]:
         """Ports that are a free motion of a rigid body."""
         return [p for p in self.ports if p.coordinate]
