@@ -1,0 +1,128 @@
+"""One stage of a study: a model with its effects, fitted, beside the records it was fitted to and those held out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.effects import Effect
+
+if TYPE_CHECKING:
+    from discrepancy.scan import ScanResult
+    from estimation.calibrate import Calibration, Fit
+    from estimation.experiment import SensorError
+    from multibody.model import Model
+    from multibody.system import System
+
+__all__ = ["Accepted", "Rival", "Stage"]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another explanation of what an accepted effect explains.
+
+    Parameters
+    ----------
+    kind, where : str
+    delta_bic : float
+        BIC of this explanation minus that of the accepted one, after full refits where both were refitted.
+    refitted : bool
+        True when the figure comes from a refit, False when from the linear scan.
+    indistinguishable : bool
+        True when these records cannot tell the two apart.
+    """
+
+    kind: str
+    where: str
+    delta_bic: float
+    refitted: bool
+    indistinguishable: bool
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """Why an effect was added.
+
+    Parameters
+    ----------
+    effect : Effect
+    p_value : float
+        Family-wise probability of a score like this by luck, over all candidates.
+    delta_bic : float
+        Change of BIC by adding it, with the effective number of observations.
+    rivals : tuple of Rival
+        In the order of their BIC.
+    """
+
+    effect: Effect
+    p_value: float
+    delta_bic: float
+    rivals: tuple[Rival, ...] = ()
+
+    @property
+    def ambiguous(self) -> bool:
+        """True if another *kind* of effect cannot be told from this one."""
+        return any(r.indistinguishable and r.kind != self.effect.kind for r in self.rivals)
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A stage: as given, recalibrated, or with one more effect.
+
+    Parameters
+    ----------
+    name : str
+        ``"as given"``, ``"recalibrated"`` or ``"+ kind@where"``.
+    model : Model
+        With its effects in it, at the fitted values.
+    system : System
+        Of that model, with probes.
+    effects : tuple of Effect
+        Effects in the model, at the fitted values.
+    accepted : Accepted or None
+        Why the last effect was added.
+    identify, validate : Calibration
+        Fitted on the identification records; on the validation records only each record's own unknowns are fitted.
+    sensors : tuple of SensorError
+        Errors of sensors among the effects.
+    p : ndarray
+        Parameter vector.
+    noise : mapping of str to float
+        Noise floor of each output, SI.
+    scan : ScanResult or None
+        What the scan of this stage found.
+    """
+
+    name: str
+    model: Model
+    system: System
+    effects: tuple[Effect, ...]
+    accepted: Accepted | None
+    identify: Calibration
+    validate: Calibration | None
+    sensors: tuple[SensorError, ...]
+    p: np.ndarray
+    noise: Mapping[str, float]
+    scan: ScanResult | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the measured outputs."""
+        return self.identify.fits[0].experiment.outputs
+
+    def fits(self, part: str) -> tuple[Fit, ...]:
+        """Return the fits of ``"identify"`` or ``"validate"`` (empty when nothing is held out)."""
+        found = self.identify if part == "identify" else self.validate
+        return found.fits if found is not None else ()
+
+    def rmse(self, part: str) -> dict[str, float]:
+        """Return the root mean square error of every output over all records of a part, SI."""
+        fits = self.fits(part)
+        if not fits:
+            return {}
+        stacked = np.concatenate([f.residual for f in fits])
+        return dict(zip(self.outputs, np.sqrt(np.mean(stacked**2, axis=0)).tolist(), strict=True))
