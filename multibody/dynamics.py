@@ -164,19 +164,20 @@ def _solve(work: Assembly, members: list[Coordinate], right: list[str], matrix: 
     base = f"_S__{keys[0]}_"
     present = [[(keys[i], keys[j]) in matrix for j in range(n)] for i in range(n)]
     low = [[False] * n for _ in range(n)]
-    for i in range(n):
+    for i in range(n):  # U = L D is kept beside L, and one division for each row gives 1/D
         for j in range(i + 1):
-            terms = [f"{base}__L_{i}_{k} * {base}__L_{j}_{k} * {base}__D_{k}" for k in range(j) if low[i][k] and low[j][k]]
+            terms = [f"{base}__L_{i}_{k} * {base}__U_{j}_{k}" for k in range(j) if low[i][k] and low[j][k]]
             start = _entry(keys[i], keys[j]) if present[i][j] else "0.0"
             text = f"{start} - ({' + '.join(terms)})" if terms else start
             if i == j:
-                work.add(f"{base}__D_{i} = {text}", origin)
+                work.add(f"{base}__E_{i} = 1.0 / ({text})", origin)
             elif present[i][j] or terms:
                 low[i][j] = True
-                work.add(f"{base}__L_{i}_{j} = ({text}) / {base}__D_{j}", origin)
+                work.add(f"{base}__U_{i}_{j} = {text}", origin)
+                work.add(f"{base}__L_{i}_{j} = {base}__U_{i}_{j} * {base}__E_{j}", origin)
     for i in range(n):
         terms = "".join(f" - {base}__L_{i}_{k} * {base}__y_{k}" for k in range(i) if low[i][k])
         work.add(f"{base}__y_{i} = {right[i]}{terms}", origin)
     for i in reversed(range(n)):
         terms = "".join(f" - {base}__L_{k}_{i} * {members[k].acceleration}" for k in range(i + 1, n) if low[k][i])
-        work.add(f"{members[i].acceleration} = {base}__y_{i} / {base}__D_{i}{terms}", origin)
+        work.add(f"{members[i].acceleration} = {base}__y_{i} * {base}__E_{i}{terms}", origin)
