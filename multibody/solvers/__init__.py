@@ -1,4 +1,8 @@
-"""Compiled integrators behind SciPy's extension point `OdeSolver`, and what they integrate."""
+"""Compiled integrators behind SciPy's extension point `OdeSolver`, and what they integrate.
+
+Modules with a function of their own name are imported by path: ``from multibody.solvers.batch import batch``,
+``from multibody.solvers.transitions import transitions``.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,11 @@ _PLACES = {
     "NativeProblem": "problem",
     "Rodas5P": "rosenbrock",
     "ProblemError": "problem",
+    "Run": "batch",
     "Samples": "base",
+    "Transitions": "transitions",
+    "choose_method": "choose",
+    "spectral_radius": "choose",
     "integrate": "run",
 }
 

@@ -1,0 +1,193 @@
+"""Around the compiled methods: discrete transitions, the choice of a method, batches."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from multibody import native
+from multibody.inputs import InputTable
+from multibody.solvers import DormandPrince54, NativeProblem, ProblemError, Rodas5P, choose_method, integrate
+from multibody.solvers.batch import batch
+from multibody.solvers.choose import jacobian, spectral_radius
+from multibody.solvers.transitions import transitions
+
+# x' = A x + B u with A = p[0:9], B = p[9:15]; and a pendulum whose input is its third parameter late.
+SOURCE = """
+import math
+
+
+def linear(t, x, u, p, dx):
+    for i in range(3):
+        dx[i] = p[9 + 2 * i] * u[0] + p[10 + 2 * i] * u[1]
+        for j in range(3):
+            dx[i] += p[3 * i + j] * x[j]
+
+
+def linear_tangent(t, x, u, p, x_dot, u_dot, p_dot, out):
+    for i in range(3):
+        out[i] = p[9 + 2 * i] * u_dot[0] + p[10 + 2 * i] * u_dot[1]
+        for j in range(3):
+            out[i] += p[3 * i + j] * x_dot[j] + p_dot[3 * i + j] * x[j]
+
+
+def pendulum(t, x, u, p, dx):
+    dx[0] = x[1]
+    dx[1] = -p[0] * math.sin(x[0]) - p[1] * x[1] + u[0] * x[0]
+
+
+def pendulum_tangent(t, x, u, p, x_dot, u_dot, p_dot, out):
+    out[0] = x_dot[1]
+    out[1] = (
+        -p_dot[0] * math.sin(x[0]) - p[0] * math.cos(x[0]) * x_dot[0] - p_dot[1] * x[1] - p[1] * x_dot[1]
+        + u_dot[0] * x[0] + u[0] * x_dot[0]
+    )
+"""
+
+A = np.array([[0.0, 1.0, 0.0], [-30.0, -2.0, 5.0], [1.0, 0.0, -8.0]])
+B = np.array([[0.0, 0.0], [3.0, 0.0], [0.5, -2.0]])
+
+
+def problem(name, p, table, n):
+    module = native.load_source(SOURCE, "solver_tools")
+    return NativeProblem(
+        native.compile_rhs(module, name), p, table, n, native.compile_tangent(module, f"{name}_tangent")
+    )
+
+
+def linear(matrix=A):
+    p = np.concatenate([matrix.ravel(), B.ravel()])
+    return problem("linear", p, InputTable.constant([0.3, -0.2]), 3)
+
+
+def exact_blocks(step):
+    """Transition and first-order-hold responses from one matrix exponential (Van Loan)."""
+    m = B.shape[1]
+    whole = np.zeros((3 + 2 * m, 3 + 2 * m))
+    whole[:3, :3], whole[:3, 3 : 3 + m] = A * step, B * step
+    whole[3 : 3 + m, 3 + m :] = np.eye(m)
+    blocks = expm(whole)
+    hold, ramp = blocks[:3, 3 : 3 + m], blocks[:3, 3 + m :]
+    return blocks[:3, :3], hold - ramp, ramp
+
+
+def test_transitions_of_a_linear_system_are_the_matrix_exponential():
+    times = np.array([0.0, 0.01, 0.05, 0.06, 0.1])
+    states = np.random.default_rng(0).normal(size=(5, 3))
+    phi, gamma0, gamma1 = transitions(linear(), times, states, [0, 1], 0.002)
+    for k, step in enumerate(np.diff(times)):
+        # Global error of order 5: (8.2 1/s * 0.002 s)^5 * 0.05 / 720 is below 1e-12.
+        for found, exact in zip((phi[k], gamma0[k], gamma1[k]), exact_blocks(step), strict=True):
+            np.testing.assert_allclose(found, exact, rtol=0, atol=1e-10)
+
+
+def test_transitions_carry_the_state_and_its_deviation():
+    times = np.linspace(0.0, 1.0, 11)
+    table = InputTable.from_columns([0.0, 0.33, 0.71, 1.0], {"u": [1.0, -2.0, 3.0, 0.0]}, "hold")
+    prob = problem("pendulum", np.array([9.81, 0.2]), table, 2)
+    solution = integrate(prob, (0.0, 1.0), [2.0, 0.0], times, rtol=1e-11, atol=1e-12)
+    found = transitions(prob, times, solution.y.T, substep=0.005)
+    np.testing.assert_allclose(found.ends, solution.y.T[1:], rtol=0, atol=1e-9)
+    eps = 1e-5
+    for k in (0, 3, 7):
+        for j in range(2):
+            ends = []
+            for sign in (1.0, -1.0):
+                start = solution.y[:, k] + sign * eps * np.eye(2)[j]
+                ends.append(integrate(prob, (times[k], times[k + 1]), start, rtol=1e-12, atol=1e-13).y[:, -1])
+            # Central difference: eps² and the tolerance over eps are below 1e-7.
+            np.testing.assert_allclose(found.phi[k][:, j], (ends[0] - ends[1]) / (2 * eps), rtol=0, atol=1e-6)
+    # No channels: no columns.
+    assert found.gamma0.shape == (10, 2, 0)
+
+
+def test_transitions_release_the_interpreter_and_name_their_faults():
+    prob, times = linear(), np.linspace(0.0, 1.0, 101)
+    states = np.zeros((101, 3))
+    results = []
+    threads = [
+        threading.Thread(target=lambda: results.append(transitions(prob, times, states).phi))
+        for _ in range(3)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(np.array_equal(result, results[0]) for result in results)
+    with pytest.raises(ProblemError, match="increasing times"):
+        transitions(prob, times[::-1], states)
+    with pytest.raises(ProblemError, match=r"not \(101, 3\)"):
+        transitions(prob, times, states[:, :2])
+    with pytest.raises(ProblemError, match="input 5, there are 2"):
+        transitions(prob, times, states, [5])
+    states[40, 1] = np.nan
+    with pytest.raises(ProblemError, match=r"from t = 0\.4 s on is not finite"):
+        transitions(prob, times, states)
+
+
+def test_jacobian_by_colours_and_eigenvalues():
+    np.testing.assert_array_equal(jacobian(linear(), 0.0, np.ones(3)), A)
+    assert spectral_radius(linear(), 0.0, np.ones(3)) == pytest.approx(np.abs(np.linalg.eigvals(A)).max())
+
+
+def test_choice_follows_stiffness():
+    mild = choose_method(linear(), (0.0, 5.0), [1.0, 0.0, 0.0], rtol=1e-6)
+    assert mild.method is DormandPrince54
+    assert mild.reason.startswith("explicit: accuracy")
+    assert mild.fastest == pytest.approx(np.abs(np.linalg.eigvals(A)).max())
+    fast = A.copy()
+    fast[2, 2] = -1e6
+    stiff = choose_method(linear(fast), (0.0, 5.0), [1.0, 0.0, 0.0], rtol=1e-6)
+    assert stiff.method is Rodas5P
+    assert stiff.reason.startswith("stiff: stability limits explicit steps to 3.3e-06 s")
+    work = {
+        m: integrate(linear(fast), (0.0, 0.1), [1.0, 0.0, 0.0], method=m, rtol=1e-6).nfev
+        for m in (DormandPrince54, Rodas5P)
+    }
+    assert work[DormandPrince54] > 100 * work[Rodas5P]
+
+
+def test_choice_without_tangent_or_motion():
+    prob = linear()
+    bare = NativeProblem(prob.rhs, prob.p, prob.table, 3)
+    assert "no tangent" in choose_method(bare, (0.0, 1.0), np.zeros(3)).reason
+    still = linear(np.zeros((3, 3)))
+    assert choose_method(still, (0.0, 1.0), np.zeros(3)).method is DormandPrince54
+
+
+def test_batch_gives_each_run_in_order_and_reports_failures():
+    prob = linear()
+    starts = np.random.default_rng(2).normal(size=(20, 3))
+    starts[7, 0] = np.nan
+    drawn = []
+
+    def runs():
+        for i, start in enumerate(starts):
+            drawn.append(i)
+            yield prob, start
+
+    t = np.linspace(0.0, 0.5, 6)
+    results = batch(runs(), (0.0, 0.5), t, workers=2, rtol=1e-9, atol=1e-11)
+    first = next(results)
+    # Constant memory: only what is needed to keep two threads busy has been drawn.
+    assert len(drawn) == 8
+    done = [first, *results]
+    assert [run.index for run in done] == list(range(20))
+    for run, start in zip(done, starts, strict=True):
+        if run.index == 7:
+            assert not run.success
+            assert run.y.shape[0] == 3
+            assert "finite" in run.message
+        else:
+            alone = integrate(prob, (0.0, 0.5), start, t, rtol=1e-9, atol=1e-11)
+            np.testing.assert_array_equal(run.y, alone.y)
+
+
+def test_batch_can_be_left_early():
+    prob = linear()
+    results = batch(((prob, np.ones(3)) for _ in range(10**9)), (0.0, 0.1), [0.1], workers=2)
+    assert [next(results).index for _ in range(3)] == [0, 1, 2]
+    results.close()
