@@ -282,6 +282,7 @@ class Frame(Port):
     parent: bool = False
 
     domain: ClassVar[str] = "frame"
+    flows: ClassVar[tuple[str, ...]] = ("fx", "fy", "fz", "mx", "my", "mz")
     motions: ClassVar[tuple[str, ...]] = (
         *(f"{what}{axis}" for what in ("p", "v", "w", "a", "al", "g") for axis in "xyz"),
         *(f"r{i}{j}" for i in "123" for j in "123"),

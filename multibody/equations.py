@@ -85,7 +85,7 @@ class Scope:
             given = {item.potential, item.rate, "acceleration"}
             if coupling and path[1] == item.potential:
                 return None
-            if path[1] == item.flow or (getattr(item, "prescribed", False) and path[1] in given):
+            if path[1] in (item.flow, *getattr(item, "flows", ())) or (getattr(item, "prescribed", False) and path[1] in given):
                 return None
             if path[1] in given:
                 return f"the {path[1]} of a port is shared: declare the port with prescribed=True to give it"
