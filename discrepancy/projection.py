@@ -55,7 +55,7 @@ class Layout:
         tail = blocks[0].shape[2:]
         out = np.zeros((self.n_rows, *tail))
         for b, block in enumerate(blocks):
-            out[self.rows(b)] = whitener.apply(block).reshape(-1, *tail)
+            out[self.rows(b)] = whitener.apply(block).reshape(block.shape[0] * block.shape[1], *tail)
         if prior is not None and self.n_prior:
             out[self.n_data :] = prior
         return out

@@ -160,13 +160,18 @@ def _louder(s: Scores, scorer: Scorer, e: Array) -> Scores:
 
 
 def _best_groups(scorer: Scorer, s: Scores) -> dict[int, int]:
-    """Group with the largest calibrated score of each candidate."""
+    """Point of the shape grid that fits best, for each candidate."""
     best: dict[int, int] = {}
     for i, g in enumerate(scorer.columns.groups):
         j = best.get(g.candidate)
-        if j is None or s.u[i, 0] > s.u[j, 0]:
+        if j is None or s.lm[i, 0] > s.lm[j, 0]:
             best[g.candidate] = i
     return best
+
+
+def _surprise_of(scorer: Scorer, s: Scores, candidate: int) -> float:
+    """Largest surprise on a candidate's shape grid: what the null compares with."""
+    return max(float(s.u[i, 0]) for i, g in enumerate(scorer.columns.groups) if g.candidate == candidate)
 
 
 @dataclass(frozen=True)
@@ -185,14 +190,16 @@ def _remove_effects(w: _Whitened, limit: int, least_u: float) -> _Clean:
     basis = np.zeros((len(w.e), 0))
     e = w.e.copy()
     chosen: list[int] = []
+    scorer_k = w.scorer.kdim
     for _ in range(limit):
         share = _share_removed(w.scorer, basis)
         s = w.scorer(e[:, None], None if not chosen else e[:, None], share)
         u = np.where(share > 0.999, 0.0, s.u[:, 0])
         # Columns were made orthonormal before anything was removed; scale up what is left of them.
-        i = int(np.argmax(u))
-        if u[i] < least_u:
+        if u.max() < least_u:
             break
+        # Among those that stand out, the one that explains most, as a fit would choose.
+        i = int(np.argmax(np.where(u >= least_u, s.lm[:, 0] - 8.0 * scorer_k, -np.inf)))
         chosen.append(i)
         cols = Z[:, w.columns.groups[i].cols]
         q = cols - basis @ (basis.T @ cols)
@@ -400,7 +407,7 @@ def _row(
     scorer = w.scorer
     assert scorer is not None
     group = scorer.columns.groups[g]
-    lm, lam, u = float(s.lm[g, 0]), float(s.lam[g, 0]), float(s.u[g, 0])
+    lm, lam, u = float(s.lm[g, 0]), float(s.lam[g, 0]), _surprise_of(scorer, s, group.candidate)
     amp, cov = scorer.raw_amplitude(g, s.amplitude[group.cols, 0])
     std = np.sqrt(np.diag(cov) * lam)
     k, nu = float(scorer.kdim[g]), float(scorer.dof[g])

@@ -17,7 +17,8 @@ from discrepancy.spectral import ScoreVariance, make_bands, score_variance
 LAMBDA_FLOOR = 0.5
 WINDOWS_PER_BLOCK = 48
 MIN_WINDOW = 16
-NOT_EXCITED = 0.0
+# Norm of a column relative to the largest value on the candidate's own shape grid.
+NOT_EXCITED = 1e-9
 ABSORBED = 1.0 - 1e-6
 
 
@@ -65,10 +66,13 @@ def prepare_columns(
     kappa: dict[tuple[int, int], float] = {}
     dropped: dict[tuple[int, int], str] = {}
     start = 0
+    strongest: dict[int, float] = {}
+    for cand, _, _, Z in whitened:
+        strongest[cand] = max(strongest.get(cand, 0.0), float(np.max(np.abs(Z), initial=0.0)))
     for cand, shape, one_sided, Z in whitened:
         key = (cand, shape)
         norm = np.linalg.norm(Z, axis=0)
-        if not np.all(norm > NOT_EXCITED):
+        if not np.all(norm > NOT_EXCITED * strongest[cand]) or strongest[cand] == 0.0:
             dropped[key] = "not excited: these records never make it act"
             kappa[key] = float("nan")
             continue

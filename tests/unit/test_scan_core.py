@@ -1,0 +1,193 @@
+"""Projection, scores, spectra and p-values against what they must equal."""
+
+import numpy as np
+import pytest
+
+from discrepancy import synthetic as sy
+from discrepancy.blocks import Candidate, Residual, Sensitivities
+from discrepancy.null import P_FLOOR, tail_p
+from discrepancy.omnibus import with_effect
+from discrepancy.projection import Layout, project
+from discrepancy.scan import scan
+from discrepancy.score import make_scorer, prepare_columns
+from discrepancy.whitening import identity
+
+
+def small(seed=0, n=(120, 90), p=3):
+    rng = np.random.default_rng(seed)
+    e = [rng.standard_normal((m, 2)) for m in n]
+    F = [rng.standard_normal((m, 2, p)) for m in n]
+    Z = [rng.standard_normal((m, 2, 1)) for m in n]
+    return rng, e, F, Z
+
+
+def test_projection_equals_augmented_least_squares():
+    _, e, F, Z = small()
+    std, off = np.array([0.1, np.inf, 0.3]), np.array([0.05, 0.0, -0.2])
+    nuis = [np.ones((120, 2, 1)), None]
+    sens = Sensitivities(["a", "b", "c"], F, std, off, nuis)
+    w = identity([1.0, 1.0], ["x", "y"], 0.01)
+    lay = Layout((120, 90), 2, 2)
+    proj = project(w, sens, lay)
+    got = proj.remove(lay.stack(w, e, np.array([0.5, -0.2 / 0.3])))
+    # The same by one dense least squares with prior rows and the nuisance as a fourth column.
+    A = np.zeros((lay.n_rows, 4))
+    A[: lay.n_data, :3] = np.concatenate([f.reshape(-1, 3) for f in F])
+    A[:240, 3] = 1.0
+    A[lay.n_data, 0], A[lay.n_data + 1, 2] = 1 / 0.1, 1 / 0.3
+    b = np.concatenate([np.concatenate([x.reshape(-1) for x in e]), [0.5, -0.2 / 0.3]])
+    np.testing.assert_allclose(got, b - A @ np.linalg.lstsq(A, b, rcond=None)[0], atol=1e-10)
+
+
+def test_score_equals_the_drop_of_a_full_fit():
+    _, e, F, Z = small(1)
+    sens = Sensitivities(["a", "b", "c"], F)
+    w = identity([1.0, 1.0], ["x", "y"], 0.01)
+    lay = Layout((120, 90), 2)
+    proj = project(w, sens, lay)
+    cols = prepare_columns([(0, 0, False, lay.stack(w, Z))], proj)
+    scorer = make_scorer(cols, proj, 0.01)
+    r = proj.remove(lay.stack(w, e))
+    s = scorer(r[:, None])
+    A = np.concatenate([f.reshape(-1, 3) for f in F])
+    B = np.column_stack([A, np.concatenate([z.reshape(-1) for z in Z])])
+    y = np.concatenate([x.reshape(-1) for x in e])
+    small_fit, full = (np.linalg.lstsq(M, y, rcond=None) for M in (A, B))
+    assert s.lm[0, 0] == pytest.approx(float(small_fit[1][0] - full[1][0]), rel=1e-9)
+    assert scorer.raw_amplitude(0, s.amplitude[:, 0])[0][0] == pytest.approx(full[0][3], rel=1e-9)
+
+
+def test_lambda_is_one_for_white_noise_on_average():
+    rng, _, F, Z = small(2, n=(400, 300))
+    sens = Sensitivities(["a", "b", "c"], F)
+    w = identity([1.0, 1.0], ["x", "y"], 0.01)
+    lay = Layout((400, 300), 2)
+    proj = project(w, sens, lay)
+    slow = [np.cumsum(z, axis=0) for z in Z]
+    cols = prepare_columns([(0, 0, False, lay.stack(w, Z)), (1, 0, False, lay.stack(w, slow))], proj)
+    scorer = make_scorer(cols, proj, 0.01)
+    E = proj.remove(rng.standard_normal((lay.n_rows, 400)))
+    lam = scorer(E).lam
+    # The slow column has about ten degrees of freedom: standard error of the mean of 400 is sqrt(2/10/400) = 0.022.
+    np.testing.assert_allclose(lam.mean(axis=1), 1.0, atol=0.08)
+
+
+def test_lambda_follows_the_noise_where_the_candidate_acts():
+    rng = np.random.default_rng(3)
+    n = 2000
+    t = np.arange(n) * 0.01
+    slow, fast = np.sin(2 * np.pi * 0.3 * t), np.sin(2 * np.pi * 20 * t)
+    w = identity([1.0], ["x"], 0.01)
+    lay = Layout((n,), 1)
+    proj = project(w, Sensitivities([], [np.zeros((n, 1, 0))]), lay)
+    cols = prepare_columns([(0, 0, False, slow[:, None]), (1, 0, False, fast[:, None])], proj)
+    scorer = make_scorer(cols, proj, 0.01)
+    from scipy.signal import lfilter
+
+    E = lfilter([1.0], [1.0, -0.9], rng.standard_normal((n + 200, 300)), axis=0)[200:]
+    s = scorer(E)
+    # AR(1) with 0.9: spectrum 1/|1 − 0.9 exp(−iω)|².
+    want = [1 / abs(1 - 0.9 * np.exp(-2j * np.pi * f * 0.01)) ** 2 for f in (0.3, 20.0)]
+    np.testing.assert_allclose(s.lam.mean(axis=1)[1], max(want[1], 0.5), rtol=0.15)  # floor, band of 12 %
+    np.testing.assert_allclose(s.lam.mean(axis=1)[0], want[0], rtol=0.15)
+
+
+def test_two_amplitudes_and_signs():
+    rng = np.random.default_rng(4)
+    n = 400
+    z = rng.standard_normal((n, 1, 2))
+    w = identity([1.0], ["x"], 0.01)
+    lay = Layout((n,), 1)
+    proj = project(w, Sensitivities([], [np.zeros((n, 1, 0))]), lay)
+    Z = lay.stack(w, [z])
+    cols = prepare_columns([(0, 0, True, Z)], proj)
+    scorer = make_scorer(cols, proj, 0.01)
+    E = np.column_stack([Z @ [1.0, 2.0], Z @ [1.0, -2.0], Z @ [-1.0, -2.0]])
+    s = scorer(E)
+    assert s.lm[0, 0] == pytest.approx(float(E[:, 0] @ E[:, 0]))
+    raw = scorer.raw_amplitude(0, s.amplitude[:, 1])[0]
+    assert raw[1] == pytest.approx(0.0, abs=1e-9)
+    assert raw[0] == pytest.approx(max(0.0, float(Z[:, 0] @ E[:, 1] / (Z[:, 0] @ Z[:, 0]))))
+    assert s.lm[0, 2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_tail_p_counts_then_extrapolates_and_has_a_floor():
+    rng = np.random.default_rng(5)
+    draws = rng.exponential(size=400)
+    assert tail_p(draws, np.array([0.0]))[0] == 1.0
+    assert tail_p(draws, np.array([2.0]))[0] == pytest.approx((1 + np.sum(draws >= 2)) / 401)
+    far = tail_p(draws, np.array([12.0, 1e4]))
+    # The true tail is exp(−12). The base of the extrapolation is a sample quantile of 10 % with a relative error of
+    # 15 %, the scale is an upper limit: between half and, over nine scales, a few hundred times the truth.
+    assert 0.5 * np.exp(-12.0) < far[0] < 300 * np.exp(-12.0)
+    assert far[1] == P_FLOOR
+
+
+def axis_case(hidden=(), n_rec=3, disturbance="ar2", seed=11):
+    rng = np.random.default_rng(seed)
+    axis = sy.make_axis(rng, n_rec, duration=4.0)
+    return axis, sy.make_case(axis, disturbance, rng, hidden)
+
+
+def test_refusals_say_why():
+    axis, case = axis_case()
+    shapes = [b.shape for b in case.residual.blocks]
+    dead = Candidate("dead", "x", (tuple(np.zeros((*s, 1)) for s in shapes),))
+    twin = Candidate("twin", "x", (tuple(b[:, :, :1] for b in case.sensitivities.blocks),))
+    sens = Sensitivities(case.sensitivities.names, case.sensitivities.blocks)
+    r = scan(case.residual, sens, [dead, twin], draws=50)
+    assert "not excited" in r.refused["dead@x"]
+    assert "imitate" in r.refused["twin@x"]
+    assert not r.nothing_missing
+    assert "these could hide" in r.verdict
+
+
+def test_same_seed_same_answer_and_table():
+    axis, case = axis_case()
+    cands = sy.candidates(axis)
+    a, b = (scan(case.residual, case.sensitivities, cands, draws=60, seed=3) for _ in range(2))
+    assert a.to_frame().equals(b.to_frame())
+    assert list(a.to_frame()["kind"]) and "MDE" in repr(a)
+
+
+def test_exact_tie_is_named_with_its_other_kind():
+    hidden = [("constant_force", {}, [40.0])]
+    axis, case = axis_case(hidden)
+    cands = [c for c in sy.candidates(axis) if c.kind in ("constant_force", "linear_stiffness")]
+    copy = Candidate("tilted_guide", "guide", tuple(tuple(2 * b for b in s) for s in cands[0].columns))
+    r = scan(case.residual, case.sensitivities, [*cands, copy], draws=100)
+    assert r.ties is not None
+    assert set(r.ties.names) == {"constant_force@guide", "tilted_guide@guide"}
+    assert r.ties.ambiguous
+    assert r.ties.other_kind[0].why == "exact"
+
+
+def test_after_the_effect_is_in_it_is_no_longer_missing():
+    hidden = [("stribeck_friction", {"speed": 0.04}, [40.0])]
+    axis, case = axis_case(hidden)
+    cands = sy.candidates(axis)
+    r = scan(case.residual, case.sensitivities, cands, draws=100)
+    assert r.best is not None
+    assert r.best.kind == "stribeck_friction"
+    assert abs(r.best.amplitude[0] - 40.0) < 4 * r.best.std[0]
+    best = next(c for c in cands if c.name == r.best.name)
+    shape = [dict(s) for s in best.shapes].index(r.best.shape)
+    again = scan(case.residual, with_effect(case.sensitivities, best, shape), cands, draws=100)
+    assert again.best is None
+
+
+def test_faults_are_collected():
+    ok = np.zeros((20, 1))
+    with pytest.raises(ValueError, match=r"block 1.*not finite"):
+        Residual([ok, np.full((20, 1), np.nan)], 0.1, ["a"])
+    with pytest.raises(ValueError, match=r"at least 16.*|dt must be positive"):
+        Residual([np.zeros((5, 1))], 0.1, ["a"])
+    with pytest.raises(ValueError, match="prior_std"):
+        Sensitivities(["a"], [np.zeros((20, 1, 1))], prior_std=[0.0])
+    res = Residual([ok], 0.1, ["a"])
+    bad = Candidate("k", "w", ((np.zeros((19, 1, 1)),),))
+    with pytest.raises(ValueError, match="k@w.*do not match"):
+        scan(res, Sensitivities([], [np.zeros((20, 1, 0))]), [bad])
+    with pytest.raises(ValueError, match="given 2 times"):
+        good = Candidate("k", "w", ((np.zeros((20, 1, 1)),),))
+        scan(res, Sensitivities([], [np.zeros((20, 1, 0))]), [good, good])
