@@ -61,7 +61,7 @@ def generate(work: Assembly) -> Source:
         from multibody.solvability import unsolvable
 
         text = _function(work, "rhs", "dx", unknown_items, unknowns, tangent=False)
-        if faults := unsolvable(work, blocks, text, kernel_texts):
+        if faults := unsolvable(work, blocks, text, [*kernel_texts, *tangent_texts]):
             raise ModelError(work.name, faults)
     kernels, tangents = (
         [f"@njit(cache=True, error_model='numpy')\n{text}" for text in part] for part in (kernel_texts, tangent_texts)
@@ -137,8 +137,13 @@ def _block_lines(block: Block, active: set[str] | None) -> list[str]:
         lines += sweep + [f"{z[i]} = -s_{i}" for i in range(m)]
     else:
         sweep += [f"{z[i]} = {z[i]} - s_{i}" for i in range(m)]
-        done = " and ".join(f"abs(s_{i}) <= 1e-13 * abs({z[i]}) + 1e-300" for i in range(m))
+        done, failed = (
+            " and ".join(f"abs(s_{i}) <= {relative} * abs({z[i]}) + {absolute}" for i in range(m))
+            for relative, absolute in (("1e-12", "1e-14"), ("1e-06", "1e-09"))
+        )
         lines += [f"for step in range({_NEWTON_STEPS}):", *("    " + s for s in sweep), f"    if {done}:", "        break"]
+        # rounding may keep the last steps above the first bound; beyond the second there is no solution
+        lines += [f"if not ({failed}):", *(f"    {v} = math.nan" for v in z)]
     if active is None:
         return lines + _unparse(block.nodes)
     outer = Differentiator(active, tangent_name)

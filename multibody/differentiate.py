@@ -1,7 +1,9 @@
 """Exact directional derivatives of equations, from their text (forward mode).
 
 For every active name ``a`` the derived text carries ``d_a``.  Each operation contributes its own rule, so that the
-result is exact to rounding; branches are differentiated along the path that is taken.
+result is exact to rounding; branches are differentiated along the path that is taken.  Where a slope is infinite
+(a root at zero) or has no direction (``hypot`` at the origin), it counts as zero, so that it does not spoil the
+derivatives with respect to everything else.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import itertools
 from collections.abc import Callable, Iterable
 
 from multibody.errors import EquationError
+from multibody.rewriter import constant
 
 __all__ = ["Differentiator", "active_names", "d"]
 
@@ -76,6 +79,15 @@ def active_names(nodes: Iterable[ast.stmt], seeds: set[str]) -> set[str]:
                         active |= {n.id for t in inner.targets for n in ast.walk(t) if isinstance(n, ast.Name)}
         if len(active) == before:
             return active
+
+
+_PAIRS = {
+    "atan2": (
+        "b / (a * a + b * b) if a != 0.0 or b != 0.0 else 0.0",
+        "-a / (a * a + b * b) if a != 0.0 or b != 0.0 else 0.0",
+    ),
+    "hypot": ("a / v if v != 0.0 else 0.0", "b / v if v != 0.0 else 0.0"),
+}
 
 
 class Differentiator:
@@ -197,9 +209,8 @@ class Differentiator:
             return self._choice(node.test, node.body, node.orelse)
         if isinstance(node, ast.Call):
             return self._function(node)
-        if isinstance(node, ast.Subscript):
-            if isinstance(node.value, ast.Name):
-                return [], node, ast.Subscript(_name(d(node.value.id)), node.slice, ast.Load())
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
+            return [], node, ast.Subscript(_name(d(node.value.id)), node.slice, ast.Load())
         raise EquationError(f"cannot differentiate '{ast.unparse(node)}'")
 
     def _touches(self, node: ast.AST) -> bool:
@@ -243,20 +254,31 @@ class Differentiator:
     def _power(
         self, pre: list[ast.stmt], a: Expr, da: Expr | None, b: Expr, db: Expr | None
     ) -> tuple[list[ast.stmt], Expr, Expr | None]:
-        a, b = self._hold(pre, a), self._hold(pre, b)
+        exponent = _number(b)
+        a = self._hold(pre, a)
+        b = b if exponent is not None else self._hold(pre, b)
         value = self._hold(pre, ast.BinOp(a, ast.Pow(), b))
         tangent: Expr | None = None
-        if da is not None:
-            if isinstance(b, ast.Constant):
-                lower: Expr = ast.BinOp(a, ast.Pow(), _const(b.value - 1)) if b.value != 2 else a
-                tangent = mul(mul(_const(b.value), lower), da)
-            else:  # zero to a power above one has slope zero; the quotient would be 0/0
-                slope = ast.BinOp(mul(b, value), ast.Div(), a)
-                tangent = ast.IfExp(ast.Compare(a, [ast.Eq()], [_const(0.0)]), _const(0.0), mul(slope, da))
+        if da is not None and exponent is not None:
+            tangent = self._power_slope(a, da, value, exponent)
+        elif da is not None:
+            rule = "b * v / a if a != 0.0 else (1.0 if b == 1.0 else 0.0)"
+            tangent = mul(_substitute(rule, {"a": a, "b": b, "v": value}), da)
         if db is not None:
-            log = ast.IfExp(ast.Compare(a, [ast.Gt()], [_const(0.0)]), _call("log", a), _const(0.0))
+            log = _substitute("math.log(a) if a > 0.0 else 0.0", {"a": a})
             tangent = add(tangent, mul(mul(value, log), db))
         return pre, value, tangent
+
+    def _power_slope(self, a: Expr, da: Expr, value: Expr, exponent: float) -> Expr | None:
+        if exponent in (0, 1):
+            return da if exponent == 1 else None
+        if exponent == 2:
+            return mul(mul(_const(2.0), a), da)
+        lower = constant(exponent - 1)
+        slope: Expr = ast.BinOp(a, ast.Pow(), lower)
+        if 0 < exponent < 1:
+            slope = _substitute("v / a if a != 0.0 else 0.0", {"a": a, "v": value})
+        return mul(mul(constant(exponent), slope), da)
 
     def _function(self, node: ast.Call) -> tuple[list[ast.stmt], Expr, Expr | None]:
         func = node.func
@@ -270,6 +292,8 @@ class Differentiator:
                 first = node.args[0]
                 rest = node.args[1] if len(node.args) == 2 else ast.Call(func, node.args[1:], [])
                 return self._choice(ast.Compare(first, [order], [rest]), first, rest)
+            if func.id.startswith("k_tables_") and "p" not in self.active:
+                return self._table_slope(node, func.id)
             pre, call = self._kernel_call(node)
             value, tangent = self._temporary(), self._temporary()
             target = ast.Tuple([ast.Name(value, ast.Store()), ast.Name(tangent, ast.Store())], ast.Store())
@@ -294,7 +318,7 @@ class Differentiator:
         a = x[0]
         slopes: dict[str, str] = {
             "sin": "math.cos(a)", "cos": "-math.sin(a)", "tan": "(1.0 + v * v)", "exp": "v", "log": "(1.0 / a)",
-            "sqrt": "(0.5 / v)", "tanh": "(1.0 - v * v)", "sinh": "math.cosh(a)", "cosh": "math.sinh(a)",
+            "sqrt": "(0.5 / v if v != 0.0 else 0.0)", "tanh": "(1.0 - v * v)", "sinh": "math.cosh(a)", "cosh": "math.sinh(a)",
             "asin": "(1.0 / math.sqrt(1.0 - a * a))", "acos": "(-1.0 / math.sqrt(1.0 - a * a))",
             "atan": "(1.0 / (1.0 + a * a))", "fabs": "math.copysign(1.0, a)",
         }
@@ -307,7 +331,7 @@ class Differentiator:
             slope = _substitute("math.copysign(1.0, a) * math.copysign(1.0, b)", {"a": a, "b": x[1]})
             return pre, value, mul(slope, dx[0]) if dx[0] is not None else None
         if name in ("atan2", "hypot"):
-            rules = {"atan2": ("b / (a * a + b * b)", "-a / (a * a + b * b)"), "hypot": ("a / v", "b / v")}[name]
+            rules = _PAIRS[name]
             total: Expr | None = None
             for rule, tangent in zip(rules, dx, strict=True):
                 if tangent is not None:
@@ -315,13 +339,22 @@ class Differentiator:
             return pre, value, total
         raise EquationError(f"math.{name} has no derivative rule")
 
+    def _table_slope(self, node: ast.Call, name: str) -> tuple[list[ast.stmt], Expr, Expr | None]:
+        """Differentiate a table whose points are held: in implicit blocks and couplings."""
+        *points, argument = node.args
+        pre, v, dv = self.expression(argument)
+        value, slope = self._temporary(), self._temporary()
+        target = ast.Tuple([ast.Name(value, ast.Store()), ast.Name(slope, ast.Store())], ast.Store())
+        pre.append(ast.Assign([target], ast.Call(_name(f"{name}_slope"), [*points, v], [])))
+        return pre, _name(value), mul(_name(slope), dv) if dv is not None else None
+
     def _kernel_call(self, node: ast.Call) -> tuple[list[ast.stmt], Expr]:
         assert isinstance(node.func, ast.Name)
         pre: list[ast.stmt] = []
         if node.func.id.startswith("k_tables_"):  # p and its tangent, start, size, argument and its tangent
             p, start, size, argument = node.args
-            if "p" not in self.active:
-                raise EquationError(f"a table cannot stand in a coupling: '{ast.unparse(node)}'")
+            if node.func.id.endswith("_slope"):
+                raise EquationError("the slope of a table has no derivative: write the coupling without a table")
             before, v, dv = self.expression(argument)
             tangent_args = [p, _name("p_dot"), start, size, v, dv if dv is not None else _const(0.0)]
             return before, ast.Call(_name(self.kernel_tangent(node.func.id)), tangent_args, [])
@@ -333,6 +366,14 @@ class Differentiator:
             values.append(v)
             tangents.append(dv if dv is not None else _const(0.0))
         return pre, ast.Call(_name(self.kernel_tangent(node.func.id)), values + tangents, [])
+
+
+def _number(node: Expr) -> float | None:
+    """Return the value of a number written out, or None."""
+    inner = node.operand if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) else node
+    if not isinstance(inner, ast.Constant) or not isinstance(inner.value, int | float):
+        return None
+    return inner.value if inner is node else -inner.value
 
 
 def _substitute(text: str, names: dict[str, Expr]) -> Expr:

@@ -124,7 +124,7 @@ def kernel_sources(kernels: Kernels, statements: Iterable[Statement] = ()) -> tu
     if table_kernels:
         texts.append(_raw("k_tables_interval", tables.interval).replace("k_tables_k_tables_", "k_tables_"))
     for name, function in sorted(table_kernels.items()):
-        texts.append(_raw(name, function))
+        texts += [_raw(name, function), _raw(f"{name}_slope", tables.SLOPES[function])]
         tangents.append(_raw(tangent_name(name), tables.TANGENTS[function]))
     known = dict(kernels)
     plain: dict[str, ast.FunctionDef] = {}

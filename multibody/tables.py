@@ -9,7 +9,19 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["TANGENTS", "cubic", "cubic_tangent", "interval", "linear", "linear_tangent", "packed", "pchip_slopes"]
+__all__ = [
+    "SLOPES",
+    "TANGENTS",
+    "cubic",
+    "cubic_slope",
+    "cubic_tangent",
+    "interval",
+    "linear",
+    "linear_slope",
+    "linear_tangent",
+    "packed",
+    "pchip_slopes",
+]
 
 
 def interval(p, start, size, x):
@@ -37,7 +49,7 @@ def linear(p, start, size, x):
 
 
 def linear_tangent(p, p_dot, start, size, x, x_dot):
-    """Return the piecewise linear curve and its directional derivative (argument and values may both change)."""
+    """Return the piecewise linear curve and its directional derivative; argument and points may change."""
     if x <= p[start]:
         return p[start + size], p_dot[start + size]
     if x >= p[start + size - 1]:
@@ -45,9 +57,10 @@ def linear_tangent(p, p_dot, start, size, x, x_dot):
     k = start + interval(p, start, size, x)
     width = p[k + 1] - p[k]
     s = (x - p[k]) / width
+    s_dot = (x_dot - (1.0 - s) * p_dot[k] - s * p_dot[k + 1]) / width
     rise = p[k + size + 1] - p[k + size]
     value = p[k + size] + s * rise
-    return value, x_dot * rise / width + (1.0 - s) * p_dot[k + size] + s * p_dot[k + size + 1]
+    return value, s_dot * rise + (1.0 - s) * p_dot[k + size] + s * p_dot[k + size + 1]
 
 
 def cubic(p, start, size, x):
@@ -67,14 +80,16 @@ def cubic(p, start, size, x):
 
 
 def cubic_tangent(p, p_dot, start, size, x, x_dot):
-    """Return the cubic Hermite curve and its directional derivative, values and slopes taken as parameters."""
+    """Return the cubic Hermite curve and its directional derivative; argument, points and slopes may change."""
     if x <= p[start]:
         return p[start + size], p_dot[start + size]
     if x >= p[start + size - 1]:
         return p[start + 2 * size - 1], p_dot[start + 2 * size - 1]
     k = start + interval(p, start, size, x)
     width = p[k + 1] - p[k]
+    width_dot = p_dot[k + 1] - p_dot[k]
     s = (x - p[k]) / width
+    s_dot = (x_dot - p_dot[k] - s * width_dot) / width
     y0 = p[k + size]
     rise = p[k + size + 1] - y0
     d0 = p[k + 2 * size] * width
@@ -82,16 +97,47 @@ def cubic_tangent(p, p_dot, start, size, x, x_dot):
     c2 = 3.0 * rise - 2.0 * d0 - d1
     c3 = d0 + d1 - 2.0 * rise
     value = y0 + s * (d0 + s * (c2 + s * c3))
-    slope = (d0 + s * (2.0 * c2 + 3.0 * s * c3)) / width
+    slope = d0 + s * (2.0 * c2 + 3.0 * s * c3)
     y0_dot = p_dot[k + size]
     rise_dot = p_dot[k + size + 1] - y0_dot
-    e0 = p_dot[k + 2 * size] * width
-    e1 = p_dot[k + 2 * size + 1] * width
-    of_values = y0_dot + s * (e0 + s * (3.0 * rise_dot - 2.0 * e0 - e1 + s * (e0 + e1 - 2.0 * rise_dot)))
-    return value, x_dot * slope + of_values
+    e0 = p_dot[k + 2 * size] * width + p[k + 2 * size] * width_dot
+    e1 = p_dot[k + 2 * size + 1] * width + p[k + 2 * size + 1] * width_dot
+    of_points = y0_dot + s * (e0 + s * (3.0 * rise_dot - 2.0 * e0 - e1 + s * (e0 + e1 - 2.0 * rise_dot)))
+    return value, s_dot * slope + of_points
 
 
+def linear_slope(p, start, size, x):
+    """Return the piecewise linear curve and its slope at x."""
+    if x <= p[start]:
+        return p[start + size], 0.0
+    if x >= p[start + size - 1]:
+        return p[start + 2 * size - 1], 0.0
+    k = start + interval(p, start, size, x)
+    slope = (p[k + size + 1] - p[k + size]) / (p[k + 1] - p[k])
+    return p[k + size] + slope * (x - p[k]), slope
+
+
+def cubic_slope(p, start, size, x):
+    """Return the cubic Hermite curve and its slope at x."""
+    if x <= p[start]:
+        return p[start + size], 0.0
+    if x >= p[start + size - 1]:
+        return p[start + 2 * size - 1], 0.0
+    k = start + interval(p, start, size, x)
+    width = p[k + 1] - p[k]
+    s = (x - p[k]) / width
+    rise = p[k + size + 1] - p[k + size]
+    d0 = p[k + 2 * size] * width
+    d1 = p[k + 2 * size + 1] * width
+    c2 = 3.0 * rise - 2.0 * d0 - d1
+    c3 = d0 + d1 - 2.0 * rise
+    return p[k + size] + s * (d0 + s * (c2 + s * c3)), (d0 + s * (2.0 * c2 + 3.0 * s * c3)) / width
+
+
+#: by curve: value and directional derivative, the points may change as well
 TANGENTS = {linear: linear_tangent, cubic: cubic_tangent}
+#: by curve: value and slope with the points held
+SLOPES = {linear: linear_slope, cubic: cubic_slope}
 
 
 def pchip_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
