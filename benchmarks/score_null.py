@@ -4,9 +4,9 @@
     python benchmarks/score_null.py power --records 1 2 4 8 --models 100
     python benchmarks/score_null.py null --records 1 2 --duration 25 --dt 0.001 --models 40
 
-Models start miscalibrated. Beside the calibrated scan, two tests that are common and wrong are run on the same
-residuals: χ² on the residual divided by its standard deviation, and χ² after whitening with a plain autoregression,
-both with Bonferroni's correction for the number of columns.
+Models start miscalibrated. Beside the calibrated scan, two tests that are common and wrong are run on the
+same residuals: χ² on the residual divided by its standard deviation, and χ² after whitening with a plain
+autoregression, both with Bonferroni's correction for the number of columns.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from discrepancy import synthetic as sy
-from discrepancy.scan import _raw_residual, _start_whitener, _whitened, scan
+from discrepancy.scan import scan
+from discrepancy.whitened import raw_residual, start_whitener, whiten_all
 from discrepancy.whitening import fit_whitener
 
 LEVEL = 0.02
@@ -40,18 +41,21 @@ def wilson(k: int, n: int) -> tuple[float, float]:
 
 def show(label: str, k: int, n: int, more: str = "") -> None:
     lo, hi = wilson(k, n)
-    print(f"{label:58s} {k:4d}/{n:<4d} {100 * k / n:5.1f} %  [{100 * lo:4.1f}, {100 * hi:4.1f}] {more}", flush=True)
+    print(
+        f"{label:58s} {k:4d}/{n:<4d} {100 * k / n:5.1f} %  [{100 * lo:4.1f}, {100 * hi:4.1f}] {more}",
+        flush=True,
+    )
 
 
 def chi_square_alarms(case: sy.Case, cands: list) -> tuple[bool, bool]:
     """Alarms of the naive χ² and of the χ² after plain AR whitening."""
     res, sens = case.residual, case.sensitivities
-    w = _whitened(_start_whitener(res, sens), res, sens, cands)
-    raw = _raw_residual(w, res, sens, cands, ())
+    w = whiten_all(start_whitener(res, sens), res, sens, cands)
+    raw = raw_residual(w, res, sens, cands, ())
     alarms = []
     for order in (0, 24):
         fitted = fit_whitener(raw, res.dt, res.channels, max_order=order, memory=order * res.dt)
-        w = _whitened(fitted, res, sens, cands)
+        w = whiten_all(fitted, res, sens, cands)
         assert w.scorer is not None
         sigma2 = float(w.e @ w.e) / (w.projection.layout.n_data - w.projection.n_directions)
         s = w.scorer(w.e[:, None])
@@ -87,8 +91,12 @@ def null(args: argparse.Namespace) -> None:
                 show("      naive χ²", got["naive"], per)
                 show("      χ² after AR", got["white"], per)
         n = per * len(args.disturbances)
-        show(f"{n_rec} records, ALL: false alarms", total["calibrated"], n,
-             f"({(time.perf_counter() - t0) / n:.2f} s per model)")
+        show(
+            f"{n_rec} records, ALL: false alarms",
+            total["calibrated"],
+            n,
+            f"({(time.perf_counter() - t0) / n:.2f} s per model)",
+        )
         if not args.no_peers:
             show(f"{n_rec} records, ALL: naive χ²", total["naive"], n)
             show(f"{n_rec} records, ALL: χ² after AR", total["white"], n)
@@ -131,8 +139,12 @@ def power(args: argparse.Namespace) -> None:
             if not tied and best.kind != kind:
                 misses[f"{kind}→{best.kind if best.p < LEVEL else 'nothing'}"] += 1
         for what in ("detected", "first", "in ties", "size"):
-            show(f"{n_rec} records, {args.factor:g} × MDE: {what}", found[what], n,
-                 f"{refused} refused; {dict(misses)}" if what == "in ties" else "")
+            show(
+                f"{n_rec} records, {args.factor:g} × MDE: {what}",
+                found[what],
+                n,
+                f"{refused} refused; {dict(misses)}" if what == "in ties" else "",
+            )
 
 
 def _parts(case: sy.Case) -> tuple:

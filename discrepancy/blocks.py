@@ -1,7 +1,7 @@
 """The arrays that the statistics work on: residual, sensitivities and candidate columns, block by block.
 
-A block is one record (a trip, a run) or a part of one, sampled on a uniform grid. Nothing here knows where the
-arrays came from: simulation, prediction error and inverse residuals are treated alike.
+A block is one record (a trip, a run) or a part of one, sampled on a uniform grid. Nothing here knows where
+the arrays came from: simulation, prediction error and inverse residuals are treated alike.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ def _check_blocks(name: str, blocks: Sequence[Array], ndim: int) -> list[str]:
             faults.append(f"{name}: block {i} has {b.ndim} axes, expected {ndim}")
         elif not np.all(np.isfinite(b)):
             bad = np.argwhere(~np.isfinite(b))[0]
-            faults.append(f"{name}: block {i} holds a value that is not finite at index {tuple(bad.tolist())}")
+            faults.append(
+                f"{name}: block {i} holds a value that is not finite at index {tuple(bad.tolist())}"
+            )
     return faults
 
 
@@ -67,7 +69,9 @@ class Residual:
         if not faults:
             for i, b in enumerate(self.blocks):
                 if b.shape[1] != len(self.channels):
-                    faults.append(f"residual: block {i} has {b.shape[1]} columns for {len(self.channels)} channels")
+                    faults.append(
+                        f"residual: block {i} has {b.shape[1]} columns for {len(self.channels)} channels"
+                    )
                 if b.shape[0] < 16:
                     faults.append(f"residual: block {i} has {b.shape[0]} samples; at least 16 are needed")
         _raise_if(faults)
@@ -135,7 +139,9 @@ class Sensitivities:
         if off.shape != (p,) or not np.all(np.isfinite(off)):
             faults.append("sensitivities: prior_offset must hold one finite number per parameter")
         if len(self.nuisance) != len(self.blocks):
-            faults.append(f"sensitivities: {len(self.nuisance)} nuisance blocks for {len(self.blocks)} blocks")
+            faults.append(
+                f"sensitivities: {len(self.nuisance)} nuisance blocks for {len(self.blocks)} blocks"
+            )
         else:
             faults += _check_blocks("nuisance", [n for n in self.nuisance if n is not None], 3)
         _raise_if(faults)
@@ -218,7 +224,9 @@ def check_compatible(residual: Residual, sens: Sensitivities, candidates: Sequen
     faults = []
     shapes = [b.shape for b in residual.blocks]
     if [b.shape[:2] for b in sens.blocks] != shapes:
-        faults.append(f"sensitivities have blocks {[b.shape[:2] for b in sens.blocks]}, the residual {shapes}")
+        faults.append(
+            f"sensitivities have blocks {[b.shape[:2] for b in sens.blocks]}, the residual {shapes}"
+        )
     for i, nuis in enumerate(sens.nuisance):
         if nuis is not None and i < len(shapes) and nuis.shape[:2] != shapes[i]:
             faults.append(f"nuisance of block {i} has shape {nuis.shape[:2]}, the residual {shapes[i]}")

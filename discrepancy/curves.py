@@ -1,9 +1,10 @@
-"""What is an estimated force a function of? Position, speed, angle, time, load, and of the direction of travel.
+"""What is an estimated force a function of? Position, speed, angle, time, load, the direction of travel.
 
-Given samples of a force that no model term explains, each regressor is tried as a smooth curve, alone and reversed
-with the direction of travel (friction turns with the direction, gravity and misalignment do not). Regressors are
-compared by the variance they explain in blocks that were not used for fitting, and by luck through shuffled blocks.
-Regressors that follow each other in these records cannot be told apart; how far is said by the aliasing table.
+Given samples of a force that no model term explains, each regressor is tried as a smooth curve, alone and
+reversed with the direction of travel (friction turns with the direction, gravity and misalignment do not).
+Regressors are compared by the variance they explain in blocks that were not used for fitting, and by luck
+through shuffled blocks. Regressors that follow each other in these records cannot be told apart; how far is
+said by the aliasing table.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
 PARITIES = ("even", "odd")
 ALIASED = 0.8
 NOT_PERIODIC = ("time", "speed", "load", "acceleration")
-# Explained variance that one more knot must bring before a finer curve, or a less simple regressor, is preferred.
+# Explained variance that one more knot must bring before a finer curve, or a less simple regressor, is
+# preferred.
 PER_KNOT = 5e-4
 
 
@@ -68,7 +70,9 @@ class Curve:
         """Table of the curve."""
         import pandas as pd
 
-        return pd.DataFrame({f"{self.regressor} [{self.unit}]": self.grid, "value": self.value, "std": self.std})
+        return pd.DataFrame(
+            {f"{self.regressor} [{self.unit}]": self.grid, "value": self.value, "std": self.std}
+        )
 
 
 @dataclass(frozen=True)
@@ -116,9 +120,13 @@ class CurveReport:
         turn = ", and turns with the direction of travel" if b.parity == "odd" else ""
         if b.curve.period is not None:
             turn += f", repeating every {b.curve.period:.4g} {b.curve.unit}".rstrip()
-        text = (f"a function of {b.regressor}{turn} (explains {100 * b.explained:.0f} % of blocks left out, "
-                f"p = {b.p:.2g})")
-        same = [f"{k} ({100 * v:.0f} %)" for k, v in sorted(b.aliases.items(), key=lambda i: -i[1]) if v > ALIASED]
+        text = (
+            f"a function of {b.regressor}{turn} (explains {100 * b.explained:.0f} % of blocks left out, "
+            f"p = {b.p:.2g})"
+        )
+        same = [
+            f"{k} ({100 * v:.0f} %)" for k, v in sorted(b.aliases.items(), key=lambda i: -i[1]) if v > ALIASED
+        ]
         if same:
             text += "; in these records it looks nearly the same over " + ", ".join(same)
         return text
@@ -127,13 +135,25 @@ class CurveReport:
         """Table of the comparison."""
         import pandas as pd
 
-        return pd.DataFrame([{"regressor": e.regressor, "parity": e.parity, "explained": e.explained, "p": e.p,
-                              **{f"alias {k}": v for k, v in e.aliases.items()}} for e in self.explanations])
+        return pd.DataFrame(
+            [
+                {
+                    "regressor": e.regressor,
+                    "parity": e.parity,
+                    "explained": e.explained,
+                    "p": e.p,
+                    **{f"alias {k}": v for k, v in e.aliases.items()},
+                }
+                for e in self.explanations
+            ]
+        )
 
     def __repr__(self) -> str:
         lines = [f"CurveReport: {self.statement}"]
-        lines += [f"  {e.regressor:16s} {e.parity:5s} explains {100 * e.explained:6.1f} %  p = {e.p:.2g}"
-                  for e in self.explanations]
+        lines += [
+            f"  {e.regressor:16s} {e.parity:5s} explains {100 * e.explained:6.1f} %  p = {e.p:.2g}"
+            for e in self.explanations
+        ]
         return "\n".join(lines)
 
 
@@ -147,7 +167,9 @@ class _Basis:
     period: float | None
 
 
-def _basis(name: str, x: Array, parity: str, direction: Array, n_knots: int, period: float | None) -> _Basis | None:
+def _basis(
+    name: str, x: Array, parity: str, direction: Array, n_knots: int, period: float | None
+) -> _Basis | None:
     if period is not None:
         knots = np.linspace(0.0, period, n_knots + 1)
         T = tents(np.mod(x, period), knots)
@@ -249,7 +271,8 @@ def explain_force(
     direction : ndarray, shape (n,), optional
         Sign of travel; default from the regressor named "speed", else only even curves are tried.
     blocks : ndarray of int, shape (n,), optional
-        Record of each sample. Fewer than eight records are cut further, so that there are at least eight pieces.
+        Record of each sample. Fewer than eight records are cut further, so that there are at least eight
+        pieces.
     units : mapping, optional
         Unit of each regressor.
     periods : mapping, optional
@@ -293,9 +316,16 @@ def explain_force(
             period_p[(name, found)] = p_found
             fits.append(_Fit(folded, w, spans, 1e-4))
     if direction is not None and np.ptp(direction) > 0:
-        # A force that only turns with the direction is an odd curve over anything: say so in the simplest way.
-        plain = _Basis("direction", "even", np.array([-1.0, 1.0]), tents(direction, np.array([-1.0, 1.0])),
-                       np.zeros((2, 2)), None)
+        # A force that only turns with the direction is an odd curve over anything: say so in the simplest
+        # way.
+        plain = _Basis(
+            "direction",
+            "even",
+            np.array([-1.0, 1.0]),
+            tents(direction, np.array([-1.0, 1.0])),
+            np.zeros((2, 2)),
+            None,
+        )
         fits.append(_Fit(plain, w, spans, 0.0))
     if not fits:
         raise ValueError("every regressor is constant in these records; nothing can be a function of it")
@@ -334,7 +364,9 @@ def _pieces(n: int, blocks: Array | None, least: int = 8) -> list[Array]:
     return out
 
 
-def _shuffled_best(f: Array, fits: list[_Fit], spans: list[Array], draws: int, rng: np.random.Generator) -> Array:
+def _shuffled_best(
+    f: Array, fits: list[_Fit], spans: list[Array], draws: int, rng: np.random.Generator
+) -> Array:
     F = np.empty((len(f), draws))
     for j in range(draws):
         for target, src in zip(spans, rng.permutation(len(spans)), strict=True):
@@ -352,8 +384,10 @@ def _reproduced(fit: _Fit, shown: Array) -> float:
     return float(np.clip(1.0 - np.sum(fit.w * rest**2) / total, 0.0, 1.0))
 
 
-def split_directions(force: Array, x: Array, direction: Array, n_knots: int = 12) -> tuple[Array, Array, Array]:
-    """Even and odd part of a force over a regressor, (knots, even, odd); NaN where one direction is missing."""
+def split_directions(
+    force: Array, x: Array, direction: Array, n_knots: int = 12
+) -> tuple[Array, Array, Array]:
+    """Even and odd part of a force over a regressor: knots, even, odd; NaN where a direction is missing."""
     knots = knots_for(np.asarray(x), n_knots)
     means = []
     for sign in (1.0, -1.0):
@@ -365,7 +399,13 @@ def split_directions(force: Array, x: Array, direction: Array, n_knots: int = 12
 
 
 def find_period(
-    force: Array, x: Array, *, blocks: Array | None = None, draws: int = 200, seed: int = 0, n_periods: int = 400
+    force: Array,
+    x: Array,
+    *,
+    blocks: Array | None = None,
+    draws: int = 200,
+    seed: int = 0,
+    n_periods: int = 400,
 ) -> tuple[float, float, float]:
     """Period in a position or angle: (period, share of variance explained, p from shuffled blocks)."""
     f = np.asarray(force, float) - float(np.mean(force))
@@ -383,7 +423,9 @@ def find_period(
     for j in range(1, draws + 1):
         for target, src in zip(spans, rng.permutation(len(spans)), strict=True):
             s = spans[src]
-            F[target, j] = f[s[(rng.integers(len(s)) + np.arange(len(target))) % len(s)]] * rng.choice([-1.0, 1.0])
+            F[target, j] = f[s[(rng.integers(len(s)) + np.arange(len(target))) % len(s)]] * rng.choice(
+                [-1.0, 1.0]
+            )
     energy = np.sum(F**2, axis=0)
     power = np.empty((n_periods, draws + 1))
     for i, k in enumerate(ks):

@@ -1,14 +1,14 @@
 """Parameter intervals that stay honest when the residual is coloured: the block sandwich.
 
-White-noise formulas count every sample as new information. Here whole blocks (trips, or pieces longer than the
-correlation time) are the units: each block's contribution to the gradient varies from block to block, and that
-variation is the uncertainty.
+White-noise formulas count every sample as new information. Here whole blocks (trips, or pieces longer than
+the correlation time) are the units: each block's contribution to the gradient varies from block to block, and
+that variation is the uncertainty.
 
 Coverage of nominal 95 % intervals, measured by ``python -m discrepancy.intervals`` (least squares with three
 parameters, Ornstein–Uhlenbeck noise of 0.5 s in blocks of 5 s, 1000 trials): see docs/method/score-scan.md.
 
-Sources: Bell and McCaffrey (2002), Survey Methodology 28, 169 (the leverage correction for few clusters, of which
-the CR3 form of Hansen (2024) is used here); Cameron and Miller (2015), J. Human Resources 50, 317.
+Sources: Bell and McCaffrey (2002), Survey Methodology 28, 169 (the leverage correction for few clusters, of
+which the CR3 form of Hansen (2024) is used here); Cameron and Miller (2015), J. Human Resources 50, 317.
 """
 
 from __future__ import annotations
@@ -52,7 +52,10 @@ class Interval:
 
 
 def block_sandwich(
-    jacobians: Sequence[Array], residuals: Sequence[Array], prior_information: Array | None = None, level: float = 0.95
+    jacobians: Sequence[Array],
+    residuals: Sequence[Array],
+    prior_information: Array | None = None,
+    level: float = 0.95,
 ) -> Interval:
     """Covariance of a least-squares estimate from the scores of whole blocks.
 
@@ -74,8 +77,9 @@ def block_sandwich(
 
     Notes
     -----
-    Each block's score is divided by what the block's own leverage has taken from it (the CR3 correction, the same as
-    leaving the block out), and the quantile is Student's with one degree of freedom less than there are blocks.
+    Each block's score is divided by what the block's own leverage has taken from it (the CR3 correction, the
+    same as leaving the block out), and the quantile is Student's with one degree of freedom less than there
+    are blocks.
     """
     from scipy.stats import t as student
 
@@ -121,7 +125,12 @@ def split_blocks(arrays: Sequence[Array], pieces: int) -> list[Array]:
 
 
 def measure_coverage(
-    n_blocks: int, trials: int = 1000, seed: int = 0, tau: float = 0.5, duration: float = 5.0, dt: float = 0.01
+    n_blocks: int,
+    trials: int = 1000,
+    seed: int = 0,
+    tau: float = 0.5,
+    duration: float = 5.0,
+    dt: float = 0.01,
 ) -> tuple[float, float]:
     """Coverage of 95 % intervals, (block sandwich, white-noise formula), mean over three parameters."""
     from scipy.signal import lfilter
@@ -154,7 +163,9 @@ def main() -> None:
 
     for n in (3, 4, 6, 8, 12, 20):
         robust, white = measure_coverage(n)
-        sys.stdout.write(f"{n:3d} blocks: sandwich {100 * robust:5.1f} %   white noise {100 * white:5.1f} %\n")
+        sys.stdout.write(
+            f"{n:3d} blocks: sandwich {100 * robust:5.1f} %   white noise {100 * white:5.1f} %\n"
+        )
 
 
 if __name__ == "__main__":

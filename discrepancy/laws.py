@@ -42,7 +42,9 @@ def _grid(x: Array, lo: float, hi: float, n: int = 12) -> Array:
     return np.geomspace(lo * s, hi * s, n)
 
 
-def _catalogue(x: Array) -> dict[str, tuple[str, tuple[str, ...], list[dict[str, float]], Callable[..., Array]]]:
+def _catalogue(
+    x: Array,
+) -> dict[str, tuple[str, tuple[str, ...], list[dict[str, float]], Callable[..., Array]]]:
     """name → formula, linear parameters, grid of nonlinear ones, columns."""
     span = float(np.ptp(x)) or 1.0
     places = np.linspace(float(x.min()), float(x.max()), 15)
@@ -55,23 +57,50 @@ def _catalogue(x: Array) -> dict[str, tuple[str, tuple[str, ...], list[dict[str,
         "constant": ("a", ("a",), [{}], lambda z: np.ones((len(z), 1))),
         "sign": ("a + b·sign(x)", ("a", "b"), [{}], lambda z: np.column_stack([np.ones_like(z), sign(z)])),
         "linear": ("a + b·x", ("a", "b"), [{}], lambda z: np.column_stack([np.ones_like(z), z])),
-        "quadratic": ("a + b·x + c·x²", ("a", "b", "c"), [{}], lambda z: np.column_stack([np.ones_like(z), z, z * z])),
-        "cubic": ("a + b·x + c·x³", ("a", "b", "c"), [{}], lambda z: np.column_stack([np.ones_like(z), z, z**3])),
-        "tanh": ("a + b·tanh(x/s)", ("a", "b"), [{"s": float(s)} for s in _grid(x, 0.02, 1.0)],
-                 lambda z, s: np.column_stack([np.ones_like(z), np.tanh(z / s)])),
-        "Stribeck": ("a + sign(x)·(b + c·exp(−(x/s)²))", ("a", "b", "c"), [{"s": float(s)} for s in _grid(x, 0.02, 0.7)],
-                     lambda z, s: np.column_stack([np.ones_like(z), sign(z), sign(z) * np.exp(-((z / s) ** 2))])),
-        "sine": ("a + b·cos(2πx/L) + c·sin(2πx/L)", ("a", "b", "c"),
-                 [{"L": float(v)} for v in 1.0 / np.linspace(0.7 / span, 40.0 / span, 160)],
-                 lambda z, L: np.column_stack([np.ones_like(z), np.cos(2 * np.pi * z / L), np.sin(2 * np.pi * z / L)])),
-        "bump": ("a + b·exp(−½((x−m)/w)²)", ("a", "b"),
-                 [{"m": float(m), "w": float(w)} for m in places for w in span * np.array([0.02, 0.05, 0.1, 0.2])],
-                 lambda z, m, w: np.column_stack([np.ones_like(z), np.exp(-0.5 * ((z - m) / w) ** 2)])),
+        "quadratic": (
+            "a + b·x + c·x²",
+            ("a", "b", "c"),
+            [{}],
+            lambda z: np.column_stack([np.ones_like(z), z, z * z]),
+        ),
+        "cubic": (
+            "a + b·x + c·x³",
+            ("a", "b", "c"),
+            [{}],
+            lambda z: np.column_stack([np.ones_like(z), z, z**3]),
+        ),
+        "tanh": (
+            "a + b·tanh(x/s)",
+            ("a", "b"),
+            [{"s": float(s)} for s in _grid(x, 0.02, 1.0)],
+            lambda z, s: np.column_stack([np.ones_like(z), np.tanh(z / s)]),
+        ),
+        "Stribeck": (
+            "a + sign(x)·(b + c·exp(−(x/s)²))",
+            ("a", "b", "c"),
+            [{"s": float(s)} for s in _grid(x, 0.02, 0.7)],
+            lambda z, s: np.column_stack([np.ones_like(z), sign(z), sign(z) * np.exp(-((z / s) ** 2))]),
+        ),
+        "sine": (
+            "a + b·cos(2πx/L) + c·sin(2πx/L)",
+            ("a", "b", "c"),
+            [{"L": float(v)} for v in 1.0 / np.linspace(0.7 / span, 40.0 / span, 160)],
+            lambda z, L: np.column_stack(
+                [np.ones_like(z), np.cos(2 * np.pi * z / L), np.sin(2 * np.pi * z / L)]
+            ),
+        ),
+        "bump": (
+            "a + b·exp(−½((x−m)/w)²)",
+            ("a", "b"),
+            [{"m": float(m), "w": float(w)} for m in places for w in span * np.array([0.02, 0.05, 0.1, 0.2])],
+            lambda z, m, w: np.column_stack([np.ones_like(z), np.exp(-0.5 * ((z - m) / w) ** 2)]),
+        ),
     }
 
 
-def suggest_laws(force: Array, x: Array, curve: Curve, *, direction: Array | None = None,
-                 blocks: Array | None = None) -> list[Law]:
+def suggest_laws(
+    force: Array, x: Array, curve: Curve, *, direction: Array | None = None, blocks: Array | None = None
+) -> list[Law]:
     """Simple laws for a force over its regressor, best first; the free curve remains the reference.
 
     Parameters

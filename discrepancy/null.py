@@ -1,14 +1,15 @@
 """What luck alone would give: shuffled residuals, and p-values from the largest score among all candidates.
 
-Blocks of the whitened residual are put in other places, with a random sign and a random circular shift, while the
-candidates stay where they are. With six or more records a block is a whole record; with fewer, records are cut into
-pieces that are longer than the residual's correlation time.
+Blocks of the whitened residual are put in other places, with a random sign and a random circular shift, while
+the candidates stay where they are. With six or more records a block is a whole record; with fewer, records
+are cut into pieces that are longer than the residual's correlation time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,7 +69,7 @@ def cut(layout: Layout, dt: float, e: Array) -> Pieces:
     for b, n in enumerate(layout.lengths):
         parts = max(1, int(n // size))
         edges = np.linspace(0, n, parts + 1).astype(int)
-        spans += [(b, int(a), int(z - a)) for a, z in zip(edges[:-1], edges[1:], strict=True)]
+        spans += [(b, int(a), int(z - a)) for a, z in pairwise(edges)]
     return Pieces(tuple(spans), corr * dt, dt)
 
 
@@ -131,10 +132,10 @@ class Null:
 def tail_p(draws: Array, u: Array) -> Array:
     """Tail probability of u from sorted draws.
 
-    Where ten or more draws lie above u this is their share, (1 + count)/(1 + draws). Further out the upper tenth is
-    continued as an exponential. Its scale is the upper 95 % confidence limit of the mean excess and not less than
-    one, the scale that a perfectly calibrated u would have. Nothing below 1e-12 is returned: a smaller number would
-    describe the assumed tail and not the data.
+    Where ten or more draws lie above u this is their share, (1 + count)/(1 + draws). Further out the upper
+    tenth is continued as an exponential. Its scale is the upper 95 % confidence limit of the mean excess and
+    not less than one, the scale that a perfectly calibrated u would have. Nothing below 1e-12 is returned: a
+    smaller number would describe the assumed tail and not the data.
     """
     x = np.sort(draws)
     n = len(x)

@@ -1,10 +1,11 @@
 """Is something missing at all? Tests that do not need a catalogue.
 
-A coloured residual alone proves nothing: a disturbance is coloured too. What a disturbance cannot do is follow the
-machine's own motion or inputs every time. So the residual is tested against flexible functions of the drivers
-(reference, speed, position, input): delayed copies, and free curves of their value. They are scored like any
-candidate, with the same projection, whitening and shuffled null. Symptoms without that guarantee (portmanteau,
-variance in motion against rest, low-frequency energy) are reported beside and do not decide.
+A coloured residual alone proves nothing: a disturbance is coloured too. What a disturbance cannot do is
+follow the machine's own motion or inputs every time. So the residual is tested against flexible functions of
+the drivers (reference, speed, position, input): delayed copies, and free curves of their value. They are
+scored like any candidate, with the same projection, whitening and shuffled null. Symptoms without that
+guarantee (portmanteau, variance in motion against rest, low-frequency energy) are reported beside and do not
+decide.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import numpy as np
 
 from discrepancy.blocks import Array, Candidate, Residual, Sensitivities
 from discrepancy.null import cut, shuffled
-from discrepancy.scan import ScanResult, scan
+from discrepancy.result import ScanResult
+from discrepancy.scan import scan
 
 LAGS_S = (0.0, 0.01, 0.03, 0.1, 0.3)
 N_TENTS = 7
@@ -48,8 +50,10 @@ class Omnibus:
     def __repr__(self) -> str:
         word = "something is missing" if self.rejects else "nothing follows the machine's own motion"
         lines = [f"Omnibus: {word} (p = {self.p:.2g}; most in {self.leading})"]
-        lines += [f"  {k}: {v:.3g}" + (f", p = {p:.2g}" if np.isfinite(p) else "") + f" ({m})"
-                  for k, (v, p, m) in self.symptoms.items()]
+        lines += [
+            f"  {k}: {v:.3g}" + (f", p = {p:.2g}" if np.isfinite(p) else "") + f" ({m})"
+            for k, (v, p, m) in self.symptoms.items()
+        ]
         return "\n".join(lines)
 
 
@@ -79,11 +83,16 @@ def with_effect(sens: Sensitivities, candidate: Candidate, shape: int = 0) -> Se
 
     Use it to ask what remains after an effect: a second scan, or the omnibus test as a test of lack of fit.
     """
-    blocks = [np.concatenate([f, z], axis=2) for f, z in zip(sens.blocks, candidate.columns[shape], strict=True)]
+    blocks = [
+        np.concatenate([f, z], axis=2) for f, z in zip(sens.blocks, candidate.columns[shape], strict=True)
+    ]
     names = (*sens.names, *(f"{candidate.name}.{a}" for a in candidate.amplitudes))
     return Sensitivities(
-        names, blocks, np.append(sens.prior_std, np.full(candidate.k, np.inf)),
-        np.append(sens.prior_offset, np.zeros(candidate.k)), sens.nuisance,
+        names,
+        blocks,
+        np.append(sens.prior_std, np.full(candidate.k, np.inf)),
+        np.append(sens.prior_offset, np.zeros(candidate.k)),
+        sens.nuisance,
     )
 
 
@@ -108,12 +117,21 @@ def generic_candidates(residual: Residual, drivers: Mapping[str, Sequence[Array]
         for c, channel in enumerate(residual.channels):
             grid = []
             for lag in lags:
-                grid.append(tuple(
-                    place(np.concatenate([np.full(min(lag, len(s)), s[0]), s[: len(s) - lag]])[:, None] - mean, c)
-                    for s in signal
-                ))
-            out.append(Candidate(f"delayed {name}", channel, tuple(grid),
-                                 tuple({"lag": lag * residual.dt} for lag in lags)))
+                grid.append(
+                    tuple(
+                        place(
+                            np.concatenate([np.full(min(lag, len(s)), s[0]), s[: len(s) - lag]])[:, None]
+                            - mean,
+                            c,
+                        )
+                        for s in signal
+                    )
+                )
+            out.append(
+                Candidate(
+                    f"delayed {name}", channel, tuple(grid), tuple({"lag": lag * residual.dt} for lag in lags)
+                )
+            )
             for kind, knots in curves.items():
                 if len(knots):
                     # One tent is left out: their sum is an offset, which the catalogue holds.
@@ -139,18 +157,23 @@ def omnibus(
     residual, sensitivities
         As for `scan`.
     drivers : mapping of str to sequence of ndarray, shape (n_t,)
-        Signals that a missing effect would follow: reference, speed, position, input. Not measured outputs, which
-        carry the disturbance themselves.
+        Signals that a missing effect would follow: reference, speed, position, input. Not measured outputs,
+        which carry the disturbance themselves.
     moving : sequence of bool ndarray, shape (n_t,), optional
         When the machine moves; adds the variance in motion against rest.
     level, draws, seed
         As for `scan`.
     """
-    bad = [f"driver {k}: {[len(b) for b in v]} samples for {[len(b) for b in residual.blocks]}"
-           for k, v in drivers.items() if [len(b) for b in v] != [len(b) for b in residual.blocks]]
+    bad = [
+        f"driver {k}: {[len(b) for b in v]} samples for {[len(b) for b in residual.blocks]}"
+        for k, v in drivers.items()
+        if [len(b) for b in v] != [len(b) for b in residual.blocks]
+    ]
     if bad:
         raise ValueError("; ".join(bad))
-    r = scan(residual, sensitivities, generic_candidates(residual, drivers), level=level, draws=draws, seed=seed)
+    r = scan(
+        residual, sensitivities, generic_candidates(residual, drivers), level=level, draws=draws, seed=seed
+    )
     best = min(r.rows, key=lambda x: x.p) if r.rows else None
     p = best.p if best else 1.0
     symptoms = {"portmanteau": _portmanteau(r), "low-frequency energy": _low_frequency(r)}
@@ -172,7 +195,11 @@ def _portmanteau(r: ScanResult) -> tuple[float, float, str]:
                 rho = np.array([x[k:] @ x[:-k] for k in range(1, h + 1)]) / den
                 q += n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, h + 1))))
     dof = h * lay.n_channels * len(lay.lengths)
-    return q / dof, float(chi2.sf(q, dof)), "Ljung–Box per degree of freedom after whitening; 1 if the filter took all colour"
+    return (
+        q / dof,
+        float(chi2.sf(q, dof)),
+        "Ljung–Box per degree of freedom after whitening; 1 if the filter took all colour",
+    )
 
 
 def _low_frequency(r: ScanResult) -> tuple[float, float, str]:

@@ -1,7 +1,7 @@
 """Free a residual, and the candidates, of everything that recalibration could explain.
 
-Whitened arrays are stacked into tall matrices whose rows run over block, time and channel. Priors on the uncertain
-parameters are extra rows, so that a projection with priors is the same as augmented least squares.
+Whitened arrays are stacked into tall matrices whose rows run over block, time and channel. Priors on the
+uncertain parameters are extra rows, so that a projection with priors is the same as augmented least squares.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ RANK_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Layout:
-    """Where each block sits in a stacked matrix: rows ``starts[b]`` to ``starts[b] + lengths[b] * n_channels``."""
+    """Where each block sits in a stacked matrix: ``lengths[b] * n_channels`` rows from ``starts[b]``."""
 
     lengths: tuple[int, ...]
     n_channels: int
@@ -108,7 +108,7 @@ class Projection:
         return stacked
 
     def parameters(self, stacked: Array) -> Array:
-        """Least-squares change of the parameters that explains a stacked vector or matrix, shape (n_theta, …)."""
+        """Least-squares change of the parameters for a stacked vector or matrix, shape (n_theta, …)."""
         out: Array = self.solve @ (self.basis.T @ stacked)
         return out
 
@@ -142,7 +142,9 @@ def project(whitener: Whitener, sens: Sensitivities, layout: Layout) -> Projecti
         N = N[:, norms > 0] / norms[norms > 0]
         u, s, _ = np.linalg.svd(N, full_matrices=False)
         local.append(u[:, s > RANK_TOLERANCE * s[0]] if s.size else None)
-    shell = Projection(layout, np.zeros((layout.n_rows, 0)), tuple(local), sens.names, dead, np.zeros((p, 0)), whitener)
+    shell = Projection(
+        layout, np.zeros((layout.n_rows, 0)), tuple(local), sens.names, dead, np.zeros((p, 0)), whitener
+    )
     if p == 0:
         return shell
     shell.remove_local(F)

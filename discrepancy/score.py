@@ -1,12 +1,13 @@
 """Scores of many candidate columns against one or many residuals, in plain linear algebra.
 
-The same code scores the measured residual and every shuffled one, so that whatever is done to the data is done to
-the null as well.
+The same code scores the measured residual and every shuffled one, so that whatever is done to the data is
+done to the null as well.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -59,7 +60,9 @@ class Columns:
 
 
 def prepare_columns(
-    whitened: list[tuple[int, int, bool, Array]], projection: Projection, uncertain: str = "the uncertain parameters"
+    whitened: list[tuple[int, int, bool, Array]],
+    projection: Projection,
+    uncertain: str = "the uncertain parameters",
 ) -> Columns:
     """Project and orthonormalise; ``whitened`` holds (candidate, shape, one_sided, columns (n_rows, k))."""
     parts, groups, Rs, absorbed = [], [], [], []
@@ -101,7 +104,10 @@ def prepare_columns(
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of every group for every residual, shape (n_groups, m); amplitudes (n_columns, m), orthonormal basis."""
+    """Scores of every group for every residual, shape (n_groups, m).
+
+    Amplitudes have shape (n_columns, m) and refer to the orthonormal columns.
+    """
 
     lm: Array
     lam: Array
@@ -130,7 +136,8 @@ class Scorer:
         noise : ndarray, shape (n_rows, m), optional
             Residuals from which the noise is measured, if other than E (known effects removed).
         removed : ndarray, shape (n_groups,), optional
-            Share of each group's columns that was removed to make ``noise``; its own fit is then not removed twice.
+            Share of each group's columns that was removed to make ``noise``; its own fit is then not removed
+            twice.
         """
         Z = self.columns.Z
         A = Z.T @ E
@@ -173,7 +180,7 @@ class Scorer:
         return np.maximum(1.0, num / np.maximum(den, 1e-300) / np.maximum(level, 1e-300))
 
     def surprise(self, ratio: Array) -> Array:
-        """−ln of the F tail probability of LM/λ: one scale for groups of different size and different noise."""
+        """−ln of the F tail probability of LM/λ: one scale for groups of any size and noise."""
         from scipy.special import betaln, fdtrc
 
         k, nu = self.kdim[:, None], self.dof[:, None]
@@ -228,7 +235,9 @@ class Scorer:
         return Rinv @ a, Rinv @ Rinv.T
 
 
-def make_scorer(columns: Columns, projection: Projection, dt: float, extra: list[Array] | None = None) -> Scorer:
+def make_scorer(
+    columns: Columns, projection: Projection, dt: float, extra: list[Array] | None = None
+) -> Scorer:
     """Prepare the scorer; ``extra`` are orthonormal directions also removed from the residual's noise."""
     basis = [projection.basis]
     lay = projection.layout
@@ -253,7 +262,7 @@ def _windows(layout: Layout) -> list[tuple[Array, float]]:
     for b, n in enumerate(layout.lengths):
         parts = max(1, min(WINDOWS_PER_BLOCK, n // MIN_WINDOW))
         edges = np.linspace(0, n, parts + 1).astype(int)
-        for a, z in zip(edges[:-1], edges[1:], strict=True):
+        for a, z in pairwise(edges):
             for c in range(layout.n_channels):
                 rows = layout.starts[b] + np.arange(a, z) * layout.n_channels + c
                 out.append((rows, float(z - a)))

@@ -1,13 +1,13 @@
 """How noisy the residual is where a candidate acts: variance of a score from the residual's own spectrum.
 
-A score is a sum s = Σ zᵀe over all samples. If the whitened residual were perfectly white, its variance would be
-‖z‖². It never is, so the noise is measured in frequency bands: the cross-spectrum S of the channels in each band,
-averaged over the band and over all blocks, and the variance of a score is Σ over bands of S weighted by the energy
-of z in that band. Bands are as narrow as the data allow while each keeps enough independent values, after
-subtracting what the projection has taken out of it.
+A score is a sum s = Σ zᵀe over all samples. If the whitened residual were perfectly white, its variance would
+be ‖z‖². It never is, so the noise is measured in frequency bands: the cross-spectrum S of the channels in
+each band, averaged over the band and over all blocks, and the variance of a score is Σ over bands of S
+weighted by the energy of z in that band. Bands are as narrow as the data allow while each keeps enough
+independent values, after subtracting what the projection has taken out of it.
 
-Everything is a quadratic form in e, V[e] = eᵀ(Σ_bands A)e, so that removing a candidate's own fit from the residual
-before measuring the noise (the profile) costs one extra inner product, r = mᵀe with m = A z.
+Everything is a quadratic form in e, V[e] = eᵀ(Σ_bands A)e, so that removing a candidate's own fit from the
+residual before measuring the noise (the profile) costs one extra inner product, r = mᵀe with m = A z.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Bands:
         return len(self.edges) - 1
 
     def spectra(self, stacked: Array, block: int) -> Array:
-        """Fourier coefficients of one block, shape (n_f, n_channels, …), so that Σ weight·|·|² is the energy."""
+        """Fourier coefficients of one block, (n_f, n_channels, …), so that Σ weight·|·|² is the energy."""
         x = self.layout.view(stacked, block)
         out: Array = np.fft.rfft(x, axis=0) / np.sqrt(x.shape[0])
         return out
@@ -86,7 +86,9 @@ class Bands:
         return out
 
 
-def make_bands(layout: Layout, dt: float, leverage_basis: list[Array], min_ordinates: float = MIN_ORDINATES) -> Bands:
+def make_bands(
+    layout: Layout, dt: float, leverage_basis: list[Array], min_ordinates: float = MIN_ORDINATES
+) -> Bands:
     """Choose bands so that each keeps enough degrees of freedom after the projection.
 
     Parameters
@@ -112,9 +114,10 @@ def make_bands(layout: Layout, dt: float, leverage_basis: list[Array], min_ordin
     for Q in leverage_basis:
         for b in range(len(layout.lengths)):
             x = layout.view(Q, b)
-            free[b] = free[b] - weights[b][:, None] * np.sum(
-                np.abs(np.fft.rfft(x, axis=0)) ** 2, axis=2
-            ) / x.shape[0]
+            free[b] = (
+                free[b]
+                - weights[b][:, None] * np.sum(np.abs(np.fft.rfft(x, axis=0)) ** 2, axis=2) / x.shape[0]
+            )
     all_f = np.concatenate(freqs)
     order = np.argsort(all_f, kind="stable")
     f_sorted = all_f[order]

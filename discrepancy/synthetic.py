@@ -1,10 +1,10 @@
 """Linear axes in a closed loop, made with numpy alone, to measure error rates of the statistics.
 
-A mass follows a reference under a position and speed controller. Forces f enter the equation of motion; position
-error and drive force are the outputs. To first order the outputs respond linearly to any missing force, so a machine
-is its reference motion, its closed-loop filter, and a list of forces. The coefficients of the loop change from record
-to record with the load. The disturbance can be white, an AR(2), a slow drift, a disturbance during motion only, or
-all of them, beyond the sensor noise.
+A mass follows a reference under a position and speed controller. Forces f enter the equation of motion;
+position error and drive force are the outputs. To first order the outputs respond linearly to any missing
+force, so a machine is its reference motion, its closed-loop filter, and a list of forces. The coefficients of
+the loop change from record to record with the load. The disturbance can be white, an AR(2), a slow drift, a
+disturbance during motion only, or all of them, beyond the sensor noise.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def _closed_loop(force: Array, dt: float, mass: float) -> Array:
     num, den = ss2tf(*num_den[:4])
     warm = np.repeat(force[:1], round(WARM / dt), axis=0)
     full = np.concatenate([warm, force])
-    return np.stack([lfilter(num[c], den, full, axis=0)[len(warm):] for c in range(2)], axis=1)
+    return np.stack([lfilter(num[c], den, full, axis=0)[len(warm) :] for c in range(2)], axis=1)
 
 
 def _profile(rng: np.random.Generator, duration: float, dt: float, travel: float) -> Motion:
@@ -115,7 +115,9 @@ def force_laws() -> dict[str, tuple[list[dict[str, float]], int, bool]]:
         "cubic_stiffness": ([{}], 1, False),
         "angle_harmonic": ([{"wavelength": w} for w in (0.02, 0.03, 0.045, 0.07, 0.1, 0.15)], 2, False),
         "local_bump": (
-            [{"place": c, "width": w} for c in np.linspace(-0.2, 0.5, 12) for w in (0.01, 0.03)], 1, False,
+            [{"place": c, "width": w} for c in np.linspace(-0.2, 0.5, 12) for w in (0.01, 0.03)],
+            1,
+            False,
         ),
         "load_dependent_friction": ([{}], 1, True),
         "added_inertia": ([{}], 1, False),
@@ -178,14 +180,18 @@ def candidates(axis: Axis, exclude: Sequence[str] = ()) -> list[Candidate]:
                 z = np.zeros((len(m.x), 2, 1))
                 t = np.linspace(-1, 1, len(m.x))
                 nominal = m.x if c == 0 else m.mass * m.a
-                z[:, c, 0] = {"sensor_offset": np.ones_like(t), "sensor_drift": t, "sensor_gain": nominal}[kind]
+                z[:, c, 0] = {"sensor_offset": np.ones_like(t), "sensor_drift": t, "sensor_gain": nominal}[
+                    kind
+                ]
                 blocks.append(z)
             if kind not in exclude:
                 out.append(Candidate(kind, name, (tuple(blocks),)))
     return out
 
 
-def baseline(axis: Axis, kinds: Sequence[str] = ("added_inertia", "viscous_friction", "coulomb_friction")) -> Sensitivities:
+def baseline(
+    axis: Axis, kinds: Sequence[str] = ("added_inertia", "viscous_friction", "coulomb_friction")
+) -> Sensitivities:
     """Sensitivities of the parameters that the model has: mass, viscous and Coulomb friction by default."""
     per = [axis.respond([law(k, m, {}, axis.dt) for m in axis.motions]) for k in kinds]
     blocks = [np.concatenate([p[b] for p in per], axis=2) for b in range(len(axis.motions))]
@@ -248,7 +254,7 @@ def make_case(
     hidden: Sequence[tuple[str, dict[str, float], Sequence[float]]] = (),
     miscalibrated: bool = True,
 ) -> Case:
-    """Residual of a model that lacks the hidden effects (kind, shape, amplitudes) and starts miscalibrated."""
+    """Residual of a model that lacks the hidden effects (kind, shape, amplitudes), miscalibrated."""
     sens = baseline(axis)
     noise = disturb(axis, disturbance, rng)
     p = len(sens.names)

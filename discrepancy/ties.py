@@ -63,7 +63,10 @@ def canonical_correlation(Qa: Array, Qb: Array) -> float:
 
 
 def find_ties(
-    best: int, names: Sequence[tuple[str, str]], gains: Sequence[float], bases: Sequence[Array | None],
+    best: int,
+    names: Sequence[tuple[str, str]],
+    gains: Sequence[float],
+    bases: Sequence[Array | None],
     eligible: Sequence[bool],
 ) -> Ties:
     """Rivals of candidate ``best``.

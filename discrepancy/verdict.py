@@ -32,9 +32,11 @@ class Row:
     lam : float
         Inflation of its variance by the colour of the residual.
     p, p_single : float
-        Family-wise p (the largest score of all candidates by luck) and the candidate's own, shape grid included.
+        Family-wise p (the largest score of all candidates by luck) and the candidate's own, shape grid
+        included.
     gain : float
-        Calibrated log-likelihood gain, LM/(2·λ̄) with one λ̄ for all candidates, so that gains can be compared.
+        Calibrated log-likelihood gain, LM/(2·λ̄) with one λ̄ for all candidates, so that gains can be
+        compared.
     delta_bic : float
         Change of BIC with the effective number of observations; negative favours the effect.
     amplitude, std : ndarray, shape (k,)
@@ -107,15 +109,24 @@ def decide(
     if p < level:
         if size > delta:
             return Verdict.MISSING, f"p = {p:.2g}, expected amplitude {size:.3g} exceeds {delta:.3g}"
-        return Verdict.NEGLIGIBLE, f"p = {p:.2g}, but its amplitude {size:.3g} is below {delta:.3g}, which would matter"
+        return (
+            Verdict.NEGLIGIBLE,
+            f"p = {p:.2g}, but its amplitude {size:.3g} is below {delta:.3g}, which would matter",
+        )
     short = "; too few independent data where it acts" if dof < 6 or few else ""
     if mde < delta:
         return Verdict.ABSENT, f"an amplitude of {mde:.3g} would have been seen, {delta:.3g} would matter"
-    return Verdict.CANNOT_TELL, f"only an amplitude above {mde:.3g} would be seen, {delta:.3g} would matter{short}"
+    return (
+        Verdict.CANNOT_TELL,
+        f"only an amplitude above {mde:.3g} would be seen, {delta:.3g} would matter{short}",
+    )
 
 
 def summary(rows: Sequence[Row], refused: dict[str, str], too_few: str) -> str:
-    """One sentence about all candidates; "nothing is missing" only when every effect that matters would be seen."""
+    """One sentence about all candidates.
+
+    "Nothing is missing" is said only when every effect that matters would have been seen.
+    """
     found = [r.name for r in rows if r.verdict is Verdict.MISSING]
     if found:
         return f"missing: {found[0]}" + (f" (also significant: {', '.join(found[1:])})" if found[1:] else "")
@@ -126,6 +137,6 @@ def summary(rows: Sequence[Row], refused: dict[str, str], too_few: str) -> str:
 
 
 def smallest_visible(crit: float, variance: float) -> float:
-    """Amplitude seen with 80 % chance when √(LM/λ) must exceed ``crit`` and the amplitude's variance is given."""
+    """Amplitude seen with 80 % chance when √(LM/λ) must exceed ``crit``, for an amplitude's variance."""
     z80 = 0.8416212335729143
     return float((crit + z80) * np.sqrt(variance))

@@ -1,14 +1,16 @@
 """Take the colour out of a residual: prediction-error filters whose memory reaches far with few numbers.
 
-A residual of a real machine mixes fast sensor noise with slow drift. A plain autoregression at a high sampling
-rate forgets after a few milliseconds and never sees the drift. Here each channel is predicted from its last
-samples one by one and, further back, from means over windows that double in length (5-8, 9-16, 17-32 … samples
-ago). A dozen coefficients then reach seconds into the past. The number of single lags and of windows is chosen by
-AIC: BIC prefers filters that forget a slow drift, and with one or two records of 6 s that raised false alarms under a
-mixed disturbance from 4 in 60 to 9 in 60. The first samples of a block, which have no past, use the same predictor cut short, each with its own variance,
-so nothing has to be thrown away.
+A residual of a real machine mixes fast sensor noise with slow drift. A plain autoregression at a high
+sampling rate forgets after a few milliseconds and never sees the drift. Here each channel is predicted from
+its last samples one by one and, further back, from means over windows that double in length (5-8, 9-16, 17-32
+… samples ago). A dozen coefficients then reach seconds into the past. The number of single lags and of
+windows is chosen by AIC: BIC prefers filters that forget a slow drift, and with one or two records of 6 s
+that raised false alarms under a mixed disturbance from 4 in 60 to 9 in 60. The first samples of a block,
+which have no past, use the same predictor cut short, each with its own variance, so nothing has to be thrown
+away.
 
-The long windows are those of the heterogeneous autoregression of Corsi (2009), J. Financial Econometrics 7, 174.
+The long windows are those of the heterogeneous autoregression of Corsi (2009), J. Financial Econometrics 7,
+174.
 """
 
 from __future__ import annotations
@@ -42,7 +44,9 @@ def _lag_mean(x: Array, cs: Array, first: int, last: int, start: int, stop: int)
     """Mean of x[t-last .. t-first] for t in [start, stop); needs start >= last."""
     if first == last:
         return x[start - first : stop - first]
-    out: Array = (cs[start - first + 1 : stop - first + 1] - cs[start - last : stop - last]) / (last - first + 1)
+    out: Array = (cs[start - first + 1 : stop - first + 1] - cs[start - last : stop - last]) / (
+        last - first + 1
+    )
     return out
 
 
@@ -193,8 +197,8 @@ def fit_whitener(
     Parameters
     ----------
     blocks : sequence of ndarray, shape (n_t, n_channels)
-        Residual from which calibration and, if known, the missing effects have been removed. An effect left in the
-        residual is taken for noise and the scan loses power, but stays honest.
+        Residual from which calibration and, if known, the missing effects have been removed. An effect left
+        in the residual is taken for noise and the scan loses power, but stays honest.
     dt : float
         Sampling interval, s.
     channels : sequence of str

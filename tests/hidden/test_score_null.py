@@ -61,10 +61,17 @@ def test_unknown_effect_is_noticed_without_a_catalogue():
     axis = sy.make_axis(rng, 4)
     drivers = {"position": [m.x for m in axis.motions], "speed": [m.v for m in axis.motions]}
     quiet = sy.make_case(axis, "ar2", np.random.default_rng(1))
-    loud = sy.make_case(axis, "ar2", np.random.default_rng(1), [("local_bump", {"place": 0.1, "width": 0.03}, [40.0])])
+    loud = sy.make_case(
+        axis, "ar2", np.random.default_rng(1), [("local_bump", {"place": 0.1, "width": 0.03}, [40.0])]
+    )
     assert not omnibus(quiet.residual, quiet.sensitivities, drivers, draws=100).rejects
-    o = omnibus(loud.residual, loud.sensitivities, drivers, draws=100,
-                moving=[np.abs(m.v) > 0.005 for m in axis.motions])
+    o = omnibus(
+        loud.residual,
+        loud.sensitivities,
+        drivers,
+        draws=100,
+        moving=[np.abs(m.v) > 0.005 for m in axis.motions],
+    )
     assert o.rejects
     assert "position" in o.leading
     assert "motion against rest" in o.symptoms

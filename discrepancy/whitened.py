@@ -1,0 +1,186 @@
+"""Residual, sensitivities and candidates in the whitened metric; effects taken out before noise is measured.
+
+The whitening is fitted on the residual without calibration and without the effects that stand out, because an
+effect that stays in the residual would be taken for colour and whitened away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from discrepancy.blocks import Array, Candidate, Residual, Sensitivities
+from discrepancy.projection import Layout, Projection, project
+from discrepancy.score import Columns, Scorer, Scores, make_scorer, prepare_columns
+from discrepancy.whitening import Whitener, fit_whitener, identity
+
+# Surprise (−ln p of one column) above which an effect is kept out of the whitening fit.
+LEAST = 8.0
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """Everything in the whitened metric."""
+
+    whitener: Whitener
+    projection: Projection
+    e_raw: Array
+    e: Array
+    columns: Columns
+    scorer: Scorer | None
+
+
+def whiten_all(
+    whitener: Whitener, residual: Residual, sens: Sensitivities, candidates: Sequence[Candidate]
+) -> Whitened:
+    has_prior = np.isfinite(sens.prior_std)
+    layout = Layout(tuple(len(b) for b in residual.blocks), len(residual.channels), int(has_prior.sum()))
+    proj = project(whitener, sens, layout)
+    e_raw = layout.stack(whitener, residual.blocks, sens.prior_offset[has_prior] / sens.prior_std[has_prior])
+    e = proj.remove(e_raw.copy())
+    # One scale for all channels keeps their relative weight and makes the noise variance one.
+    stacked = (
+        (i, j, c.one_sided, layout.stack(whitener, cols))
+        for i, c in enumerate(candidates)
+        for j, cols in enumerate(c.columns)
+    )
+    columns = prepare_columns(list(stacked), proj)
+    scorer = make_scorer(columns, proj, residual.dt) if columns.groups else None
+    return Whitened(whitener, proj, e_raw, e, columns, scorer)
+
+
+def louder(s: Scores, scorer: Scorer, e: Array) -> Scores:
+    """Raise λ where the residual is louder at the times at which a candidate acts (noise in motion only)."""
+    lam = s.lam * scorer.local(e)[:, None]
+    return Scores(s.lm, lam, scorer.surprise(s.lm / lam), s.amplitude)
+
+
+def best_groups(scorer: Scorer, s: Scores) -> dict[int, int]:
+    """Point of the shape grid that fits best, for each candidate."""
+    best: dict[int, int] = {}
+    for i, g in enumerate(scorer.columns.groups):
+        j = best.get(g.candidate)
+        if j is None or s.lm[i, 0] > s.lm[j, 0]:
+            best[g.candidate] = i
+    return best
+
+
+def surprise_of(scorer: Scorer, s: Scores, candidate: int) -> float:
+    """Largest surprise on a candidate's shape grid: what the null compares with."""
+    return max(float(s.u[i, 0]) for i, g in enumerate(scorer.columns.groups) if g.candidate == candidate)
+
+
+@dataclass(frozen=True)
+class Clean:
+    """Residual without the effects that were fitted to it."""
+
+    e: Array
+    basis: Array
+    groups: tuple[int, ...]
+
+
+def remove_effects(w: Whitened, limit: int, least_u: float) -> Clean:
+    """Remove the best candidates one after another while each stands out."""
+    assert w.scorer is not None
+    Z = w.columns.Z
+    basis = np.zeros((len(w.e), 0))
+    e = w.e.copy()
+    chosen: list[int] = []
+    scorer_k = w.scorer.kdim
+    for _ in range(limit):
+        share = share_removed(w.scorer, basis)
+        s = w.scorer(e[:, None], None if not chosen else e[:, None], share)
+        u = np.where(share > 0.999, 0.0, s.u[:, 0])
+        # Columns were made orthonormal before anything was removed; scale up what is left of them.
+        if u.max() < least_u:
+            break
+        # Among those that stand out, the one that explains most, as a fit would choose.
+        i = int(np.argmax(np.where(u >= least_u, s.lm[:, 0] - 8.0 * scorer_k, -np.inf)))
+        chosen.append(i)
+        cols = Z[:, w.columns.groups[i].cols]
+        q = cols - basis @ (basis.T @ cols)
+        q, _ = np.linalg.qr(q)
+        basis = np.concatenate([basis, q], axis=1)
+        e = e - q @ (q.T @ e)
+    return Clean(e, basis, tuple(chosen))
+
+
+def share_removed(scorer: Scorer, basis: Array) -> Array:
+    """Share of each group's column energy that lies in ``basis``."""
+    if basis.shape[1] == 0:
+        return np.zeros(len(scorer.columns.groups))
+    energy = np.sum((basis.T @ scorer.columns.Z) ** 2, axis=0)
+    starts = [g.cols.start for g in scorer.columns.groups]
+    out: Array = np.minimum(1.0, np.add.reduceat(energy, starts) / scorer.kdim)
+    return out
+
+
+def raw_residual(
+    w: Whitened,
+    residual: Residual,
+    sens: Sensitivities,
+    candidates: Sequence[Candidate],
+    groups: Sequence[int],
+) -> list[Array]:
+    """Residual in the outputs' units with calibration, nuisances and the given groups fitted and removed."""
+    lay = w.projection.layout
+    Z = [w.columns.Z[:, w.columns.groups[i].cols] @ w.columns.R[i] for i in groups]
+    amp = np.zeros(0)
+    e = w.e_raw.copy()
+    raw_cols: list[tuple[Array, ...]] = []
+    if groups:
+        amp = np.linalg.lstsq(np.concatenate(Z, axis=1), w.e, rcond=1e-10)[0]
+        at = 0
+        for i in groups:
+            g = w.columns.groups[i]
+            cols = candidates[g.candidate].columns[g.shape]
+            k = cols[0].shape[2]
+            raw_cols.append(tuple(c @ amp[at : at + k] for c in cols))
+            e -= lay.stack(w.whitener, [c @ amp[at : at + k] for c in cols])
+            at += k
+    w.projection.remove_local(e)
+    theta = w.projection.parameters(e) if sens.names else np.zeros(0)
+    out = []
+    for b, y in enumerate(residual.blocks):
+        r = y - sens.blocks[b] @ theta
+        for cols_b in raw_cols:
+            r = r - cols_b[b]
+        nuis = sens.nuisance[b]
+        if nuis is not None:
+            flat = w.whitener.apply(nuis).reshape(-1, nuis.shape[2])
+            target = w.whitener.apply(r).reshape(-1)
+            r = r - nuis @ np.linalg.lstsq(flat, target, rcond=1e-10)[0]
+        out.append(r)
+    return out
+
+
+def start_whitener(residual: Residual, sens: Sensitivities) -> Whitener:
+    """Channel scales from the raw residual after an unweighted fit of the sensitivities."""
+    std = np.sqrt(np.mean(np.concatenate(residual.blocks) ** 2, axis=0))
+    std[std == 0] = 1.0
+    return identity(list(std), residual.channels, residual.dt)
+
+
+def fit_whitened(
+    residual: Residual,
+    sens: Sensitivities,
+    candidates: Sequence[Candidate],
+    whitener: Whitener | None,
+    max_order: int,
+    rounds: int,
+    clean: int,
+) -> Whitened:
+    if whitener is not None:
+        return whiten_all(whitener, residual, sens, candidates)
+    w = whiten_all(start_whitener(residual, sens), residual, sens, candidates)
+    for r in range(rounds):
+        groups: tuple[int, ...] = ()
+        if w.scorer is not None and clean:
+            least = LEAST if r else np.inf
+            groups = remove_effects(w, clean, least).groups
+        raw = raw_residual(w, residual, sens, candidates, groups)
+        fitted = fit_whitener(raw, residual.dt, residual.channels, max_order=max_order)
+        w = whiten_all(fitted, residual, sens, candidates)
+    return w
