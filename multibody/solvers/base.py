@@ -100,6 +100,8 @@ def _tolerance(name: str, value: Any, problem: NativeProblem) -> np.ndarray:
         )
     if not np.all(np.isfinite(given)) or np.any(given < 0.0):
         raise ProblemError(f"{name} must be finite and not negative")
+    if given.shape == () and problem.directions is None:
+        return np.full(problem.n, given)
     if given.shape == (problem.size,):
         return given.copy()
     full = np.tile(np.broadcast_to(given, (problem.n,)), 1 + problem.n_directions)
@@ -197,10 +199,10 @@ class NativeSolver(OdeSolver):
         self._tally = np.zeros(11, dtype=np.int64)
         self._tally[WANTED] = self._steps
         self._begin_samples()
-        self._clock[[T, ERROR, END, DIRECTION]] = self.t, 1e-4, self.t_bound, self.direction
-        # Numba cannot compare with infinity times zero, and no interval is longer than this.
-        self._clock[LARGEST] = min(max_step, 1e300)
-        self._clock[STEP] = self._first_step() if first_step is None else first_step
+        # Infinity would become nan in products with zero, and no interval is longer than this.
+        self._clock[:6] = self.t, 0.0, 1e-4, self.t_bound, self.direction, min(max_step, 1e300)
+        # The driver finds the first step by itself where it is zero.
+        self._clock[STEP] = 0.0 if first_step is None else first_step
 
     def _begin_samples(self) -> None:
         if self._samples is None:
@@ -218,30 +220,6 @@ class NativeSolver(OdeSolver):
         self._sample_y[: min(at_start, len(self._sample_y))] = self.y
         self._tally[SAMPLE] = at_start
         self._samples.count = at_start
-
-    def _first_step(self) -> float:
-        """First step from the size of the derivative and of its change (Hairer, Norsett, Wanner I, II.4)."""
-        if self.t == self.t_bound:
-            return 0.0
-        problem, n = self.problem, self.problem.n
-        x, scale = self.y[:n], np.maximum(self.atol[:n] + self.rtol[:n] * np.abs(self.y[:n]), 1e-300)
-
-        def norm(v: np.ndarray) -> float:
-            return float(np.sqrt(np.mean((v / scale) ** 2)))
-
-        limit = min(abs(self.t_bound - self.t), self.max_step)
-        f0 = problem.derivative(self.t, x)
-        with np.errstate(all="ignore"):
-            d0, d1 = norm(x), norm(f0)
-            h0 = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
-            h0 = min(h0, limit)
-            f1 = problem.derivative(self.t + self.direction * h0, x + self.direction * h0 * f0)
-            d2 = norm(f1 - f0) / h0 if h0 > 0.0 else 0.0
-            steepest = max(d1, d2)
-            h1 = max(1e-6, h0 * 1e-3) if steepest <= 1e-15 else (0.01 / steepest) ** (1 / (self.ORDER + 1))
-        self._tally[EVALUATIONS] += 2
-        step = min(100 * h0, h1, limit)
-        return float(step) if np.isfinite(step) and step > 0.0 else min(1e-6, limit)
 
     def _extra(self) -> tuple[Any, ...]:
         """Arguments of the driver beyond those that all methods share."""

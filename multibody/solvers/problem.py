@@ -220,39 +220,30 @@ class NativeProblem:
         """Return a new `Field` for compiled drivers, with its own workspace."""
         from multibody.solvers.kernels.bundle import Field
 
-        k, n_u, m = self.table.kernel, self.table.n_inputs, self.n_directions
-        d = self.directions or Directions(np.zeros((0, self.n)), np.zeros((0, self.p.size)))
-        weight = np.zeros((m, n_u))
-        for column, delay in enumerate(k["delays"]):
-            if delay >= 0 and m:
-                weight[:, column] = -d.p_dot[:, delay]
-        return Field(
-            self.rhs.address,
-            0 if self.tangent is None else self.tangent.address,
-            self.n,
-            p=self.p,
-            p_dot=d.p_dot,
-            channel=np.asarray(d.channel),
-            weight=weight,
-            shape_t=np.asarray(d.shape_t),
-            shape=np.asarray(d.shape),
-            **{**k, **self._breaks(d)},
-        )
+        tangent = 0 if self.tangent is None else self.tangent.address
+        table, directions, d = self.table.kernel, None, self.directions
+        if d is not None:
+            weight = np.zeros((d.count, self.table.n_inputs))
+            for column in np.flatnonzero(table["delays"] >= 0):
+                weight[:, column] = -d.p_dot[:, table["delays"][column]]
+            directions = {
+                name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")
+            }
+            directions["weight"] = weight
+            table = self._with_breaks(d)
+        return Field(self.rhs.address, tangent, self.n, self.p, table, directions)
 
-    def _breaks(self, directions: Directions) -> dict[str, np.ndarray]:
-        """Where steps must end: at the breaks of the inputs and of the tangents of the inputs."""
-        names = ("breaks", "jumps", "break_start", "break_delay")
-        own = {name: self.table.kernel[name] for name in names}
+    def _with_breaks(self, directions: Directions) -> dict[str, np.ndarray]:
+        """The table of inputs, where steps end at the breaks of the inputs' tangents as well."""
         times, shape = np.asarray(directions.shape_t), np.asarray(directions.shape)
-        if shape.shape[1] == 0 or times.size < 2:
-            return own
-        added = InputTable(times, shape).kernel
-        return {
-            "breaks": np.append(own["breaks"], added["breaks"]),
-            "jumps": np.append(own["jumps"], added["jumps"]),
-            "break_start": np.append(own["break_start"], own["break_start"][-1] + added["break_start"][1:]),
-            "break_delay": np.append(own["break_delay"], added["break_delay"]),
-        }
+        if times.size < 2:
+            return self.table.kernel
+        own, added = self.table.kernel, InputTable(times, shape).kernel
+        table = {name: np.append(own[name], added[name]) for name in ("breaks", "jumps", "break_delay")}
+        table["break_start"] = np.append(
+            own["break_start"], own["break_start"][-1] + added["break_start"][1:]
+        )
+        return {name: value for name, value in own.items() if name != "numbers"} | table
 
     def derivative(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return f(t, x, u(t), p), shape (n,); slow, for a single evaluation."""

@@ -27,21 +27,7 @@ BREAKS, JUMPS, BREAK_START, BREAK_DELAY, BREAK_CURSOR = range(30, 35)
 WINDOW = 35
 SIZE = 36
 
-_COUNTS = (
-    KINDS,
-    DELAYS,
-    HELD,
-    MOVING,
-    CURSOR,
-    CHANNEL,
-    SHAPE_CURSOR,
-    JUMPS,
-    BREAK_START,
-    BREAK_DELAY,
-    BREAK_CURSOR,
-)
-_VECTORS = {
-    "p": P,
+_TABLE = {
     "times": TIMES,
     "values": VALUES,
     "slopes": SLOPES,
@@ -49,23 +35,29 @@ _VECTORS = {
     "delays": DELAYS,
     "held": HELD,
     "moving": MOVING,
-    "u": U,
-    "rate": RATE,
-    "u_dot": U_DOT,
-    "cursor": CURSOR,
-    "p_dot": P_DOT,
-    "channel": CHANNEL,
-    "weight": WEIGHT,
-    "shape_t": SHAPE_T,
-    "shape": SHAPE,
-    "shape_cursor": SHAPE_CURSOR,
     "breaks": BREAKS,
     "jumps": JUMPS,
     "break_start": BREAK_START,
     "break_delay": BREAK_DELAY,
-    "break_cursor": BREAK_CURSOR,
-    "window": WINDOW,
 }
+_DIRECTIONS = {"p_dot": P_DOT, "channel": CHANNEL, "weight": WEIGHT, "shape_t": SHAPE_T, "shape": SHAPE}
+
+
+def _address(array: np.ndarray) -> int:
+    return int(array.__array_interface__["data"][0])
+
+
+def _numbers_of(table: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the part of the vector that belongs to a table of inputs; kept with the table."""
+    if "numbers" not in table:
+        numbers = np.zeros(SIZE, dtype=np.int64)
+        for name, index in _TABLE.items():
+            numbers[index] = _address(table[name])
+        numbers[N_U], numbers[ROWS] = table["values"].shape[1], table["times"].size
+        numbers[N_HELD], numbers[N_MOVING] = table["held"].size, table["moving"].size
+        numbers[N_GROUPS] = table["break_delay"].size
+        table["numbers"] = numbers
+    return table["numbers"]
 
 
 class Field:
@@ -79,10 +71,13 @@ class Field:
         Addresses; 0 for no tangent.
     n : int
         Number of states.
-    vectors : ndarray
-        By the names in lower case of the indices above: p (n_p,), times (nt,), values and slopes (nt, n_u),
-        kinds and delays (n_u,), held, moving, p_dot (m, n_p), channel (m,), weight (m, n_u), shape_t (ns,),
-        shape (ns, m), breaks and jumps (nb,), break_start (groups + 1,), break_delay (groups,).
+    p : ndarray, shape (n_p,)
+        Parameters.
+    table : dict of ndarray
+        The table of inputs: times (nt,), values and slopes (nt, n_u), kinds and delays (n_u,), held, moving,
+        breaks and jumps (nb,), break_start (groups + 1,), break_delay (groups,).
+    directions : dict of ndarray, optional
+        p_dot (m, n_p), channel (m,), weight (m, n_u), shape_t (ns,), shape (ns, m).
 
     Attributes
     ----------
@@ -92,33 +87,37 @@ class Field:
         Inputs of the last evaluation.
     """
 
-    def __init__(self, rhs: int, tangent: int, n: int, **vectors: np.ndarray) -> None:
-        n_u, m = vectors["values"].shape[1], len(vectors["channel"])
-        self.u = vectors["values"][0].copy()
-        vectors.update(
-            u=self.u, rate=np.zeros(n_u), u_dot=np.zeros(n_u), cursor=np.zeros(n_u, dtype=np.int64)
+    def __init__(
+        self,
+        rhs: int,
+        tangent: int,
+        n: int,
+        p: np.ndarray,
+        table: dict[str, np.ndarray],
+        directions: dict[str, np.ndarray] | None = None,
+    ) -> None:
+        self.numbers = _numbers_of(table).copy()
+        n_u, groups = self.numbers[N_U], self.numbers[N_GROUPS]
+        self.u = table["values"][0].copy()
+        work = np.zeros(2 * n_u + 2)
+        work[2 * n_u :] = -np.inf, np.inf
+        cursors = np.zeros(n_u + groups + 1, dtype=np.int64)
+        cursors[n_u + 1 :] = table["break_start"][:-1]
+        self._owned: tuple[Any, ...] = (p, table, work, cursors, directions)
+        self.numbers[[RHS, TANGENT, N, N_P]] = rhs, tangent, n, p.size
+        floats, counts = _address(work), _address(cursors)
+        self.numbers[[P, U, RATE, U_DOT, WINDOW, CURSOR, SHAPE_CURSOR, BREAK_CURSOR]] = (
+            _address(p),
+            _address(self.u),
+            floats,
+            floats + 8 * n_u,
+            floats + 16 * n_u,
+            counts,
+            counts + 8 * n_u,
+            counts + 8 * (n_u + 1),
         )
-        vectors["shape_cursor"] = np.zeros(1, dtype=np.int64)
-        vectors["window"] = np.array([-np.inf, np.inf])
-        vectors["break_cursor"] = vectors["break_start"][:-1].copy()
-        self.numbers = np.zeros(SIZE, dtype=np.int64)
-        self._owned: list[Any] = []
-        for name, index in _VECTORS.items():
-            kind = np.int64 if index in _COUNTS else np.float64
-            array = np.ascontiguousarray(vectors[name], dtype=kind)
-            self._owned.append(array)
-            self.numbers[index] = array.ctypes.data
-        self.numbers[: N_GROUPS + 1] = (
-            rhs,
-            tangent,
-            n,
-            m,
-            n_u,
-            vectors["p"].size,
-            vectors["times"].size,
-            vectors["held"].size,
-            vectors["moving"].size,
-            vectors["shape_t"].size,
-            int(np.any(vectors["weight"] != 0.0)),
-            vectors["break_delay"].size,
-        )
+        if directions is not None:
+            for name, index in _DIRECTIONS.items():
+                self.numbers[index] = _address(directions[name])
+            self.numbers[M], self.numbers[SHAPE_ROWS] = len(directions["channel"]), directions["shape_t"].size
+            self.numbers[DELAYED] = int(np.any(directions["weight"] != 0.0))

@@ -32,6 +32,7 @@ from multibody.solvers.kernels.stepping import (
     WANTED,
     WORST,
     T,
+    first_step,
     mean_error,
     plan,
     settle,
@@ -144,6 +145,9 @@ def write_samples(clock, tally, size, y, k, count, sample_t, rows, sample_y):
 def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors):
     """Take one step with error control from y; return False if it would have to be too small."""
     t = clock[T]
+    if clock[STEP] == 0.0:
+        first_step(c, clock, tally, size, count, y, k, y_new, shift(k, size), rtol, atol)
+        tally[KNOWN] = 1
     proposal = min(clock[STEP], clock[LARGEST])
     limit = math.inf
     while True:

@@ -38,6 +38,7 @@ from multibody.solvers.kernels.stepping import (
     WANTED,
     WORST,
     T,
+    first_step,
     mean_error,
     plan,
     settle,
@@ -337,6 +338,8 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
     shifted, result, k = shift(work, 4 * size), shift(work, 5 * size), shift(work, 6 * size)
     matrix = shift(work, 14 * size)
     factors, zero = shift(matrix, n * n), shift(matrix, 2 * n * n)
+    if clock[STEP] == 0.0:
+        first_step(c, clock, tally, size, count, y, f, y_new, result, rtol, atol)
     proposal = min(clock[STEP], clock[LARGEST])
     limit = math.inf
     known = False

@@ -13,7 +13,7 @@ import math
 
 from multibody.solvers.kernels.bundle import DELAYED, JUMPS, N_GROUPS, N_HELD, WINDOW
 from multibody.solvers.kernels.calls import floats, inner, ints
-from multibody.solvers.kernels.field import hold_at, next_break
+from multibody.solvers.kernels.field import evaluate, hold_at, next_break
 
 T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
 WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
@@ -55,6 +55,40 @@ def plan(c, clock, proposal):
         window = floats(c[WINDOW])
         window[0], window[1] = min(t, t_new) + inside, max(t, t_new) - inside
     return h, t_new, clipped, jump
+
+
+@inner
+def first_step(c, clock, tally, size, count, y, f, y_new, result, rtol, atol):
+    """Write the rates at y into f and propose the first step, from their size and their change.
+
+    Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.4, for methods of order 5.
+    """
+    t, direction = clock[T], clock[DIRECTION]
+    limit = min(clock[LARGEST], direction * (clock[END] - t))
+    plan(c, clock, limit)
+    evaluate(t, y, f, c)
+    d0, d1, d2 = 0.0, 0.0, 0.0
+    for i in range(count):
+        scale = 1.0 / (atol[i] + rtol[i] * abs(y[i]) + 1e-300)
+        d0 += (y[i] * scale) ** 2
+        d1 += (f[i] * scale) ** 2
+    d0, d1 = math.sqrt(d0 / count), math.sqrt(d1 / count)
+    h = 1e-6
+    if d0 >= 1e-5 and d1 >= 1e-5:
+        h = 0.01 * d0 / d1
+    h = min(h, limit)
+    for i in range(size):
+        y_new[i] = y[i] + direction * h * f[i]
+    evaluate(t + direction * h, y_new, result, c)
+    for i in range(count):
+        d2 += ((result[i] - f[i]) / (atol[i] + rtol[i] * abs(y[i]) + 1e-300)) ** 2
+    steepest = max(d1, math.sqrt(d2 / count) / h)
+    found = max(1e-6, 1e-3 * h)
+    if steepest > 1e-15:
+        found = (0.01 / steepest) ** (1.0 / 6.0)
+    found = min(100.0 * h, found, limit)
+    clock[STEP] = found if math.isfinite(found) and found > 0.0 else min(1e-6, limit)
+    tally[EVALUATIONS] += 2
 
 
 @inner
