@@ -163,9 +163,12 @@ class _Problem:
         sizes = [len(f) + len(o) for f, o in self.own]
         self.first = self.k + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
 
-    def start(self) -> np.ndarray:
-        theta = [p.value for p in self.parameters]
-        for e in self.experiments:
+    def start(self, given: Sequence[float] | None, own: Sequence[np.ndarray] | None) -> np.ndarray:
+        theta = [p.value for p in self.parameters] if given is None else [float(v) for v in given]
+        for i, e in enumerate(self.experiments):
+            if own is not None and own[i].size == len(e.free) + len(e.offsets):
+                theta += own[i].tolist()
+                continue
             x = e.start_vector(self.system)
             theta += [x[self.system.index("state", n)] for n in e.free] + [0.0] * len(e.offsets)
         return np.array(theta, dtype=float)
@@ -228,7 +231,7 @@ class _Problem:
     def _rows(self, response: Response, index: int) -> np.ndarray:
         dy = response.derivatives / self.scale[:, None]
         full = np.zeros((dy.shape[0] * dy.shape[1], self.first[-1]))
-        flat = dy.reshape(-1, dy.shape[2])
+        flat = dy.reshape(full.shape[0], dy.shape[2])
         full[:, : self.k] = flat[:, : self.k]
         full[:, self.first[index] : self.first[index + 1]] = flat[:, self.k :]
         return full
@@ -242,6 +245,8 @@ def calibrate(
     noise: Mapping[str, float] | None = None,
     sensors: Sequence[SensorError] = (),
     base: np.ndarray | None = None,
+    start: Sequence[float] | None = None,
+    own: Sequence[np.ndarray] | None = None,
     rounds: int = 3,
     max_evaluations: int = 40,
     progress: Callable[[str], None] | None = None,
@@ -263,6 +268,10 @@ def calibrate(
         Known errors of sensors.
     base : ndarray, optional
         Parameter vector for everything that is not moved; default: the model's.
+    start : sequence of float, optional
+        Where to begin, if not at the priors' means.
+    own : sequence of ndarray, optional
+        Where to begin with each record's own unknowns.
     rounds : int
         Rounds of weighing and fitting.
     progress : callable, optional
@@ -279,14 +288,14 @@ def calibrate(
     problem = _Problem(system, experiments, list(parameters), sensors, base)
     outputs = experiments[0].outputs
     floor = np.array([(noise or {}).get(n, 0.0) for n in outputs])
-    theta = problem.start()
+    theta = problem.start(start, own)
     low, high = problem.bounds()
     theta = np.clip(theta, low, high)
     problem.scale = np.ones(len(outputs))
     first = [problem.respond(theta, i, True) for i in range(len(experiments))]
     not_excited = _not_excited(problem, first)
-    moving = np.array([k for k in range(theta.size)
-                       if not (k < problem.k and problem.parameters[k].name in not_excited)], dtype=int)
+    still = _still(problem, first)
+    moving = np.array([k for k in range(theta.size) if k not in still], dtype=int)
     problem.scale = _weights(problem, first, floor)
     message = "nothing to move"
     for k in range(rounds if moving.size else 0):
@@ -341,6 +350,16 @@ def _weights(problem: _Problem, responses: Sequence[Response], floor: np.ndarray
     memory = np.array([np.mean([correlation_time(e[:, c]) for e in errors]) for c in range(stacked.shape[1])])
     spread = np.std(np.concatenate([e.measured for e in problem.experiments]), axis=0)
     return np.maximum(np.maximum(rms, floor), 1e-9 * np.maximum(spread, 1e-300)) * np.sqrt(memory)
+
+
+def _still(problem: _Problem, responses: Sequence[Response]) -> set[int]:
+    """Return the unknowns, of the model and of each record, that no output feels."""
+    names = _not_excited(problem, responses)
+    found = {k for k, p in enumerate(problem.parameters) if p.name in names}
+    for i, r in enumerate(responses):
+        size = np.max(np.abs(r.derivatives[:, :, problem.k :]), axis=(0, 1), initial=0.0)
+        found |= {int(problem.first[i]) + j for j, s in enumerate(size) if s == 0.0}
+    return found
 
 
 def _not_excited(problem: _Problem, responses: Sequence[Response]) -> tuple[str, ...]:

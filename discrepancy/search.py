@@ -1,0 +1,201 @@
+"""One step of the search: score every candidate, refit the best in full simulation, keep one or none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.blocks import Candidate, Residual
+from discrepancy.catalogue import Entry, catalogue
+from discrepancy.columns import Confrontation, candidate_columns
+from discrepancy.effects import Effect
+from discrepancy.stage import Accepted, Rival, Stage
+from estimation.sandwich import correlation_time
+from estimation.signals import Preparation
+
+if TYPE_CHECKING:
+    from discrepancy.scan import ScanResult
+    from discrepancy.verdict import Row
+
+__all__ = ["Step", "bic_difference", "scan_preparation", "search_step"]
+
+SCAN_ROWS = 9000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
+FINALISTS = 3
+TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
+
+Refit = Callable[[Effect], Stage]
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What one step of the search found.
+
+    Parameters
+    ----------
+    scan : ScanResult
+        Scores of all candidates.
+    accepted : Accepted or None
+    stage : Stage or None
+        With the accepted effect in it.
+    refused : tuple of (Entry, str)
+        Candidates that these records cannot speak about.
+    """
+
+    scan: ScanResult
+    accepted: Accepted | None
+    stage: Stage | None
+    refused: tuple[tuple[Entry, str], ...]
+
+
+def scan_preparation(stage: Stage) -> Preparation:
+    """Return the preparation for a scan: that of the study, decimated further where there are many samples."""
+    fits = stage.identify.fits
+    given = fits[0].experiment.preparation
+    rows = sum(f.residual.size for f in fits)
+    factor = max(1, int(np.ceil(rows / SCAN_ROWS)))
+    shortest = min(f.residual.shape[0] for f in fits)
+    factor = min(factor, max(1, shortest // 200))
+    if factor == 1:
+        return given
+    return Preparation(given.start, given.stop, given.low_pass_hz if given.low_pass_hz is not None
+                       and given.low_pass_hz * 2 * factor * given.decimate < fits[0].experiment.record.rate else None,
+                       given.decimate * factor, given.edge)
+
+
+def search_step(
+    stage: Stage, refit: Refit, *, include: Sequence[str], exclude: Sequence[str], level: float, seed: int,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Step:
+    """Score all candidates on a stage's residual and try the best of them.
+
+    Parameters
+    ----------
+    stage : Stage
+    refit : callable
+        Adds an effect to the stage's model, fits everything again and returns the new stage.
+    include, exclude : sequence of str
+    level : float
+        Family-wise level.
+    seed : int
+    progress : callable
+    """
+    facts = Confrontation(stage.system, stage.identify, stage.sensors, scan_preparation(stage), stage.p)
+    experiment = stage.identify.fits[0].experiment
+    entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
+    candidates, refused = candidate_columns(facts, entries, progress)
+    residual, sensitivities = facts.residual(), facts.sensitivities()
+    progress(f"scores of {len(candidates)} candidates")
+    scans = _scans(residual, sensitivities, candidates, level, seed, stage.noise)
+    rows = _finalists(scans, level)
+    if not rows:
+        return Step(scans[0], None, None, tuple(refused))
+    by_name = {c.name: c for c in candidates}
+    tried: list[tuple[Stage, Row]] = []
+    for row in rows:
+        effect = _effect(by_name[row.name], row, stage)
+        progress(f"refit with {effect}")
+        try:
+            tried.append((refit(effect), row))
+        except RuntimeError as error:  # a simulation that fails is a bad explanation, not the end of the search
+            progress(f"{effect} could not be simulated: {error}")
+    tried = [t for t in tried if bic_difference(t[0], stage) < 0.0]
+    if not tried:
+        return Step(scans[0], None, None, tuple(refused))
+    tried.sort(key=lambda t: bic_difference(t[0], stage))
+    best, row = tried[0]
+    p_value = min(1.0, len(scans) * min(s[row.name].p for s in scans if row.name not in s.refused))
+    rivals = _rivals(best, stage, tried[1:], scans, row.name)
+    accepted = Accepted(best.effects[-1], p_value, bic_difference(best, stage), rivals)
+    return Step(scans[0], accepted, best, tuple(refused))
+
+
+def _scans(
+    residual: Residual, sensitivities, candidates: Sequence[Candidate], level: float, seed: int,  # type: ignore[no-untyped-def]
+    noise: Mapping[str, float],
+) -> list[ScanResult]:
+    """Scan twice: plainly weighed, which large and roughly known effects survive, and whitened, which sees small ones."""
+    from discrepancy.scan import scan
+    from discrepancy.whitening import identity
+
+    stacked = np.concatenate(residual.blocks)
+    sizes = np.maximum(np.sqrt(np.mean(stacked**2, axis=0)), 1e-300)
+    floor = [noise[c] for c in residual.channels]
+    plain = identity(list(sizes), residual.channels, residual.dt)
+    common = {"level": level / 2, "seed": seed, "noise_floor": floor}
+    return [
+        scan(residual, sensitivities, candidates, whitener=plain, **common),
+        scan(residual, sensitivities, candidates, **common),
+    ]
+
+
+def _finalists(scans: Sequence[ScanResult], level: float) -> list[Row]:
+    """Return the significant candidates worth a refit: those that lower the raw error most, and the best scores."""
+    from discrepancy.verdict import Verdict
+
+    plain, white = scans
+    significant = {r.name for s in scans for r in s.rows if r.verdict is Verdict.MISSING}
+    raw = sorted((r for r in plain.rows if r.name in significant), key=lambda r: -r.error_drop)
+    score = sorted((r for r in white.rows if r.verdict is Verdict.MISSING), key=lambda r: -r.gain)
+    chosen: dict[str, Row] = {}
+    for row in [*raw[:FINALISTS], *score[:1]]:
+        chosen.setdefault(row.name, row)
+    return list(chosen.values())
+
+
+def _effect(candidate: Candidate, row: Row, stage: Stage) -> Effect:
+    """Return the effect that a row of the scan stands for, at its expected strength."""
+    entry: Entry = candidate.info["entry"]
+    kind = entry.kind
+    amplitude = np.atleast_1d(row.amplitude)
+    if kind.one_sided:
+        amplitude = np.maximum(amplitude, 1e-3 * max(float(np.max(np.abs(amplitude))), 1e-12))
+    strengths = dict(zip(kind.strengths, map(float, amplitude), strict=True))
+    number = 1 + sum(1 for e in stage.effects if e.kind == kind.name and e.where == entry.where)
+    if entry.place is None:
+        return Effect(kind.name, entry.where, strengths, number=number)
+    return Effect.at_place(
+        kind.name, entry.place, strengths=strengths, shape=dict(row.shape), load=entry.load, number=number)
+
+
+def bic_difference(richer: Stage, poorer: Stage) -> float:
+    """Return the BIC of one stage minus that of another on the identification records.
+
+    Residuals are coloured, so the number of samples of an output is divided by how long the richer model's residual
+    remembers: BIC = Σ_c N_c·ln(SSE_c) + k·ln(Σ_c N_c) with N_c the effective number.
+    """
+    total, samples = 0.0, 0.0
+    for c, name in enumerate(richer.outputs):
+        a = [f.residual[:, c] for f in richer.identify.fits]
+        b = [f.residual[:, c] for f in poorer.identify.fits]
+        n = sum(e.size / correlation_time(e) for e in a)
+        floor = sum(e.size for e in a) * (1e-3 * richer.noise.get(name, 0.0)) ** 2
+        sse_a, sse_b = (sum(float(e @ e) for e in group) + floor for group in (a, b))
+        total += n * (np.log(max(sse_a, 1e-300)) - np.log(max(sse_b, 1e-300)))
+        samples += n
+    more = len(richer.identify.parameters) - len(poorer.identify.parameters)
+    return float(total + more * np.log(max(samples, 2.0)))
+
+
+def _rivals(
+    best: Stage, stage: Stage, others: Sequence[tuple[Stage, Row]], scans: Sequence[ScanResult], name: str
+) -> tuple[Rival, ...]:
+    """Return the other explanations: refitted finalists, and what the scan cannot tell apart or ranks next."""
+    found: dict[str, Rival] = {}
+    for other, row in others:
+        difference = bic_difference(other, stage) - bic_difference(best, stage)
+        found[row.name] = Rival(row.kind, row.where, float(difference), True, difference < TIE)
+    for scan in scans:
+        if scan.ties is not None and scan.ties.best == name:
+            for tie in (*scan.ties.same_kind, *scan.ties.other_kind):
+                if tie.name not in found and tie.why == "exact":
+                    found[tie.name] = Rival(tie.kind, tie.where, 2.0 * tie.gain_deficit, False, True)
+    plain = scans[0]
+    if name not in plain.refused:
+        top = plain[name]
+        for row in sorted(plain.rows, key=lambda r: -r.error_drop)[:8]:
+            if row.name != name and row.name not in found:
+                found[row.name] = Rival(row.kind, row.where, float(row.delta_bic - top.delta_bic), False, False)
+    return tuple(sorted(found.values(), key=lambda r: r.delta_bic))

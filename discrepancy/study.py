@@ -1,0 +1,188 @@
+"""A study: a model against records, stage by stage, until nothing that these records can show is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discrepancy.effects import Effect
+from discrepancy.search import Step, search_step
+from discrepancy.setup import Setup, from_file, noise_floors
+from discrepancy.stage import Accepted, Stage
+from estimation.calibrate import calibrate, evaluate
+
+if TYPE_CHECKING:
+    import pandas
+
+    from discrepancy.compare import Comparison
+    from discrepancy.diagnosis import Conclusion
+    from discrepancy.locate import WhereItFails
+
+__all__ = ["Study"]
+
+
+def _silent(text: str) -> None:
+    """Swallow progress."""
+
+
+@dataclass
+class Study:
+    """A model confronted with records, and every stage of what was done about their disagreement.
+
+    Make one with `Study.from_file`, then call `diagnose`, or take the steps yourself: `compare`, `locate`,
+    `explain`, `add`, `undo`.
+
+    Parameters
+    ----------
+    setup : Setup
+    progress : callable
+        Gets a line of text for everything that takes a while.
+    """
+
+    setup: Setup
+    progress: Callable[[str], None] = _silent
+    stages: list[Stage] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+
+    @classmethod
+    def from_file(
+        cls, path: str | Path, *, seed: int | None = None, max_effects: int | None = None,
+        progress: Callable[[str], None] = _silent,
+    ) -> Study:
+        """Return the study that a study file describes; see `discrepancy.setup.from_file`."""
+        return cls(from_file(path, seed=seed, max_effects=max_effects), progress)
+
+    # ---------------------------------------------------------------- stages
+
+    @property
+    def stage(self) -> Stage:
+        """The latest stage; the first call makes "as given" and "recalibrated"."""
+        if not self.stages:
+            self._begin()
+        return self.stages[-1]
+
+    def _begin(self) -> None:
+        self.progress("simulate the model as given")
+        noise = noise_floors(self.setup.identify, self.setup.noise)
+        self.stages.append(self._fitted("as given", (), None, noise, move=False))
+        self.progress("recalibrate the uncertain parameters")
+        self.stages.append(self._fitted("recalibrated", (), None, noise))
+
+    def _fitted(
+        self, name: str, effects: tuple[Effect, ...], start: Stage | None, noise: Any, *, move: bool = True
+    ) -> Stage:
+        """Fit the model with some effects in it and lay it beside the held-out records."""
+        model = self.setup.model
+        for effect in effects:
+            model = effect.added_to(model)
+        wide = model.build(probes=True)
+        outputs = _needed_outputs(wide, self.setup.identify[0].outputs)
+        system = model.build(probes=True, outputs=outputs)
+        sensors = tuple(s for e in effects if (s := e.sensor_error()) is not None)
+        parameters = list(self.setup.uncertain) if move else []
+        begun = start.identify.to_dict() if start is not None else {}
+        base = system.parameter_vector({p.name: p.value for p in self.setup.uncertain})
+        for effect in effects:
+            parameters += effect.uncertain()
+        first = [begun.get(p.name, p.value) for p in parameters]
+        found = calibrate(
+            system, self.setup.identify, parameters, noise=noise, sensors=sensors, base=base,
+            start=first, own=_own(start), progress=self.progress)
+        p = base.copy()
+        for key, value in found.to_dict().items():
+            if not key.startswith("sensor."):
+                p[system.index("parameter", key)] = value
+        fitted = tuple(e.with_values(found.to_dict()) for e in effects)
+        sensors = tuple(s for e in fitted if (s := e.sensor_error()) is not None)
+        held = evaluate(system, self.setup.validate, found, noise=noise, sensors=sensors, base=base) if self.setup.validate else None
+        values = {k: v for k, v in found.to_dict().items() if not k.startswith("sensor.")}
+        given = {} if move else {q.name: q.value for q in self.setup.uncertain}
+        return Stage(
+            name, model.with_values({**given, **values}), system, fitted, None, found, held, sensors, p, noise)
+
+    def add(self, effect: Effect, accepted: Accepted | None = None) -> Stage:
+        """Put an effect into the model, fit again, and make that the latest stage."""
+        stage = replace(self._with(effect), accepted=accepted)
+        self.stages.append(stage)
+        return stage
+
+    def _with(self, effect: Effect) -> Stage:
+        current = self.stage
+        return self._fitted(f"+ {effect}", (*current.effects, effect), current, current.noise)
+
+    def undo(self) -> Stage:
+        """Take the latest effect out again."""
+        if len(self.stages) > 2:
+            self.stages.pop()
+        return self.stage
+
+    # ---------------------------------------------------------------- questions
+
+    def compare(self) -> Comparison:
+        """Lay the latest stage beside the records."""
+        from discrepancy.compare import compare
+
+        return compare(self.stage)
+
+    def locate(self) -> WhereItFails:
+        """Say where the latest stage fails: signals, regimes, frequencies, connections."""
+        from discrepancy.locate import locate
+
+        return locate(self.stage)
+
+    def explain(self) -> Step:
+        """Score every candidate on the latest stage and refit the best; nothing is added yet."""
+        step = search_step(
+            self.stage, self._with, include=self.setup.include, exclude=self.setup.exclude, level=self.setup.level,
+            seed=self.setup.seed + len(self.stages), progress=self.progress)
+        self.steps.append(step)
+        self.stages[-1] = replace(self.stages[-1], scan=step.scan)
+        return step
+
+    def diagnose(self) -> Conclusion:
+        """Explain and add, again and again, until nothing significant is left; then conclude."""
+        from discrepancy.conclude import conclude
+
+        while len(self.stage.effects) < self.setup.max_effects:
+            step = self.explain()
+            if step.accepted is None or step.stage is None:
+                break
+            self.stages.append(replace(step.stage, accepted=step.accepted))
+            self.progress(f"added {step.accepted.effect}")
+        return conclude(self)
+
+    # ---------------------------------------------------------------- showing
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the root mean square error of every output, stage by stage, on both parts."""
+        import pandas
+
+        rows = {}
+        for stage in self.stages:
+            row = {}
+            for part in ("identify", "validate"):
+                for name, value in stage.rmse(part).items():
+                    row[part, f"{name} [{stage.system.unit(name)}]"] = value
+            rows[stage.name] = row
+        frame = pandas.DataFrame.from_dict(rows, orient="index")
+        frame.columns = pandas.MultiIndex.from_tuples(frame.columns) if len(frame.columns) else frame.columns
+        return frame
+
+    def __repr__(self) -> str:
+        return f"Study({self.setup.name!r}: {len(self.setup.identify)} + {len(self.setup.validate)} records, {len(self.stages)} stages)"
+
+
+def _needed_outputs(system: Any, measured: tuple[str, ...]) -> list[str]:
+    """Return the outputs that a study reads: the measured ones, the motion of every place, and possible loads."""
+    names = [*measured, *(n for n in system.output_names if n.startswith("place."))]
+    return list(dict.fromkeys([*names, *(q.name for q in system.outputs if q.unit in ("N", "N*m"))]))
+
+
+def _own(stage: Stage | None) -> list[np.ndarray] | None:
+    return [np.array(list(f.own.values())) for f in stage.identify.fits] if stage is not None else None
+
+
