@@ -183,6 +183,7 @@ def _leader(kin: Kinematics, node: Node, work: Assembly) -> None:
         work.add(f"{position} = {start}", label.name)
         work.add(f"{rate} = 0.0", label.name)
         work.add(f"{acceleration} = 0.0", label.name)
+        _show_motion(kin, node, work, skip=None)
         return
     motion.factors = {motion.base: "1.0"}
     if node.prescriber is not None:
