@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from multibody.declare import Frame
-from multibody.statements import variable
 from multibody.spatial.body import RigidBody
 from multibody.spatial.symbols import ZERO, ZERO_VECTOR, Vector, neg
+from multibody.statements import variable
 
 if TYPE_CHECKING:
     from multibody.network import Network, PortOf
 
-__all__ = ["GROUND_FRAME", "Fixture", "circles", "fixtures"]
-
-GROUND_FRAME = "ground__frame"
+__all__ = ["Fixture", "circles", "fixtures"]
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def fixtures(net: Network, faults: list[str]) -> dict[str, Fixture]:
             faults.append(f"nothing fixes the frame at {names}: connect it to a frame of a body, a FixedFrame or the ground")
             continue
         fixture = _fixture(holders[0], users) if holders else Fixture(
-            GROUND_FRAME, None, ZERO_VECTOR, ZERO_VECTOR, users, "the ground")
+            variable(node.ports[0].owner, node.ports[0].port_name), None, ZERO_VECTOR, ZERO_VECTOR, users, "the ground")
         for p in node.ports:
             found[p.name] = fixture
     return found

@@ -12,13 +12,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from multibody.dynamics import Contribution
-from multibody.statements import variable
 from multibody.spatial.body import LENGTHS
 from multibody.spatial.frames import Fixture
 from multibody.spatial.motion import Carrier, Freedom
 from multibody.spatial.symbols import (
-    ONE, ZERO, ZERO_VECTOR, Matrix, Vector, Writer, cross, dot, neg, plus, times, transpose, turn,
+    ONE,
+    ZERO,
+    ZERO_VECTOR,
+    Matrix,
+    Vector,
+    Writer,
+    cross,
+    dot,
+    neg,
+    plus,
+    times,
+    transpose,
+    turn,
 )
+from multibody.statements import variable
 
 __all__ = ["Linked", "energies", "equations_of_motion", "joint_reactions"]
 
@@ -112,10 +124,10 @@ def equations_of_motion(
     parts = []
     for root, freedoms in trees.items():
         place = {name: k for k, name in enumerate(freedoms)}
-        upper = {(place[i], place[j]): var for (i, j), var in entries.items() if i in place}
+        half = {(place[i], place[j]): var for (i, j), var in entries.items() if i in place}
         parts.append(Contribution(
             root, tuple(dict(j.moving.factors) for j in freedoms.values()),
-            upper | {(s, r): var for (r, s), var in upper.items()},
+            half | {(s, r): var for (r, s), var in half.items()},
             tuple(j.moving.bias for j in freedoms.values()), tuple(force[name] for name in freedoms)))
     return [part for part in parts if part.rows]
 

@@ -12,7 +12,20 @@ from dataclasses import dataclass, field
 
 from multibody.spatial.body import ANGLES, LENGTHS
 from multibody.spatial.symbols import (
-    ONE, UNIT, ZERO, ZERO_VECTOR, Matrix, Vector, Writer, cross, matmul, neg, plus, times, transpose, turn,
+    ONE,
+    UNIT,
+    ZERO,
+    ZERO_VECTOR,
+    Matrix,
+    Vector,
+    Writer,
+    cross,
+    matmul,
+    neg,
+    plus,
+    times,
+    transpose,
+    turn,
 )
 
 __all__ = ["GROUND_MOTION", "Acceleration", "Carrier", "Freedom", "Moving", "move", "point"]

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 from multibody.declare import Frame
 from multibody.dynamics import Coordinate
 from multibody.equation_set import Assembly, Quantity
-from multibody.statements import variable
 from multibody.spatial.body import ANGLES, COORDINATES, LENGTHS, RigidBody, World
 from multibody.spatial.frames import Fixture, circles, fixtures
 from multibody.spatial.inertia import Linked, energies, equations_of_motion, joint_reactions
 from multibody.spatial.motion import GROUND_MOTION, Carrier, Freedom, Moving, move, point
 from multibody.spatial.symbols import ZERO, ZERO_VECTOR, Vector, Writer, cross, matmul, plus
+from multibody.statements import variable
 
 if TYPE_CHECKING:
     from multibody.kinematics import Kinematics
