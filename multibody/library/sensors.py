@@ -104,16 +104,19 @@ class TorqueSensor(Component):
 
 
 class CurrentSensor(Component):
-    """An ideal ammeter between two pins, which it holds at the same voltage."""
+    """An ideal ammeter between two pins: it gives pin n the voltage of pin p.
 
-    p = Pin("where the current enters", prescribed=True)
-    n = Pin("where it leaves")
+    So that n can take it, put the meter on the side of the source, with n away from sources and the ground.
+    """
+
+    p = Pin("where the current enters")
+    n = Pin("where it leaves", prescribed=True)
     current = Output("A", "current from p to n")
 
     def equations(self):
-        self.p.voltage = self.n.voltage
-        self.current = -self.p.reaction
-        self.n.current = self.p.reaction
+        self.n.voltage = self.p.voltage
+        self.current = self.n.reaction
+        self.p.current = self.n.reaction
 
 
 class VoltageSensor(Component):

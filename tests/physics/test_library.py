@@ -1,4 +1,4 @@
-"""Every component of the library: documented, with units, and consistent in all the ways it can be evaluated."""
+"""Every component of the library: documented, with units, and consistent however it is evaluated."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from multibody.component import Component
 from multibody.declare import Declaration, Option, Port
 from multibody.units import same_dimension
 
-COMPONENTS = {n: c for n in library.__all__ if inspect.isclass(c := getattr(library, n)) and issubclass(c, Component)}
+COMPONENTS = {
+    name: cls for name in library.__all__
+    if inspect.isclass(cls := getattr(library, name)) and issubclass(cls, Component)
+}
 BASES = {"Sliding", "Turning"}  # pairs of flanges for which subclasses state the law
 
 
@@ -96,7 +99,8 @@ def rotation(m):
     m.connect(pace.flange, m.add("r.link", library.TorsionSpring(stiffness=3.0)).a)
     m.connect("r.link.b", swing.flange)
     twist = m.add("r.twist", library.TorqueSource())
-    m.connect(m.add("r.sine", library.Sine(unit="N*m", amplitude=0.5, frequency=2.0, phase=0.3)).output, twist.torque)
+    wave = library.Sine(unit="N*m", amplitude=0.5, frequency=2.0, phase=0.3)
+    m.connect(m.add("r.sine", wave).output, twist.torque)
     m.connect(twist.flange, b)
 
 
@@ -131,7 +135,8 @@ def transmissions(m):
         (library.Gear(ratio=3.0), _rotor), (library.Gear(ratio=-2.0, efficiency=0.8, v_s=0.5), _rotor),
         (library.Screw(lead=0.5), _body), (library.Screw(lead=0.5, efficiency=0.7, v_s=0.1), _body),
         (library.Rack(radius=0.1), _body), (library.Rack(radius=0.1, efficiency=0.9, v_s=0.1), _body),
-        (library.RigidShaft(offset=0.2), _rotor), (library.TorqueSensor(), _rotor), (library.Crank(radius=0.1, rod=0.3), _body),
+        (library.RigidShaft(offset=0.2), _rotor), (library.TorqueSensor(), _rotor),
+        (library.Crank(radius=0.1, rod=0.3), _body),
     )):
         drive = m.add(f"x.drive{k}", library.TorqueSource())
         m.connect(torque, drive.torque)
@@ -157,7 +162,8 @@ def electrical(m):
     m.connect(meter.n, m.add("e.L", library.Inductor(L=0.05, current=0.2)).p)
     m.connect("e.L.n", m.add("e.C", library.Capacitor(C=0.02)).p, m.add("e.volt", library.VoltageSensor()).p)
     m.connect("e.C.n", m.ground, "e.volt.n")
-    m.connect(m.add("e.feed", library.CurrentSource()).current, m.add("e.i", library.Constant(unit="A", value=0.3)).output)
+    constant = m.add("e.i", library.Constant(unit="A", value=0.3))
+    m.connect(m.add("e.feed", library.CurrentSource()).current, constant.output)
     m.connect("e.feed.p", "e.C.p")
     m.connect("e.feed.n", m.ground)
     for k, inductive in enumerate((True, False)):
@@ -179,23 +185,26 @@ def control(m):
     """A servo axis in cascade control with every sensor and signal block on it."""
     move = m.add("c.move", library.SCurveProfile(distance=1.0, v_max=3.0, a_max=30.0, j_max=600.0)).position
     servo = m.add("c.servo", library.CascadedController(
-        k_position=10.0, k_speed=1.0, k_i=2.0, k_current=4.0, k_i_current=100.0, limit=5.0, limit_voltage=24.0))
+        k_position=10.0, k_speed=1.0, k_i=2.0, k_current=4.0, k_i_current=100.0, limit=5.0,
+        limit_voltage=24.0))
     motor = m.add("c.motor", library.DCMotorDrive(R=0.6, L=0.01, k_t=0.1))
     rotor = m.add("c.rotor", library.Inertia(J=0.01)).flange
     m.connect(motor.flange, rotor)
     m.connect(m.add("c.angle", library.AngleSensor()).flange, rotor)
     m.connect(m.add("c.speed", library.SpeedSensor()).flange, rotor)
     m.connect(move, servo.reference)
-    m.connect(m.add("c.read", library.SensorChannel(unit="rad", gain=1.01, offset=0.001, lagging=True)).input, "c.angle.angle")
+    read = m.add("c.read", library.SensorChannel(unit="rad", gain=1.01, offset=0.001, lagging=True))
+    m.connect(read.input, "c.angle.angle")
     m.connect("c.read.output", servo.position)
     m.connect("c.speed.speed", servo.speed)
     m.connect(motor.i, servo.current)
     m.connect(servo.voltage, motor.voltage)
     cart = _body(m, "c.cart")
-    for name, part in {"x": library.PositionSensor(), "v": library.VelocitySensor(), "w": library.AccelerationSensor()}.items():
-        m.connect(m.add(f"c.{name}", part).flange, cart)
+    for name, sensor in {"x": "PositionSensor", "v": "VelocitySensor", "w": "AccelerationSensor"}.items():
+        m.connect(m.add(f"c.{name}", getattr(library, sensor)()).flange, cart)
     axis = m.add("c.axis", library.PositionController(
-        position_unit="m", output_unit="N", k_position=5.0, k_speed=8.0, k_i=3.0, limit=20.0, feedforward=True))
+        position_unit="m", output_unit="N", k_position=5.0, k_speed=8.0, k_i=3.0, limit=20.0,
+        feedforward=True))
     m.connect(m.add("c.target", library.TrapezoidalProfile(
         position_unit="m", distance=0.2, v_max=0.5, a_max=3.0)).position, axis.reference)
     m.connect("c.target.velocity", axis.reference_speed)
@@ -205,7 +214,8 @@ def control(m):
     m.connect("c.force.flange", cart)
     speed = "c.speed.speed"
     blocks = {
-        "Difference": library.Difference(unit="rad/s"), "Proportional": library.Proportional(k_p=2.0, input_unit="rad/s"),
+        "Difference": library.Difference(unit="rad/s"),
+        "Proportional": library.Proportional(k_p=2.0, input_unit="rad/s"),
         "PI": library.PI(k_p=1.0, k_i=2.0, input_unit="rad/s"),
         "PI_limited": library.PI(k_p=1.0, k_i=2.0, input_unit="rad/s", limited=True, limit=0.5),
     }
@@ -248,7 +258,8 @@ def machine(request):
 def points(machine):
     """Random states about the start, at times when the sources act."""
     rng = np.random.default_rng(7)
-    return [(t, machine.start + 0.05 * rng.standard_normal(machine.start.size)) for t in (0.0213, 0.317, 0.731)]
+    n = machine.start.size
+    return [(t, machine.start + 0.05 * rng.standard_normal(n)) for t in (0.0213, 0.317, 0.731)]
 
 
 def test_machines_have_every_component():
@@ -259,7 +270,7 @@ def test_machines_have_every_component():
 @pytest.mark.parametrize("name", sorted(COMPONENTS))
 def test_component_documents_itself(name):
     cls = COMPONENTS[name]
-    assert cls.__doc__ and len(cls.__doc__.strip()) > 15
+    assert len((cls.__doc__ or "").strip()) > 15
     for item in cls.declarations.values():
         assert isinstance(item, Declaration)
         if isinstance(item, Port | Option):
@@ -274,10 +285,10 @@ def test_component_documents_itself(name):
 def test_plain_python_equals_compiled(machine, points):
     plain = machine.model.build(energy=True, compiled=False)
     for t, x in points:
-        # same operations in another order of rounding (fused multiply-add, libm): a few units in the last place of
-        # terms that cancel
-        for ours, theirs in ((plain.rhs(t, x), machine.rhs(t, x)), (plain.outputs_at(t, x), machine.outputs_at(t, x))):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-10)
+        # the same operations, rounded in another order (fused multiply-add, libm): a few units in the last
+        # place of terms that cancel
+        np.testing.assert_allclose(plain.rhs(t, x), machine.rhs(t, x), rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(plain.outputs_at(t, x), machine.outputs_at(t, x), rtol=1e-10, atol=1e-10)
 
 
 def _differences(f, x, scale):
@@ -303,16 +314,17 @@ def test_jacobian_agrees_with_differences(machine, points, of, wrt):
         p = machine.p
         exact = machine.jacobian(wrt, t, x, None, p, of=of)
         names = machine.state_names if wrt == "x" else machine.parameter_names
-        moved = np.array([".x[" in name for name in names])  # where a table's points lie is fixed, not a parameter
+        moved = np.array([".x[" in name for name in names])  # where a table has its points is fixed
         if wrt == "x":
             numeric, doubt = _differences(lambda v, t=t, p=p: call(t, v, None, p), x, np.full(x.size, 1e-4))
         else:
-            numeric, doubt = _differences(lambda v, t=t, x=x: call(t, x, None, v), p, 1e-4 * np.maximum(abs(p), 1e-2))
+            step = 1e-4 * np.maximum(abs(p), 1e-2)
+            numeric, doubt = _differences(lambda v, t=t, x=x: call(t, x, None, v), p, step)
         size = np.maximum(1.0, abs(exact))
         wrong = (abs(exact - numeric) > 1e-6 * size + doubt) & ~moved
         rows = machine.state_names if of == "rhs" else machine.output_names
         assert not [(rows[i], names[j]) for i, j in np.argwhere(wrong)]
-        # differences that cannot tell (a corner within the step) must stay rare, or the comparison says nothing
+        # differences that cannot tell (a corner within the step) must stay rare
         assert np.mean(doubt > 1e-4 * size) < 0.01
 
 
