@@ -132,7 +132,8 @@ class NativeSolver(OdeSolver):
         Steps per call.  SciPy looks for events only between calls, so events ask for 1 (`integrate` does
         that).
     samples : Samples, optional
-        Write the states at these times and do without dense output.
+        Write the states at these times and do without dense output, which is faster than ``t_eval``
+        (`integrate` does that).
     control_directions : bool
         Let the error of the directions limit the step as well.
     """

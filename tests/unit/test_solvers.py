@@ -451,3 +451,16 @@ def test_a_problem_can_be_sent_to_another_process():
     sent = pickle.loads(pickle.dumps(prob))
     results = [integrate(p, (0.0, 1.0), [1.0, 0.0], [0.5, 1.0]).y for p in (prob, sent)]
     np.testing.assert_array_equal(*results)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("kind", ["linear", "cubic"])
+def test_kinks_of_delayed_inputs_cost_no_accuracy(method, kind):
+    times = np.linspace(0.0, 2.0, 21)
+    table = InputTable.from_columns(times, {"u": np.sin(3.0 * times)}, kind, {"u": 2})
+    prob = problem("pendulum", (4.0, 0.3, 0.23), table)
+    fine = dict(method="DOP853", rtol=1e-12, atol=1e-13, max_step=0.005)
+    exact = solve_ivp(prob.fun, (0.0, 2.0), [0.5, -0.2], **fine).y[:, -1]
+    done = integrate(prob, (0.0, 2.0), [0.5, -0.2], [2.0], method, rtol=1e-7, atol=1e-7)
+    # Within the tolerance; SciPy's RK45, which steps over the kinks, is a hundred times worse here.
+    np.testing.assert_allclose(done.y[:, -1], exact, rtol=0, atol=1e-7)
