@@ -15,13 +15,11 @@ import ctypes
 import hashlib
 import importlib
 import importlib.util
-import logging
 import os
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -29,6 +27,8 @@ from types import FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
+
+from multibody.compile_events import listen_to_numba, on_compile, tell
 
 __all__ = [
     "NativeFunction",
@@ -41,9 +41,6 @@ __all__ = [
     "load_source",
     "on_compile",
 ]
-
-_log = logging.getLogger(__name__)
-_listeners: list[Callable[[str, float | None], None]] = []
 
 RHS_ARRAYS = 4
 TANGENT_ARRAYS = 7
@@ -196,58 +193,8 @@ def load_driver(name: str) -> ModuleType:
             waiting.extend(_dependencies(texts[other], own))
     ordered = [part for key in sorted(texts) for part in (key, texts[key])]
     seal = f"\n# Copy of {path.name}; the modules that it calls have the hash {fingerprint(*ordered)}.\n"
-    with _announcing():
-        return load_source(text + seal, name.replace(".", "_"))
-
-
-def on_compile(callback: Callable[[str, float | None], None]) -> Callable[[], None]:
-    """Call ``callback(name, seconds)`` around every compilation that the cache could not save.
-
-    ``seconds`` is None when it begins and the time taken when it ends.  Returns a function that ends the
-    subscription.
-    """
-    _listen_to_numba()
-    _listeners.append(callback)
-    return lambda: _listeners.remove(callback)
-
-
-def _tell(name: str, seconds: float | None) -> None:
-    if seconds is None:
-        _log.info("compiling %s (once on this machine)", name)
-    else:
-        _log.info("compiled %s in %.1f s", name, seconds)
-    for listener in list(_listeners):
-        listener(name, seconds)
-
-
-@contextmanager
-def _announcing() -> Iterator[None]:
-    _listen_to_numba()
-    yield
-
-
-@lru_cache(maxsize=1)
-def _listen_to_numba() -> None:
-    """Hear of the compilation of drivers, which numba starts by itself at their first call."""
-    from numba.core import event
-
-    class Listener(event.Listener):
-        def __init__(self) -> None:
-            self.open: list[tuple[str, float]] = []
-
-        def on_start(self, event: Any) -> None:
-            function = event.data["dispatcher"].py_func
-            self.open.append((function.__name__, time.perf_counter()))
-            if len(self.open) == 1 and function.__module__.startswith("vtsdt_native_"):
-                _tell(function.__name__, None)
-
-        def on_end(self, event: Any) -> None:
-            name, begun = self.open.pop()
-            module = event.data["dispatcher"].py_func.__module__
-            if not self.open and module.startswith("vtsdt_native_"):
-                _tell(name, time.perf_counter() - begun)
-
-    event.register("numba:compile", Listener())
+    listen_to_numba()
+    return load_source(text + seal, name.replace(".", "_"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,9 +269,9 @@ def _compile_native(python: Callable[..., None], arrays: int) -> Any:
     class Announced(CFunc):
         def _compile_uncached(self) -> Any:
             begun = time.perf_counter()
-            _tell(python.__name__, None)
+            tell(python.__name__, None)
             result = super()._compile_uncached()  # type: ignore[misc]
-            _tell(python.__name__, time.perf_counter() - begun)
+            tell(python.__name__, time.perf_counter() - begun)
             return result
 
     # Division by zero gives inf or nan as in C, which the step control handles; an exception could not leave.
