@@ -1,0 +1,143 @@
+"""A small study with a known answer, shared by the tests of comparing, locating and reporting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+NOISE = {"drive.force": 0.4, "carriage.position": 2e-5}
+# White noise up to 125 Hz, behind the low-pass at 50 Hz: about √0.4 of it is left.
+FLOOR = {name: 0.62 * value for name, value in NOISE.items()}
+COULOMB = 12.0
+
+
+def machine(friction: float = 30.0):
+    """A carriage pulled through an elastic drive by a motor whose speed is given; viscous friction in its guide."""
+    from multibody import Model
+    from multibody.library import Mass, SpringDamper, VelocitySource, ViscousFriction
+
+    model = Model("axis")
+    motor = model.add("motor", VelocitySource(time_constant=5e-3))
+    drive = model.add("drive", SpringDamper(stiffness=4.0e4, damping=80.0))
+    carriage = model.add("carriage", Mass(m=20.0))
+    guide = model.add("guide", ViscousFriction(viscous=friction))
+    model.connect(drive.a, carriage.flange)
+    model.connect(drive.b, motor.flange)
+    model.connect(guide.a, carriage.flange)
+    model.connect(guide.b, model.ground)
+    model.input("reference.speed", motor.reference)
+    model.output("drive.force", drive.tension)
+    return model
+
+
+def travel(time: np.ndarray, pauses: bool) -> np.ndarray:
+    """Reference speed: forth and back at several speeds, with or without rests between."""
+    rng = np.random.default_rng(3 if pauses else 4)
+    speed, out = 0.0, []
+    dt = time[1] - time[0]
+    target, left = 0.0, 0.0
+    level = [0.25, -0.25, 0.1, -0.1, 0.4, -0.4] if pauses else [0.3, -0.15, -0.15, 0.2, -0.2]
+    k = 0
+    for _ in time:
+        left -= dt
+        if left <= 0:
+            resting = pauses and k % 2 == 1
+            target = 0.0 if resting else level[(k // (2 if pauses else 1)) % len(level)]
+            left = 0.4 if resting else 0.9 + 0.1 * rng.uniform()
+            k += 1
+        speed += np.clip(target - speed, -3.0 * dt, 3.0 * dt)
+        out.append(speed)
+    return np.array(out)
+
+
+def record_of(name: str, seed: int, pauses: bool, hidden):
+    """Return a record of the machine with the hidden effect, and sensor noise."""
+    from estimation import Record
+    from estimation.record import Signal
+
+    time = np.arange(0.0, 10.0, 0.004)
+    reference = travel(time, pauses)
+    truth = hidden.added_to(machine(34.0)).build(outputs=("drive.force", "carriage.position"))
+    run = truth.simulate(
+        (0.0, float(time[-1])), inputs={"reference.speed": (time, reference)}, times=time, rtol=1e-7, atol=1e-10)
+    rng = np.random.default_rng(seed)
+    signals = {"reference.speed": Signal(reference, "m/s", "v_ref", "m/s")}
+    for column, output, unit in (("drive_N", "drive.force", "N"), ("x_m", "carriage.position", "m")):
+        values = run.outputs[:, truth.index("output", output)] + NOISE[output] * rng.standard_normal(time.size)
+        signals[output] = Signal(values, unit, column, unit)
+    return Record(name, Path(f"{name}.csv"), time, signals, log=("time from column t [s]",))
+
+
+@pytest.fixture(scope="session")
+def small_study():
+    """Stages of a study that misses dry friction: as given, recalibrated, with the friction, and what is around them."""
+    from discrepancy.catalogue import catalogue
+    from discrepancy.columns import Confrontation, candidate_columns
+    from discrepancy.effects import Effect
+    from discrepancy.scan import scan
+    from discrepancy.stage import Accepted, Rival, Stage
+    from estimation.calibrate import UncertainParameter, calibrate, evaluate
+    from estimation.experiment import Experiment
+    from estimation.signals import Preparation
+
+    def build(model):
+        return model.build(probes=True)
+
+    plain = machine(25.0)
+    system = build(plain)
+    place = next(p for p in system.places if p.name == "guide")
+    shape = {"v_s": 0.003}
+    hidden = Effect.at_place("coulomb_friction", place, strengths={"coulomb": COULOMB}, shape=shape)
+    prepare = Preparation(decimate=2, low_pass_hz=50.0)
+
+    def experiment(record):
+        return Experiment(record, ("reference.speed",), ("drive.force", "carriage.position"), prepare)
+
+    identify = [experiment(record_of("forth_and_back", 11, False, hidden))]
+    validate = [experiment(record_of("with_rests", 12, True, hidden).warned("'x_m' stands still for 0.4 s"))]
+    uncertain = [
+        UncertainParameter("guide.viscous", 25.0, std=20.0, min=0.0, unit="N*s/m"),
+        UncertainParameter("carriage.m", 20.0, std=1.0, min=0.0, unit="kg"),
+    ]
+
+    def stage(name, model, effects, accepted, parameters, sc=None):
+        built = build(model)
+        given = [UncertainParameter(p.name, p.value, unit=p.unit) for p in parameters]
+        moved = calibrate(built, identify, parameters, noise=FLOOR) if name != "as given" else calibrate(
+            built, identify, (), noise=FLOOR)
+        held = evaluate(built, validate, moved, noise=FLOOR)
+        p = built.p
+        for key, value in moved.to_dict().items():
+            p[built.index("parameter", key)] = value
+        del given
+        effects = tuple(e.with_values(moved.to_dict()) for e in effects)
+        return Stage(name, model, built, effects, accepted, moved, held, (), p, FLOOR, sc)
+
+    def scanned(found, seed):
+        facts = Confrontation(found.system, found.identify, (), Preparation(decimate=5, low_pass_hz=20.0), found.p)
+        names = ("coulomb_friction", "quadratic_drag", "constant_force", "added_inertia", "sensor_gain",
+                 "sensor_offset", "stribeck_friction", "local_bump")
+        entries = [e for e in catalogue(
+            found.system, found.outputs, ("reference.speed",), include=[f"{n}@*" for n in names])
+            if f"{e.kind.name}.{e.where}" not in found.model.components]
+        candidates, refused = candidate_columns(facts, entries)
+        return scan(facts.residual(), facts.sensitivities(), candidates, draws=100, seed=seed), refused
+
+    import dataclasses
+
+    given = stage("as given", plain, (), None, ())
+    recalibrated = stage("recalibrated", plain, (), None, uncertain)
+    seen, _ = scanned(recalibrated, 1)
+    recalibrated = dataclasses.replace(recalibrated, scan=seen)
+    effect = Effect.at_place("coulomb_friction", place, strengths={"coulomb": 1.0}, shape=shape)
+    accepted = Accepted(effect, seen["coulomb_friction@guide"].p, -900.0, (
+        Rival("stribeck_friction", "guide", 240.0, True, False), Rival("local_bump", "guide", 610.0, False, False)))
+    better = stage("+ coulomb_friction@guide", effect.added_to(plain), (effect,), accepted,
+                   [*uncertain, *effect.uncertain()])
+    accepted = dataclasses.replace(accepted, effect=better.effects[0])
+    after, refused = scanned(better, 2)
+    better = dataclasses.replace(better, accepted=accepted, scan=after)
+    return SimpleNamespace(stages=(given, recalibrated, better), refused=refused, noise=FLOOR, hidden=hidden)
