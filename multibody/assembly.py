@@ -19,11 +19,11 @@ from multibody.errors import EquationError, ModelError
 from multibody.kinematics import Kinematics, resolve_nodes
 from multibody.model import Model, ModelInput
 from multibody.network import Network, network
-from multibody.places import places_of
+from multibody.places import Place, places_of
 from multibody.spatial.tree import assemble_spatial
 from multibody.statements import Statement, variable
 
-__all__ = ["assemble"]
+__all__ = ["assemble", "find_places"]
 
 
 def assemble(
@@ -49,15 +49,7 @@ def assemble(
     ModelError
         With every fault found.
     """
-    net = network(model)
-    work = Assembly(model.name)
-    _components(model, work)
-    if net.faults or work.faults:
-        raise ModelError(model.name, dict.fromkeys([*net.faults, *work.faults]))
-    kinematics = resolve_nodes(model, net, work)
-    if net.frames or any(node.axes for node in net.nodes):
-        assemble_spatial(model, net, kinematics, work)
-    work.places = places_of(model, net, kinematics)
+    net, work, kinematics = _resolved(model)
     if probes:
         _probes(work, kinematics)
     if not work.faults:
@@ -71,6 +63,28 @@ def assemble(
         raise ModelError(model.name, work.faults)
     _rename(work)
     return work
+
+
+def find_places(model: Model) -> list[Place]:
+    """Return where an effect could act on a model, without assembling its equations."""
+    _, work, _ = _resolved(model)
+    if work.faults:
+        raise ModelError(model.name, work.faults)
+    return work.places
+
+
+def _resolved(model: Model) -> tuple[Network, Assembly, Kinematics]:
+    """Check a model, read its equations and decide how its nodes move."""
+    net = network(model)
+    work = Assembly(model.name)
+    _components(model, work)
+    if net.faults or work.faults:
+        raise ModelError(model.name, dict.fromkeys([*net.faults, *work.faults]))
+    kinematics = resolve_nodes(model, net, work)
+    if net.frames or any(node.axes for node in net.nodes):
+        assemble_spatial(model, net, kinematics, work)
+    work.places = places_of(model, net, kinematics)
+    return net, work, kinematics
 
 
 def _components(model: Model, work: Assembly) -> None:

@@ -11,6 +11,9 @@ from multibody.declare import Input, Output, Port
 from multibody.errors import ModelError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from multibody.places import Place
     from multibody.system import System
 
 __all__ = ["Endpoint", "Model", "ModelInput", "Part"]
@@ -240,6 +243,39 @@ class Model:
         from multibody.system import System
 
         return System(self, **options)
+
+    def places(self) -> list[Place]:
+        """Return where an effect could act: every pair of sides that can move against each other.
+
+        Raises
+        ------
+        ModelError
+            If the model has faults.
+        """
+        from multibody.assembly import find_places
+
+        return find_places(self)
+
+    def describe(self) -> str:
+        """Return a table of components, connections, inputs and outputs as text."""
+        from multibody.describe import describe
+
+        return describe(self)
+
+    # ---------------------------------------------------------------- files
+
+    def save(self, path: str | Path) -> Path:
+        """Write the model as JSON; see `multibody.storage.save`."""
+        from multibody.storage import save
+
+        return save(self, path)
+
+    @staticmethod
+    def load(path: str | Path) -> Model:
+        """Read a model from JSON; see `multibody.storage.load`."""
+        from multibody.storage import load
+
+        return load(path)
 
     def __repr__(self) -> str:
         graph = self._graph

@@ -6,6 +6,7 @@ import ast
 import inspect
 import math
 import numbers
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -192,7 +193,8 @@ class Rewriter(ast.NodeTransformer):
 
     def kernel_name(self, name: str, kernel: Callable[..., Any]) -> str:
         """Return the name of a called function in the generated source; different functions get different names."""
-        base = f"k_{kernel.__module__.replace('.', '_')}_{name}"
+        file = kernel.__code__.co_filename.replace("\\", "/").rpartition("/")[2].removesuffix(".py")
+        base = f"f_{re.sub(r'[^0-9a-zA-Z]', '_', file)}_{name}"
         found, count = base, 1
         while self.scope.kernels.get(found, kernel) is not kernel:
             count += 1

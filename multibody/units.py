@@ -21,7 +21,8 @@ def _registry() -> Any:
     import pint
 
     registry: Any = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
-    registry.define("percent = 0.01 = %")
+    if "percent" not in registry:  # newer versions of pint know it
+        registry.define("percent = 0.01 = %")
     return registry
 
 

@@ -165,7 +165,7 @@ KERNELS = {
     "underscore": ("def law(x):\n    _d_x = x\n    return _d_x\n", "begins with an underscore"),
     "shadowed function": ("def law(x):\n    max = x\n    return max\n", "is the name of a function"),
     "attribute": ("def law(x):\n    return x.real\n", "only attributes of self and of math"),
-    "itself": ("def law(x):\n    return law(x - 1.0)\n", "circle: k_machine_law → k_machine_law"),
+    "itself": ("def law(x):\n    return law(x - 1.0)\n", "circle: f_machine_law → f_machine_law"),
 }
 
 
