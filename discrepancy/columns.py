@@ -193,7 +193,7 @@ def law_force(
         table = InputTable(time, inputs, system.input_names)
         solution = integrate(
             native_problem(system, p, table), (float(time[0]), float(time[-1])), system.start, t_eval=time,
-            rtol=1e-5, atol=1e-9, max_step=table.largest_step())
+            rtol=1e-5, atol=1e-9)
         states = np.ascontiguousarray(solution.y.T)
     return system.outputs_along(time, states, inputs, p)[:, 0]
 

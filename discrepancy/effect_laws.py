@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import math
 
-from multibody import Component, Input, Output, Parameter, Power, Rotation, State, Translation
+from multibody import Component, Input, Option, Output, Parameter, Power, Rotation, State, Table, Translation
 from multibody.domains import in_both_domains
 from multibody.library.laws import asymmetric, coulomb, one_sided, quadratic
 
-__all__ = ["LAWS", "AddedInertia", "AddedMass"]
+__all__ = ["CURVE_OVER", "CURVE_POINTS", "LAWS", "AddedInertia", "AddedMass"]
+
+CURVE_OVER = ("position", "speed", "time", "friction")
+CURVE_POINTS = 9
 
 
 class _Law(Component):
@@ -249,6 +252,28 @@ class _Slip(_Law):
         super().equations()
         self.der.z = self.creep * self.stiffness * (self.a.position - self.b.position - self.z)
         self.force = self.stiffness * self.z
+
+
+class _Curve(_Dry):
+    """A force without a law, given by points over position, speed or time.
+
+    Over ``"position"``, ``"speed"`` and ``"time"`` the curve is the force itself; over ``"friction"`` it is the level of a
+    dry friction that changes along the way.
+    """
+
+    over = Option("position", "what the curve is a function of", choices=CURVE_OVER)
+    curve = Table("", "F", "force", default=(tuple(range(CURVE_POINTS)), (0.0,) * CURVE_POINTS))
+
+    def equations(self):
+        super().equations()
+        if self.over == "position":
+            self.force = self.curve(self.a.position - self.b.position)
+        elif self.over == "speed":
+            self.force = self.curve(self.speed)
+        elif self.over == "time":
+            self.force = self.curve(self.time)
+        else:
+            self.force = -coulomb(self.speed, self.curve(self.a.position - self.b.position), self.v_s)
 
 
 class AddedMass(Component):

@@ -46,6 +46,8 @@ class Effect:
         Output that gives the load, where the law asks for one.
     number : int
         Counts effects of one kind at one place.
+    over : str
+        What a free curve is a function of.
     """
 
     kind: str
@@ -56,6 +58,7 @@ class Effect:
     domain: str = ""
     load: str = ""
     number: int = 1
+    over: str = ""
 
     @classmethod
     def at_place(cls, kind: str, place: Place, **parts: Any) -> Effect:
@@ -85,6 +88,8 @@ class Effect:
 
     def unit(self, parameter: str) -> str:
         """Return the unit of one of the effect's parameters."""
+        if self.definition.free_form:
+            return str(law_class(self.definition, self.domain).declarations["curve"].unit)  # type: ignore[attr-defined]
         if self.definition.at == "connection":
             item: Any = law_class(self.definition, self.domain).declarations[parameter]
             return str(item.unit)
@@ -92,7 +97,7 @@ class Effect:
 
     def with_values(self, values: Mapping[str, float]) -> Effect:
         """Return the effect with parameters replaced, given by full name."""
-        mine = {k: values[self.parameter_name(k)] for k in {**self.shape, **self.strengths}
+        mine = {k: float(values[self.parameter_name(k)]) for k in {**self.shape, **self.strengths}
                 if self.parameter_name(k) in values}
         return replace(
             self, strengths={k: mine.get(k, v) for k, v in self.strengths.items()},
@@ -107,13 +112,27 @@ class Effect:
             return model.with_input_error(self.where, **dict(self.strengths))
         other = model.copy()
         cls = law_class(kind, self.domain)
-        part = other.add(self.component_name, cls(**{**self.shape, **self.strengths}))
+        part = other.add(self.component_name, cls(**self._given()))
         other.connect(f"{self.component_name}.a", self.ports[0])
         if "b" in cls.declarations:
             other.connect(f"{self.component_name}.b", self.ports[1])
         if self.load:
             other.connect(self.load, part.load)
         return other
+
+    def _given(self) -> dict[str, Any]:
+        """Return the values for the law's component."""
+        if not self.definition.free_form:
+            return {**self.shape, **self.strengths}
+        y = tuple(self.strengths.values())
+        return {"over": self.over, "curve": (self.knots, y), **{k: v for k, v in self.shape.items() if k == "v_s"}}
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Arguments of the points of a free curve."""
+        count = len(self.strengths)
+        low, high = self.shape["low"], self.shape["high"]
+        return tuple(low + (high - low) * k / (count - 1) for k in range(count))
 
     def sensor_error(self) -> SensorError | None:
         """Return the sensor's error, for sensor kinds."""

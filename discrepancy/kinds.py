@@ -102,6 +102,11 @@ class Kind:
     elastic: bool | None = None
     aliases: tuple[str, ...] = field(default=())
 
+    @property
+    def free_form(self) -> bool:
+        """True for a curve given by points in place of a law."""
+        return self.law == "Curve"
+
     def shape_grid(self, motion: MotionRange) -> Shapes:
         """Return the shapes to try for a motion; one empty shape when the kind has none."""
         return self.shapes(motion) if self.shapes is not None else [{}]
@@ -324,4 +329,10 @@ _add([
         "Bus and computing time of the controller, filters, a digital hold.",
         "Record command and response of the amplifier together and compare the instants."),
         one_sided=True),
+    Kind("unknown_force", "connection", "Curve", tuple(f"curve.y[{k}]" for k in range(9)), _T(
+        "a force that no entry of the catalogue explains", "A force that follows position, speed or time in a way "
+        "that no simple law does; its curve is given by points.",
+        "Something that nobody has put into the catalogue yet; the curve's shape is the clue.",
+        "Measure the force directly at this connection, or repeat the run and see whether the curve comes back."),
+        None),
 ])

@@ -76,7 +76,8 @@ class Calibration:
     parameters : tuple of UncertainParameter
         What was moved; those that the records do not excite stay where they were.
     values, std : ndarray, shape (k,)
-        Fitted values and standard deviations (block sandwich: they hold for coloured residuals).
+        Fitted values and standard deviations (block sandwich: they hold for coloured residuals); the deviation of
+        what ended at a bound or was not excited is infinite, because the records do not give it.
     degrees : int
         Degrees of freedom of the intervals (Student's t).
     fits : tuple of Fit
@@ -222,7 +223,14 @@ class _Problem:
         return np.array([(v - p.value) / p.std for p, v in zip(self.parameters, theta, strict=False) if np.isfinite(p.std)])
 
     def jacobian(self, theta: np.ndarray) -> np.ndarray:
+        from multibody.errors import SimulationError
+
         rows = [self._rows(self.respond(theta, i, True), i) for i in range(len(self.experiments))]
+        for i, part in enumerate(rows):
+            if not np.all(np.isfinite(part)) or np.max(np.abs(part), initial=0.0) > 1e100:
+                raise SimulationError(
+                    f"'{self.system.name}' on record '{self.experiments[i].name}': the derivatives grow beyond all "
+                    "bounds; the machine runs away from these inputs, so its windows must be shorter")
         prior = np.zeros((sum(np.isfinite(p.std) for p in self.parameters), theta.size))
         which = [k for k, p in enumerate(self.parameters) if np.isfinite(p.std)]
         prior[np.arange(len(which)), which] = [1.0 / self.parameters[k].std for k in which]
@@ -385,28 +393,31 @@ def _result(
         errors.append(((e.measured - response.outputs) / problem.scale).ravel())
     std = np.full(k, np.inf)
     degrees, confounded = 1, ()
-    if moving.size:
+    values = theta[:k].copy()
+    at_bound = tuple(
+        p.name for j, p in enumerate(problem.parameters)
+        if _touches(values[j], low[j], p.value) or _touches(values[j], high[j], p.value))
+    loose = np.array([j for j in moving if j >= k or problem.parameters[j].name not in at_bound], dtype=int)
+    if loose.size:
         n_channels = len(problem.experiments[0].outputs)
         lengths = [r.shape[0] for r in rows]
         memory = max(
             correlation_time(f.residual[:, c]) for f in fits for c in range(n_channels))
         blocks = cut_rows(lengths, int(3 * memory) * n_channels)
-        prior = np.array([1.0 / problem.parameters[j].std ** 2 if j < k else 0.0 for j in moving])
-        jacobian = np.vstack(rows)
+        prior = np.array([1.0 / problem.parameters[j].std ** 2 if j < k else 0.0 for j in loose])
+        jacobian = np.vstack(rows)[:, np.searchsorted(moving, loose)]
         covariance, degrees = block_sandwich(jacobian, np.concatenate(errors), blocks, prior)
-        globals_ = moving[moving < k]
+        globals_ = loose[loose < k]
         std[globals_] = np.sqrt(np.maximum(np.diag(covariance)[: globals_.size], 0.0))
         confounded = _confounded(problem, jacobian, prior, globals_)
-    values = theta[:k].copy()
-    edge = 1e-6
-    at_bound = tuple(
-        p.name for j, p in enumerate(problem.parameters)
-        if (np.isfinite(low[j]) and values[j] - low[j] <= edge * max(1e-12, abs(low[j]), abs(p.value)))
-        or (np.isfinite(high[j]) and high[j] - values[j] <= edge * max(1e-12, abs(high[j]), abs(p.value))))
     scale = dict(zip(problem.experiments[0].outputs, map(float, problem.scale), strict=True))
     return Calibration(
         tuple(problem.parameters), values, std, degrees, tuple(fits), scale, not_excited, at_bound, confounded, message,
         problem.evaluations)
+
+
+def _touches(value: float, bound: float, size: float) -> bool:
+    return bool(np.isfinite(bound)) and abs(value - bound) <= 1e-6 * max(1e-12, abs(bound), abs(size), abs(value))
 
 
 def _confounded(

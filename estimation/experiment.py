@@ -296,14 +296,10 @@ def _integrate(
 
     solution = integrate(
         problem, (float(time[0]), float(time[-1])), x0, samples=Samples(time, receive), rtol=experiment.rtol,
-        atol=experiment.rtol * 1e-3, max_step=min(table.largest_step(), _feature_limit(system, p)))
+        atol=experiment.rtol * 1e-3, max_step=np.inf)
     if solution.status < 0 or not np.all(np.isfinite(y)):
         raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
     return y, dy
-
-
-def _feature_limit(system: System, p: np.ndarray) -> float:
-    return np.inf
 
 
 def _apply_sensors(

@@ -79,7 +79,9 @@ def simulate(
     p, x0 = system.parameter_vector(parameters), system.state_vector(initial)
     functions = {} if not isinstance(inputs, Mapping) else {k: v for k, v in inputs.items() if callable(v)}
     table = input_table(system, inputs, interpolation=interpolation)
-    limit = table.largest_step() if max_step is None else max_step
+    # the compiled methods end their steps where an input bends; others must be kept from jumping over samples
+    native = _method(system, method, functions)[0] in NATIVE
+    limit = max_step if max_step is not None else np.inf if native else table.largest_step()
     run = _run(system, table, functions, p, x0, (t0, t1), times, method, rtol, atol, limit, events)
     for _ in range(_FEATURE_RUNS):  # a run that jumped over a motion does not show the speeds that it has
         if max_step is not None or (finer := _feature_step(system, run, limit)) is None:
