@@ -1,0 +1,42 @@
+"""A linear axis: a servo motor drives a carriage on a guide through an elastic coupling and a ball screw."""
+
+import math
+
+from multibody import Model
+from multibody.library import (
+    AngleSensor, CoulombFriction, Gain, Inertia, Mass, PositionController, Screw, SpeedSensor, TorqueSource,
+    TorsionDamper, TorsionSpring, ViscousFriction,
+)
+
+LEAD = 0.04  # m of travel for one turn of the screw
+
+
+def build(mass: float = 40.0, viscous: float = 60.0, coulomb: float = 0.0) -> Model:
+    """Return the axis: mass of the carriage in kg, friction of its guide in N*s/m, and dry friction in N."""
+    axis = Model("axis")
+    setpoint = axis.add("setpoint", Gain(k=2.0 * math.pi / LEAD, input_unit="m", output_unit="rad"))
+    control = axis.add("controller", PositionController(k_position=30.0, k_speed=0.3, k_i=6.0, output_unit="N*m"))
+    drive = axis.add("drive", TorqueSource())
+    motor = axis.add("motor", Inertia(J=5e-4))
+    angle, speed = axis.add("encoder", AngleSensor()), axis.add("tachometer", SpeedSensor())
+    coupling = axis.add("coupling", TorsionSpring(stiffness=90.0))
+    damper = axis.add("damper", TorsionDamper(damping=0.012))
+    screw = axis.add("screw", Screw(lead=LEAD))
+    carriage = axis.add("carriage", Mass(m=mass))
+    guide = axis.add("guide", ViscousFriction(viscous=viscous))
+
+    axis.connect(setpoint.output, control.reference)
+    axis.connect(control.output, drive.torque)
+    axis.connect(drive.flange, motor.flange, angle.flange, speed.flange, coupling.a, damper.a)
+    axis.connect(coupling.b, damper.b, screw.a)
+    axis.connect(screw.b, carriage.flange, guide.b)
+    axis.connect(guide.a, axis.ground)
+    axis.connect(angle.angle, control.position)
+    axis.connect(speed.speed, control.speed)
+    if coulomb > 0.0:
+        dry = axis.add("dry_friction", CoulombFriction(coulomb=coulomb, v_s=2e-3))
+        axis.connect(dry.b, carriage.flange)
+        axis.connect(dry.a, axis.ground)
+    axis.input("reference.position", setpoint.input)
+    axis.output("motor.torque", control.output)
+    return axis
