@@ -24,7 +24,7 @@ class _Lossy(Component):
     lossy = Option(False, "whether power is lost on the way; set by giving an efficiency")
 
     def __init__(self, **given: Any):
-        given.setdefault("lossy", "efficiency" in given)
+        given["lossy"] = given.get("lossy", False) or "efficiency" in given
         super().__init__(**given)
 
 

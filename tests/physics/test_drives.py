@@ -186,6 +186,13 @@ def test_efficiency_one_is_the_ideal_gear():
     assert "implicit" not in ideal.texts["rhs"]  # the ideal gear needs no implicit equation
 
 
+def test_an_ideal_gear_can_be_copied_with_losses():
+    gear = Gear(ratio=5.0).copy(efficiency=0.9)
+    assert gear.faults == []
+    assert gear.options["lossy"] is True
+    assert gear.copy(ratio=4.0).values == {"ratio": 4.0, "efficiency": 0.9, "v_s": 0.01}
+
+
 def test_lossy_screw_lifts_and_lowers_with_its_efficiency():
     """At constant speed the power that leaves is efficiency times what enters, in both directions."""
     eta, lead, weight, speed = 0.6, 0.01, 400.0, 20.0
