@@ -120,6 +120,29 @@ class Study:
             self.stages.pop()
         return self.stage
 
+    @property
+    def mode(self) -> str:
+        """How the model is confronted with the records."""
+        return "simulation" if self.setup.residual == "auto" else self.setup.residual
+
+    @property
+    def mode_reason(self) -> str:
+        """Why it is confronted so."""
+        if self.setup.residual != "auto":
+            return "asked for by the study"
+        return "the machine stays where its inputs put it, so a simulation from the start of the record says most"
+
+    def unit_of(self, kind: str, where: str) -> str:
+        """Return the unit of a kind's first strength at a place or signal of this study."""
+        from discrepancy.kinds import kind_named
+
+        entry = kind_named(kind)
+        if entry.at == "connection":
+            place = next(p for p in self.stage.system.places if p.name == where)
+            return Effect.at_place(kind, place).unit(entry.strengths[0])
+        signal = self.stage.system.unit(where)
+        return {"offset": signal, "gain": "", "delay": "s", "drift": f"{signal}/s"}[entry.law]
+
     # ---------------------------------------------------------------- questions
 
     def compare(self) -> Comparison:
@@ -153,7 +176,40 @@ class Study:
                 break
             self.stages.append(replace(step.stage, accepted=step.accepted))
             self.progress(f"added {step.accepted.effect}")
+            self._drop_idle()
+        self._free_curves()
         return conclude(self)
+
+    def _drop_idle(self) -> None:
+        """Take out an earlier effect that a later one has made idle."""
+        from discrepancy.settle import drop_idle
+
+        dropped = drop_idle(self.stages, self._refit, self.progress)
+        if dropped is None:
+            return
+        stage, effect = dropped
+        note = f"{effect} was taken out again: the effect added after it explains it"
+        self.progress(note)
+        kept = [s for s in self.stages[:-1] if s.accepted is None or s.accepted.effect.component_name != effect.component_name]
+        self.stages[:] = [*kept, replace(stage, accepted=self.stages[-1].accepted, notes=(note,))]
+
+    def _free_curves(self) -> None:
+        """Ask whether a curve tells the truth better than the laws found, or finds what no law did."""
+        from discrepancy.settle import free_curve, replace_by_curve
+
+        level, seed = self.setup.level, self.setup.seed
+        if any(s.accepted is not None for s in self.stages):
+            swapped = replace_by_curve(self.stages, self._refit, level=level, seed=seed, progress=self.progress)
+            if swapped is not None:
+                kept, stage = swapped
+                self.stages[:] = [*self.stages[:kept], stage]
+        elif len(self.stage.effects) < self.setup.max_effects:
+            found = free_curve(self.stage, self._refit, level=level, seed=seed, progress=self.progress)
+            if found is not None:
+                self.stages.append(found)
+
+    def _refit(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
+        return self._fitted(name, effects, start, start.noise)
 
     # ---------------------------------------------------------------- showing
 

@@ -1,0 +1,71 @@
+"""The commands ``vtsdt diagnose`` and ``vtsdt compare``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+__all__ = ["compare", "diagnose"]
+
+
+def diagnose(args: Any) -> int:
+    """Run the whole loop on a study file and write what it found.
+
+    Parameters
+    ----------
+    args : namespace
+        ``study``, ``out``, ``seed``, ``max_effects``, ``quiet``, ``progress``.
+    """
+    from discrepancy.study import Study
+
+    study = Study.from_file(args.study, seed=args.seed, max_effects=args.max_effects, progress=args.progress)
+    conclusion = study.diagnose()
+    _finish(study, conclusion, Path(args.out), args)
+    return 0
+
+
+def compare(args: Any) -> int:
+    """Compare model and records, say where the model fails, and write that; nothing is added."""
+    from discrepancy.conclude import conclude
+    from discrepancy.study import Study
+
+    study = Study.from_file(args.study, seed=args.seed, progress=args.progress)
+    _ = study.stage
+    conclusion = conclude(study)
+    _finish(study, conclusion, Path(args.out), args, compared_only=True)
+    return 0
+
+
+def _finish(study: Any, conclusion: Any, out: Path, args: Any, *, compared_only: bool = False) -> None:
+    from dataclasses import replace
+
+    from discrepancy.report import write
+
+    if compared_only:
+        conclusion = replace(conclusion, verdict="", sentence="")
+    files = write(conclusion, out)
+    if not args.quiet:
+        _show(study, conclusion, files)
+
+
+def _show(study: Any, conclusion: Any, files: list[Path]) -> None:
+    """Print the error stage by stage, the answer, and where the report is."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    table = Table(title="Root mean square error, stage by stage")
+    table.add_column("stage")
+    parts = [p for p in ("identify", "validate") if study.stages[0].fits(p)]
+    names = study.stages[0].outputs
+    for part in parts:
+        for name in names:
+            table.add_column(f"{name}\n[{study.stages[0].system.unit(name)}]\n{part}", justify="right")
+    for stage in study.stages:
+        table.add_row(stage.name, *(f"{stage.rmse(part)[name]:.4g}" for part in parts for name in names))
+    console.print(table)
+    if conclusion.sentence:
+        console.print(f"[bold]{conclusion.verdict}[/bold]: {conclusion.sentence}", soft_wrap=True)
+    report = next((f for f in files if f.name == "report.html"), None)
+    if report is not None:
+        console.print(f"report: {report}", soft_wrap=True)

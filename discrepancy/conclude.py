@@ -1,0 +1,132 @@
+"""From the stages of a study to its conclusion: the verdict, what could still hide, and what to measure next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
+from discrepancy.kinds import kind_named
+from discrepancy.stage import Accepted, Stage
+from discrepancy.verdict import Verdict
+
+if TYPE_CHECKING:
+    from discrepancy.study import Study
+
+__all__ = ["conclude"]
+
+_NUMBER = {1: "one effect", 2: "two effects", 3: "three effects"}
+
+
+def conclude(study: Study) -> Conclusion:
+    """Return what a study found, in words and figures."""
+    setup, stages = study.setup, tuple(study.stages)
+    accepted = [s.accepted for s in stages if s.accepted is not None]
+    verdict = _verdict(accepted)
+    unknown = None
+    if any(a.effect.definition.free_form for a in accepted):
+        entry = next(a for a in reversed(accepted) if a.effect.definition.free_form)
+        effect = next(e for e in stages[-1].effects if e.component_name == entry.effect.component_name)
+        unknown = UnknownCurve.of_effect(
+            effect, stages[-1].identify, _curve_words(entry), p_value=entry.p_value, delta_bic=entry.delta_bic)
+    refused, hidden = _left_over(study)
+    paths = [str(setup.path)] if setup.path is not None else []
+    paths += [str(e.record.path) for e in (*setup.identify, *setup.validate)]
+    return Conclusion(
+        verdict=verdict, sentence=_sentence(study, accepted, hidden), stages=stages, refused=refused, hidden=hidden,
+        next_measurement=_next(accepted, hidden, study), unknown=unknown, warnings=setup.warnings,
+        residual_mode=study.mode, residual_reason=study.mode_reason, seed=setup.seed, level=setup.level,
+        name=setup.name, paths=tuple(paths))
+
+
+def _verdict(accepted: Sequence[Accepted]) -> str:
+    if not accepted:
+        return "nothing missing"
+    if any(a.effect.definition.free_form for a in accepted):
+        return "unknown effect"
+    return "ambiguous" if accepted[-1].ambiguous else "effect found"
+
+
+def _title(kind: str) -> str:
+    return kind_named(kind.split(" ")[0]).text.title
+
+
+def _sentence(study: Study, accepted: Sequence[Accepted], hidden: Sequence[tuple[str, str, float, float, str]]) -> str:
+    stages = study.stages
+    if not accepted:
+        could = [f"{_title(k)} at {w}" for k, w, mde, delta, _ in hidden if not mde < delta]
+        base = "Nothing was found that the model lacks"
+        if not could:
+            return f"{base}; every effect in the catalogue that would matter would have been seen."
+        return f"{base}. These records could still hide {len(could)} effects of a size that would matter, {could[0]} among them."
+    names = [f"{_title(a.effect.kind)} at {a.effect.where}" for a in accepted]
+    count = _NUMBER.get(len(names), f"{len(names)} effects")
+    text = f"The model lacks {count}: {'; '.join(names)}."
+    part = "validate" if stages[-1].validate is not None else "identify"
+    share = explained(tuple(stages))
+    text += _fall(stages[1], stages[-1], part)
+    if share is not None and np.isfinite(share):
+        text += f" {100 * share:.0f} % of the avoidable error is gone."
+    if accepted[-1].ambiguous:
+        rivals = [r for r in accepted[-1].rivals if r.indistinguishable and r.kind != accepted[-1].effect.kind]
+        text += f" These records cannot tell {names[-1]} from {_title(rivals[0].kind)} at {rivals[0].where}."
+    return text
+
+
+def _fall(before: Stage, after: Stage, part: str) -> str:
+    """Say how far the error of the output that fell most has fallen."""
+    a, b = before.rmse(part), after.rmse(part)
+    name = min(b, key=lambda n: b[n] / a[n] if a[n] > 0 else 1.0)
+    held = "on records that were not used to find it" if part == "validate" else "on the records used to find it"
+    return f" With {'it' if len(after.effects) == 1 else 'them'} the error of {name} falls from {a[name]:.3g} to {b[name]:.3g} {after.system.unit(name)} {held}."
+
+
+def _curve_words(entry: Accepted) -> str:
+    over = {"friction": "a dry friction whose level follows the position"}.get(entry.effect.over, f"a function of {entry.effect.over}")
+    rivals = [r for r in entry.rivals if r.indistinguishable]
+    alias = f" These records do not tell it from {rivals[0].kind}." if rivals else ""
+    return f"The missing force at {entry.effect.where} is best described as {over}; no law of the catalogue fits as well.{alias}"
+
+
+def _left_over(study: Study) -> tuple[tuple[tuple[str, str, str], ...], tuple[tuple[str, str, float, float, str], ...]]:
+    """Return what the last scan could not speak about, and what it looked for without finding it."""
+    if not study.steps:
+        return (), ()
+    step = study.steps[-1]
+    present = {(e.kind, e.where) for e in study.stages[-1].effects}
+    refused = [(e.kind.name, e.where, why) for e, why in step.refused]
+    for name, why in step.scan.refused.items():
+        kind, _, where = name.partition("@")
+        if (kind, where) not in present:
+            refused.append((kind, where, why))
+    hidden = [
+        (r.kind, r.where, float(r.mde), float(r.delta), study.unit_of(r.kind, r.where))
+        for r in step.scan.rows if r.verdict in (Verdict.ABSENT, Verdict.CANNOT_TELL) and (r.kind, r.where) not in present]
+    return tuple(refused), tuple(hidden)
+
+
+def _next(
+    accepted: Sequence[Accepted], hidden: Sequence[tuple[str, str, float, float, str]], study: Study
+) -> tuple[str, ...]:
+    found = []
+    for a in accepted:
+        for r in a.rivals:
+            if r.indistinguishable and r.kind != a.effect.kind:
+                found.append(
+                    f"To tell {_title(a.effect.kind)} at {a.effect.where} from {_title(r.kind)} at {r.where}: "
+                    f"{kind_named(a.effect.kind).text.confirm} For the other: {kind_named(r.kind.split(' ')[0]).text.confirm}")
+            elif r.indistinguishable and r.where != a.effect.where:
+                found.append(
+                    f"{_title(a.effect.kind).capitalize()} at {a.effect.where} and at {r.where} look the same to these sensors: "
+                    "measure the force between the two places, or separate them and repeat.")
+    weak = sorted((h for h in hidden if not h[2] < h[3]), key=lambda h: -h[2] / max(h[3], 1e-300))
+    if weak and not accepted:
+        kind, where, mde, delta, unit = weak[0]
+        found.append(
+            f"To rule out {_title(kind)} at {where} (now only above {mde:.3g} {unit} would be seen, {delta:.3g} {unit} would "
+            f"matter): {kind_named(kind).text.confirm}")
+    if study.stages[-1].validate is None:
+        found.append("Hold a record back ([records] validate): without one nobody knows whether the improvement lasts.")
+    return tuple(dict.fromkeys(found))[:6]
