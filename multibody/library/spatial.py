@@ -12,7 +12,14 @@ from multibody.declare import Energy, Frame, Input, Option, Output, Parameter, P
 from multibody.spatial.body import RigidBody, World
 
 __all__ = [
-    "FixedFrame", "FrameForce", "FrameSensor", "FrameSpring", "LineForce", "Link", "RigidBody", "World",
+    "FixedFrame",
+    "FrameForce",
+    "FrameSensor",
+    "FrameSpring",
+    "LineForce",
+    "Link",
+    "RigidBody",
+    "World",
 ]
 
 
@@ -50,12 +57,30 @@ class FrameForce(Component):
 
     def equations(self):
         if self.follows:
-            self.frame.fx = self.frame.r11 * self.force_x + self.frame.r12 * self.force_y + self.frame.r13 * self.force_z
-            self.frame.fy = self.frame.r21 * self.force_x + self.frame.r22 * self.force_y + self.frame.r23 * self.force_z
-            self.frame.fz = self.frame.r31 * self.force_x + self.frame.r32 * self.force_y + self.frame.r33 * self.force_z
-            self.frame.mx = self.frame.r11 * self.moment_x + self.frame.r12 * self.moment_y + self.frame.r13 * self.moment_z
-            self.frame.my = self.frame.r21 * self.moment_x + self.frame.r22 * self.moment_y + self.frame.r23 * self.moment_z
-            self.frame.mz = self.frame.r31 * self.moment_x + self.frame.r32 * self.moment_y + self.frame.r33 * self.moment_z
+            self.frame.fx = (
+                self.frame.r11 * self.force_x + self.frame.r12 * self.force_y + self.frame.r13 * self.force_z
+            )
+            self.frame.fy = (
+                self.frame.r21 * self.force_x + self.frame.r22 * self.force_y + self.frame.r23 * self.force_z
+            )
+            self.frame.fz = (
+                self.frame.r31 * self.force_x + self.frame.r32 * self.force_y + self.frame.r33 * self.force_z
+            )
+            self.frame.mx = (
+                self.frame.r11 * self.moment_x
+                + self.frame.r12 * self.moment_y
+                + self.frame.r13 * self.moment_z
+            )
+            self.frame.my = (
+                self.frame.r21 * self.moment_x
+                + self.frame.r22 * self.moment_y
+                + self.frame.r23 * self.moment_z
+            )
+            self.frame.mz = (
+                self.frame.r31 * self.moment_x
+                + self.frame.r32 * self.moment_y
+                + self.frame.r33 * self.moment_z
+            )
         else:
             self.frame.fx = self.force_x
             self.frame.fy = self.force_y
@@ -64,15 +89,20 @@ class FrameForce(Component):
             self.frame.my = self.moment_y
             self.frame.mz = self.moment_z
         self.power = (
-            self.frame.fx * self.frame.vx + self.frame.fy * self.frame.vy + self.frame.fz * self.frame.vz
-            + self.frame.mx * self.frame.wx + self.frame.my * self.frame.wy + self.frame.mz * self.frame.wz)
+            self.frame.fx * self.frame.vx
+            + self.frame.fy * self.frame.vy
+            + self.frame.fz * self.frame.vz
+            + self.frame.mx * self.frame.wx
+            + self.frame.my * self.frame.wy
+            + self.frame.mz * self.frame.wz
+        )
 
 
 class LineForce(Component):
     """A spring and damper along the line between two frames.
 
-    tension = stiffness · (distance − length) + damping · (rate of the distance).  With ``pushes=False`` it is a rope:
-    the tension is never negative, and slack means no force at all.
+    tension = stiffness · (distance − length) + damping · (rate of the distance).  ``pushes=False`` makes it a
+    rope: the tension is never negative, and slack means no force at all.
     """
 
     pushes = Option(True, "False: it can only pull, as a rope does")
@@ -133,8 +163,8 @@ class FrameSpring(Component):
     """A bushing: springs and dampers for the six motions of frame b against frame a.
 
     Displacements are those of b's point in the axes of a, angles are roll, pitch and yaw of b against a
-    (R = Rz Ry Rx).  The moment follows from the energy ½ Σ k·angle², exactly at large angles too, short of a pitch of
-    a quarter turn.
+    (R = Rz Ry Rx).  The moment follows from the energy ½ Σ k·angle², exactly at large angles too, up to a
+    quarter turn of pitch and half a turn of roll and yaw, where the angles jump.
     """
 
     stiffness_x = Parameter(0.0, "N/m", "along x of frame a", min=0.0)
@@ -160,16 +190,43 @@ class FrameSpring(Component):
 
     def equations(self):
         x, y, z = apart(
-            self.a.px, self.a.py, self.a.pz, self.b.px, self.b.py, self.b.pz, self.a.r11, self.a.r12, self.a.r13,
-            self.a.r21, self.a.r22, self.a.r23, self.a.r31, self.a.r32, self.a.r33)
+            self.a.px,
+            self.a.py,
+            self.a.pz,
+            self.b.px,
+            self.b.py,
+            self.b.pz,
+            self.a.r11,
+            self.a.r12,
+            self.a.r13,
+            self.a.r21,
+            self.a.r22,
+            self.a.r23,
+            self.a.r31,
+            self.a.r32,
+            self.a.r33,
+        )
         # velocity of b's point seen from a, which turns
         dx = self.b.px - self.a.px
         dy = self.b.py - self.a.py
         dz = self.b.pz - self.a.pz
         vx, vy, vz = apart(
-            self.a.vx + self.a.wy * dz - self.a.wz * dy, self.a.vy + self.a.wz * dx - self.a.wx * dz,
-            self.a.vz + self.a.wx * dy - self.a.wy * dx, self.b.vx, self.b.vy, self.b.vz, self.a.r11, self.a.r12,
-            self.a.r13, self.a.r21, self.a.r22, self.a.r23, self.a.r31, self.a.r32, self.a.r33)
+            self.a.vx + self.a.wy * dz - self.a.wz * dy,
+            self.a.vy + self.a.wz * dx - self.a.wx * dz,
+            self.a.vz + self.a.wx * dy - self.a.wy * dx,
+            self.b.vx,
+            self.b.vy,
+            self.b.vz,
+            self.a.r11,
+            self.a.r12,
+            self.a.r13,
+            self.a.r21,
+            self.a.r22,
+            self.a.r23,
+            self.a.r31,
+            self.a.r32,
+            self.a.r33,
+        )
         self.force_x = -self.stiffness_x * x - self.damping_x * vx
         self.force_y = -self.stiffness_y * y - self.damping_y * vy
         self.force_z = -self.stiffness_z * z - self.damping_z * vz
@@ -194,8 +251,22 @@ class FrameSpring(Component):
             c = r33 / level
             # rates of the angles from the angular velocity of b against a, in the axes of b
             p, q, r = apart(
-                self.a.wx, self.a.wy, self.a.wz, self.b.wx, self.b.wy, self.b.wz, self.b.r11, self.b.r12, self.b.r13,
-                self.b.r21, self.b.r22, self.b.r23, self.b.r31, self.b.r32, self.b.r33)
+                self.a.wx,
+                self.a.wy,
+                self.a.wz,
+                self.b.wx,
+                self.b.wy,
+                self.b.wz,
+                self.b.r11,
+                self.b.r12,
+                self.b.r13,
+                self.b.r21,
+                self.b.r22,
+                self.b.r23,
+                self.b.r31,
+                self.b.r32,
+                self.b.r33,
+            )
             yaw_rate = (q * s + r * c) / level
             pitch_rate = q * c - r * s
             roll_rate = p - r31 * yaw_rate
@@ -213,20 +284,28 @@ class FrameSpring(Component):
             self.a.mx = -self.b.mx - (dy * self.b.fz - dz * self.b.fy)
             self.a.my = -self.b.my - (dz * self.b.fx - dx * self.b.fz)
             self.a.mz = -self.b.mz - (dx * self.b.fy - dy * self.b.fx)
-            twisting = 0.5 * (self.stiffness_roll * roll**2 + self.stiffness_pitch * pitch**2 + self.stiffness_yaw * yaw**2)
-            rubbing = self.damping_roll * roll_rate**2 + self.damping_pitch * pitch_rate**2 + self.damping_yaw * yaw_rate**2
+            twisting = 0.5 * (
+                self.stiffness_roll * roll**2 + self.stiffness_pitch * pitch**2 + self.stiffness_yaw * yaw**2
+            )
+            rubbing = (
+                self.damping_roll * roll_rate**2
+                + self.damping_pitch * pitch_rate**2
+                + self.damping_yaw * yaw_rate**2
+            )
         else:
             self.a.mx = -(dy * self.b.fz - dz * self.b.fy)
             self.a.my = -(dz * self.b.fx - dx * self.b.fz)
             self.a.mz = -(dx * self.b.fy - dy * self.b.fx)
             twisting = 0.0
             rubbing = 0.0
-        self.energy = 0.5 * (self.stiffness_x * x**2 + self.stiffness_y * y**2 + self.stiffness_z * z**2) + twisting
+        self.energy = (
+            0.5 * (self.stiffness_x * x**2 + self.stiffness_y * y**2 + self.stiffness_z * z**2) + twisting
+        )
         self.loss = self.damping_x * vx**2 + self.damping_y * vy**2 + self.damping_z * vz**2 + rubbing
 
 
 class FrameSensor(Component):
-    """What can be measured at a frame: place, attitude, speeds, and what an accelerometer mounted there feels.
+    """What can be measured at a frame: place, attitude, speeds, and what an accelerometer there feels.
 
     The accelerometer shows acceleration minus gravity in the frame's own axes, so that it feels tilt; with
     ``remove_gravity=True`` the gravity that it feels upright is taken off again, as a calibrated one does.
@@ -263,9 +342,15 @@ class FrameSensor(Component):
         self.v_x = self.frame.vx
         self.v_y = self.frame.vy
         self.v_z = self.frame.vz
-        self.w_x = self.frame.r11 * self.frame.wx + self.frame.r21 * self.frame.wy + self.frame.r31 * self.frame.wz
-        self.w_y = self.frame.r12 * self.frame.wx + self.frame.r22 * self.frame.wy + self.frame.r32 * self.frame.wz
-        self.w_z = self.frame.r13 * self.frame.wx + self.frame.r23 * self.frame.wy + self.frame.r33 * self.frame.wz
+        self.w_x = (
+            self.frame.r11 * self.frame.wx + self.frame.r21 * self.frame.wy + self.frame.r31 * self.frame.wz
+        )
+        self.w_y = (
+            self.frame.r12 * self.frame.wx + self.frame.r22 * self.frame.wy + self.frame.r32 * self.frame.wz
+        )
+        self.w_z = (
+            self.frame.r13 * self.frame.wx + self.frame.r23 * self.frame.wy + self.frame.r33 * self.frame.wz
+        )
         self.a_x = self.frame.ax
         self.a_y = self.frame.ay
         self.a_z = self.frame.az

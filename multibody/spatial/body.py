@@ -18,7 +18,10 @@ COORDINATES = (*LENGTHS, *ANGLES)
 
 
 class World(Component):
-    """What holds everywhere: gravity.  A model has at most one; without it gravity is (0, 0, -9.80665) m/s²."""
+    """What holds everywhere: gravity.  A model has at most one.
+
+    Without it gravity is (0, 0, -9.80665) m/s².
+    """
 
     gravity_x = Parameter(0.0, "m/s**2", "acceleration of free fall along x")
     gravity_y = Parameter(0.0, "m/s**2", "acceleration of free fall along y")
@@ -28,14 +31,15 @@ class World(Component):
 class RigidBody(Component):
     """A rigid body with six Boolean degrees of freedom relative to a parent frame (the ground by default).
 
-    Equations 1 and 2 of González et al. 2020, with exact rotations R = Rz(yaw) Ry(pitch) Rx(roll).  A motion set to
-    False is locked and leaves the state vector; it stands at ``<name>_start``.  One free rotation on a frame of
-    another body is a revolute joint, one free translation a prismatic one.
+    Eqs. 1 and 2 of González et al. 2020, with exact rotations R = Rz(yaw) Ry(pitch) Rx(roll).  A motion set
+    to False is locked and leaves the state vector; it stands at ``<name>_start``.  One free rotation on a frame
+    of another body is a revolute joint, one free translation a prismatic one.
 
     States: ``x``, ``y``, ``z``, ``roll``, ``pitch``, ``yaw`` of the free motions, then their speeds: ``v_x``,
-    ``v_y``, ``v_z`` along the axes of the parent frame; with all three rotations free ``w_x``, ``w_y``, ``w_z``, the
-    angular velocity relative to the parent frame in body axes, else the rates ``roll_rate``, ``pitch_rate``,
-    ``yaw_rate`` of the free angles.  Start values are given as ``z_start``, ``v_z_start``, ``roll_start``, …
+    ``v_y``, ``v_z`` along the axes of the parent frame; with all three rotations free ``w_x``, ``w_y``,
+    ``w_z``, the angular velocity relative to the parent frame in body axes, else the rates ``roll_rate``,
+    ``pitch_rate``, ``yaw_rate`` of the free angles.  Start values are given as ``z_start``, ``v_z_start``,
+    ``roll_start``, …
 
     Subclasses add frames: ``hitch = Frame("rope hitch", offset=(0.0, 0.0, 0.62))``.
 
@@ -85,9 +89,12 @@ class RigidBody(Component):
 
     def _decide_declarations(self) -> None:
         super()._decide_declarations()
-        if self.body_rates:  # the speeds are no rates of angles, so a torque on an angle has nothing to act on
+        if (
+            self.body_rates
+        ):  # the speeds are no rates of angles, so a torque on an angle has nothing to act on
             self.declarations = {
-                n: d for n, d in self.declarations.items() if not (isinstance(d, Rotation) and d.coordinate)}
+                n: d for n, d in self.declarations.items() if not (isinstance(d, Rotation) and d.coordinate)
+            }
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -108,7 +115,9 @@ class RigidBody(Component):
     def start_declarations(self) -> dict[str, State]:
         """Return start values of the coordinates (all six) and of the free speeds."""
         starts = {
-            f"{name}_start": State("m" if name in LENGTHS else "rad", f"{name} at the start, or where it is locked")
+            f"{name}_start": State(
+                "m" if name in LENGTHS else "rad", f"{name} at the start, or where it is locked"
+            )
             for name in COORDINATES
         }
         for name in self.free:
@@ -127,9 +136,13 @@ class RigidBody(Component):
         fault = inertia_fault(np.array(entries))
         faults = [fault] if fault else []
         if self.free and v["mass"] <= 0.0:
-            faults.append(f"parameter 'mass' is {v['mass']:g} kg, but {', '.join(self.free)} can move: give it a mass")
+            faults.append(
+                f"parameter 'mass' is {v['mass']:g} kg, but {', '.join(self.free)} can move: give it a mass"
+            )
         if self.body_rates and abs(abs(self.starts["pitch_start"]) - math.pi / 2) < 1e-3:
-            faults.append("'pitch_start' is a quarter turn, where roll and yaw cannot be told apart: turn its parent frame")
+            faults.append(
+                "'pitch_start' is a quarter turn, where roll and yaw are the same: turn its parent frame"
+            )
         return faults
 
 
@@ -143,10 +156,12 @@ def inertia_fault(tensor: np.ndarray) -> str | None:
     shown = ", ".join(f"{value:.4g}" for value in principal)
     if principal[0] < -slack:
         return (
-            f"the inertia tensor is not positive definite (principal moments {shown} kg m²): no body has it; "
-            "check the signs of I_xy, I_xz, I_yz")
+            f"the inertia tensor is not positive definite (principal moments {shown} kg m²); "
+            "check the signs of I_xy, I_xz, I_yz"
+        )
     if principal[2] > principal[0] + principal[1] + slack:
         return (
-            f"the inertia tensor breaks the triangle inequality (principal moments {shown} kg m²: the largest exceeds "
-            "the sum of the others): no body has it; check units and the reference point, the centre of mass")
+            f"the inertia tensor breaks the triangle inequality (principal moments {shown} kg m²: "
+            "the largest exceeds the sum of the others); check units, and that it is about the centre of mass"
+        )
     return None

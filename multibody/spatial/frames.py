@@ -43,7 +43,7 @@ class Fixture:
 
 
 def fixtures(net: Network, faults: list[str]) -> dict[str, Fixture]:
-    """Return what the frame at each endpoint is fixed to; what is fixed to nothing or twice goes to ``faults``."""
+    """Return what the frame at each endpoint is fixed to; nothing or two things go to ``faults``."""
     found: dict[str, Fixture] = {}
     for node in net.frames:
         holders = [p for p in node.ports if _frame(p).offset is not None]
@@ -52,15 +52,29 @@ def fixtures(net: Network, faults: list[str]) -> dict[str, Fixture]:
         if len(holders) + node.grounded > 1:
             told = " and ".join([f"'{p.name}'" for p in holders] + (["the ground"] if node.grounded else []))
             faults.append(
-                f"{told} are joined, but each is fixed already: hang one body on the other by its 'parent' frame, or "
-                "put a FrameSpring between them")
+                f"{told} are joined, but each is fixed already: hang one body on the other by its "
+                "'parent' frame, or put a FrameSpring between them"
+            )
             continue
         if not holders and not node.grounded and (users or len(hanging) > 1):
             names = ", ".join(f"'{p.name}'" for p in node.ports)
-            faults.append(f"nothing fixes the frame at {names}: connect it to a frame of a body, a FixedFrame or the ground")
+            faults.append(
+                f"nothing fixes the frame at {names}: connect it to a frame of a body, a FixedFrame or "
+                "the ground"
+            )
             continue
-        fixture = _fixture(holders[0], users) if holders else Fixture(
-            variable(node.ports[0].owner, node.ports[0].port_name), None, ZERO_VECTOR, ZERO_VECTOR, users, "the ground")
+        fixture = (
+            _fixture(holders[0], users)
+            if holders
+            else Fixture(
+                variable(node.ports[0].owner, node.ports[0].port_name),
+                None,
+                ZERO_VECTOR,
+                ZERO_VECTOR,
+                users,
+                "the ground",
+            )
+        )
         for p in node.ports:
             found[p.name] = fixture
     return found
@@ -97,8 +111,6 @@ def circles(parents: dict[str, str | None]) -> list[list[str]]:
             path.append(body)
             body = parents.get(body)
         if body is not None and body in path:
-            found.append(path[path.index(body):])
+            found.append(path[path.index(body) :])
         cleared |= set(path)
     return found
-
-

@@ -1,9 +1,9 @@
-"""Newton's law for a tree of bodies: mass matrix and forces over the free motions, energy, forces in the joints.
+"""Newton's law for a tree of bodies: mass matrix and forces over the free motions, energies, joints.
 
-For free motion j and body b that it carries, ``J_j`` is the velocity of the centre of mass (world axes) and ``W_j``
-the angular velocity (body axes) for unit speed.  Then M_ij = Σ_b m J_i·J_j + W_i·I W_j.  Forces are gathered from the
-leaves to the root: each body adds what acts on it and its inertia force for unchanged speeds, and hands force and
-moment on to its parent; free motion j takes their part along its axis.
+For free motion j and body b that it carries, ``J_j`` is the velocity of the centre of mass (world axes) and
+``W_j`` the angular velocity (body axes) for unit speed.  Then M_ij = Σ_b m J_i·J_j + W_i·I W_j.  Forces are
+gathered from the leaves to the root: each body adds what acts on it and its inertia force for unchanged
+speeds, and hands force and moment on to its parent; free motion j takes their part along its axis.
 """
 
 from __future__ import annotations
@@ -68,7 +68,8 @@ class Linked:
     def tensor(self) -> Matrix:
         """Variables of the inertia tensor about the centre of mass."""
         return tuple(  # type: ignore[return-value]
-            tuple(variable(self.name, f"I_{''.join(sorted(a + b))}") for b in LENGTHS) for a in LENGTHS)
+            tuple(variable(self.name, f"I_{''.join(sorted(a + b))}") for b in LENGTHS) for a in LENGTHS
+        )
 
     @property
     def root(self) -> str:
@@ -116,7 +117,8 @@ def equations_of_motion(
             sums[b.parent.name] = (_plus(upper[0], f), _plus(upper[1], handed), upper[2])
     entries = {
         (i, j): _writer_of(bodies, i).let(f"M_{i}_{j}".replace(".", "_"), plus(*terms))
-        for (i, j), terms in mass.items()}
+        for (i, j), terms in mass.items()
+    }
     _needed(bodies, entries, force)
     trees: dict[str, dict[str, Freedom]] = {}
     for b in bodies:
@@ -125,10 +127,15 @@ def equations_of_motion(
     for root, freedoms in trees.items():
         place = {name: k for k, name in enumerate(freedoms)}
         half = {(place[i], place[j]): var for (i, j), var in entries.items() if i in place}
-        parts.append(Contribution(
-            root, tuple(dict(j.moving.factors) for j in freedoms.values()),
-            half | {(s, r): var for (r, s), var in half.items()},
-            tuple(j.moving.bias for j in freedoms.values()), tuple(force[name] for name in freedoms)))
+        parts.append(
+            Contribution(
+                root,
+                tuple(dict(j.moving.factors) for j in freedoms.values()),
+                half | {(s, r): var for (r, s), var in half.items()},
+                tuple(j.moving.bias for j in freedoms.values()),
+                tuple(force[name] for name in freedoms),
+            )
+        )
     return [part for part in parts if part.rows]
 
 
@@ -137,19 +144,22 @@ def _writer_of(bodies: list[Linked], freedom: str) -> Writer:
 
 
 def _needed(bodies: list[Linked], entries: Mapping[tuple[str, str], str], force: Mapping[str, str]) -> None:
-    """Write the force along each axis that its motion asks for, beyond what acts on frames: for transmissions."""
+    """Write the force along each axis that its motion asks for beyond what acts on frames (for gears)."""
     known = {j.name: j for b in bodies for j in b.chain}
     for name, j in known.items():
         terms = [
             times(var, known[m if n == name else n].moving.acceleration)
-            for (n, m), var in entries.items() if name in (n, m)]
+            for (n, m), var in entries.items()
+            if name in (n, m)
+        ]
         writer = _writer_of(bodies, name)
         axis = f"{variable(j.body)}__{name.rpartition('.')[2]}_axis"
         writer.work.add(f"{axis}___needed = {plus(*terms, neg(force[name]))}", j.body)
 
 
 def _minus(a: Vector, b: Vector) -> Vector:
-    return tuple(plus(x, neg(y)) if x != y else ZERO for x, y in zip(a, b, strict=True))  # type: ignore[return-value]
+    pairs = zip(a, b, strict=True)
+    return tuple(plus(x, neg(y)) if x != y else ZERO for x, y in pairs)  # type: ignore[return-value]
 
 
 def _plus(*vectors: Vector) -> Vector:
@@ -172,7 +182,8 @@ def _add_mass(b: Linked, positions: Mapping[str, Vector], mass: dict[tuple[str, 
             continue
         if j.body not in shifts:
             shifts[j.body] = w.vector(
-                f"from_{j.body.replace('.', '_')}", _plus(arm, _minus(positions[b.name], positions[j.body])))
+                f"from_{j.body.replace('.', '_')}", _plus(arm, _minus(positions[b.name], positions[j.body]))
+            )
         turned = j.own_axis if j.body == b.name else w.vector(f"W_{tag}_", turn(own_axes, j.axis))
         moved = w.vector(f"J_{tag}_", cross(j.axis, shifts[j.body]))
         columns.append((j, moved, turned, w.vector(f"H_{tag}_", turn(b.tensor, turned))))
@@ -188,7 +199,7 @@ def _add_mass(b: Linked, positions: Mapping[str, Vector], mass: dict[tuple[str, 
 
 
 def _own_load(b: Linked, gravity: Vector, written: set[str]) -> tuple[Vector, Vector, Vector]:
-    """Force, moment about the body's origin (world axes) and gyroscopic moment (body axes), at unchanged speeds."""
+    """Force and moment about the origin (world axes), gyroscopic moment (body axes), at unchanged speeds."""
     w, c, arm = b.writer, b.carrier, b.arm()
     sway = w.vector("com_bias", _com_acceleration(w, "bias", c, arm))
     weight = w.vector("weight", _scaled(b.mass, _minus(gravity, sway)))
@@ -205,8 +216,10 @@ def _com_acceleration(w: Writer, kind: str, c: Carrier, arm: Vector) -> Vector:
     acceleration = c.bias if kind == "bias" else c.actual
     round_ = w.vector("com_swing", cross(c.spin_world, arm))
     return _plus(
-        acceleration.origin, w.vector(f"com_{kind}_t", cross(acceleration.world, arm)),
-        w.vector("com_round", cross(c.spin_world, round_)))
+        acceleration.origin,
+        w.vector(f"com_{kind}_t", cross(acceleration.world, arm)),
+        w.vector("com_round", cross(c.spin_world, round_)),
+    )
 
 
 def _pushes(b: Linked, load: Fixture, written: set[str]) -> tuple[Vector, Vector, Vector]:
@@ -232,7 +245,11 @@ def energies(b: Linked, gravity: Vector) -> None:
 
 
 def joint_reactions(
-    bodies: list[Linked], shown: list[str], positions: Mapping[str, Vector], gravity: Vector, written: set[str]
+    bodies: list[Linked],
+    shown: list[str],
+    positions: Mapping[str, Vector],
+    gravity: Vector,
+    written: set[str],
 ) -> None:
     """Write force and moment (about its origin, world axes) that the parent frame exerts on each body.
 
@@ -249,7 +266,8 @@ def joint_reactions(
         for load in b.loads:
             f, m, at = _pushes(b, load, written)
             force = _plus(force, tuple(neg(x) for x in f))  # type: ignore[arg-type]
-            moment = _plus(moment, tuple(neg(x) for x in m), tuple(neg(x) for x in cross(at, f)))  # type: ignore[arg-type]
+            pull = _plus(m, cross(at, f))
+            moment = _plus(moment, tuple(neg(x) for x in pull))  # type: ignore[arg-type]
         force = w.vector("joint_f", _plus(force, above[b.name][0]))
         moment = w.vector("joint_n", _plus(moment, above[b.name][1]))
         if b.parent:
@@ -260,4 +278,6 @@ def joint_reactions(
             for k, a in enumerate(LENGTHS):
                 for what, unit, vector in (("force", "N", force), ("moment", "N*m", moment)):
                     var = w.set(f"joint_{what}_{a}", vector[k])
-                    w.work.output(f"{b.name}.joint_{what}_{a}", unit, f"{what} of the parent frame on the body", var)
+                    w.work.output(
+                        f"{b.name}.joint_{what}_{a}", unit, f"{what} of the parent frame on the body", var
+                    )

@@ -1,8 +1,9 @@
-"""Position, velocity and acceleration of bodies and of points on them, written out from the root of a tree outwards.
+"""Position, velocity and acceleration of bodies and points on them, from the root of a tree outwards.
 
-Points and their velocities stand in world axes.  Angular velocity is kept in body axes, where the inertia tensor is
-constant, and in world axes, where points need it.  Accelerations come twice: ``bias`` is what is there when no
-independent speed changes (it enters Newton's law), ``actual`` is the true one (it is what a sensor feels).
+Points and their velocities stand in world axes.  Angular velocity is kept in body axes, where the inertia
+tensor is constant, and in world axes, where points need it.  Accelerations come twice: ``bias`` is what is
+there when no independent speed changes (it enters Newton's law), ``actual`` is the true one (it is what a
+sensor feels).
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ class Acceleration:
 class Carrier:
     """Motion of a body or of the ground.
 
-    ``rotation`` maps body axes to world axes; ``spin`` is the angular velocity in body axes, ``spin_world`` in world
-    axes.
+    ``rotation`` maps body axes to world axes; ``spin`` is the angular velocity in body axes, ``spin_world``
+    in world axes.
     """
 
     rotation: Matrix = UNIT
@@ -62,9 +63,10 @@ GROUND_MOTION = Carrier()
 
 @dataclass(frozen=True)
 class Moving:
-    """One coordinate of a body as texts: value, speed, acceleration; and its rows over independent coordinates.
+    """One coordinate of a body: value, speed, acceleration, and its rows over independent coordinates.
 
-    ``factors`` and ``bias`` say how the acceleration follows from independent ones (``{own key: "1.0"}`` as a rule).
+    ``factors`` and ``bias`` say how the acceleration follows from independent ones (as a rule
+    ``{own key: "1.0"}``).
     """
 
     value: str
@@ -108,7 +110,13 @@ def point(w: Writer, name: str, carrier: Carrier, arm: Vector) -> tuple[Vector, 
 
 
 def move(
-    w: Writer, body: str, parent: Carrier, offset: Vector, angles: Vector, own: Mapping[str, Moving], body_rates: bool
+    w: Writer,
+    body: str,
+    parent: Carrier,
+    offset: Vector,
+    angles: Vector,
+    own: Mapping[str, Moving],
+    body_rates: bool,
 ) -> tuple[Carrier, list[Freedom]]:
     """Write down the motion of a body that hangs on a frame of its parent.
 
@@ -129,9 +137,15 @@ def move(
     slides, turns = [own[n] for n in LENGTHS], [own[n] for n in ANGLES]
     fixed = w.rotation("frame", angles)
     base = w.matrix("F", matmul(parent.rotation, fixed))  # axes of the parent frame, in the world
-    arm = w.vector("arm", [
-        plus(a, b) for a, b in zip(
-            turn(parent.rotation, offset), turn(base, _texts(m.value for m in slides)), strict=True)])
+    arm = w.vector(
+        "arm",
+        [
+            plus(a, b)
+            for a, b in zip(
+                turn(parent.rotation, offset), turn(base, _texts(m.value for m in slides)), strict=True
+            )
+        ],
+    )
     sliding = w.vector("sliding", turn(base, _texts(m.speed for m in slides)))
     inner = w.rotation("joint", _texts(m.value for m in turns))
     rotation = w.matrix("R", matmul(base, inner))
@@ -151,25 +165,46 @@ def move(
     bent = w.vector("bent", _sum(cross(inherited, relative), _axes_turning(w, own_axes, rates, body_rates)))
 
     def acceleration(kind: str, of_parent: Acceleration, sliding: Vector, turning: Vector) -> Acceleration:
-        origin = w.sum(f"{kind}_a", of_parent.origin, w.vector(f"{kind}_s", cross(of_parent.world, arm)), carried, sliding)
+        origin = w.sum(
+            f"{kind}_a",
+            of_parent.origin,
+            w.vector(f"{kind}_s", cross(of_parent.world, arm)),
+            carried,
+            sliding,
+        )
         in_body = w.sum(
-            f"{kind}_al", w.vector(f"{kind}_i", turn(inherit, of_parent.body)), bent,
-            w.vector(f"{kind}_t", turn(transpose(own_axes), turning)))
+            f"{kind}_al",
+            w.vector(f"{kind}_i", turn(inherit, of_parent.body)),
+            bent,
+            w.vector(f"{kind}_t", turn(transpose(own_axes), turning)),
+        )
         return Acceleration(origin, in_body, w.vector(f"{kind}_alw", turn(rotation, in_body)))
 
     carrier = Carrier(
-        rotation, w.sum("p", parent.position, arm), velocity, spin, spin_world,
+        rotation,
+        w.sum("p", parent.position, arm),
+        velocity,
+        spin,
+        spin_world,
         acceleration("bias", parent.bias, ZERO_VECTOR, ZERO_VECTOR),
         acceleration(
-            "true", parent.actual, w.vector("pushed", turn(base, _texts(m.acceleration for m in slides))),
-            _texts(m.acceleration for m in turns)))
+            "true",
+            parent.actual,
+            w.vector("pushed", turn(base, _texts(m.acceleration for m in slides))),
+            _texts(m.acceleration for m in turns),
+        ),
+    )
     freedoms = [
         Freedom(f"{body}.{n}", body, False, column, ZERO_VECTOR, m)
-        for n, m, column in zip(LENGTHS, slides, transpose(base), strict=True) if m.factors]
+        for n, m, column in zip(LENGTHS, slides, transpose(base), strict=True)
+        if m.factors
+    ]
     world_axes = transpose(rotation) if body_rates else _world_axes(w, base, columns, turns)
     freedoms += [
         Freedom(f"{body}.{n}", body, True, axis, own_axis, m)
-        for n, m, axis, own_axis in zip(ANGLES, turns, world_axes, own_axes, strict=True) if m.factors]
+        for n, m, axis, own_axis in zip(ANGLES, turns, world_axes, own_axes, strict=True)
+        if m.factors
+    ]
     return carrier, freedoms
 
 
@@ -206,5 +241,9 @@ def _axes_turning(w: Writer, axes: Matrix, rates: Vector, body_rates: bool) -> V
 def _world_axes(w: Writer, base: Matrix, columns: Matrix, turns: list[Moving]) -> Matrix:
     cz, sz = w.cosine_sine("joint_z", turns[2].value)
     between: Vector = (neg(sz), cz, ZERO)
-    pitch = w.vector("pitch_axis_in_world", turn(base, between)) if between != (ZERO, ONE, ZERO) else transpose(base)[1]
+    pitch = (
+        w.vector("pitch_axis_in_world", turn(base, between))
+        if between != (ZERO, ONE, ZERO)
+        else transpose(base)[1]
+    )
     return columns[0], pitch, transpose(base)[2]

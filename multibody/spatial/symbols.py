@@ -9,8 +9,21 @@ if TYPE_CHECKING:
     from multibody.equation_set import Assembly
 
 __all__ = [
-    "ONE", "UNIT", "ZERO", "ZERO_VECTOR", "Matrix", "Vector", "Writer", "cross", "dot", "matmul", "neg",
-    "plus", "times", "transpose", "turn",
+    "ONE",
+    "UNIT",
+    "ZERO",
+    "ZERO_VECTOR",
+    "Matrix",
+    "Vector",
+    "Writer",
+    "cross",
+    "dot",
+    "matmul",
+    "neg",
+    "plus",
+    "times",
+    "transpose",
+    "turn",
 ]
 
 Vector = tuple[str, str, str]
@@ -180,16 +193,27 @@ class Writer:
             return ONE, ZERO
         if name not in self._turned:
             self._turned[name] = (
-                self.let(f"cos_{name}", f"math.cos({angle})"), self.let(f"sin_{name}", f"math.sin({angle})"))
+                self.let(f"cos_{name}", f"math.cos({angle})"),
+                self.let(f"sin_{name}", f"math.sin({angle})"),
+            )
         return self._turned[name]
 
     def rotation(self, name: str, angles: Vector) -> Matrix:
         """Return R = Rz(yaw) Ry(pitch) Rx(roll) for ``angles = (roll, pitch, yaw)``."""
         (cx, sx), (cy, sy), (cz, sz) = (
-            self.cosine_sine(f"{name}_{axis}", angle) for axis, angle in zip("xyz", angles, strict=True))
+            self.cosine_sine(f"{name}_{axis}", angle) for axis, angle in zip("xyz", angles, strict=True)
+        )
         rows: Matrix = (
-            (times(cz, cy), plus(times(cz, sy, sx), neg(times(sz, cx))), plus(times(cz, sy, cx), times(sz, sx))),
-            (times(sz, cy), plus(times(sz, sy, sx), times(cz, cx)), plus(times(sz, sy, cx), neg(times(cz, sx)))),
+            (
+                times(cz, cy),
+                plus(times(cz, sy, sx), neg(times(sz, cx))),
+                plus(times(cz, sy, cx), times(sz, sx)),
+            ),
+            (
+                times(sz, cy),
+                plus(times(sz, sy, sx), times(cz, cx)),
+                plus(times(sz, sy, cx), neg(times(cz, sx))),
+            ),
             (neg(sy), times(cy, sx), times(cy, cx)),
         )
         return self.matrix(name, rows)

@@ -1,4 +1,4 @@
-"""The spatial part of a model put together: bodies ordered from the ground outwards, states, frames, Newton's law."""
+"""The spatial part of a model put together: bodies from the ground outwards, states, frames, forces."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _FREE_FALL: Vector = (ZERO, ZERO, "-9.80665")
 def assemble_spatial(model: Model, net: Network, kin: Kinematics, work: Assembly) -> None:
     """Write motion of all bodies and frames and their equations of motion into ``work``.
 
-    Forces that components exert on frames must stand in ``work`` already; what acts on a body's axes is added by the
-    balance of their nodes.
+    Forces that components exert on frames must stand in ``work`` already; what acts on a body's axes is added
+    by the balance of their nodes.
     """
     bodies = {n: c for n, c in model.components.items() if isinstance(c, RigidBody)}
     worlds = [n for n, c in model.components.items() if isinstance(c, World)]
@@ -64,7 +64,12 @@ def assemble_spatial(model: Model, net: Network, kin: Kinematics, work: Assembly
 
 
 def _link(
-    name: str, body: RigidBody, found: dict[str, Fixture], linked: dict[str, Linked], net: Network, kin: Kinematics,
+    name: str,
+    body: RigidBody,
+    found: dict[str, Fixture],
+    linked: dict[str, Linked],
+    net: Network,
+    kin: Kinematics,
     work: Assembly,
 ) -> Linked:
     hangs = found.get(f"{name}.parent")
@@ -72,8 +77,14 @@ def _link(
     writer = Writer(work, f"{variable(name)}_", name)  # three underscores: names that nobody else has
     own = _coordinates(name, body, net, kin, writer)
     carrier, freedoms = move(
-        writer, name, parent.carrier if parent else GROUND_MOTION, hangs.offset if hangs else ZERO_VECTOR,
-        hangs.angles if hangs else ZERO_VECTOR, own, body.body_rates)
+        writer,
+        name,
+        parent.carrier if parent else GROUND_MOTION,
+        hangs.offset if hangs else ZERO_VECTOR,
+        hangs.angles if hangs else ZERO_VECTOR,
+        own,
+        body.body_rates,
+    )
     loads = tuple(f for f in dict.fromkeys(found.values()) if f.body == name and f.users)
     chain: tuple[Freedom, ...] = (*(parent.chain if parent else ()), *freedoms)
     return Linked(name, writer, carrier, parent, chain, loads)
@@ -87,8 +98,13 @@ def _coordinates(name: str, body: RigidBody, net: Network, kin: Kinematics, w: W
         if coordinate not in body.free:
             start = body.starts[f"{coordinate}_start"]
             unit = "m" if coordinate in LENGTHS else "rad"
-            value = work.parameter(
-                f"{name}.{coordinate}_start", unit, f"{coordinate} at which it is locked", start) if start else ZERO
+            value = (
+                work.parameter(
+                    f"{name}.{coordinate}_start", unit, f"{coordinate} at which it is locked", start
+                )
+                if start
+                else ZERO
+            )
             own[coordinate] = Moving(value, ZERO, ZERO)
         elif not (body.body_rates and coordinate in ANGLES):
             node = net.node_of[f"{name}.{coordinate}_axis"]
@@ -101,12 +117,24 @@ def _coordinates(name: str, body: RigidBody, net: Network, kin: Kinematics, w: W
             own[coordinate] = Moving(position, speed, acceleration, motion.factors, motion.bias)
             label = "a_" + coordinate if coordinate in LENGTHS else f"{coordinate}_acceleration"
             work.output(
-                f"{name}.{label}", "m/s**2" if coordinate in LENGTHS else "rad/s**2",
-                f"acceleration of {coordinate}", acceleration)
-            if node.label.name != f"{name}.{coordinate}_axis" or position not in work.derivatives:  # not states of its own
+                f"{name}.{label}",
+                "m/s**2" if coordinate in LENGTHS else "rad/s**2",
+                f"acceleration of {coordinate}",
+                acceleration,
+            )
+            if (
+                node.label.name != f"{name}.{coordinate}_axis" or position not in work.derivatives
+            ):  # not states of its own
                 (shown, _), (rate, _) = body.coordinate_states(coordinate)
-                work.output(f"{name}.{shown}", "m" if coordinate in LENGTHS else "rad", f"coordinate {shown}", position)
-                work.output(f"{name}.{rate}", "m/s" if coordinate in LENGTHS else "rad/s", f"speed {rate}", speed)
+                work.output(
+                    f"{name}.{shown}",
+                    "m" if coordinate in LENGTHS else "rad",
+                    f"coordinate {shown}",
+                    position,
+                )
+                work.output(
+                    f"{name}.{rate}", "m/s" if coordinate in LENGTHS else "rad/s", f"speed {rate}", speed
+                )
     if body.body_rates:
         own.update(_body_rates(name, body, w))
     return own
@@ -117,7 +145,9 @@ def _body_rates(name: str, body: RigidBody, w: Writer) -> dict[str, Moving]:
     angles = [f"{w.base}__angle_{a}" for a in ANGLES]
     speeds = [f"{w.base}__speed_w_{a}" for a in LENGTHS]
     work = w.work
-    (cx, sx), (cy, sy), _ = (w.cosine_sine(f"joint_{axis}", a) for axis, a in zip(LENGTHS, angles, strict=True))
+    (cx, sx), (cy, sy), _ = (
+        w.cosine_sine(f"joint_{axis}", a) for axis, a in zip(LENGTHS, angles, strict=True)
+    )
     p, q, r = speeds
     swept = w.set("swept", f"({q} * {sx} + {r} * {cx}) / {cy}")
     rates = (f"{p} + {sy} * {swept}", f"{q} * {cx} - {r} * {sx}", swept)
@@ -125,7 +155,9 @@ def _body_rates(name: str, body: RigidBody, w: Writer) -> dict[str, Moving]:
     for axis, coordinate, angle, speed, rate in zip(LENGTHS, ANGLES, angles, speeds, rates, strict=True):
         (_, start), (_, speed_start) = body.coordinate_states(coordinate)
         work.states.append(Quantity(f"{name}.{coordinate}", "rad", f"angle {coordinate}", angle, start))
-        work.states.append(Quantity(f"{name}.w_{axis}", "rad/s", "angular velocity, body axis", speed, speed_start))
+        work.states.append(
+            Quantity(f"{name}.w_{axis}", "rad/s", "angular velocity, body axis", speed, speed_start)
+        )
         work.derivatives[angle] = w.set(f"{coordinate}_rate", rate)
         acceleration = f"{w.base}__alpha_{axis}"
         work.derivatives[speed] = acceleration
@@ -147,10 +179,15 @@ def _frame(work: Assembly, fixture: Fixture, carrier: Carrier, gravity: Vector) 
     turned = carrier.actual.world
     shown: list[tuple[str, Vector]] = [
         ("p", at),
-        ("v", tuple(plus(a, b) for a, b in zip(carrier.velocity, swing, strict=True))),  # type: ignore[list-item]
+        ("v", w.sum("speed", carrier.velocity, swing)),
         ("w", carrier.spin_world),
-        ("a", tuple(  # type: ignore[list-item]
-            plus(a, b, c) for a, b, c in zip(carrier.actual.origin, cross(turned, arm), inward, strict=True))),
+        (
+            "a",
+            tuple(  # type: ignore[list-item]
+                plus(a, b, c)
+                for a, b, c in zip(carrier.actual.origin, cross(turned, arm), inward, strict=True)
+            ),
+        ),
         ("al", turned),
         ("g", gravity),
     ]
@@ -168,7 +205,7 @@ def _frame(work: Assembly, fixture: Fixture, carrier: Carrier, gravity: Vector) 
 
 
 def _order_states(model: Model, bodies: dict[str, RigidBody], work: Assembly) -> None:
-    """Put each body's coordinates before its speeds, and every component's states in the place of the component."""
+    """Put each body's coordinates before its speeds, and states in the order of their components."""
     from multibody.kinematics import owner_rank
 
     order = list(model.components)

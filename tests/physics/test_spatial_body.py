@@ -1,4 +1,4 @@
-"""One rigid body in space against closed forms: fall, free rotation, pendulum, locked motions, symmetric load."""
+"""One rigid body in space against closed forms: fall, free rotation, pendulum, locked motions."""
 
 from __future__ import annotations
 
@@ -14,8 +14,16 @@ from multibody.spatial.body import COORDINATES
 
 G = 9.80665
 BLOCK = {
-    "mass": 2.0, "com_x": 0.1, "com_y": -0.05, "com_z": 0.2, "I_xx": 0.3, "I_yy": 0.4, "I_zz": 0.5, "I_xy": 0.02,
-    "I_xz": -0.03, "I_yz": 0.05,
+    "mass": 2.0,
+    "com_x": 0.1,
+    "com_y": -0.05,
+    "com_z": 0.2,
+    "I_xx": 0.3,
+    "I_yy": 0.4,
+    "I_zz": 0.5,
+    "I_xy": 0.02,
+    "I_xz": -0.03,
+    "I_yz": 0.05,
 }
 TENSOR = np.array([[0.3, 0.02, -0.03], [0.02, 0.4, 0.05], [-0.03, 0.05, 0.5]])
 COM = np.array([0.1, -0.05, 0.2])
@@ -45,15 +53,21 @@ def attitude(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 def test_state_order_is_that_of_the_papers_table():
     assert alone(RigidBody(**BLOCK)).build().state_names == tuple(
-        f"body.{n}" for n in ("x", "y", "z", "roll", "pitch", "yaw", "v_x", "v_y", "v_z", "w_x", "w_y", "w_z"))
+        f"body.{n}" for n in ("x", "y", "z", "roll", "pitch", "yaw", "v_x", "v_y", "v_z", "w_x", "w_y", "w_z")
+    )
 
 
 def test_free_fall_with_spin_moves_the_centre_of_mass_on_a_parabola():
     spin = {"w_x_start": 1.0, "w_y_start": -2.0, "w_z_start": 0.5, "v_x_start": 0.3, "v_z_start": 2.0}
     system = alone(RigidBody(**BLOCK, **spin)).build()
     run = system.simulate(1.0, times=np.linspace(0, 1, 5), **TIGHT)
-    place = np.array([[run[f"body.{a}"][k] for a in "xyz"] + attitude(*(run[f"body.{a}"][k] for a in COORDINATES[3:])) @ COM
-                      for k in range(5)])
+    place = np.array(
+        [
+            [run[f"body.{a}"][k] for a in "xyz"]
+            + attitude(*(run[f"body.{a}"][k] for a in COORDINATES[3:])) @ COM
+            for k in range(5)
+        ]
+    )
     v0 = np.array([0.3, 0.0, 2.0]) + np.cross([1.0, -2.0, 0.5], COM)
     t = run.times[:, None]
     exact = COM + v0 * t + 0.5 * np.array([0.0, 0.0, -G]) * t**2
@@ -62,8 +76,12 @@ def test_free_fall_with_spin_moves_the_centre_of_mass_on_a_parabola():
 
 
 def test_torque_free_rotation_keeps_energy_and_angular_momentum():
-    model = alone(RigidBody(**BLOCK | {"com_x": 0.0, "com_y": 0.0, "com_z": 0.0}, w_x_start=0.02, w_y_start=3.0, w_z_start=0.1),
-                  ("world", World(gravity_z=0.0)))
+    model = alone(
+        RigidBody(
+            **BLOCK | {"com_x": 0.0, "com_y": 0.0, "com_z": 0.0}, w_x_start=0.02, w_y_start=3.0, w_z_start=0.1
+        ),
+        ("world", World(gravity_z=0.0)),
+    )
     run = model.build().simulate(4.0, **TIGHT)
     energy = run["energy.stored"]
     w = np.stack([run[f"body.w_{a}"] for a in "xyz"], axis=1)
@@ -75,7 +93,7 @@ def test_torque_free_rotation_keeps_energy_and_angular_momentum():
 
 
 def test_euler_equations_term_by_term():
-    """v̇ and ω̇ of the full body against Eqs. 1 and 2 solved numerically with force and moment at the origin."""
+    """v̇ and ω̇ of the full body against Eqs. 1 and 2 solved numerically, forces at the origin."""
     model = alone(RigidBody(**BLOCK), ("push", FrameForce()))
     model.connect("push.frame", "body.origin")
     for k, name in enumerate(("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")):
@@ -93,7 +111,9 @@ def test_euler_equations_term_by_term():
     # unknowns: acceleration of the origin and angular acceleration, world axes
     left = np.block([[m * np.eye(3), -m * skew], [m * skew, inertia - m * skew @ skew]])
     swing = np.cross(w_world, np.cross(w_world, arm))
-    right = np.concatenate([force - m * swing, moment - np.cross(w_world, inertia @ w_world) - m * np.cross(arm, swing)])
+    right = np.concatenate(
+        [force - m * swing, moment - np.cross(w_world, inertia @ w_world) - m * np.cross(arm, swing)]
+    )
     solved = np.linalg.solve(left, right)
     np.testing.assert_allclose(rates[6:9], solved[:3], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(rates[9:12], rotation.T @ solved[3:], rtol=1e-12, atol=1e-12)
@@ -106,17 +126,27 @@ def test_euler_equations_term_by_term():
 
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_physical_pendulum_has_the_exact_period(axis):
-    """θ'' = −(m g c / I_O) sin θ: quarter period K(sin²(θ0/2)) / ω0, motion by Jacobi's elliptic functions."""
+    """θ'' = −(m g c / I_O) sin θ: quarter period K(sin²(θ0/2)) / ω0, motion by elliptic functions."""
     start, c = 2.0, 0.4
-    model = alone(RigidBody(
-        mass=1.7, com_z=-c, I_xx=0.08, I_yy=0.08, I_zz=0.01, **{f"{axis}_start": start},
-        **locked(*(n for n in COORDINATES if n != axis))))
+    model = alone(
+        RigidBody(
+            mass=1.7,
+            com_z=-c,
+            I_xx=0.08,
+            I_yy=0.08,
+            I_zz=0.01,
+            **{f"{axis}_start": start},
+            **locked(*(n for n in COORDINATES if n != axis)),
+        )
+    )
     w0, k2 = np.sqrt(1.7 * G * c / (0.08 + 1.7 * c**2)), np.sin(start / 2) ** 2
     period = 4 * ellipk(k2) / w0
     run = model.build().simulate(period, times=np.linspace(0, period, 9), **TIGHT)
     sn = ellipj(ellipk(k2) - w0 * run.times, k2)[0]
     exact = 2 * np.arcsin(np.sqrt(k2) * sn)
-    assert np.abs(run[f"body.{axis}"] - exact).max() < 1e-9  # integrator tolerance times a hundred, over one period
+    assert (
+        np.abs(run[f"body.{axis}"] - exact).max() < 1e-9
+    )  # integrator tolerance times a hundred, over one period
     assert run[f"body.{axis}"][-1] == pytest.approx(start, abs=1e-9)
 
 
@@ -129,15 +159,29 @@ def test_vertical_motion_alone_is_one_division():
     assert system.rhs(0.0, np.zeros(2))[1] == pytest.approx(-G, rel=1e-15)
 
 
-@pytest.mark.parametrize("free", list(itertools.product((True, False), repeat=6)), ids=lambda f: "".join("01"[v] for v in f))
+@pytest.mark.parametrize(
+    "free", list(itertools.product((True, False), repeat=6)), ids=lambda f: "".join("01"[v] for v in f)
+)
 def test_every_subset_is_the_projection_of_the_full_body(free):
-    """Accelerations of each of the 64 subsets equal the full mass matrix and forces projected on the free motions."""
+    """Each of the 64 subsets obeys d'Alembert with the full body's energy, written independently."""
     rng = np.random.default_rng(sum(v << k for k, v in enumerate(free)))
     at = rng.uniform(-0.8, 0.8, size=6)
     options = dict(zip(COORDINATES, free, strict=True))
     body = RigidBody(**BLOCK, **options, **{f"{n}_start": v for n, v in zip(COORDINATES, at, strict=True)})
-    model = alone(body, ("anchor", FrameSpring(
-        stiffness_x=40.0, stiffness_y=60.0, stiffness_z=500.0, stiffness_roll=3.0, stiffness_pitch=4.0, stiffness_yaw=5.0)))
+    model = alone(
+        body,
+        (
+            "anchor",
+            FrameSpring(
+                stiffness_x=40.0,
+                stiffness_y=60.0,
+                stiffness_z=500.0,
+                stiffness_roll=3.0,
+                stiffness_pitch=4.0,
+                stiffness_yaw=5.0,
+            ),
+        ),
+    )
     model.connect("anchor.a", model.ground)
     model.connect("anchor.b", "body.origin")
     system = model.build(compiled=False)
@@ -174,27 +218,52 @@ def test_every_subset_is_the_projection_of_the_full_body(free):
     ddq[index] = (ahead - behind) / (2 * h)
     jacobian = np.stack([speeds(at, columns[:, c]) for c in range(count)], axis=1)
     step = 1e-4  # speeds on the path q + t·dq + t²/2·ddq, half a step ahead and behind
-    change = (speeds(at + step * dq + 0.5 * step**2 * ddq, dq + step * ddq)
-              - speeds(at - step * dq + 0.5 * step**2 * ddq, dq - step * ddq)) / (2 * step)
+    change = (
+        speeds(at + step * dq + 0.5 * step**2 * ddq, dq + step * ddq)
+        - speeds(at - step * dq + 0.5 * step**2 * ddq, dq - step * ddq)
+    ) / (2 * step)
     w = speeds(at, dq)[3:]
-    needed = jacobian[:3].T @ (2.0 * change[:3]) + jacobian[3:].T @ (TENSOR @ change[3:] + np.cross(w, TENSOR @ w))
-    slope = np.array([(energy(at + h * columns[:, c]) - energy(at - h * columns[:, c])) / (2 * h) for c in range(count)])
-    run = system.simulate(0.03, initial=dict(zip(system.state_names, x, strict=True)), method="RK45", step=0.03,
-                          rtol=1e-9, atol=1e-11)
+    needed = jacobian[:3].T @ (2.0 * change[:3]) + jacobian[3:].T @ (
+        TENSOR @ change[3:] + np.cross(w, TENSOR @ w)
+    )
+    slope = np.array(
+        [(energy(at + h * columns[:, c]) - energy(at - h * columns[:, c])) / (2 * h) for c in range(count)]
+    )
+    run = system.simulate(
+        0.03,
+        initial=dict(zip(system.state_names, x, strict=True)),
+        method="RK45",
+        step=0.03,
+        rtol=1e-9,
+        atol=1e-11,
+    )
     assert np.ptp(run["energy.stored"]) < 1e-7 * np.abs(run["energy.stored"]).max()
     # d'Alembert: differences of second order with steps of 1e-4 leave about 1e-7 of forces of order 1e2
     np.testing.assert_allclose(needed, -slope, atol=2e-5 * max(1.0, np.abs(slope).max()))
 
 
-@pytest.mark.parametrize("free", [("x", "pitch"), ("z", "roll", "yaw"), ("x", "y", "z", "roll", "pitch", "yaw"), ("pitch", "yaw")])
+@pytest.mark.parametrize(
+    "free", [("x", "pitch"), ("z", "roll", "yaw"), ("x", "y", "z", "roll", "pitch", "yaw"), ("pitch", "yaw")]
+)
 def test_energy_is_conserved_whatever_is_free(free):
     starts = {"v_x_start": 0.4} if "x" in free else {}
     starts |= {"pitch_start": 0.5} if "pitch" in free else {"roll_start": 0.5}
     starts |= {"yaw_rate_start": 2.0} if "yaw" in free and len(free) < 6 else {}
     starts |= {"w_z_start": 2.0, "w_x_start": 1.0} if len(free) == 6 else {}
-    model = alone(RigidBody(**BLOCK, **starts, **locked(*(n for n in COORDINATES if n not in free))),
-                  ("anchor", FrameSpring(stiffness_x=40.0, stiffness_y=60.0, stiffness_z=500.0, stiffness_roll=30.0,
-                                         stiffness_pitch=40.0, stiffness_yaw=50.0)))
+    model = alone(
+        RigidBody(**BLOCK, **starts, **locked(*(n for n in COORDINATES if n not in free))),
+        (
+            "anchor",
+            FrameSpring(
+                stiffness_x=40.0,
+                stiffness_y=60.0,
+                stiffness_z=500.0,
+                stiffness_roll=30.0,
+                stiffness_pitch=40.0,
+                stiffness_yaw=50.0,
+            ),
+        ),
+    )
     model.connect("anchor.a", model.ground)
     model.connect("anchor.b", "body.com")
     run = model.build().simulate(2.0, **TIGHT)
@@ -206,16 +275,26 @@ def test_energy_is_conserved_whatever_is_free(free):
 def test_locked_motions_are_the_limit_of_stiff_springs():
     """Slow motion of a body held by stiff springs tends to that of the body with these motions locked."""
     held = ("x", "y", "roll", "yaw")
-    spring = {"stiffness_x": 1e7, "stiffness_y": 1e7, "stiffness_roll": 1e6, "stiffness_yaw": 1e6,
-              "damping_x": 1e3, "damping_y": 1e3, "damping_roll": 300.0, "damping_yaw": 300.0}
+    spring = {
+        "stiffness_x": 1e7,
+        "stiffness_y": 1e7,
+        "stiffness_roll": 1e6,
+        "stiffness_yaw": 1e6,
+        "damping_x": 1e3,
+        "damping_y": 1e3,
+        "damping_roll": 300.0,
+        "damping_yaw": 300.0,
+    }
     runs = []
     for options in (locked(*held), {}):
-        model = alone(RigidBody(**BLOCK, **options, pitch_start=0.3),
-                      ("anchor", FrameSpring(**spring, stiffness_z=800.0, stiffness_pitch=6.0)))
+        model = alone(
+            RigidBody(**BLOCK, **options, pitch_start=0.3),
+            ("anchor", FrameSpring(**spring, stiffness_z=800.0, stiffness_pitch=6.0)),
+        )
         model.connect("anchor.a", model.ground)
         model.connect("anchor.b", "body.origin")
         runs.append(model.build().simulate(1.0, method="auto", rtol=1e-8, atol=1e-10))
-    # the springs give way by force/stiffness = 20 N / 1e7 N/m, and pitch couples to them in the same proportion
+    # the springs give way by force/stiffness = 20 N / 1e7 N/m; pitch couples to them in the same proportion
     assert np.abs(runs[0]["body.pitch"] - runs[1]["body.pitch"]).max() < 2e-5
     assert np.abs(runs[0]["body.z"] - runs[1]["body.z"]).max() < 2e-5
 
@@ -228,9 +307,14 @@ class Car(RigidBody):
 
 
 def test_symmetric_load_moves_nothing_sideways():
-    model = alone(Car(mass=30.0, com_z=0.3, I_xx=1.5, I_yy=1.3, I_zz=0.9),
-                  *((f"shoe_{s}", FrameSpring(stiffness_x=1e4, stiffness_y=1e4, stiffness_z=100.0, turns=False))
-                    for s in ("left", "right")), ("rope", FrameForce()))
+    model = alone(
+        Car(mass=30.0, com_z=0.3, I_xx=1.5, I_yy=1.3, I_zz=0.9),
+        *(
+            (f"shoe_{s}", FrameSpring(stiffness_x=1e4, stiffness_y=1e4, stiffness_z=100.0, turns=False))
+            for s in ("left", "right")
+        ),
+        ("rope", FrameForce()),
+    )
     for side, x in (("left", -0.25), ("right", 0.25)):
         model.add(f"rail_{side}", FixedFrame(x=x, z=0.05))
         model.connect(f"rail_{side}.frame", f"shoe_{side}.a")
@@ -244,9 +328,26 @@ def test_symmetric_load_moves_nothing_sideways():
 
 
 def test_jacobian_against_differences():
-    model = alone(RigidBody(**BLOCK), ("anchor", FrameSpring(
-        stiffness_x=40.0, stiffness_y=60.0, stiffness_z=50.0, stiffness_roll=3.0, stiffness_pitch=4.0, stiffness_yaw=5.0,
-        damping_x=1.0, damping_y=2.0, damping_z=3.0, damping_roll=0.1, damping_pitch=0.2, damping_yaw=0.3)))
+    model = alone(
+        RigidBody(**BLOCK),
+        (
+            "anchor",
+            FrameSpring(
+                stiffness_x=40.0,
+                stiffness_y=60.0,
+                stiffness_z=50.0,
+                stiffness_roll=3.0,
+                stiffness_pitch=4.0,
+                stiffness_yaw=5.0,
+                damping_x=1.0,
+                damping_y=2.0,
+                damping_z=3.0,
+                damping_roll=0.1,
+                damping_pitch=0.2,
+                damping_yaw=0.3,
+            ),
+        ),
+    )
     model.connect("anchor.a", model.ground)
     model.connect("anchor.b", "body.com")
     system = model.build(compiled=False)

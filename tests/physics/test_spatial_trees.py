@@ -1,4 +1,4 @@
-"""Trees of bodies against equations written by hand: arms, cart and pole, rotors, gears, joints with friction."""
+"""Trees of bodies against equations written by hand: arms, cart and pole, rotors, gears, friction."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from multibody.library.spatial import FrameSensor, Link, RigidBody, World
 
 G = 9.80665
 ONLY = {
-    name: {n: n == name for n in ("x", "y", "z", "roll", "pitch", "yaw")} for name in ("x", "y", "z", "roll", "pitch", "yaw")
+    name: {n: n == name for n in ("x", "y", "z", "roll", "pitch", "yaw")}
+    for name in ("x", "y", "z", "roll", "pitch", "yaw")
 }
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
 UPPER = {"mass": 1.5, "com_z": -0.3, "tip_z": -0.7, "I_xx": 0.02, "I_yy": 0.03, "I_zz": 0.015}
@@ -37,19 +38,24 @@ def two_link_arm(**starts: float) -> Model:
 
 def test_double_pendulum():
     """Absolute angles a, b: the equations of any textbook, with moments of inertia of the links."""
-    l, c1, c2, m1, m2 = 0.7, 0.3, 0.25, 1.5, 0.9
+    length, c1, c2, m1, m2 = 0.7, 0.3, 0.25, 1.5, 0.9
 
     def rates(t: float, y: np.ndarray) -> list[float]:
         a, b, da, db = y
-        s = m2 * l * c2
-        matrix = np.array([
-            [0.03 + m1 * c1**2 + m2 * l**2, s * np.cos(a - b)], [s * np.cos(a - b), 0.01 + m2 * c2**2]])
-        right = [-s * np.sin(a - b) * db**2 - (m1 * c1 + m2 * l) * G * np.sin(a),
-                 s * np.sin(a - b) * da**2 - m2 * c2 * G * np.sin(b)]
+        s = m2 * length * c2
+        matrix = np.array(
+            [[0.03 + m1 * c1**2 + m2 * length**2, s * np.cos(a - b)], [s * np.cos(a - b), 0.01 + m2 * c2**2]]
+        )
+        right = [
+            -s * np.sin(a - b) * db**2 - (m1 * c1 + m2 * length) * G * np.sin(a),
+            s * np.sin(a - b) * da**2 - m2 * c2 * G * np.sin(b),
+        ]
         return [da, db, *np.linalg.solve(matrix, right)]
 
     run = two_link_arm(upper=1.4, fore=0.6).build().simulate(2.0, **TIGHT)
-    exact = solve_ivp(rates, (0, 2), [1.4, 2.0, 0, 0], method="DOP853", t_eval=run.times, rtol=1e-12, atol=1e-13).y
+    exact = solve_ivp(
+        rates, (0, 2), [1.4, 2.0, 0, 0], method="DOP853", t_eval=run.times, rtol=1e-12, atol=1e-13
+    ).y
     # two integrators at 1e-11, their errors grown by the pendulum's sensitivity (about e^5 in 2 s)
     np.testing.assert_allclose(run["upper.pitch"], exact[0], atol=1e-7)
     np.testing.assert_allclose(run["upper.pitch"] + run["fore.pitch"], exact[1], atol=1e-7)
@@ -60,21 +66,27 @@ def test_double_pendulum():
 def cart_pole(**cart: object) -> Model:
     model = Model("cart and pole")
     model.add("cart", RigidBody(mass=2.0, **ONLY["x"], **cart))
-    model.add("pole", RigidBody(mass=0.5, com_z=-0.4, I_yy=0.03, I_xx=0.03, I_zz=0.002, **ONLY["pitch"], pitch_start=2.5))
+    model.add(
+        "pole",
+        RigidBody(mass=0.5, com_z=-0.4, I_yy=0.03, I_xx=0.03, I_zz=0.002, **ONLY["pitch"], pitch_start=2.5),
+    )
     model.connect("pole.parent", "cart.origin")
     return model
 
 
 def test_cart_and_pole():
-    """(M+m) x'' − m c (q'' cos q − q'² sin q) = 0; (I + m c²) q'' − m c x'' cos q + m g c sin q = 0."""
+    """(M+m) x'' = m c (q'' cos q − q'² sin q); (I + m c²) q'' = m c x'' cos q − m g c sin q."""
+
     def rates(t: float, y: np.ndarray) -> list[float]:
-        x, q, v, w = y
+        _, q, v, w = y
         mc = 0.5 * 0.4
         matrix = np.array([[2.5, -mc * np.cos(q)], [-mc * np.cos(q), 0.03 + mc * 0.4]])
         return [v, w, *np.linalg.solve(matrix, [-mc * np.sin(q) * w**2, -mc * G * np.sin(q)])]
 
     run = cart_pole().build().simulate(2.0, **TIGHT)
-    exact = solve_ivp(rates, (0, 2), [0, 2.5, 0, 0], method="DOP853", t_eval=run.times, rtol=1e-12, atol=1e-13).y
+    exact = solve_ivp(
+        rates, (0, 2), [0, 2.5, 0, 0], method="DOP853", t_eval=run.times, rtol=1e-12, atol=1e-13
+    ).y
     np.testing.assert_allclose(run["cart.x"], exact[0], atol=1e-8)
     np.testing.assert_allclose(run["pole.pitch"], exact[1], atol=1e-8)
     assert np.ptp(run["energy.stored"]) < 1e-8 * np.ptp(run["pole.potential_energy"])
@@ -102,19 +114,42 @@ def test_driven_cart_tells_the_force_that_the_drive_needs():
 
 def test_floating_chain_keeps_momentum():
     """Three bodies, floating, with a universal, a spherical and a sliding joint, without gravity."""
+
     class Hub(RigidBody):
         arm = Frame("shoulder", offset=(0.3, 0.1, -0.2), angles=(0.3, -0.4, 0.9))
         side = Frame("rail", offset=(-0.2, 0.0, 0.1), angles=(None, 0.5, None))
 
     def sized(mass: float, k: float) -> dict[str, float]:
-        return {"mass": mass, "com_x": 0.1 * k, "com_y": 0.05, "com_z": -0.2, "I_xx": 0.3 * k, "I_yy": 0.25 * k,
-                "I_zz": 0.4 * k, "I_xy": 0.05 * k, "I_yz": -0.06 * k}
+        return {
+            "mass": mass,
+            "com_x": 0.1 * k,
+            "com_y": 0.05,
+            "com_z": -0.2,
+            "I_xx": 0.3 * k,
+            "I_yy": 0.25 * k,
+            "I_zz": 0.4 * k,
+            "I_xy": 0.05 * k,
+            "I_yz": -0.06 * k,
+        }
 
     model = Model("floating chain")
     model.add("world", World(gravity_z=0.0))
     model.add("hub", Hub(**sized(3.0, 1.0), w_x_start=0.5, w_y_start=1.0, w_z_start=-0.7, v_x_start=0.2))
-    model.add("arm", Link(**sized(1.0, 0.4), tip_x=0.4, tip_z=0.1, x=False, y=False, z=False, roll=False,
-                          pitch_rate_start=2.0, yaw_rate_start=-1.0, yaw_start=0.4))
+    model.add(
+        "arm",
+        Link(
+            **sized(1.0, 0.4),
+            tip_x=0.4,
+            tip_z=0.1,
+            x=False,
+            y=False,
+            z=False,
+            roll=False,
+            pitch_rate_start=2.0,
+            yaw_rate_start=-1.0,
+            yaw_start=0.4,
+        ),
+    )
     model.add("hand", RigidBody(**sized(0.5, 0.2), x=False, y=False, z=False, w_x_start=1.0, w_z_start=2.0))
     model.add("slider", RigidBody(**sized(0.8, 0.3), **ONLY["z"], v_z_start=0.6))
     model.connect("arm.parent", "hub.arm")
@@ -149,17 +184,36 @@ def test_order_of_components_does_not_matter():
     model.connect("fore.parent", "upper.tip")
     swapped, plain = model.build(compiled=False), two_link_arm(upper=1.4, fore=0.6).build(compiled=False)
     assert swapped.state_names[:2] == ("fore.pitch", "fore.pitch_rate")
-    np.testing.assert_allclose(swapped.rhs(0, swapped.start)[[2, 3, 0, 1]], plain.rhs(0, plain.start), rtol=1e-12)
+    np.testing.assert_allclose(
+        swapped.rhs(0, swapped.start)[[2, 3, 0, 1]], plain.rhs(0, plain.start), rtol=1e-12
+    )
 
 
 def test_unbalance_force_is_m_e_omega_squared():
     model = Model("rotor")
     model.add("world", World(gravity_z=0.0))
-    shaft = {**ONLY["roll"], "mass": 5.0, "I_xx": 0.1, "I_yy": 0.1, "I_zz": 0.1, "reactions": True,
-             "roll_rate_start": 100.0}
+    shaft = {
+        **ONLY["roll"],
+        "mass": 5.0,
+        "I_xx": 0.1,
+        "I_yy": 0.1,
+        "I_zz": 0.1,
+        "reactions": True,
+        "roll_rate_start": 100.0,
+    }
     model.add("shaft", Link(**shaft, tip_x=0.2))
-    model.add("disk", RigidBody(mass=2.0, com_y=1e-3, I_xx=0.02, I_yy=0.01, I_zz=0.01, reactions=True,
-                                **dict.fromkeys(ONLY, False)))
+    model.add(
+        "disk",
+        RigidBody(
+            mass=2.0,
+            com_y=1e-3,
+            I_xx=0.02,
+            I_yy=0.01,
+            I_zz=0.01,
+            reactions=True,
+            **dict.fromkeys(ONLY, False),
+        ),
+    )
     model.connect("disk.parent", "shaft.tip")
     run = model.build().simulate(0.1, **TIGHT)
     y, z = run["shaft.joint_force_y"], run["shaft.joint_force_z"]
@@ -186,7 +240,7 @@ def test_flexible_rotor_bends_as_jeffcott_says():
             model.connect(f"{part}.b", f"disk.{axis}_axis")
     run = model.build().simulate(2.5, rtol=1e-10, atol=1e-13)
     w = run["shaft.roll_rate"][-1]
-    # damping turns with the shaft: forward whirl dies at c/2m·(1 − ω/ω_c) = 10/s, so e^(-25) of it is left
+    # damping turns with the shaft: forward whirl dies at c/2m·(1 − ω/ω_c) = 10/s, e^(-25) of it is left
     assert run["disk.y"][-1] == pytest.approx(2.0 * 1e-4 * w**2 / (2e4 - 2.0 * w**2), rel=1e-6)
 
 
@@ -242,14 +296,30 @@ def test_probe_on_an_axis_is_a_force_between_parent_and_child():
 def test_rigidly_attached_body_adds_its_inertia():
     """A payload with nothing free on a tip is the same as one body with the sum of masses and moments."""
     model = two_link_arm(upper=0.4, fore=0.9)
-    model.add("payload", RigidBody(mass=0.4, com_x=0.05, I_yy=0.002, I_xx=0.002, I_zz=0.002, **dict.fromkeys(ONLY, False)))
+    model.add(
+        "payload",
+        RigidBody(mass=0.4, com_x=0.05, I_yy=0.002, I_xx=0.002, I_zz=0.002, **dict.fromkeys(ONLY, False)),
+    )
     model.connect("payload.parent", "fore.tip")
     loaded = model.with_values({"fore.tip_z": -0.5}).build(compiled=False)
     total, com = 0.9 + 0.4, np.array([0.4 * 0.05, 0.9 * -0.25 + 0.4 * -0.5]) / 1.3
-    inertia = (0.01 + 0.9 * np.sum((com - [0.0, -0.25]) ** 2)) + (0.002 + 0.4 * np.sum((com - [0.05, -0.5]) ** 2))
-    single = two_link_arm(upper=0.4, fore=0.9).with_values({
-        "fore.mass": total, "fore.com_x": com[0], "fore.com_z": com[1], "fore.I_yy": inertia, "fore.I_xx": inertia,
-        "fore.I_zz": 0.01}).build(compiled=False)
+    inertia = (0.01 + 0.9 * np.sum((com - [0.0, -0.25]) ** 2)) + (
+        0.002 + 0.4 * np.sum((com - [0.05, -0.5]) ** 2)
+    )
+    single = (
+        two_link_arm(upper=0.4, fore=0.9)
+        .with_values(
+            {
+                "fore.mass": total,
+                "fore.com_x": com[0],
+                "fore.com_z": com[1],
+                "fore.I_yy": inertia,
+                "fore.I_xx": inertia,
+                "fore.I_zz": 0.01,
+            }
+        )
+        .build(compiled=False)
+    )
     x = np.array([0.4, 1.0, 0.9, -2.0])
     np.testing.assert_allclose(loaded.rhs(0, x), single.rhs(0, x), rtol=1e-12)
 
