@@ -86,9 +86,7 @@ def equilibrium(
         If no equilibrium is found, with what remains in each equation.
     """
     p, x = system.parameter_vector(parameters), system.state_vector(guess).copy()
-    u = system.u
-    for name, value in (inputs or {}).items():
-        u[system.index("input", name)] = value
+    u = system.input_vector(inputs)
     held = {system.index("state", name) for name in hold} | {k for k, n in enumerate(system.state_names) if n.startswith("energy.")}
     speeds = set(system.rate_states.values()) - held
     x[list(speeds)] = 0.0

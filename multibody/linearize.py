@@ -82,9 +82,7 @@ def linearize(
     >>> round(float(model.build().linearize().modes()["frequency [Hz]"].iloc[0]), 9)
     1.0
     """
-    x, p, u = system.state_vector(state), system.parameter_vector(parameters), system.u
-    for name, value in (inputs or {}).items():
-        u[system.index("input", name)] = value
+    x, p, u = system.state_vector(state), system.parameter_vector(parameters), system.input_vector(inputs)
     a, b = (system.jacobian(wrt, time, x, u, p) for wrt in ("x", "u"))
     c, d = (system.jacobian(wrt, time, x, u, p, of="outputs") for wrt in ("x", "u"))
     return Linearization(system, x, u, a, b, c, d)

@@ -73,9 +73,14 @@ def simulate(
     t0, t1 = (0.0, float(until)) if np.ndim(until) == 0 else (float(until[0]), float(until[1]))  # type: ignore[index,arg-type]
     if not t1 > t0:
         raise SimulationError(f"'{system.name}': the end {t1:g} s must be later than the start {t0:g} s")
+    if step is not None and not step > 0.0:
+        raise SimulationError(f"'{system.name}': the step is {step:g} s, it must be positive")
     if times is None:
         times = np.linspace(t0, t1, 1001) if step is None else t0 + step * np.arange(int((t1 - t0) / step + 1e-9) + 1)
     times = np.ascontiguousarray(times, dtype=float)
+    inside = times.ndim == 1 and times.size and times[0] >= t0 and times[-1] <= t1 and np.all(np.diff(times) > 0)
+    if not inside:
+        raise SimulationError(f"'{system.name}': times must increase and lie between {t0:g} s and {t1:g} s")
     p, x0 = system.parameter_vector(parameters), system.state_vector(initial)
     functions = {} if not isinstance(inputs, Mapping) else {k: v for k, v in inputs.items() if callable(v)}
     table = input_table(system, inputs, interpolation=interpolation)
@@ -181,6 +186,9 @@ def _run(
     events: Any,
 ) -> Trajectory:
     name, why = _method(system, method, functions)
+    if not system.states:
+        inputs = _all_inputs(table, {system.index("input", n): f for n, f in functions.items()}, times, p)
+        return Trajectory(system, times, np.empty((times.size, 0)), inputs, p, {"method": name, "why": "no states"})
     options = {"rtol": rtol, "atol": atol, "max_step": limit}
     columns = {system.index("input", n): f for n, f in functions.items()}
     if name in NATIVE:
@@ -203,9 +211,7 @@ def _run(
         solution = solve_ivp(rates, span, x0, method=name, t_eval=times, events=events, **options)
     if solution.status < 0 or not np.all(np.isfinite(solution.y)):
         raise SimulationError(_failure(system, solution, x0, span, name))
-    inputs = table(solution.t, p).reshape(solution.t.size, -1)
-    for k, f in columns.items():
-        inputs[:, k] = [f(t) for t in solution.t]
+    inputs = _all_inputs(table, columns, solution.t, p)
     statistics = {
         "method": name, "why": why, "nfev": solution.nfev, "njev": solution.njev, "nlu": solution.nlu,
         "max_step": limit, "rtol": rtol, "atol": atol,
@@ -213,6 +219,15 @@ def _run(
     if events is not None:
         statistics["events"] = solution.t_events
     return Trajectory(system, solution.t, np.ascontiguousarray(solution.y.T), inputs, p, statistics)
+
+
+def _all_inputs(
+    table: InputTable, columns: dict[int, Callable[[float], float]], times: np.ndarray, p: np.ndarray
+) -> np.ndarray:
+    inputs = table(times, p).reshape(times.size, -1)
+    for k, f in columns.items():
+        inputs[:, k] = [f(t) for t in times]
+    return inputs
 
 
 def _inputs_at(table: InputTable, columns: dict[int, Callable[[float], float]], t: float, p: np.ndarray) -> np.ndarray:

@@ -12,8 +12,9 @@ from multibody.assembly import assemble
 from multibody.codegen import generate
 from multibody.component import nearest
 from multibody.equation_set import Quantity
-from multibody.errors import ModelError
+from multibody.errors import EquationError, ModelError
 from multibody.places import Place
+from multibody.units import UnitError, quantity
 
 if TYPE_CHECKING:
     from multibody.equilibrium import Equilibrium
@@ -133,17 +134,23 @@ class System:
         ModelError
             With every unknown name and every value outside its bounds.
         """
-        if isinstance(values, np.ndarray):
-            return np.ascontiguousarray(values, dtype=float)
         return self._vector("parameter", self.parameters, values)
 
     def state_vector(self, values: Mapping[str, float] | np.ndarray | None = None) -> np.ndarray:
         """Return the start vector with some values replaced by name."""
-        if isinstance(values, np.ndarray):
-            return np.ascontiguousarray(values, dtype=float)
         return self._vector("state", self.states, values)
 
-    def _vector(self, kind: str, group: tuple[Quantity, ...], values: Mapping[str, float] | None) -> np.ndarray:
+    def input_vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
+        """Return the vector of inputs with some values replaced by name."""
+        return self._vector("input", self.inputs, values)
+
+    def _vector(
+        self, kind: str, group: tuple[Quantity, ...], values: Mapping[str, float] | np.ndarray | None
+    ) -> np.ndarray:
+        if isinstance(values, np.ndarray):
+            if values.shape != (len(group),):
+                raise ModelError(self.name, [f"there are {len(group)} {kind}s, the array has the shape {values.shape}"])
+            return np.ascontiguousarray(values, dtype=float)
         vector = np.array([q.value for q in group])
         faults = []
         for name, value in (values or {}).items():
@@ -152,6 +159,11 @@ class System:
                 faults.append(f"there is no {kind} '{name}'{nearest(name, self._index[kind])}")
                 continue
             q = group[k]
+            try:
+                value = quantity(value, q.unit)
+            except (UnitError, TypeError, ValueError) as error:
+                faults.append(f"{kind} '{name}': {error}")
+                continue
             if not np.isfinite(value):
                 faults.append(f"{kind} '{name}' is {value}: give a finite number")
             elif (q.min is not None and value < q.min) or (q.max is not None and value > q.max):
@@ -167,7 +179,14 @@ class System:
         from multibody.native import compile_rhs, compile_tangent, load_source
 
         compile_ = compile_tangent if name.endswith("tangent") else compile_rhs
-        return compile_(load_source(self.texts[name], name), name, self.compiled)
+        module = load_source(self.texts[name], name)
+        try:
+            return compile_(module, name, self.compiled)
+        except Exception as error:
+            if not type(error).__module__.startswith("numba"):
+                raise
+            raise EquationError(
+                f"'{self.name}': the equations in {module.__file__} could not be compiled: {error}") from error
 
     @cached_property
     def rhs_function(self) -> NativeFunction:
@@ -306,4 +325,4 @@ class System:
 
 
 def _contiguous(*arrays: Any) -> tuple[np.ndarray, ...]:
-    return tuple(np.ascontiguousarray(a, dtype=float) for a in arrays)
+    return tuple(np.require(a, float, ["C", "W"]) for a in arrays)

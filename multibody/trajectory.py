@@ -114,8 +114,10 @@ class Trajectory:
             axes = grid[:, 0]
         else:
             axes = np.atleast_1d(axes)
+            if len(axes) != len(panels):
+                raise ValueError(f"{len(panels)} units need {len(panels)} panels, {len(axes)} given: {', '.join(panels)}")
             figure = axes[0].figure
-        for axis, (unit, members) in zip(axes, panels.items(), strict=False):
+        for axis, (unit, members) in zip(axes, panels.items(), strict=True):
             for name in members:
                 axis.plot(self.times, self[name], label=name, linewidth=1.0)
             quantity = members[0].rsplit(".", 1)[-1] if len({m.rsplit(".", 1)[-1] for m in members}) == 1 else "value"
