@@ -32,8 +32,8 @@ class RigidBody(Component):
     """A rigid body with six Boolean degrees of freedom relative to a parent frame (the ground by default).
 
     Eqs. 1 and 2 of González et al. 2020, with exact rotations R = Rz(yaw) Ry(pitch) Rx(roll).  A motion set
-    to False is locked and leaves the state vector; it stands at ``<name>_start``.  One free rotation on a frame
-    of another body is a revolute joint, one free translation a prismatic one.
+    to False is locked and leaves the state vector; it stands at ``<name>_start``.  One free rotation on a
+    frame of another body is a revolute joint, one free translation a prismatic one.
 
     States: ``x``, ``y``, ``z``, ``roll``, ``pitch``, ``yaw`` of the free motions, then their speeds: ``v_x``,
     ``v_y``, ``v_z`` along the axes of the parent frame; with all three rotations free ``w_x``, ``w_y``,
