@@ -44,6 +44,7 @@ class Scope:
     def attribute(self, path: list[str], where: str) -> ast.expr:
         """Return the expression for ``self.<path>``."""
         known = self.component.declarations
+        path = self._own_names(path)
         head = path[0]
         if path == ["time"]:
             return ast.Name("t", ast.Load())
@@ -72,8 +73,14 @@ class Scope:
             raise EquationError(f"{where}: table 'self.{head}' is used by calling it, self.{head}(…)")
         raise EquationError(f"{where}: 'self.{'.'.join(path)}' is not declared{nearest(head, known)}")
 
+    def _own_names(self, path: list[str]) -> list[str]:
+        """Return a path in which a port's quantity has the name of the port's domain, for laws of both domains."""
+        item = self.component.declarations.get(path[0])
+        return [path[0], item.generic.get(path[1], path[1])] if isinstance(item, Port) and len(path) == 2 else path
+
     def why_not_assigned(self, path: list[str], coupling: bool) -> str | None:
         """Return why ``self.<path>`` cannot stand on the left of an equation, or None if it can."""
+        path = self._own_names(path)
         item = self.component.declarations.get(path[0])
         if path[0] in ("der", "zero") or isinstance(item, Output):
             return None
