@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 from multibody import Frame, Model
 from multibody.library import (
+    Crank,
     Damper,
     Gear,
     Inertia,
@@ -333,3 +334,30 @@ def test_tree_jacobian_against_differences():
         step[k] = h
         slope = (system.rhs(0.0, x + step) - system.rhs(0.0, x - step)) / (2 * h)
         np.testing.assert_allclose(exact[:, k], slope, atol=1e-6)  # rounding 1e-15 · 100 / 1e-6, with room
+
+
+def test_crank_drives_a_cart_that_carries_a_pole():
+    """A joint that follows another through a nonlinear transmission: mass, velocity products and energy."""
+    model = Model("crank, cart and pole")
+    wheel = {"mass": 1.0, "I_xx": 0.05, "I_yy": 0.05, "I_zz": 0.05}
+    model.add("wheel", RigidBody(**wheel, **ONLY["roll"], roll_start=0.5, roll_rate_start=8.0))
+    model.add("cart", RigidBody(mass=0.4, **ONLY["x"]))
+    model.add("pole", RigidBody(mass=0.3, com_z=-0.3, I_xx=0.01, I_yy=0.01, I_zz=0.01, **ONLY["pitch"]))
+    model.connect("pole.parent", "cart.origin")
+    model.add("crank", Crank(radius=0.1, rod=0.4))
+    model.connect("crank.a", "wheel.roll_axis")
+    model.connect("crank.b", "cart.x_axis")
+    run = model.build().simulate(2.0, **TIGHT)
+    assert run.system.state_names == ("wheel.roll", "wheel.roll_rate", "pole.pitch", "pole.pitch_rate")
+    assert np.ptp(run["wheel.roll_rate"]) > 0.5
+    assert np.ptp(run["energy.stored"]) < 1e-8 * run["energy.stored"][0]
+
+
+def test_bodies_on_the_ground_do_not_touch_each_other_in_the_equations():
+    model = Model("two bodies")
+    for name in ("a", "b"):
+        model.add(name, RigidBody(mass=2.0, com_x=0.1, I_xx=0.3, I_yy=0.4, I_zz=0.5))
+    pattern = model.build(compiled=False).sparsity
+    assert not pattern[:12, 12:].any()
+    assert not pattern[12:, :12].any()
+    assert pattern[6:12, 3:6].any()

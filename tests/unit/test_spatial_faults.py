@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from multibody import Model, ModelError
+from multibody import Component, Frame, Model, ModelError
 from multibody.library import Spring
 from multibody.library.spatial import FixedFrame, FrameSpring, Link, RigidBody, World
 from multibody.spatial.symbols import cross, dot, matmul, plus, times
@@ -161,3 +161,23 @@ def test_written_sums_have_the_value_of_the_numbers():
     np.testing.assert_allclose(written, np.cross(vector, number[1] * vector - names["i"]), rtol=1e-12)
     squared = [[eval(t, {}, names) for t in row] for row in matmul(m, m)]
     np.testing.assert_allclose(squared, number @ number, rtol=1e-12, atol=1e-15)
+
+
+class FeelsAcceleration(Component):
+    """A force that depends on the acceleration of its own frame."""
+
+    frame = Frame("where it acts")
+
+    def equations(self):
+        self.frame.fz = -2.0 * self.frame.az
+
+
+def test_force_from_the_acceleration_it_causes_is_an_algebraic_loop():
+    def build(m):
+        m.add("body", RigidBody(**GOOD))
+        m.add("odd", FeelsAcceleration())
+        m.connect("odd.frame", "body.origin")
+
+    text = faults(build)
+    assert "algebraic loop" in text
+    assert "odd" in text
