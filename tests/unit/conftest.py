@@ -141,3 +141,41 @@ def small_study():
     after, refused = scanned(better, 2)
     better = dataclasses.replace(better, accepted=accepted, scan=after)
     return SimpleNamespace(stages=(given, recalibrated, better), refused=refused, noise=FLOOR, hidden=hidden)
+
+
+@pytest.fixture(scope="session")
+def conclusion(small_study):
+    """Everything that this study has to say."""
+    from discrepancy.diagnosis import Conclusion
+    from discrepancy.effects import Effect
+
+    scan = small_study.stages[-1].scan
+    places = {p.name: p for p in small_study.stages[-1].system.places}
+
+    def unit(row):
+        if row.where in places:
+            effect = Effect.at_place(row.kind, places[row.where])
+            return effect.unit(effect.definition.strengths[0])
+        return {"sensor_offset": "N" if "force" in row.where else "m"}.get(row.kind, "")
+
+    hidden = tuple((r.kind, r.where, r.mde, r.delta, unit(r)) for r in scan.rows)
+    return Conclusion(
+        "effect found",
+        "Dry (Coulomb) friction of 12 N is missing in the guide. With it, the error of the drive force on the record "
+        "that was held out falls from 13.9 N to 0.24 N, which is the noise of the sensor.",
+        small_study.stages,
+        refused=(("load_dependent_friction", "guide", "the load hardly changes in these records"),),
+        hidden=hidden,
+        next_measurement=("Move the carriage at 0.01 m/s in both directions for 20 s: friction that rises at low speed "
+                          "would show above 0.3 N.",),
+        warnings=("with_rests: 'x_m' stands still for 0.4 s",),
+        residual_reason="the drive is held by its motor, so the model stays where the record is",
+        seed=1, level=0.02, name="axis", paths=("study.toml", "forth_and_back.csv", "with_rests.csv"))
+
+
+@pytest.fixture(scope="session")
+def evidence(conclusion):
+    """Its comparisons, and where it fails."""
+    from discrepancy.diagnosis import evidence_of
+
+    return evidence_of(conclusion)

@@ -1,0 +1,99 @@
+"""How this package's figures look: colours that stay apart in grey and for the colour-blind, labels with units.
+
+Figures are made without pyplot, so that nothing global is opened, changed or left behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "AFTER", "BEFORE", "FLOOR", "MEASURED", "drawing", "label", "new_figure", "noise_band", "thinned", "unit_text",
+    "wants_log",
+]
+
+P = ParamSpec("P")
+
+# Okabe and Ito's colours; their lightness differs, and every pair also differs in line style or marker.
+MEASURED = {"color": "#000000", "linewidth": 1.4, "linestyle": "-"}
+BEFORE = {"color": "#D55E00", "linewidth": 1.1, "linestyle": (0, (5, 1.6))}
+AFTER = {"color": "#0072B2", "linewidth": 1.1, "linestyle": "-"}
+FLOOR = {"color": "#777777", "linewidth": 1.1, "linestyle": ":"}
+WIDTH = 6.2
+_RULES: dict[str, Any] = {
+    "font.size": 10.0, "axes.titlesize": 10.5, "axes.titleweight": "bold", "axes.titlelocation": "left",
+    "axes.labelsize": 10.0, "legend.fontsize": 9.0, "xtick.labelsize": 9.0, "ytick.labelsize": 9.0,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#dddddd",
+    "grid.linewidth": 0.6, "axes.axisbelow": True, "legend.frameon": False, "figure.facecolor": "white",
+    "axes.facecolor": "white", "axes.formatter.useoffset": False, "axes.formatter.limits": (-4, 5), "font.family": "DejaVu Sans",
+}
+
+
+def drawing(make: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Let a function draw with this package's rules, and leave matplotlib's own as they were."""
+
+    @wraps(make)
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        import matplotlib
+
+        with matplotlib.rc_context(_RULES):
+            return make(*args, **kwargs)
+
+    return drawn
+
+
+def new_figure(rows: int, columns: int = 1, height: float = 2.3, width: float = WIDTH, **options: Any) -> tuple[Figure, np.ndarray]:
+    """Return a figure and its axes, shape (rows, columns), without pyplot."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit as engineers write it.
+
+    Examples
+    --------
+    >>> unit_text("N*s/m"), unit_text("kg*m**2"), unit_text("")
+    ('N·s/m', 'kg·m²', '')
+    """
+    return unit.replace("**2", "²").replace("**3", "³").replace("*", "·")
+
+
+def label(name: str, unit: str) -> str:
+    """Return a name with its unit in brackets."""
+    return f"{name} [{unit_text(unit)}]" if unit else f"{name} [–]"
+
+
+def wants_log(values: Any, factor: float = 8.0) -> bool:
+    """Tell whether positive values span so much that a linear axis would hide the small ones."""
+    v = np.asarray(values, dtype=float)
+    v = v[np.isfinite(v) & (v > 0.0)]
+    return bool(v.size > 1 and v.max() > factor * v.min())
+
+
+def thinned(time: np.ndarray, values: np.ndarray, most: int = 3000) -> tuple[np.ndarray, np.ndarray]:
+    """Return a series thinned for drawing: the smallest and largest of each stretch, so that no peak is lost."""
+    n = len(time)
+    if n <= most:
+        return time, values
+    stretches = np.array_split(np.arange(n), most // 2)
+    rows = np.unique([f(values[s]) + s[0] for s in stretches for f in (np.argmin, np.argmax)])
+    return time[rows], values[rows]
+
+
+def noise_band(axes: Axes, noise: float | None) -> None:
+    """Draw the band of ±2 standard deviations of the noise."""
+    if noise:
+        axes.axhspan(-2.0 * noise, 2.0 * noise, color="#cccccc", alpha=0.6, linewidth=0, label="±2 × noise of the sensor")

@@ -1,0 +1,123 @@
+"""diagnosis.json: the form that the outside relies on, and the figures in it."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from discrepancy.diagnosis import UnknownCurve, explained, plain, save_diagnosis, to_diagnosis
+from discrepancy.diagnosis_check import check_diagnosis
+from discrepancy.stage import Rival
+
+
+@pytest.fixture(scope="module")
+def diagnosis(conclusion, evidence):
+    return to_diagnosis(conclusion, evidence)
+
+
+def test_it_is_as_the_contract_has_it(diagnosis) -> None:
+    assert check_diagnosis(diagnosis) == []
+
+
+def test_numbers_come_back_as_they_were(conclusion, evidence, diagnosis, tmp_path) -> None:
+    path = save_diagnosis(conclusion, tmp_path / "diagnosis.json", evidence)
+    text = path.read_text(encoding="utf-8")
+    assert "NaN" not in text
+    assert "Infinity" not in text
+    back = json.loads(text)
+    assert back == diagnosis
+    stage = conclusion.stages[1]
+    assert back["stages"][1]["validate"]["drive.force"]["rmse"] == pytest.approx(
+        stage.rmse("validate")["drive.force"], rel=1e-12)
+    assert back["effects"][0]["parameters"]["coulomb"]["value"] == stage_value(conclusion, "coulomb_friction.guide.coulomb")
+
+
+def stage_value(conclusion, name: str) -> float:
+    return conclusion.final.identify[name]
+
+
+def test_the_effect_is_told_with_interval_unit_and_rivals(diagnosis, small_study) -> None:
+    (effect,) = diagnosis["effects"]
+    assert (effect["kind"], effect["where"]) == ("coulomb_friction", "guide")
+    found = effect["parameters"]["coulomb"]
+    assert found["unit"] == "N"
+    # Four standard deviations hold for all but one in 16 000 fits.
+    assert abs(found["value"] - small_study.hidden.strengths["coulomb"]) < 4.0 * found["std"]
+    assert effect["indistinguishable_from"] == []
+    assert [r["kind"] for r in effect["runners_up"]] == ["stribeck_friction", "local_bump"]
+    assert effect["fixed"] == {"v_s": 0.003}
+
+
+def test_explained_is_the_excess_that_is_gone(conclusion, diagnosis) -> None:
+    base, end = conclusion.stages[1], conclusion.stages[2]
+    excess = [sum(max(0.0, s.rmse("validate")[n] ** 2 / s.noise[n] ** 2 - 1.0) for n in s.outputs) for s in (base, end)]
+    assert diagnosis["explained"] == pytest.approx(1.0 - excess[1] / excess[0], rel=1e-12)
+    assert diagnosis["explained"] > 0.99
+    assert diagnosis["explained_on"] == "validate"
+    # Nothing added: nothing explained.
+    assert explained(replace(conclusion, stages=conclusion.stages[:2])) == (0.0, 0.0)
+
+
+def test_without_held_out_records_it_says_so(conclusion) -> None:
+    alone = replace(conclusion, stages=tuple(replace(s, validate=None) for s in conclusion.stages))
+    found = to_diagnosis(alone)
+    assert check_diagnosis(found) == []
+    assert found["explained_on"] == "identify"
+    assert found["stages"][0]["validate"] == {}
+    assert found["explained"] > 0.99
+
+
+def test_a_tie_is_listed_apart(conclusion, evidence) -> None:
+    stage = conclusion.final
+    rivals = (Rival("stribeck_friction", "guide", 1.2, True, True), *stage.accepted.rivals[1:])
+    tied = replace(stage, accepted=replace(stage.accepted, rivals=rivals))
+    found = to_diagnosis(
+        replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence)
+    assert check_diagnosis(found) == []
+    assert [r["delta_bic"] for r in found["effects"][0]["indistinguishable_from"]] == [1.2]
+    assert [r["kind"] for r in found["effects"][0]["runners_up"]] == ["local_bump"]
+
+
+def test_an_unknown_effect_has_its_curve(conclusion) -> None:
+    x = np.linspace(0.0, 1.0, 5)
+    curve = UnknownCurve("guide", "position", "m", "N", x, np.sin(x), np.full(5, math.nan), "something", 1e-4, -40.0)
+    found = to_diagnosis(replace(
+        conclusion, verdict="unknown effect", stages=conclusion.stages[:2], unknown=curve))
+    assert check_diagnosis(found) == []
+    effect = found["effects"][0]
+    assert effect["kind"] == "unknown_force"
+    assert effect["parameters"]["function_of"]["value"] == "position"
+    assert effect["parameters"]["curve"]["value"] == np.sin(x).tolist()
+    # A deviation that is not known is null: JSON has no NaN.
+    assert effect["parameters"]["curve"]["std"] == [None] * 5
+
+
+def test_what_is_not_finite_becomes_null() -> None:
+    assert plain({"a": np.float64(np.inf), "b": (np.int64(2), np.bool_(True)), "c": np.array([1.0, np.nan])}) == {
+        "a": None, "b": [2, True], "c": [1.0, None]}
+
+
+@pytest.mark.parametrize(("change", "told"), [
+    (lambda d: d.update(schema=2), "schema must be"),
+    (lambda d: d.update(verdict="perhaps"), "verdict must be one of"),
+    (lambda d: d.pop("explained"), "explained is missing"),
+    (lambda d: d.update(explained=math.nan), "explained must be a number"),
+    (lambda d: d["effects"][0].update(p_value=2.0), "effects[0].p_value"),
+    (lambda d: d["effects"][0]["parameters"]["coulomb"].pop("unit"), "parameters.coulomb.unit is missing"),
+    (lambda d: d["effects"][0]["runners_up"][0].pop("where"), "runners_up[0].where"),
+    (lambda d: d["stages"][1]["identify"]["drive.force"].update(rmse="9"), "stages[1].identify.drive.force.rmse"),
+    (lambda d: d["where_it_fails"].pop("regimes"), "where_it_fails.regimes"),
+    (lambda d: d.update(effects=[]), "needs an effect"),
+    (lambda d: d.update(verdict="nothing missing"), "has effects beside it"),
+    (lambda d: d.update(refused=[{"kind": "slip"}]), "refused[0].where"),
+])
+def test_the_check_sees_faults(diagnosis, change, told) -> None:
+    broken = copy.deepcopy(diagnosis)
+    change(broken)
+    faults = check_diagnosis(broken)
+    assert any(told in f for f in faults), faults
