@@ -21,6 +21,15 @@ __all__ = ["Endpoint", "Model", "ModelInput", "Part"]
 GROUND = "ground"
 
 
+_POINT = re.compile(r"(.+)\.(x|y)\[(\d+)\]\Z")
+
+
+def _table_point(key: str) -> tuple[str, str, int] | None:
+    """Split ``"rail.profile.y[3]"`` into table, axis and number of the point."""
+    found = _POINT.match(key)
+    return (found[1], found[2], int(found[3])) if found else None
+
+
 class Endpoint(str):
     """A port or signal of a named component, such as ``"guide.a"``."""
 
@@ -203,12 +212,18 @@ class Model:
         """
         other, faults = self.copy(), []
         changes: dict[str, dict[str, Any]] = {}
+        points: dict[tuple[str, str], list[tuple[str, int, float]]] = {}
         for key, value in values.items():
             kind = key.rpartition(".")[2]
             source = key.removeprefix("input.").rpartition(".")[0]
             if key.startswith("input.") and getattr(other._graph.inputs.get(source), kind, None) is not None:
                 setattr(other._graph.inputs[source], kind, value)
                 continue
+            if (point := _table_point(key)) is not None:
+                found = self.find(point[0])
+                if found is not None and found[2] in found[1].tables:
+                    points.setdefault((found[0], found[2]), []).append((point[1], point[2], value))
+                    continue
             found = self.find(key)
             if found is None or found[2] not in (*found[1].values, *found[1].starts):
                 known = [f"{n}.{p}" for n, c in self._graph.components.items() for p in (*c.values, *c.starts)]
@@ -217,6 +232,11 @@ class Model:
                 changes.setdefault(found[0], {})[found[2]] = value
         if faults:
             raise ModelError(self.name, faults)
+        for (owner, table), moved in points.items():
+            x, y = (axis.copy() for axis in self._graph.components[owner].tables[table])
+            for axis, k, value in moved:
+                (x if axis == "x" else y)[k] = value
+            changes.setdefault(owner, {})[table] = (x, y)
         for name, change in changes.items():
             other._graph.components[name] = self._graph.components[name].copy(**change)
         return other
