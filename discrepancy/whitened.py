@@ -18,6 +18,8 @@ from discrepancy.whitening import Whitener, fit_whitener, identity
 
 # Surprise (−ln p of one column) above which an effect is kept out of the whitening fit.
 LEAST = 8.0
+# The same before any whitening, where slow noise stands out too: a level that drift does not reach.
+FIRST = 16.0
 
 
 @dataclass(frozen=True)
@@ -178,7 +180,7 @@ def fit_whitened(
     for r in range(rounds):
         groups: tuple[int, ...] = ()
         if w.scorer is not None and clean:
-            least = LEAST if r else np.inf
+            least = LEAST if r else FIRST
             groups = remove_effects(w, clean, least).groups
         raw = raw_residual(w, residual, sens, candidates, groups)
         fitted = fit_whitener(raw, residual.dt, residual.channels, max_order=max_order)
