@@ -132,8 +132,8 @@ def uncertain_of(rig: AxisRig) -> tuple[UncertainParameter, ...]:
     """Return what calibration may move: nominal value, prior and bounds; the true values are drawn from these."""
     rows = [
         ("carriage.m", 40.0, 1.2, 1.0, "kg"), ("motor.J", 5e-4, 1.5e-5, 1e-6, "kg*m**2"),
-        ("guide.viscous", 60.0, 12.0, 0.0, "N*s/m"), ("coupling.stiffness", 90.0, 7.0, 1.0, "N*m/rad"),
-        ("damper.damping", 0.012, 0.003, 0.0, "N*m*s/rad"),
+        ("guide.viscous", 60.0, 12.0, 0.0, "N*s/m"), ("coupling.stiffness", 30.0, 2.4, 1.0, "N*m/rad"),
+        ("damper.damping", 0.006, 0.0015, 0.0, "N*m*s/rad"),
     ]
     if rig.dry:
         rows.append(("dry_friction.coulomb", DRY, 3.0, 0.0, "N"))
@@ -175,7 +175,9 @@ def trip(rng: np.random.Generator, duration: float) -> tuple[np.ndarray, np.ndar
 
 def entries_of(rig: AxisRig) -> list[Entry]:
     """Return every effect that fits the axis."""
-    return catalogue(rig.model.build(probes=True), OUTPUTS, INPUTS)
+    entries = catalogue(rig.model.build(probes=True), OUTPUTS, INPUTS)
+    # What passes a spring by, such as a damper beside it, is no load of the spring.
+    return [e for e in entries if not (e.kind.needs == "load" and e.stiffness)]
 
 
 def _scales(rig: AxisRig, entries: Sequence[Entry]) -> dict[str, Scale | SignalScale]:

@@ -181,7 +181,7 @@ def _place_named(where: str, places: Sequence[str], entries: Sequence[Entry]) ->
 _Sizes = Callable[[Scale], dict[str, float]]
 _SIZES: dict[str, _Sizes] = {
     "viscous_friction": lambda s: {"viscous": s.force / s.motion.speed},
-    "extra_damping": lambda s: {"viscous": s.force / s.motion.speed},
+    "extra_damping": lambda s: {"viscous": 1.5 * s.force / s.motion.speed},
     "coulomb_friction": lambda s: {"coulomb": s.force},
     "asymmetric_coulomb_friction": lambda s: {"forward": 1.3 * s.force, "backward": 0.6 * s.force},
     "asymmetric_viscous_friction": lambda s: {
@@ -191,15 +191,17 @@ _SIZES: dict[str, _Sizes] = {
     "load_dependent_friction": lambda s: {"share": min(s.force / s.load, 0.3)},
     "position_dependent_friction": lambda s: {"slope": 0.6 * s.force, "bow": 0.3 * s.force},
     "constant_force": lambda s: {"push": s.force},
-    "linear_stiffness": lambda s: {"stiffness": s.force / s.motion.half},
-    "cubic_stiffness": lambda s: {"stiffness": 1.5 * s.force / s.motion.half**3},
+    "linear_stiffness": lambda s: {"stiffness": (2.0 if s.motion.scale else 1.0) * s.force / s.motion.half},
+    "cubic_stiffness": lambda s: {"stiffness": (6.0 if s.motion.scale else 1.5) * s.force / s.motion.half**3},
     "backlash": lambda s: {"gap": 0.5 * s.motion.half},
     "hysteresis": lambda s: {"level": s.force},
-    "position_dependent_force": lambda s: {"bow": s.force, "wave": 0.6 * s.force},
+    # Over the range of a spring, more than this would outweigh the spring and throw it out of its range.
+    "position_dependent_force": lambda s: {
+        "bow": s.force * (0.3 if s.motion.scale else 1.0), "wave": s.force * (0.02 if s.motion.scale else 0.6)},
     "local_bump": lambda s: {"level": 3.0 * s.force},
     "angle_harmonic": lambda s: {"cosine": 0.8 * s.force, "sine": 0.8 * s.force},
     "added_inertia": lambda s: {"inertia": 1.5 * s.force / s.acceleration},
-    "slip": lambda s: {"creep": 1.0 / (s.motion.scale * s.duration)},
+    "slip": lambda s: {"creep": 6.0 / (s.motion.scale * s.duration)},
 }
 _SIGNED = frozenset(("push", "bow", "wave", "slope", "cosine", "sine", "offset", "gain", "drift"))
 _SIGNAL_SIZES: dict[str, Callable[[SignalScale], float]] = {
