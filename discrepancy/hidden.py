@@ -19,7 +19,7 @@ from multibody.component import nearest
 from multibody.domains import in_both_domains
 from multibody.model import Model
 
-__all__ = ["UNKNOWN", "Hidden", "Scale", "SignalScale", "choose", "draw_effect", "unknown_effect"]
+__all__ = ["UNKNOWN", "Hidden", "Scale", "SignalScale", "choose", "draw_effect", "strengths_of", "unknown_effect"]
 
 UNKNOWN = "unknown_force"
 OVER = ("position", "speed", "time")
@@ -109,15 +109,21 @@ class Hidden:
         return {"kind": effect.kind, "where": effect.where, "parameters": parameters}
 
 
+def strengths_of(truth: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return those parameters of an effect, as `Hidden.truth` gives it, that say how strong it is."""
+    names = ("level",) if truth["kind"] == UNKNOWN else kinds()[truth["kind"]].strengths
+    return {n: truth["parameters"][n] for n in names}
+
+
 def _plain(unit: str) -> str:
     """Return a unit without brackets that stand around all of it or around a product at its beginning.
 
     Examples
     --------
-    >>> _plain("(m/s)"), _plain("(N*m)/(rad/s)"), _plain("N/(m/s)")
-    ('m/s', 'N*m/(rad/s)', 'N/(m/s)')
+    >>> _plain("(m/s)"), _plain("(N*m)/rad"), _plain("(rad/s)/(N*m)")
+    ('m/s', 'N*m/rad', '(rad/s)/(N*m)')
     """
-    return re.sub(r"^\(([^()]*)\)(?=$|/\()", r"\1", unit) if unit.count("/(") or unit.endswith(")") else unit
+    return re.sub(r"^\(([^()]*)\)$|^\(([^()/]*)\)", lambda m: m[1] or m[2], unit)
 
 
 # -------------------------------------------------------------------- what is asked for

@@ -1,1 +1,17 @@
-"""vtsdt."""
+"""The lift, and the command line that serves all packages."""
+
+from __future__ import annotations
+
+__all__ = ["__version__"]
+
+
+def __getattr__(name: str) -> str:
+    """Look the installed version up when it is asked for: reading it takes longer than the rest of the import."""
+    if name == "__version__":
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            return version("vtsdt")
+        except PackageNotFoundError:  # a source tree that was put on the path and never installed
+            return "0+unknown"
+    raise AttributeError(f"module 'vtsdt' has no attribute '{name}'")

@@ -1,0 +1,8 @@
+"""``python -m vtsdt`` is the command ``vtsdt``."""
+
+import sys
+
+from vtsdt.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
