@@ -50,6 +50,7 @@ class Objective:
 
     @property
     def has_gradient(self) -> bool:
+        """Whether climbs need no finite differences."""
         return self._gradient is not None
 
     @property

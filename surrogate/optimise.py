@@ -55,8 +55,8 @@ def maximise(
     space : DesignSpace
         The parameters.
     method : {"firefly", "differential_evolution", "direct", "multistart"}
-        ``"firefly"`` is the paper's. The others are SciPy's and need fewer evaluations for the same hit rate;
-        see :func:`surrogate.compare_optimisers`.
+        ``"firefly"`` is the paper's, the others are SciPy's. For a smooth function ``"multistart"`` is
+        usually the quickest; :func:`surrogate.compare_optimisers` tells for a function of one's own.
     budget : int, optional
         Evaluations at most, the polish included. By default 3000, or what firefly's ``population`` and
         ``iterations`` need plus the polish. Calls of an analytic gradient are counted apart.

@@ -77,7 +77,7 @@ def test_variable_order_with_damping_and_exponent_swapped_fits_the_updated_point
 
 
 def test_table_4_tells_only_that_the_second_variable_is_the_exponent():
-    """Of the six orders two reach the updated value; the initial one speaks for the cyclic order, if for any."""
+    """Two of the six orders reach the updated value; only the cyclic one of them reaches the initial one."""
     orders = list(permutations(("K", "C_D", "e_F")))
     near = {order for order in orders if abs(at(order, UPDATED) / 0.752 - 1) < 0.027}
     assert near == {("K", "e_F", "C_D"), ("C_D", "e_F", "K")}
@@ -116,7 +116,7 @@ def test_local_maxima_satisfy_the_conditions_for_one():
 
 
 def test_firefly_without_polish_ends_where_the_paper_did():
-    """The swarm alone, with one step rule of the literature, never finds 0.7607 but stays near the third hill."""
+    """The swarm alone, with uniform steps and beta0 = 1, never finds 0.7607 but stays on the third hill."""
     settings = {
         "method": "firefly",
         "polish": 0,
