@@ -64,6 +64,8 @@ def cache_dir() -> Path:
         raise OSError(
             f"the cache folder '{folder}' cannot be made ({error}): set VTSDT_CACHE to a writable folder"
         ) from error
+    if not os.access(folder, os.W_OK):
+        raise OSError(f"the cache folder '{folder}' cannot be written to: set VTSDT_CACHE to a writable folder")
     return folder
 
 
