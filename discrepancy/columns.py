@@ -21,6 +21,7 @@ from discrepancy.kinds import Kind, MotionRange
 from estimation.experiment import Experiment, Push, SensorError
 
 if TYPE_CHECKING:
+    from discrepancy.stage import Stage
     from estimation.calibrate import Calibration
     from estimation.signals import Preparation
     from multibody.system import System
@@ -38,6 +39,8 @@ class Confrontation:
     ----------
     system : System
         Built with probes and with the places' motion among its outputs.
+    slim : System
+        The same with the measured outputs only, for the derivatives.
     calibration : Calibration
         Of the experiments in it.
     sensors : tuple of SensorError
@@ -47,11 +50,17 @@ class Confrontation:
     """
 
     system: System
+    slim: System
     calibration: Calibration
     sensors: tuple[SensorError, ...]
     preparation: Preparation
     p: np.ndarray
     _cache: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of_stage(cls, stage: Stage, preparation: Preparation) -> Confrontation:
+        """Return a stage's machine beside its identification records."""
+        return cls(stage.system, stage.slim, stage.identify, stage.sensors, preparation, stage.p)
 
     @property
     def experiments(self) -> list[Experiment]:
@@ -87,7 +96,7 @@ class Confrontation:
         """Return measured minus modelled outputs at the calibrated values, prepared for the scan."""
         blocks = []
         for i, experiment in enumerate(self.experiments):
-            y = experiment.simulate(self.system, self.p, self.start(i), self.sensors)
+            y = experiment.simulate(self.slim, self.p, self.start(i), self.sensors)
             own = self.calibration.fits[i].own
             for c, name in enumerate(experiment.outputs):
                 y[:, c] += own.get(f"offset of {name}", 0.0)
@@ -102,7 +111,7 @@ class Confrontation:
         k = len(parameters)
         for i, experiment in enumerate(self.experiments):
             dy = experiment.respond(
-                self.system, self.p, self.start(i), parameters=[p.name for p in parameters],
+                self.slim, self.p, self.start(i), parameters=[p.name for p in parameters],
                 states=experiment.free, sensors=self.sensors).derivatives
             blocks.append(dy[:, :, :k])
             own = [dy[:, :, k:]]
@@ -275,7 +284,7 @@ def _record_columns(
     start = facts.start(index)
     for first in range(0, len(pushes), batch):
         part = pushes[first : first + batch]
-        dy = experiment.respond(facts.system, facts.p, start, pushes=part, sensors=facts.sensors, batch=batch).derivatives
+        dy = experiment.respond(facts.slim, facts.p, start, pushes=part, sensors=facts.sensors, batch=batch).derivatives
         for key, k in wanted:
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])

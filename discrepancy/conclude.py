@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
 from discrepancy.kinds import kind_named
@@ -34,11 +33,12 @@ def conclude(study: Study) -> Conclusion:
     refused, hidden = _left_over(study)
     paths = [str(setup.path)] if setup.path is not None else []
     paths += [str(e.record.path) for e in (*setup.identify, *setup.validate)]
-    return Conclusion(
-        verdict=verdict, sentence=_sentence(study, accepted, hidden), stages=stages, refused=refused, hidden=hidden,
+    found = Conclusion(
+        verdict=verdict, sentence="", stages=stages, refused=refused, hidden=hidden,
         next_measurement=_next(accepted, hidden, study), unknown=unknown, warnings=setup.warnings,
         residual_mode=study.mode, residual_reason=study.mode_reason, seed=setup.seed, level=setup.level,
         name=setup.name, paths=tuple(paths))
+    return replace(found, sentence=_sentence(found, accepted))
 
 
 def _verdict(accepted: Sequence[Accepted]) -> str:
@@ -53,8 +53,8 @@ def _title(kind: str) -> str:
     return kind_named(kind.split(" ")[0]).text.title
 
 
-def _sentence(study: Study, accepted: Sequence[Accepted], hidden: Sequence[tuple[str, str, float, float, str]]) -> str:
-    stages = study.stages
+def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
+    stages, hidden = found.stages, found.hidden
     if not accepted:
         could = [f"{_title(k)} at {w}" for k, w, mde, delta, _ in hidden if not mde < delta]
         base = "Nothing was found that the model lacks"
@@ -65,10 +65,8 @@ def _sentence(study: Study, accepted: Sequence[Accepted], hidden: Sequence[tuple
     count = _NUMBER.get(len(names), f"{len(names)} effects")
     text = f"The model lacks {count}: {'; '.join(names)}."
     part = "validate" if stages[-1].validate is not None else "identify"
-    share = explained(tuple(stages))
     text += _fall(stages[1], stages[-1], part)
-    if share is not None and np.isfinite(share):
-        text += f" {100 * share:.0f} % of the avoidable error is gone."
+    text += f" {100 * explained(found)[0]:.0f} % of the mean square error above the noise floor is gone."
     if accepted[-1].ambiguous:
         rivals = [r for r in accepted[-1].rivals if r.indistinguishable and r.kind != accepted[-1].effect.kind]
         text += f" These records cannot tell {names[-1]} from {_title(rivals[0].kind)} at {rivals[0].where}."

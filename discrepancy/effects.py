@@ -154,9 +154,9 @@ class Effect:
             found.append(UncertainParameter(self.parameter_name(name), value, min=low, unit=self.unit(name)))
         for name in kind.free_shapes:
             value = self.shape[name]
-            positive = name in ("v_stribeck", "width", "x_s", "order")
+            positive = name in ("v_stribeck", "v_s", "width", "x_s", "order")
             reach = (sizes or {}).get(name, abs(value) if value else 1.0)
-            low, high = (0.2 * value, 5.0 * value) if positive else (value - reach, value + reach)
+            low, high = (0.1 * value, 10.0 * value) if positive else (value - reach, value + reach)
             if name == "order":
                 low, high = 0.9 * value, 1.1 * value
             found.append(UncertainParameter(self.parameter_name(name), value, min=low, max=high, unit=self.unit(name)))

@@ -113,7 +113,7 @@ class Kind:
 
 
 def _smooth_sign(m: MotionRange) -> Shapes:
-    return [{"v_s": m.v_s}]
+    return [{"v_s": f * m.v_s} for f in (0.3, 1.0, 3.0)]
 
 
 def _low_speeds(m: MotionRange) -> Shapes:
@@ -219,12 +219,12 @@ _add([
         "dry (Coulomb) friction", "A resistance of constant size against the motion, whatever the speed.",
         "Sliding guides, seals, plain bearings, screws, preloaded rolling guides.",
         "Move slowly in both directions: the drive force jumps by twice the friction when the direction changes."),
-        _smooth_sign, one_sided=True),
+        _smooth_sign, ("v_s",), one_sided=True),
     Kind("asymmetric_coulomb_friction", "connection", "AsymmetricCoulomb", ("forward", "backward"), _T(
         "dry friction that differs with direction", "A constant resistance, of another size in each direction.",
         "Worn or tilted guides, a one-sided preload, a screw worn on one flank, a cable chain, weight on an incline.",
         "Move at the same constant speed forwards and backwards: the drive force differs by more than its sign."),
-        _smooth_sign, one_sided=True),
+        _smooth_sign, ("v_s",), one_sided=True),
     Kind("asymmetric_viscous_friction", "connection", "AsymmetricViscous", ("forward", "backward"), _T(
         "viscous friction that differs with direction", "A resistance proportional to speed, steeper one way.",
         "A ball screw or nut worn on one flank, seals with a lip, one-sided lubrication.",
@@ -244,7 +244,7 @@ _add([
         "friction proportional to the load", "Dry friction whose level follows the force that passes through.",
         "Gear meshes, screws, loaded guides and bearings: the normal force rises with the load.",
         "Repeat a slow motion with twice the payload: the friction rises with it."),
-        _smooth_sign, one_sided=True, needs="load"),
+        _smooth_sign, ("v_s",), one_sided=True, needs="load"),
     Kind("position_dependent_friction", "connection", "PositionFriction", ("slope", "bow"), _T(
         "friction that changes along the travel", "Dry friction with a level that depends on where the machine is.",
         "Guides that are not parallel, a bent rail, uneven wear, misaligned bearings.",

@@ -82,7 +82,7 @@ def search_step(
     seed : int
     progress : callable
     """
-    facts = Confrontation(stage.system, stage.identify, stage.sensors, scan_preparation(stage), stage.p)
+    facts = Confrontation.of_stage(stage, scan_preparation(stage))
     experiment = stage.identify.fits[0].experiment
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
     candidates, refused = candidate_columns(facts, entries, progress)
@@ -106,7 +106,7 @@ def search_step(
         return Step(scans[0], None, None, tuple(refused))
     tried.sort(key=lambda t: bic_difference(t[0], stage))
     best, row = tried[0]
-    p_value = min(1.0, len(scans) * min(s[row.name].p for s in scans if row.name not in s.refused))
+    p_value = min(1.0, 2.0 * row.p)
     rivals = _rivals(best, stage, tried[1:], scans, row.name)
     accepted = Accepted(best.effects[-1], p_value, bic_difference(best, stage), rivals)
     return Step(scans[0], accepted, best, tuple(refused))
@@ -116,8 +116,12 @@ def _scans(
     residual: Residual, sensitivities, candidates: Sequence[Candidate], level: float, seed: int,  # type: ignore[no-untyped-def]
     noise: Mapping[str, float],
 ) -> list[ScanResult]:
-    """Scan twice: plainly weighed, which large and roughly known effects survive, and whitened, which sees small ones."""
+    """Scan plainly weighed, which effects that are only roughly known survive; then whitened, which sees small ones.
+
+    Each scan gets half of the level, so that both together keep it.
+    """
     from discrepancy.scan import scan
+    from discrepancy.verdict import Verdict
     from discrepancy.whitening import identity
 
     stacked = np.concatenate(residual.blocks)
@@ -125,24 +129,21 @@ def _scans(
     floor = [noise[c] for c in residual.channels]
     plain = identity(list(sizes), residual.channels, residual.dt)
     common = {"level": level / 2, "seed": seed, "noise_floor": floor}
-    return [
-        scan(residual, sensitivities, candidates, whitener=plain, **common),
-        scan(residual, sensitivities, candidates, **common),
-    ]
+    first = scan(residual, sensitivities, candidates, whitener=plain, **common)
+    if any(r.verdict is Verdict.MISSING for r in first.rows):
+        return [first]
+    return [first, scan(residual, sensitivities, candidates, **common)]
 
 
 def _finalists(scans: Sequence[ScanResult], level: float) -> list[Row]:
-    """Return the significant candidates worth a refit: those that lower the raw error most, and the best scores."""
+    """Return the significant candidates worth a refit, best first."""
     from discrepancy.verdict import Verdict
 
-    plain, white = scans
-    significant = {r.name for s in scans for r in s.rows if r.verdict is Verdict.MISSING}
-    raw = sorted((r for r in plain.rows if r.name in significant), key=lambda r: -r.error_drop)
-    score = sorted((r for r in white.rows if r.verdict is Verdict.MISSING), key=lambda r: -r.gain)
-    chosen: dict[str, Row] = {}
-    for row in [*raw[:FINALISTS], *score[:1]]:
-        chosen.setdefault(row.name, row)
-    return list(chosen.values())
+    significant = sorted((r for r in scans[-1].rows if r.verdict is Verdict.MISSING), key=lambda r: r.delta_bic)
+    if not significant:
+        return []
+    worth = [r for r in significant if r.error_drop > 0.5 * significant[0].error_drop]
+    return worth[:FINALISTS]
 
 
 def _effect(candidate: Candidate, row: Row, stage: Stage) -> Effect:

@@ -39,7 +39,7 @@ def free_curve(
     stage: Stage, fit: Fit, *, level: float, seed: int, progress: Callable[[str], None]
 ) -> Stage | None:
     """Add the best free curve to a stage in which no law of the catalogue is left, if it is significant."""
-    facts = Confrontation(stage.system, stage.identify, stage.sensors, scan_preparation(stage), stage.p)
+    facts = Confrontation.of_stage(stage, scan_preparation(stage))
     offer = offer_curves(stage, facts, level=level, seed=seed, progress=progress)
     return _best_curve(stage, stage, offer.effects, offer.p_values, fit, progress)
 
@@ -66,7 +66,7 @@ def replace_by_curve(
         others = [e for e in last.effects if e not in before.effects and e.where != where]
         if others:
             continue  # effects at several connections: a curve at one of them is no simpler story
-        facts = Confrontation(before.system, before.identify, before.sensors, scan_preparation(before), before.p)
+        facts = Confrontation.of_stage(before, scan_preparation(before))
         offer = offer_curves(before, facts, level=level, seed=seed, where=[where], progress=progress)
         curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress)
         if curve is not None and _takes_more(curve, last, before):

@@ -79,7 +79,9 @@ class Stage:
     model : Model
         With its effects in it, at the fitted values.
     system : System
-        Of that model, with probes.
+        Of that model, with probes and the outputs that tell the motion of every place.
+    slim : System
+        The same with the measured outputs only: what is simulated again and again.
     effects : tuple of Effect
         Effects in the model, at the fitted values.
     accepted : Accepted or None
@@ -99,6 +101,7 @@ class Stage:
     name: str
     model: Model
     system: System
+    slim: System
     effects: tuple[Effect, ...]
     accepted: Accepted | None
     identify: Calibration

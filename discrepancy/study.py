@@ -73,15 +73,16 @@ class Study:
         self.stages.append(self._fitted("recalibrated", (), None, noise))
 
     def _fitted(
-        self, name: str, effects: tuple[Effect, ...], start: Stage | None, noise: Any, *, move: bool = True
+        self, name: str, effects: tuple[Effect, ...], start: Stage | None, noise: Any, *, move: bool = True,
+        trial: bool = False,
     ) -> Stage:
         """Fit the model with some effects in it and lay it beside the held-out records."""
         model = self.setup.model
         for effect in effects:
             model = effect.added_to(model)
-        wide = model.build(probes=True)
-        outputs = _needed_outputs(wide, self.setup.identify[0].outputs)
-        system = model.build(probes=True, outputs=outputs)
+        measured = self.setup.identify[0].outputs
+        system = model.build(probes=True)
+        slim = model.build(probes=True, outputs=measured)
         sensors = tuple(s for e in effects if (s := e.sensor_error()) is not None)
         parameters = list(self.setup.uncertain) if move else []
         begun = start.identify.to_dict() if start is not None else {}
@@ -90,19 +91,22 @@ class Study:
             parameters += effect.uncertain()
         first = [begun.get(p.name, p.value) for p in parameters]
         found = calibrate(
-            system, self.setup.identify, parameters, noise=noise, sensors=sensors, base=base,
-            start=first, own=_own(start), progress=self.progress)
+            slim, self.setup.identify, parameters, noise=noise, sensors=sensors, base=base,
+            start=first, own=_own(start), scale=start.identify.scale if trial and start is not None else None,
+            max_evaluations=12 if trial else 40, progress=None if trial else self.progress)
         p = base.copy()
         for key, value in found.to_dict().items():
             if not key.startswith("sensor."):
                 p[system.index("parameter", key)] = value
         fitted = tuple(e.with_values(found.to_dict()) for e in effects)
         sensors = tuple(s for e in fitted if (s := e.sensor_error()) is not None)
-        held = evaluate(system, self.setup.validate, found, noise=noise, sensors=sensors, base=base) if self.setup.validate else None
+        held = None
+        if self.setup.validate and not trial:
+            held = evaluate(slim, self.setup.validate, found, noise=noise, sensors=sensors, base=base)
         values = {k: v for k, v in found.to_dict().items() if not k.startswith("sensor.")}
         given = {} if move else {q.name: q.value for q in self.setup.uncertain}
         return Stage(
-            name, model.with_values({**given, **values}), system, fitted, None, found, held, sensors, p, noise)
+            name, model.with_values({**given, **values}), system, slim, fitted, None, found, held, sensors, p, noise)
 
     def add(self, effect: Effect, accepted: Accepted | None = None) -> Stage:
         """Put an effect into the model, fit again, and make that the latest stage."""
@@ -110,9 +114,9 @@ class Study:
         self.stages.append(stage)
         return stage
 
-    def _with(self, effect: Effect) -> Stage:
+    def _with(self, effect: Effect, *, trial: bool = False) -> Stage:
         current = self.stage
-        return self._fitted(f"+ {effect}", (*current.effects, effect), current, current.noise)
+        return self._fitted(f"+ {effect}", (*current.effects, effect), current, current.noise, trial=trial)
 
     def undo(self) -> Stage:
         """Take the latest effect out again."""
@@ -160,7 +164,7 @@ class Study:
     def explain(self) -> Step:
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""
         step = search_step(
-            self.stage, self._with, include=self.setup.include, exclude=self.setup.exclude, level=self.setup.level,
+            self.stage, lambda effect: self._with(effect, trial=True), include=self.setup.include, exclude=self.setup.exclude, level=self.setup.level,
             seed=self.setup.seed + len(self.stages), progress=self.progress)
         self.steps.append(step)
         self.stages[-1] = replace(self.stages[-1], scan=step.scan)
@@ -174,11 +178,16 @@ class Study:
             step = self.explain()
             if step.accepted is None or step.stage is None:
                 break
-            self.stages.append(replace(step.stage, accepted=step.accepted))
-            self.progress(f"added {step.accepted.effect}")
+            self.progress(f"add {step.accepted.effect}")
+            self._accept(step.accepted, step.stage)
             self._drop_idle()
         self._free_curves()
         return conclude(self)
+
+    def _accept(self, accepted: Accepted, trial: Stage) -> None:
+        """Fit the accepted effect fully, from where its trial ended, and make that the latest stage."""
+        stage = self._fitted(trial.name, trial.effects, trial, trial.noise)
+        self.stages.append(replace(stage, accepted=replace(accepted, effect=stage.effects[-1])))
 
     def _drop_idle(self) -> None:
         """Take out an earlier effect that a later one has made idle."""
@@ -191,7 +200,10 @@ class Study:
         note = f"{effect} was taken out again: the effect added after it explains it"
         self.progress(note)
         kept = [s for s in self.stages[:-1] if s.accepted is None or s.accepted.effect.component_name != effect.component_name]
-        self.stages[:] = [*kept, replace(stage, accepted=self.stages[-1].accepted, notes=(note,))]
+        accepted = self.stages[-1].accepted
+        self.stages[:] = kept
+        self._accept(accepted, stage)
+        self.stages[-1] = replace(self.stages[-1], notes=(note,))
 
     def _free_curves(self) -> None:
         """Ask whether a curve tells the truth better than the laws found, or finds what no law did."""
@@ -202,14 +214,15 @@ class Study:
             swapped = replace_by_curve(self.stages, self._refit, level=level, seed=seed, progress=self.progress)
             if swapped is not None:
                 kept, stage = swapped
-                self.stages[:] = [*self.stages[:kept], stage]
+                self.stages[:] = self.stages[:kept]
+                self._accept(stage.accepted, stage)
         elif len(self.stage.effects) < self.setup.max_effects:
             found = free_curve(self.stage, self._refit, level=level, seed=seed, progress=self.progress)
             if found is not None:
-                self.stages.append(found)
+                self._accept(found.accepted, found)
 
     def _refit(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
-        return self._fitted(name, effects, start, start.noise)
+        return self._fitted(name, effects, start, start.noise, trial=True)
 
     # ---------------------------------------------------------------- showing
 
@@ -230,12 +243,6 @@ class Study:
 
     def __repr__(self) -> str:
         return f"Study({self.setup.name!r}: {len(self.setup.identify)} + {len(self.setup.validate)} records, {len(self.stages)} stages)"
-
-
-def _needed_outputs(system: Any, measured: tuple[str, ...]) -> list[str]:
-    """Return the outputs that a study reads: the measured ones, the motion of every place, and possible loads."""
-    names = [*measured, *(n for n in system.output_names if n.startswith("place."))]
-    return list(dict.fromkeys([*names, *(q.name for q in system.outputs if q.unit in ("N", "N*m"))]))
 
 
 def _own(stage: Stage | None) -> list[np.ndarray] | None:

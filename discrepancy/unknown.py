@@ -80,7 +80,7 @@ def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Cand
                     basis = -basis * np.tanh(motions[i]["velocity"] / v_s)[:, None]
                 pushes = [Push(f"probe.{place.name}", basis[:, k]) for k in range(CURVE_POINTS)]
                 blocks.append(experiment.respond(
-                    facts.system, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors).derivatives)
+                    facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors).derivatives)
             found.append(Candidate(
                 f"unknown_force over {over}", place.name, [blocks], [{"low": float(low), "high": float(high), "v_s": v_s}],
                 amplitudes=tuple(f"curve.y[{k}]" for k in range(CURVE_POINTS)), info={"place": place, "over": over}))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimation.experiment import Experiment, Response, SensorError
+from estimation.least_squares import solve
 from estimation.sandwich import block_sandwich, correlation_time, cut_rows
 
 if TYPE_CHECKING:
@@ -160,6 +162,7 @@ class _Problem:
 
     def __post_init__(self) -> None:
         self.k = len(self.parameters)
+        self._ran = False
         self.own = [(e.free, e.offsets) for e in self.experiments]
         sizes = [len(f) + len(o) for f, o in self.own]
         self.first = self.k + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
@@ -213,28 +216,48 @@ class _Problem:
             dy = np.concatenate([dy, np.stack(extra, axis=2)], axis=2)
         return Response(outputs, dy)
 
-    def residual(self, theta: np.ndarray) -> np.ndarray:
-        parts = []
-        for i, e in enumerate(self.experiments):
-            parts.append(((self.respond(theta, i, False).outputs - e.measured) / self.scale).ravel())
-        return np.concatenate([*parts, self.prior_residual(theta)])
+    def respond_all(self, theta: np.ndarray, derivatives: bool) -> list[Response]:
+        """Simulate every experiment, two at a time: the compiled loops leave the interpreter free."""
+        count = len(self.experiments)
+        if count < 2:
+            return [self.respond(theta, i, derivatives) for i in range(count)]
+        from concurrent.futures import ThreadPoolExecutor
+
+        with ThreadPoolExecutor(min(count, os.cpu_count() or 1)) as pool:
+            return list(pool.map(lambda i: self.respond(theta, i, derivatives), range(count)))
+
+    def cost(self, theta: np.ndarray) -> float:
+        """Return half the weighted sum of squares, priors included; infinite where a simulation fails."""
+        from multibody.errors import SimulationError
+
+        try:
+            found = self.respond_all(theta, False)
+        except SimulationError:
+            if not self._ran:
+                raise
+            return np.inf
+        self._ran = True
+        parts = [((r.outputs - e.measured) / self.scale).ravel() for r, e in zip(found, self.experiments, strict=True)]
+        return 0.5 * (sum(float(e @ e) for e in parts) + float(np.sum(self.prior_residual(theta) ** 2)))
 
     def prior_residual(self, theta: np.ndarray) -> np.ndarray:
         return np.array([(v - p.value) / p.std for p, v in zip(self.parameters, theta, strict=False) if np.isfinite(p.std)])
 
-    def jacobian(self, theta: np.ndarray) -> np.ndarray:
+    def rows(self, theta: np.ndarray, moving: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield blocks of the Jacobian by what moves, and of the residual."""
         from multibody.errors import SimulationError
 
-        rows = [self._rows(self.respond(theta, i, True), i) for i in range(len(self.experiments))]
-        for i, part in enumerate(rows):
-            if not np.all(np.isfinite(part)) or np.max(np.abs(part), initial=0.0) > 1e100:
+        for i, (e, response) in enumerate(zip(self.experiments, self.respond_all(theta, True), strict=True)):
+            jacobian = self._rows(response, i)[:, moving]
+            if not np.all(np.isfinite(jacobian)) or np.max(np.abs(jacobian), initial=0.0) > 1e100:
                 raise SimulationError(
-                    f"'{self.system.name}' on record '{self.experiments[i].name}': the derivatives grow beyond all "
-                    "bounds; the machine runs away from these inputs, so its windows must be shorter")
-        prior = np.zeros((sum(np.isfinite(p.std) for p in self.parameters), theta.size))
-        which = [k for k, p in enumerate(self.parameters) if np.isfinite(p.std)]
-        prior[np.arange(len(which)), which] = [1.0 / self.parameters[k].std for k in which]
-        return np.vstack([*rows, prior])
+                    f"'{self.system.name}' on record '{e.name}': the derivatives grow beyond all bounds; the machine "
+                    "runs away from these inputs, so its windows must be shorter")
+            yield jacobian, ((response.outputs - e.measured) / self.scale).ravel()
+        with_prior = [k for k, p in enumerate(self.parameters) if np.isfinite(p.std)]
+        prior = np.zeros((len(with_prior), theta.size))
+        prior[np.arange(len(with_prior)), with_prior] = [1.0 / self.parameters[k].std for k in with_prior]
+        yield prior[:, moving], self.prior_residual(theta)
 
     def _rows(self, response: Response, index: int) -> np.ndarray:
         dy = response.derivatives / self.scale[:, None]
@@ -255,6 +278,7 @@ def calibrate(
     base: np.ndarray | None = None,
     start: Sequence[float] | None = None,
     own: Sequence[np.ndarray] | None = None,
+    scale: Mapping[str, float] | None = None,
     rounds: int = 3,
     max_evaluations: int = 40,
     progress: Callable[[str], None] | None = None,
@@ -280,8 +304,12 @@ def calibrate(
         Where to begin, if not at the priors' means.
     own : sequence of ndarray, optional
         Where to begin with each record's own unknowns.
+    scale : mapping of str to float, optional
+        Weigh each output by this (as in `Calibration.scale`) and fit once, less finely: a trial.
     rounds : int
         Rounds of weighing and fitting.
+    max_evaluations : int
+        Simulations of all records in a round, at most.
     progress : callable, optional
         Gets a line of text now and then.
 
@@ -290,8 +318,6 @@ def calibrate(
     SimulationError
         If the model cannot be simulated at its start values.
     """
-    from scipy.optimize import least_squares
-
     base = system.p if base is None else base
     problem = _Problem(system, experiments, list(parameters), sensors, base)
     outputs = experiments[0].outputs
@@ -300,13 +326,14 @@ def calibrate(
     low, high = problem.bounds()
     theta = np.clip(theta, low, high)
     problem.scale = np.ones(len(outputs))
-    first = [problem.respond(theta, i, True) for i in range(len(experiments))]
+    first = problem.respond_all(theta, True)
     not_excited = _not_excited(problem, first)
     still = _still(problem, first)
     moving = np.array([k for k in range(theta.size) if k not in still], dtype=int)
-    problem.scale = _weights(problem, first, floor)
+    problem.scale = _weights(problem, first, floor) if scale is None else np.array([scale[n] for n in outputs])
+    trial = scale is not None
     message = "nothing to move"
-    for k in range(rounds if moving.size else 0):
+    for k in range((1 if trial else rounds) if moving.size else 0):
         here = theta.copy()
 
         def full(part: np.ndarray, here: np.ndarray = here) -> np.ndarray:
@@ -315,40 +342,22 @@ def calibrate(
             return whole
 
         inside = theta[moving]
-        guarded = _Guarded(problem, full)
-        solution = least_squares(
-            guarded.residual, inside, jac=lambda part, f=full: problem.jacobian(f(part))[:, moving],
-            bounds=(low[moving], high[moving]), x_scale="jac", method="trf", ftol=1e-7, xtol=1e-9, gtol=1e-10,
-            max_nfev=max_evaluations)
+        solution = solve(
+            lambda part, f=full: problem.cost(f(part)), lambda part, f=full: problem.rows(f(part), moving), inside,
+            low[moving], high[moving], tolerance=1e-4 if trial else 1e-7, max_evaluations=max_evaluations)
         theta = full(solution.x)
         message = solution.message
-        responses = [problem.respond(theta, i, False) for i in range(len(experiments))]
+        if trial:
+            break
+        responses = problem.respond_all(theta, False)
         weights = _weights(problem, responses, floor)
         if progress is not None:
-            progress(f"calibration round {k + 1}: {solution.nfev} simulations, cost {solution.cost:.4g}")
+            progress(f"calibration round {k + 1}: {solution.evaluations} simulations, cost {solution.cost:.4g}")
         settled = np.all(np.abs(weights / problem.scale - 1.0) < 0.05)
         problem.scale = weights
         if settled:
             break
     return _result(problem, theta, moving, low, high, not_excited, message)
-
-
-class _Guarded:
-    """Residual that turns a failed simulation into a bad step, so that the optimiser tries a shorter one."""
-
-    def __init__(self, problem: _Problem, full: Callable[[np.ndarray], np.ndarray]):
-        self.problem, self.full, self.last = problem, full, None
-
-    def residual(self, part: np.ndarray) -> np.ndarray:
-        from multibody.errors import SimulationError
-
-        try:
-            self.last = self.problem.residual(self.full(part))
-        except SimulationError:
-            if self.last is None:
-                raise
-            return np.full_like(self.last, 1e6)
-        return self.last
 
 
 def _weights(problem: _Problem, responses: Sequence[Response], floor: np.ndarray) -> np.ndarray:
@@ -384,8 +393,7 @@ def _result(
 ) -> Calibration:
     k = problem.k
     fits, rows, errors = [], [], []
-    for i, e in enumerate(problem.experiments):
-        response = problem.respond(theta, i, True)
+    for i, (e, response) in enumerate(zip(problem.experiments, problem.respond_all(theta, True), strict=True)):
         names = [*e.free, *(f"offset of {n}" for n in e.offsets)]
         own = dict(zip(names, map(float, theta[problem.first[i] : problem.first[i + 1]]), strict=True))
         fits.append(Fit(e, response, own))
