@@ -95,7 +95,7 @@ class AxisRig:
     disturbance: Disturbance = field(default_factory=Disturbance)
     logger: Logger = field(default_factory=Logger)
     dry: bool = False
-    regularisation: float = 0.5
+    regularisation: float = 0.8
     over: str = "position"
     duration: float = DURATION
     method: str = "Rodas5P"

@@ -219,7 +219,7 @@ _SIGNAL_SIZES: dict[str, Callable[[SignalScale], float]] = {
 
 
 def draw_effect(
-    entry: Entry, scale: Scale | SignalScale, rng: np.random.Generator, *, strength: float = 1.0, regularisation: float = 0.5,
+    entry: Entry, scale: Scale | SignalScale, rng: np.random.Generator, *, strength: float = 1.0, regularisation: float = 0.8,
     spread: float = 0.2,
 ) -> Effect:
     """Return an effect of a kind with strengths around a size that shows clearly.
