@@ -1,0 +1,259 @@
+"""The command line: help everywhere, exit codes, one message for bad input, and a light start."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from vtsdt import cli
+from vtsdt.progress import Progress
+
+STUDY = """
+[model]
+build = "axis.py:build"
+[inputs]
+"reference.position" = "ref_m"
+[outputs]
+"motor.torque" = "torque_Nm"
+[records]
+time = "time_s"
+identify = ["a.csv"]
+"""
+MODEL = "from multibody import Model\ndef build():\n    return Model('empty')\n"
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run a command in an empty folder; return exit code, output and errors."""
+    monkeypatch.chdir(tmp_path)
+
+    def go(*words: str) -> tuple[int, str, str]:
+        code = cli.main(words)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return go
+
+
+@pytest.mark.parametrize(
+    "words",
+    [[], ["diagnose"], ["compare"], ["bench"], ["bench", "axis"], ["validate"], *map(list, cli.ELSEWHERE)],
+    ids=" ".join,
+)
+def test_every_command_has_help(run: Run, words: list[str]) -> None:
+    code, out, err = run(*words, "--help")
+    assert (code, err) == (0, "")
+    assert out.startswith("usage: vtsdt")
+
+
+def test_help_names_every_command(run: Run) -> None:
+    _, out, _ = run("--help")
+    for words in (("diagnose",), ("compare",), ("bench",), *cli.ELSEWHERE):
+        assert words[0] in out
+
+
+def test_help_is_light() -> None:
+    code = (
+        "import sys, vtsdt.cli; code = vtsdt.cli.main(['--help']); "
+        "heavy = [m for m in ('numpy', 'numba', 'scipy', 'pandas', 'pint', 'rich', 'matplotlib') if m in sys.modules]; "
+        "print(code, heavy)")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "0 []"
+
+
+def test_module_is_the_same_command() -> None:
+    done = subprocess.run([sys.executable, "-m", "vtsdt", "bench", "axis", "--list"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].split() == ["KIND", "WHERE", "USUAL", "SIZE"]
+    assert any(line.split()[:2] == ["stribeck_friction", "guide"] for line in lines)
+    assert any(line.split()[:2] == ["unknown_force", "coupling"] for line in lines)
+
+
+def test_no_command_is_bad_input_and_shows_help(run: Run) -> None:
+    code, out, _ = run()
+    assert code == 2
+    assert "diagnose" in out
+
+
+def test_bench_axis_writes_a_study(run: Run, tmp_path: Path) -> None:
+    code, out, err = run("bench", "axis", "--out", "new/axis", "--trips", "2", "--seed", "3")
+    assert (code, err) == (0, "") or (code == 0 and " s  " in err)  # a slow machine tells what it is doing
+    assert "next: vtsdt diagnose" in out
+    assert "synthetic" in out
+    written = {p.name for p in (tmp_path / "new" / "axis").iterdir()}
+    assert written == {
+        "README.md", "axis.py", "identify_01.csv.gz", "study.toml", "truth.json", "validate_01.csv.gz"}
+
+
+def test_quiet_prints_nothing(run: Run) -> None:
+    assert run("bench", "axis", "--out", "o", "--trips", "2", "--quiet") == (0, "", "")
+
+
+BAD = {
+    "unknown command": (["diagnos"], "did you mean 'diagnose'?"),
+    "unknown machine": (["bench", "axle"], "did you mean 'axis'?"),
+    "unknown option": (["bench", "axis", "--out", "o", "--hid", "x", "--sede", "1"], "--sede"),
+    "missing study": (["diagnose", "nothing.toml", "--out", "o"], "nothing.toml: there is no such study file"),
+    "study without out": (["diagnose", "study.toml"], "--out"),
+    "out is a file": (["diagnose", "study.toml", "--out", "taken"], "--out taken: is a file: name a folder"),
+    "out below a file": (["compare", "study.toml", "--out", "taken/below"], "nothing can be written into"),
+    "broken toml": (["compare", "broken.toml", "--out", "o"], "broken.toml: is not valid TOML"),
+    "missing record": (["diagnose", "study.toml", "--out", "o"], "a.csv"),
+    "bad seed": (["bench", "axis", "--out", "o", "--seed", "-1"], "'-1' is no seed: give a whole number, 0 or more"),
+    "seed in words": (["diagnose", "study.toml", "--out", "o", "--seed", "seven"], "'seven' is no seed"),
+    "bad max-effects": (["diagnose", "study.toml", "--out", "o", "--max-effects", "1.5"], "'1.5' is no number of effects"),
+    "one trip": (["bench", "axis", "--out", "o", "--trips", "1"], "'1' is no number of trips"),
+    "many trips": (["bench", "axis", "--out", "o", "--trips", "100"], "trips is 100: give 2 to 99"),
+    "no strength": (["bench", "axis", "--out", "o", "--strength", "0"], "'0' is no factor: give a number above zero"),
+    "infinite force": (["bench", "axis", "--out", "o", "--disturbance", "inf"], "'inf' is no force"),
+    "bench without out": (["bench", "axis"], "--out DIR is missing"),
+    "bench into a file": (["bench", "axis", "--out", "taken"], "--out taken: is a file"),
+    "unknown kind": (["bench", "axis", "--out", "o", "--hide", "coulom_friction"], "did you mean 'coulomb_friction'?"),
+    "kind at the wrong place": (["bench", "axis", "--out", "o", "--hide", "backlash@guide"], "backlash fits coupling"),
+    "unknown place": (["bench", "axis", "--out", "o", "--hide", "slip@coupler"], "there is no such place"),
+    "unknown over": (
+        ["bench", "axis", "--out", "o", "--hide", "unknown_force", "--unknown-over", "load"], "position, speed, time"),
+}
+
+
+@pytest.mark.parametrize(("words", "says"), BAD.values(), ids=BAD)
+def test_bad_input_gives_one_message_and_no_traceback(run: Run, tmp_path: Path, words: list[str], says: str) -> None:
+    (tmp_path / "taken").write_text("x")
+    (tmp_path / "study.toml").write_text(STUDY)
+    (tmp_path / "axis.py").write_text(MODEL)
+    (tmp_path / "broken.toml").write_text("[model\n")
+    code, out, err = run(*words)
+    assert (code, out) == (2, "")
+    assert says in err
+    assert err.startswith("vtsdt: ")
+    assert "Traceback" not in err
+    assert not (tmp_path / "o").exists()
+
+
+def test_debug_shows_the_traceback(run: Run) -> None:
+    code, _, err = run("diagnose", "nothing.toml", "--out", "o", "--debug")
+    assert code == 2
+    assert "Traceback" in err
+    assert "StudyError" in err
+
+
+def test_debug_may_stand_first(run: Run) -> None:
+    assert "Traceback" in run("--debug", "diagnose", "nothing.toml", "--out", "o")[2]
+
+
+def test_a_folder_that_cannot_be_written(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "locked").mkdir()
+    monkeypatch.setattr(cli.os, "access", lambda path, mode: False)  # root may write anywhere
+    code, _, err = run("bench", "axis", "--out", "locked/new")
+    assert code == 2
+    assert "nothing can be written into" in err
+
+
+def _raising(error: BaseException) -> Callable[..., int]:
+    def work(args: object) -> int:
+        raise error
+
+    return work
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "says"),
+    [
+        (ZeroDivisionError("division by zero"), 1, "a fault in the program: ZeroDivisionError: division by zero"),
+        (KeyError("x"), 1, "run the same command with --debug"),
+        (FileNotFoundError(2, "No such file or directory", "gone.csv"), 2, "gone.csv: No such file or directory"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+    ids=lambda each: type(each).__name__ if isinstance(each, BaseException) else None,
+)
+def test_exit_codes_of_what_is_raised(
+    run: Run, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, says: str
+) -> None:
+    monkeypatch.setattr(cli, "_function", lambda target, command: _raising(error))
+    got, _, err = run("diagnose", "study.toml", "--out", "o")
+    assert got == code
+    assert says in err
+    assert "Traceback" not in err
+
+
+def test_each_package_tells_bad_input_by_a_class_that_exists() -> None:
+    import importlib
+
+    for module, names in cli.BAD_INPUT.items():
+        for name in names.split():
+            assert issubclass(getattr(importlib.import_module(module), name), Exception)
+
+
+def test_diagnose_hands_its_arguments_over(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = {}
+
+    def work(args: object) -> None:
+        seen.update(vars(args))
+
+    monkeypatch.setattr(cli, "_function", lambda target, command: seen.update(target=target) or work)
+    assert run("diagnose", "s.toml", "--out", "o", "--seed", "4", "--max-effects", "2", "--quiet")[0] == 0
+    assert isinstance(seen.pop("progress"), Progress)
+    wanted = {"target": "discrepancy.command:diagnose", "study": "s.toml", "out": "o", "seed": 4, "max_effects": 2, "quiet": True}
+    assert {k: seen[k] for k in wanted} == wanted
+    assert run("compare", "s.toml", "--out", "o")[0] == 0
+    assert (seen["target"], seen["seed"], seen["quiet"]) == ("discrepancy.command:compare", None, False)
+
+
+def test_other_commands_go_to_their_modules(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "rig_of_test.py").write_text("def main(arguments):\n    print(arguments)\n    return 7\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setitem(cli.ELSEWHERE, ("bench", "lift"), cli.Elsewhere("rig_of_test:main", "a rig"))
+    code, out, _ = run("bench", "lift", "--hide", "x", "--out", "o")
+    assert (code, out.strip()) == (7, "['--hide', 'x', '--out', 'o']")
+
+
+@pytest.mark.parametrize("target", ["vtsdt.no_such_module:main", "vtsdt.progress:main"])
+def test_a_command_that_is_not_there_says_so(run: Run, monkeypatch: pytest.MonkeyPatch, target: str) -> None:
+    monkeypatch.setitem(cli.ELSEWHERE, ("align",), cli.Elsewhere(target, "alignment"))
+    code, _, err = run("align", "--out", "o")
+    assert code == 2
+    assert "vtsdt align is not there yet" in err
+    assert run("align", "--help")[0] == 0
+
+
+def test_version(run: Run) -> None:
+    code, out, _ = run("--version")
+    assert code == 0
+    assert out.startswith("vtsdt 0.")
+
+
+def test_output_into_a_closed_pipe_is_no_error() -> None:
+    command = f"'{sys.executable}' -m vtsdt --help | head -n 0; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, env=os.environ)
+    assert done.returncode == 0
+    assert done.stderr == ""
+
+
+def test_progress_waits_before_it_writes_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    with Progress() as progress:
+        progress("at once")
+        progress._begun -= 10.0
+        progress("later")
+    assert [line.split("s  ")[1] for line in capsys.readouterr().err.splitlines()] == ["later"]
+
+
+def test_progress_on_a_terminal_is_taken_away_again() -> None:
+    import pty
+
+    code = "from vtsdt.progress import Progress\nwith Progress() as p:\n    p('working')\nprint('done')\n"
+    main, other = pty.openpty()
+    subprocess.run([sys.executable, "-c", code], stdout=other, stderr=other, check=True, env={**os.environ, "TERM": "xterm"})
+    os.close(other)
+    shown = os.read(main, 10_000).decode()
+    os.close(main)
+    assert "working" in shown
+    assert shown.rindex("\x1b[2K") > shown.rindex("working")
+    assert shown.rstrip().endswith("done")
