@@ -30,6 +30,9 @@ from discrepancy.whitening import Whitener
 
 MAX_CLEAN = 4
 CLEAN_LEVEL = 0.01
+# At the textbook amplitude 58 % were detected instead of 80 %, at 1.2 times it 79 % (156 of 198): λ and the shape
+# are estimated, which the formula takes as known.
+MDE_MARGIN = 1.2
 
 
 def scan(
@@ -223,7 +226,7 @@ def _row(
     from scipy.special import fdtri
 
     crit = float(np.sqrt(k * fdtri(k, nu, 1.0 - np.exp(-max(u_crit, 1e-9)))))
-    mde = smallest_visible(crit, float(np.max(np.diag(cov)) * lam))
+    mde = MDE_MARGIN * smallest_visible(crit, float(np.max(np.diag(cov)) * lam))
     delta = c.delta
     if delta is None:
         peak = np.max([np.max(np.abs(b), axis=(0, 2)) for b in c.columns[group.shape]], axis=0)
