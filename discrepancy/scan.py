@@ -30,8 +30,8 @@ from discrepancy.whitening import Whitener
 
 MAX_CLEAN = 4
 CLEAN_LEVEL = 0.01
-# At the textbook amplitude 58 % were detected instead of 80 %, at 1.2 times it 79 % (156 of 198): λ and the shape
-# are estimated, which the formula takes as known.
+# At the textbook amplitude 58 % were detected instead of 80 %, at 1.2 times it 79 % (156 of 198): λ and the
+# shape are estimated, which the formula takes as known.
 MDE_MARGIN = 1.2
 
 
