@@ -53,6 +53,9 @@ class Component:
     #: an output; the speed is the output at which it is passed, or ``"time"``.
     features: ClassVar[dict[str, str]] = {}
 
+    #: Names of states in the order in which they shall stand, before those that are not named here.
+    state_order: ClassVar[tuple[str, ...]] = ()
+
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         collected: dict[str, Declaration] = {}

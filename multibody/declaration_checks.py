@@ -87,7 +87,7 @@ def _port_faults(component: Component, item: Port) -> list[str]:
     inertia = getattr(item, "inertia", None)
     if inertia is None:
         return []
-    parameters = component.of_kind(Parameter)
+    parameters = component.of_kind((Parameter, Output))  # type: ignore[arg-type]
     if inertia not in parameters:
         hint = nearest(inertia, parameters)
         return [f"port '{item.name}': inertia='{inertia}' is not a declared parameter{hint}"]

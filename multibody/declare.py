@@ -191,7 +191,8 @@ class Translation(Port):
     meaning : str
         One line.
     inertia : str, optional
-        Name of the parameter (kg) by which the component resists acceleration of this flange.
+        Name of the parameter (kg) by which the component resists acceleration of this flange, or of an output that
+        its equations make of parameters alone.
     prescribed : bool
         True when the component's equations give the flange its position, velocity and acceleration.
     coordinate : str, optional
@@ -220,7 +221,8 @@ class Rotation(Port):
     meaning : str
         One line.
     inertia : str, optional
-        Name of the parameter (kg m²) by which the component resists angular acceleration of this flange.
+        Name of the parameter (kg m²) by which the component resists angular acceleration of this flange, or of an
+        output that its equations make of parameters alone.
     prescribed : bool
         True when the component's equations give the flange its angle, speed and acceleration.
     coordinate : str, optional

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from multibody.declare import Pin, Port
 from multibody.dynamics import Contribution, Coordinate, total
 from multibody.equation_set import Assembly, Quantity, Unknown
+from multibody.errors import EquationError
 from multibody.statements import variable
 from multibody.transmissions import Coupling, directed, follow
 
@@ -63,7 +64,9 @@ class Kinematics:
         return any(self.reaches_inertia(n) for n in driven)
 
     def massless(self, node: Node) -> bool:
-        """Tell whether a node's speed follows from a balance of forces without inertia; it has no acceleration."""
+        """Tell whether a node's speed follows from a balance of forces without inertia; it has no
+        acceleration.
+        """
         return id(node) in self._massless
 
     def push(self, node: Node, text: str) -> None:
@@ -83,7 +86,9 @@ class Kinematics:
                 if node.prescriber is not None:
                     work.add(f"{base}__reaction = {base}___sum", node.label.name)
                 elif not node.grounded:
-                    work.unknowns.append(Unknown(f"{node.label.name}.voltage", f"{base}__voltage", f"{base}___sum"))
+                    work.unknowns.append(
+                        Unknown(f"{node.label.name}.voltage", f"{base}__voltage", f"{base}___sum")
+                    )
                 continue
             motion = self.of(node)
             terms = flows + motion.pushes
@@ -91,21 +96,29 @@ class Kinematics:
                 continue
             work.add(f"{motion.base}___net = {total(terms)}", node.label.name)
             inertia = [variable(p.owner, p.inertia or "") for p in node.inertial]
-            work.contributions.append(Contribution(
-                node.label.owner, (motion.factors,),
-                {(0, 0): f"({total(inertia)})" if len(inertia) > 1 else inertia[0]} if inertia else {},
-                (motion.bias,), (f"{motion.base}___net",)))
+            work.contributions.append(
+                Contribution(
+                    node.label.owner,
+                    (motion.factors,),
+                    {(0, 0): f"({total(inertia)})" if len(inertia) > 1 else inertia[0]} if inertia else {},
+                    (motion.bias,),
+                    (f"{motion.base}___net",),
+                )
+            )
             for p in node.inertial:
                 var = f"{variable(p.owner, p.port_name)}___kinetic"
-                work.add(f"{var} = 0.5 * {variable(p.owner, p.inertia or '')} * {self.motion(node, 1)} ** 2", p.owner)
+                work.add(
+                    f"{var} = 0.5 * {variable(p.owner, p.inertia or '')} * {self.motion(node, 1)} ** 2",
+                    p.owner,
+                )
                 work.kinetic.append((p.owner, var))
         self._transmitted(work, written)
 
     def _transmitted(self, work: Assembly, written: set[str]) -> None:
         """State what every transmission exerts on its ports, as ``<owner>.<port>.reaction``.
 
-        On the side that follows it is what Newton's law there leaves over; the other sides get −J times it, because
-        an ideal transmission takes as much power as it gives.
+        On the side that follows it is what Newton's law there leaves over; the other sides get −J times it,
+        because an ideal transmission takes as much power as it gives.
         """
         given_back: dict[int, list[str]] = {}
         for coupling in reversed(self.couplings):  # what follows this target is known before it
@@ -127,7 +140,8 @@ class Kinematics:
 def resolve_nodes(model: Model, net: Network, work: Assembly) -> Kinematics:
     """Decide how every node moves, and write its position and rate down.
 
-    Independent nodes bring the states ``<component>.position`` and ``<component>.velocity`` (``angle``, ``speed``).
+    Independent nodes bring the states ``<component>.position`` and ``<component>.velocity`` (``angle``,
+    ``speed``).
     """
     kin = Kinematics(net)
     for node in net.nodes:
@@ -154,9 +168,13 @@ def resolve_nodes(model: Model, net: Network, work: Assembly) -> Kinematics:
         if node.domain != Pin.domain and id(node) not in followers:
             _leader(kin, node, work)
     for coupling in couplings:
-        follow(kin, net, coupling, work)
+        try:
+            follow(kin, net, coupling, work)
+        except EquationError as error:
+            work.faults.append(f"component '{coupling.owner}': {error}")
         _show_motion(kin, net.node_of[coupling.target], work, skip=None)
-    work.states.sort(key=lambda q: owner_rank(q.name, order))
+    wanted = {f"{n}.{s}": k for n, c in model.components.items() for k, s in enumerate(c.state_order)}
+    work.states.sort(key=lambda q: (owner_rank(q.name, order), wanted.get(q.name, len(wanted))))
     return kin
 
 
@@ -178,8 +196,11 @@ def _leader(kin: Kinematics, node: Node, work: Assembly) -> None:
             holder = locked[0]
             name = _start_name(holder, port.potential)
             start = work.parameter(
-                f"{holder.owner}.{name}", port.units[port.potential], f"{port.potential} at which it is locked",
-                holder.component.starts[name])
+                f"{holder.owner}.{name}",
+                port.units[port.potential],
+                f"{port.potential} at which it is locked",
+                holder.component.starts[name],
+            )
         work.add(f"{position} = {start}", label.name)
         work.add(f"{rate} = 0.0", label.name)
         work.add(f"{acceleration} = 0.0", label.name)
@@ -188,17 +209,18 @@ def _leader(kin: Kinematics, node: Node, work: Assembly) -> None:
     motion.factors = {motion.base: "1.0"}
     if node.prescriber is not None:
         reaction = f"{variable(node.prescriber.owner, node.prescriber.port_name)}__reaction"
-        work.coordinates.append(Coordinate(motion.base, label.name, rate, acceleration, "prescribed", reaction))
+        work.coordinates.append(
+            Coordinate(motion.base, label.name, rate, acceleration, "prescribed", reaction)
+        )
         _show_motion(kin, node, work, skip=None)
         return
     work.coordinates.append(Coordinate(motion.base, label.name, rate, acceleration))
     massless = not kin.reaches_inertia(node)
     named = zip(_state_names(label), (port.potential, port.rate), (position, rate), strict=True)
-    for (name, start), what, var in named:
+    for (name, value), what, var in named:
         if what == port.rate and massless:
             continue
-        work.states.append(
-            Quantity(f"{label.owner}.{name}", port.units[what], what, var, start))
+        work.states.append(Quantity(f"{label.owner}.{name}", port.units[what], what, var, value))
     work.derivatives[position] = rate
     if massless:
         kin._massless.add(id(node))

@@ -154,6 +154,10 @@ class Rewriter(ast.NodeTransformer):
         if node.keywords or any(isinstance(a, ast.Starred) for a in node.args):
             raise self.refuse(node, "calls in equations take plain positional arguments")
         func = node.func
+        if isinstance(func, ast.Attribute) and func.attr == "slope" and (curve := self._curve(func.value)) is not None:
+            if len(node.args) != 1:
+                raise self.refuse(node, "the slope of a table takes one argument")
+            return self.table_call(curve.name, curve, self.visit(node.args[0]), slope=True)
         if isinstance(func, ast.Attribute) and isinstance(func.value, ast.Name):
             if func.value.id == "math":
                 return self._math_call(node, func)
@@ -202,11 +206,21 @@ class Rewriter(ast.NodeTransformer):
         self.scope.kernels[found] = kernel
         return found
 
-    def table_call(self, name: str, table: Table, argument: ast.expr) -> ast.expr:
-        """Return the call that evaluates a table."""
+    def _curve(self, node: ast.expr) -> Table | None:
+        """Return the table that ``self.<name>`` is, if it is one."""
+        if not (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "self"):
+            return None
+        found = self.scope.component.declarations.get(node.attr)
+        return found if isinstance(found, Table) else None
+
+    def table_call(self, name: str, table: Table, argument: ast.expr, slope: bool = False) -> ast.expr:
+        """Return the call that evaluates a table, or its slope."""
         from multibody import tables
 
-        kernel = tables.linear if table.interpolation == "linear" else tables.cubic
+        if table.interpolation == "linear":
+            kernel = tables.linear_rate if slope else tables.linear
+        else:
+            kernel = tables.cubic_rate if slope else tables.cubic
         kernel_name = f"k_tables_{kernel.__name__}"
         self.scope.kernels[kernel_name] = kernel
         start, size = (ast.Name(variable(self.scope.name, name, what), ast.Load()) for what in ("_start", "_size"))

@@ -13,10 +13,16 @@ __all__ = [
     "SLOPES",
     "TANGENTS",
     "cubic",
+    "cubic_rate",
+    "cubic_rate_slope",
+    "cubic_rate_tangent",
     "cubic_slope",
     "cubic_tangent",
     "interval",
     "linear",
+    "linear_rate",
+    "linear_rate_slope",
+    "linear_rate_tangent",
     "linear_slope",
     "linear_tangent",
     "packed",
@@ -134,10 +140,97 @@ def cubic_slope(p, start, size, x):
     return p[k + size] + s * (d0 + s * (c2 + s * c3)), (d0 + s * (2.0 * c2 + 3.0 * s * c3)) / width
 
 
+def linear_rate(p, start, size, x):
+    """Return the slope of the piecewise linear curve at x."""
+    if x <= p[start] or x >= p[start + size - 1]:
+        return 0.0
+    k = start + interval(p, start, size, x)
+    return (p[k + size + 1] - p[k + size]) / (p[k + 1] - p[k])
+
+
+def linear_rate_tangent(p, p_dot, start, size, x, x_dot):
+    """Return the slope of the piecewise linear curve and its directional derivative."""
+    if x <= p[start] or x >= p[start + size - 1]:
+        return 0.0, 0.0
+    k = start + interval(p, start, size, x)
+    width = p[k + 1] - p[k]
+    slope = (p[k + size + 1] - p[k + size]) / width
+    return slope, (p_dot[k + size + 1] - p_dot[k + size] - slope * (p_dot[k + 1] - p_dot[k])) / width
+
+
+def linear_rate_slope(p, start, size, x):
+    """Return the slope of the piecewise linear curve and the slope of that."""
+    if x <= p[start] or x >= p[start + size - 1]:
+        return 0.0, 0.0
+    k = start + interval(p, start, size, x)
+    return (p[k + size + 1] - p[k + size]) / (p[k + 1] - p[k]), 0.0
+
+
+def cubic_rate(p, start, size, x):
+    """Return the slope of the cubic Hermite curve at x."""
+    if x <= p[start] or x >= p[start + size - 1]:
+        return 0.0
+    k = start + interval(p, start, size, x)
+    width = p[k + 1] - p[k]
+    s = (x - p[k]) / width
+    secant = (p[k + size + 1] - p[k + size]) / width
+    m0 = p[k + 2 * size]
+    m1 = p[k + 2 * size + 1]
+    return m0 + s * (2.0 * (3.0 * secant - 2.0 * m0 - m1) + 3.0 * s * (m0 + m1 - 2.0 * secant))
+
+
+def cubic_rate_tangent(p, p_dot, start, size, x, x_dot):
+    """Return the slope of the cubic Hermite curve and its directional derivative; points and slopes may change."""
+    if x <= p[start] or x >= p[start + size - 1]:
+        return 0.0, 0.0
+    k = start + interval(p, start, size, x)
+    width = p[k + 1] - p[k]
+    width_dot = p_dot[k + 1] - p_dot[k]
+    s = (x - p[k]) / width
+    s_dot = (x_dot - p_dot[k] - s * width_dot) / width
+    secant = (p[k + size + 1] - p[k + size]) / width
+    secant_dot = (p_dot[k + size + 1] - p_dot[k + size] - secant * width_dot) / width
+    m0 = p[k + 2 * size]
+    m1 = p[k + 2 * size + 1]
+    m0_dot = p_dot[k + 2 * size]
+    m1_dot = p_dot[k + 2 * size + 1]
+    c2 = 3.0 * secant - 2.0 * m0 - m1
+    c3 = m0 + m1 - 2.0 * secant
+    c2_dot = 3.0 * secant_dot - 2.0 * m0_dot - m1_dot
+    c3_dot = m0_dot + m1_dot - 2.0 * secant_dot
+    value = m0 + s * (2.0 * c2 + 3.0 * s * c3)
+    return value, s_dot * (2.0 * c2 + 6.0 * s * c3) + m0_dot + s * (2.0 * c2_dot + 3.0 * s * c3_dot)
+
+
+def cubic_rate_slope(p, start, size, x):
+    """Return the slope of the cubic Hermite curve and the slope of that."""
+    if x <= p[start] or x >= p[start + size - 1]:
+        return 0.0, 0.0
+    k = start + interval(p, start, size, x)
+    width = p[k + 1] - p[k]
+    s = (x - p[k]) / width
+    secant = (p[k + size + 1] - p[k + size]) / width
+    m0 = p[k + 2 * size]
+    m1 = p[k + 2 * size + 1]
+    c2 = 3.0 * secant - 2.0 * m0 - m1
+    c3 = m0 + m1 - 2.0 * secant
+    return m0 + s * (2.0 * c2 + 3.0 * s * c3), (2.0 * c2 + 6.0 * s * c3) / width
+
+
 #: by curve: value and directional derivative, the points may change as well
-TANGENTS = {linear: linear_tangent, cubic: cubic_tangent}
+TANGENTS = {
+    linear: linear_tangent,
+    cubic: cubic_tangent,
+    linear_rate: linear_rate_tangent,
+    cubic_rate: cubic_rate_tangent,
+}
 #: by curve: value and slope with the points held
-SLOPES = {linear: linear_slope, cubic: cubic_slope}
+SLOPES = {
+    linear: linear_slope,
+    cubic: cubic_slope,
+    linear_rate: linear_rate_slope,
+    cubic_rate: cubic_rate_slope,
+}
 
 
 def pchip_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:

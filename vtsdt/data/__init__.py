@@ -1,0 +1,1 @@
+"""Parameter files that ship with the package."""

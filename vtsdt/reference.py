@@ -1,0 +1,49 @@
+"""Speed references of a trip: jerk-limited, made inside the model or sampled for its input."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multibody.library.profiles import jerk_limited
+from multibody.library.sources import SCurveProfile
+
+if TYPE_CHECKING:
+    from vtsdt.lift import Lift
+
+__all__ = ["reference_component", "sampled_reference", "trip_sign"]
+
+
+def trip_sign(direction: str) -> float:
+    """Return +1 for ``"up"`` and -1 for ``"down"``.
+
+    Raises
+    ------
+    ValueError
+        For anything else.
+    """
+    if direction not in ("up", "down"):
+        raise ValueError(f"a trip goes 'up' or 'down', not {direction!r}")
+    return 1.0 if direction == "up" else -1.0
+
+
+def reference_component(lift: Lift) -> SCurveProfile:
+    """Return the part that makes the speed reference of a trip from the lift's start to the other end."""
+    p, r = lift.parameters, lift.parameters.pulley.R_p
+    way = p.hoistway.travel if lift.start < 0.5 * p.hoistway.travel else -p.hoistway.travel
+    return SCurveProfile(
+        distance=-way / r, v_max=p.trip.speed / r, a_max=p.trip.acceleration / r, j_max=p.trip.jerk / r, start=p.trip.start)
+
+
+def sampled_reference(lift: Lift, direction: str = "up", step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (s) and speed reference of the pulley (rad/s) of a whole trip.
+
+    A positive speed lets the cabin down, so the reference of a trip up is negative.
+    """
+    p, r = lift.parameters, lift.parameters.pulley.R_p
+    times = np.arange(round(p.trip.duration / step) + 1) * step
+    way = -trip_sign(direction) * p.hoistway.travel
+    limits = (p.trip.speed, p.trip.acceleration, p.trip.jerk)
+    speed = np.array([jerk_limited(t - p.trip.start, way, *limits)[1] for t in times])
+    return times, speed / r

@@ -1,0 +1,157 @@
+"""Trips of a lift: the state at rest, checks of the reference, simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multibody.errors import SimulationError
+from vtsdt.reference import sampled_reference, trip_sign
+
+if TYPE_CHECKING:
+    from multibody.equilibrium import Equilibrium
+    from multibody.trajectory import Trajectory
+    from vtsdt.lift import Lift
+
+__all__ = ["check_reference", "rest", "run"]
+
+_G = 9.80665
+_SLACK = 0.02  # m by which a reference may pass the ends of the travel
+
+
+def rest(lift: Lift, height: float | None = None, **options: Any) -> Equilibrium:
+    """Return the state at rest with the cabin at a height.
+
+    Every model starts from its own equilibrium: the brake's place is that of the pulley, whose angle is held;
+    the motor current that keeps it there is found with the rest.
+
+    Parameters
+    ----------
+    lift : Lift
+    height : float, m, optional
+        Of the cabin's floor, without the ropes' stretch; default: the lift's start.
+    options
+        Further arguments of `multibody.equilibrium.equilibrium`, such as ``parameters``.
+
+    Raises
+    ------
+    SimulationError
+        If there is none near.
+    """
+    height = lift.start if height is None else float(height)
+    p, system = lift.parameters, lift.system
+    guess = dict(options.pop("guess", {}))
+    inputs = dict(options.pop("inputs", {}))
+    load = (lift.payload[0] if lift.payload else 0.0) + p.cabin.mass
+    if not lift.structure.drive:
+        inputs.setdefault("F_c", load * _G)
+        guess.setdefault("cabin.z", height)
+        return system.equilibrium(guess=guess, inputs=inputs, hold=("cabin.z",), **options)
+    whole = p.ropes.EA * p.ropes.n
+    moved = height - lift.start
+    drop_c = load * _G * (p.ropes.L_0_c - height) / whole
+    drop_cw = p.counterweight.mass * _G * (p.ropes.L_0_cw + height) / whole
+    sunk = (load + p.counterweight.mass + p.support.mass) * _G / (4.0 * p.support.stiffness)
+    guesses = {
+        "cabin.z": height - drop_c - sunk, "counterweight.z": p.hoistway.travel - height - drop_cw - sunk,
+        "pulley.angle": -moved / p.pulley.R_p, "support.plate_position": -sunk, "support.position": -sunk,
+    }
+    guess = {**{k: v for k, v in guesses.items() if k in system.state_names}, **guess}
+    return system.equilibrium(guess=guess, inputs=inputs, hold=("pulley.angle",), **options)
+
+
+def check_reference(lift: Lift, times: np.ndarray, omega: np.ndarray, height: float) -> None:
+    """Refuse a speed reference that leaves the hoistway or uses up the rope.
+
+    Parameters
+    ----------
+    times, omega : ndarray, s and rad/s
+    height : float, m
+        Where the cabin starts.
+
+    Raises
+    ------
+    SimulationError
+        With the time at which it happens.
+    """
+    p = lift.parameters
+    paid_out = p.pulley.R_p * np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1]) * np.diff(times))])
+    at = height - paid_out
+    faults = []
+    lengths = {"cabin": p.ropes.L_0_c - at, "counterweight": p.ropes.L_0_cw + at}
+    for side, length in lengths.items():
+        if np.any(short := length <= 0.0):
+            faults.append(
+                f"the rope on the {side}'s side has no length left at {times[np.argmax(short)]:.3f} s, where the "
+                f"reference takes the cabin to {at[np.argmax(short)]:.3f} m")
+    for name, outside in (("top", at > p.hoistway.travel + _SLACK), ("bottom", at < -_SLACK)):
+        if np.any(outside):
+            k = int(np.argmax(outside))
+            end = p.hoistway.travel if name == "top" else 0.0
+            faults.append(
+                f"the reference leaves the hoistway at its {name} ({end:g} m) at {times[k]:.3f} s and goes on to "
+                f"{at.max() if name == 'top' else at.min():.3f} m; omega_ref is the pulley's speed in rad/s, positive "
+                "lets the cabin down")
+    if faults:
+        raise SimulationError(f"'{lift.name}' cannot make this trip:\n" + "\n".join(f"  - {f}" for f in faults))
+
+
+def run(
+    lift: Lift, direction: str = "up", *, inputs: Mapping[str, Any] | None = None, step: float = 1e-3,
+    height: float | None = None, **options: Any,
+) -> Trajectory:
+    """Simulate a trip from rest.
+
+    Parameters
+    ----------
+    lift : Lift
+    direction : {"up", "down"}
+        Way of the reference that is made when ``inputs`` has no omega_ref.
+    inputs : mapping, optional
+        Model inputs by name, as for `multibody.simulate.simulate`: omega_ref, tau_L, friction_c, friction_cw, F_c.
+    step : float, s
+        Of the record.
+    height : float, m, optional
+        Where the cabin starts; default: at the end from which the direction leads away.
+    options
+        Further arguments of `multibody.simulate.simulate`.
+
+    Raises
+    ------
+    SimulationError
+        If the reference leaves the hoistway, a rope has no length left, or the integration fails.
+    """
+    sign = trip_sign(direction)
+    travel = lift.parameters.hoistway.travel
+    given = dict(inputs or {})
+    structure = lift.structure
+    if height is None:
+        height = lift.start if not structure.drive or structure.profile else (0.0 if sign > 0 else travel)
+    if structure.drive and not structure.profile:
+        given.setdefault("omega_ref", sampled_reference(lift, direction))
+        times, omega = _as_arrays(given["omega_ref"], options.get("until", lift.parameters.trip.duration))
+        check_reference(lift, times, omega, height)
+    until = options.pop("until", lift.parameters.trip.duration)
+    first = {n: v for n, v in ((n, _first(v)) for n, v in given.items()) if n not in ("omega_ref", "tau_L")}
+    values = {"parameters": options["parameters"]} if "parameters" in options else {}
+    initial = options.pop("initial", None)
+    if initial is None:
+        initial = rest(lift, height, inputs=first, **values).state
+    return lift.system.simulate(until, inputs=given, initial=initial, step=step, **options)
+
+
+def _first(value: Any) -> float:
+    if callable(value):
+        return float(value(0.0))
+    return float(value[1][0]) if isinstance(value, tuple | list) else float(value)
+
+
+def _as_arrays(omega: Any, until: float) -> tuple[np.ndarray, np.ndarray]:
+    if callable(omega):
+        times = np.linspace(0.0, until, 2001)
+        return times, np.array([omega(t) for t in times])
+    if np.ndim(omega) == 0:
+        return np.array([0.0, until]), np.array([omega, omega], dtype=float)
+    return np.asarray(omega[0], dtype=float), np.asarray(omega[1], dtype=float)
