@@ -1,4 +1,4 @@
-"""Model and measurement side by side: every figure of agreement for each part, record and output of a stage."""
+"""Model and measurement side by side: the figures of agreement of every part, record and output."""
 
 from __future__ import annotations
 
@@ -87,12 +87,14 @@ class SignalComparison:
 
     @property
     def energy_share(self) -> float:
-        """Energy of the residual divided by that of the measured signal about its mean; NaN if that is constant."""
+        """Energy of the residual divided by the measured signal's about its mean; NaN if that is constant."""
         total = float(np.sum((self.measured - self.measured.mean()) ** 2))
         return float(np.sum(self.residual**2)) / total if total > 0.0 else float("nan")
 
-    def spectrum(self, of: str = "residual", resolution: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return frequency (Hz) and power spectral density (unit²/Hz) of ``"residual"``, ``"measured"`` or ``"model"``."""
+    def spectrum(
+        self, of: str = "residual", resolution: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return frequency (Hz) and density (unit²/Hz) of ``"residual"``, ``"measured"`` or ``"model"``."""
         return spectral_density(getattr(self, of), self.rate, resolution)
 
     def coherence(self, resolution: float | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -117,37 +119,59 @@ class Comparison:
     def __iter__(self) -> Iterator[SignalComparison]:
         return iter(self.signals)
 
-    def of(self, part: str | None = None, record: str | None = None, output: str | None = None) -> list[SignalComparison]:
+    def of(
+        self, part: str | None = None, record: str | None = None, output: str | None = None
+    ) -> list[SignalComparison]:
         """Return the signals of a part, record or output."""
         return [
-            s for s in self.signals
-            if part in (None, s.part) and record in (None, s.record) and output in (None, s.output)]
+            s
+            for s in self.signals
+            if part in (None, s.part) and record in (None, s.record) and output in (None, s.output)
+        ]
 
     def pooled(self, part: str) -> dict[str, Agreement]:
-        """Return the figures of every output over all records of a part; empty when the part has no records."""
+        """Return the figures of every output over all records of a part; empty without records."""
         found = {}
         for output in dict.fromkeys(s.output for s in self.of(part)):
             group = self.of(part, output=output)
             found[output] = agreement(
-                np.concatenate([s.measured for s in group]), np.concatenate([s.model for s in group]), group[0].noise)
+                np.concatenate([s.measured for s in group]),
+                np.concatenate([s.model for s in group]),
+                group[0].noise,
+            )
         return found
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a table with a row for every part, record and output; errors in the output's unit, work in J."""
+        """Return a row for every part, record and output; errors in the output's unit, work in J."""
         import pandas as pd
 
         rows = []
         for s in self.signals:
             f = s.figures
-            rows.append({
-                "part": s.part, "record": s.record, "output": s.output, "unit": s.unit, "rmse": f.rmse, "nrmse": f.nrmse,
-                "pearson": f.pearson, "cosine": f.cosine, "max_error": f.max_error, "bias": f.bias, "noise": s.noise,
-                "over_noise": s.over_noise, "share_above_noise": f.share_above_noise, "energy_share": s.energy_share,
-                "work_measured": s.work.measured if s.work else None, "work_model": s.work.model if s.work else None})
+            rows.append(
+                {
+                    "part": s.part,
+                    "record": s.record,
+                    "output": s.output,
+                    "unit": s.unit,
+                    "rmse": f.rmse,
+                    "nrmse": f.nrmse,
+                    "pearson": f.pearson,
+                    "cosine": f.cosine,
+                    "max_error": f.max_error,
+                    "bias": f.bias,
+                    "noise": s.noise,
+                    "over_noise": s.over_noise,
+                    "share_above_noise": f.share_above_noise,
+                    "energy_share": s.energy_share,
+                    "work_measured": s.work.measured if s.work else None,
+                    "work_model": s.work.model if s.work else None,
+                }
+            )
         return pd.DataFrame(rows)
 
     def plot(self, part: str = "identify", record: str | None = None) -> Figure:
-        """Draw measurement, model, residual and the residual's spectrum against the noise floor, for one record."""
+        """Draw measurement, model, residual and its spectrum against the noise floor, for one record."""
         from discrepancy.figures import comparison_figure
 
         found = self.of(part, record)
@@ -157,14 +181,18 @@ class Comparison:
         return comparison_figure([s for s in found if s.record == found[0].record])
 
     def __repr__(self) -> str:
-        lines = [f"Comparison of '{self.stage}'",
-                 f"  {'part':9s} {'record':20s} {'output':22s} {'RMSE':>10s} {'unit':8s} {'/signal':>8s} {'/noise':>8s} "
-                 f"{'Pearson':>8s}"]
+        lines = [
+            f"Comparison of '{self.stage}'",
+            f"  {'part':9s} {'record':20s} {'output':22s} {'RMSE':>10s} {'unit':8s} {'/signal':>8s} "
+            f"{'/noise':>8s} "
+            f"{'Pearson':>8s}",
+        ]
         for s in self.signals:
             over = "" if s.over_noise is None else f"{s.over_noise:.2f}"
             lines.append(
                 f"  {s.part:9s} {s.record[:20]:20s} {s.output[:22]:22s} {s.figures.rmse:10.4g} {s.unit:8s} "
-                f"{100 * s.figures.nrmse:6.1f} % {over:>8s} {s.figures.pearson:8.4f}")
+                f"{100 * s.figures.nrmse:6.1f} % {over:>8s} {s.figures.pearson:8.4f}"
+            )
         return "\n".join(lines)
 
 
@@ -194,9 +222,20 @@ def _of_fit(stage: Stage, part: str, fit: Fit) -> list[SignalComparison]:
     for c, (output, unit) in enumerate(zip(experiment.outputs, units, strict=True)):
         measured, model = experiment.measured[:, c], fit.response.outputs[:, c]
         noise = stage.noise.get(output) or None
-        found.append(SignalComparison(
-            part, experiment.name, output, unit, experiment.time, measured, model, noise,
-            agreement(measured, model, noise), _work(fit, units, c)))
+        found.append(
+            SignalComparison(
+                part,
+                experiment.name,
+                output,
+                unit,
+                experiment.time,
+                measured,
+                model,
+                noise,
+                agreement(measured, model, noise),
+                _work(fit, units, c),
+            )
+        )
     return found
 
 
@@ -222,5 +261,10 @@ def _work(fit: Fit, units: list[str], column: int) -> Work | None:
 
 def signal_entry(figures: Agreement) -> dict[str, Any]:
     """Return the figures of one output as they stand in ``diagnosis.json``."""
-    return {"rmse": figures.rmse, "nrmse": figures.nrmse, "pearson": figures.pearson, "cosine": figures.cosine,
-            "max_error": figures.max_error}
+    return {
+        "rmse": figures.rmse,
+        "nrmse": figures.nrmse,
+        "pearson": figures.pearson,
+        "cosine": figures.cosine,
+        "max_error": figures.max_error,
+    }

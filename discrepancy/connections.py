@@ -1,9 +1,9 @@
 """At which connection a force is missing: what a free force at each place could explain of the residual.
 
-At every place a generic force over speed, position and acceleration is sent through the machine, and the residual is
-regressed on the responses.  What calibration could have done is taken out first, and the share that is told is that of
-blocks of time which the regression has not seen, so that many free numbers cannot flatter a place.  Functions of time
-alone are left out: they could not be tested on other blocks.
+At every place a generic force over speed, position and acceleration is sent through the machine, and the
+residual is regressed on the responses.  What calibration could have done is taken out first, and the share
+that is told is that of blocks of time which the regression has not seen, so that many free numbers cannot
+flatter a place.  Functions of time alone are left out: they could not be tested on other blocks.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def failing_connections(facts: Residuals) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        ``place``, ``share`` (0 to 1), ``same_as`` (places where the same force over time would be felt in the same
-        way: only the motion that it follows can tell them apart), ``moves_with`` (rigidly coupled places) and
-        ``sentence``; largest share first.
+        ``place``, ``share`` (0 to 1), ``same_as`` (places where the same force over time would be felt in the
+        same way: only the motion that it follows can tell them apart), ``moves_with`` (rigidly coupled
+        places) and ``sentence``; largest share first.
     """
     system = facts.stage.system
     places = [p.name for p in system.places if f"probe.{p.name}" in system.input_names]
@@ -62,8 +62,14 @@ def failing_connections(facts: Residuals) -> list[dict[str, Any]]:
     groups = _indistinguishable(places, seen)
     rigid = {n: {m.name, *m.also} - {n} for m in facts.motions for n in (m.name, *m.also)}
     found = [
-        {"place": p, "share": float(max(shares[p], 0.0)), "same_as": sorted(groups[p]), "moves_with": sorted(rigid[p])}
-        for p in sorted(places, key=lambda p: -shares[p])]
+        {
+            "place": p,
+            "share": float(max(shares[p], 0.0)),
+            "same_as": sorted(groups[p]),
+            "moves_with": sorted(rigid[p]),
+        }
+        for p in sorted(places, key=lambda p: -shares[p])
+    ]
     return [{**f, "sentence": _sentence(f, found)} for f in found]
 
 
@@ -71,7 +77,7 @@ def _sentence(entry: dict[str, Any], found: list[dict[str, Any]]) -> str:
     place, share = entry["place"], entry["share"]
     if share < _LEAST_SHARE:
         return f"{place}: a missing force here would explain none of the error."
-    told = f"{place}: a missing force here would explain {100 * share:.0f} % of the error that calibration leaves"
+    told = f"{place}: a missing force here would explain {100 * share:.0f} % of what calibration leaves"
     good = {f["place"] for f in found if f["place"] != place and abs(f["share"] - share) < _CLOSE}
     twins = sorted(good.intersection(entry["same_as"]))
     if twins:
@@ -79,8 +85,11 @@ def _sentence(entry: dict[str, Any], found: list[dict[str, Any]]) -> str:
     if near := sorted(good.difference(twins)):
         told += f"; {', '.join(near)} would do nearly as well"
     if weaker := [p for p in entry["same_as"] if p not in good]:
-        told += (f"; the sensors would feel a force at {', '.join(weaker)} in the same way, only the motion that it "
-                 "follows tells the two apart")
+        told += (
+            f"; the sensors would feel a force at {', '.join(weaker)} in the same way, only the motion "
+            "that it "
+            "follows tells the two apart"
+        )
     return told + "."
 
 
@@ -141,25 +150,45 @@ def _responses(
     motion_of = {p.name: [n for n, _ in p.motion_names()] for p in system.places}
     lead = facts.guides()[0].name
     runs = [facts.facts.motions(i) for i in range(len(facts.facts.experiments))]
-    table = {p: [_motion(run, p, motion_of[p], facts.facts.experiments[i].record.time) for i, run in enumerate(runs)]
-             for p in places}
-    generic = {p: _split(_generic_forces(*(np.concatenate(x) for x in zip(*table[p], strict=True))),
-                         [len(t[0]) for t in table[p]]) for p in places}
+    table = {
+        p: [
+            _motion(run, p, motion_of[p], facts.facts.experiments[i].record.time)
+            for i, run in enumerate(runs)
+        ]
+        for p in places
+    }
+    generic = {
+        p: _split(
+            _generic_forces(*(np.concatenate(x) for x in zip(*table[p], strict=True))),
+            [len(t[0]) for t in table[p]],
+        )
+        for p in places
+    }
     for i, experiment in enumerate(facts.facts.experiments):
         position, speed, _ = table[lead][i] if lead in table else table[places[0]][i]
-        shared = [np.ones_like(speed), speed / max(float(np.max(np.abs(speed))), 1e-300),
-                  (position - position.mean()) / max(float(np.ptp(position)), 1e-300)]
+        shared = [
+            np.ones_like(speed),
+            speed / max(float(np.max(np.abs(speed))), 1e-300),
+            (position - position.mean()) / max(float(np.ptp(position)), 1e-300),
+        ]
         for p in places:
             pushes = [Push(f"probe.{p}", f) for f in (*shared, *generic[p][i])]
             dy = experiment.respond(
-                system, facts.facts.p, facts.facts.start(i), pushes=pushes, sensors=facts.facts.sensors).derivatives
+                facts.facts.slim,
+                facts.facts.p,
+                facts.facts.start(i),
+                pushes=pushes,
+                sensors=facts.facts.sensors,
+            ).derivatives
             flat = (dy * weight[:, None]).reshape(-1, dy.shape[2])
             common[p].append(flat[:, : len(shared)])
             own[p].append(flat[:, len(shared) :])
     return ({p: np.concatenate(v) for p, v in own.items()}, {p: np.concatenate(v) for p, v in common.items()})
 
 
-def _motion(run: dict[str, np.ndarray], place: str, names: list[str], time: np.ndarray) -> tuple[np.ndarray, ...]:
+def _motion(
+    run: dict[str, np.ndarray], place: str, names: list[str], time: np.ndarray
+) -> tuple[np.ndarray, ...]:
     position, speed = (run[f"place.{place}.{n}"] for n in names[:2])
     acceleration = run.get(f"place.{place}.{names[2]}")
     return position, speed, np.gradient(speed, time) if acceleration is None else acceleration

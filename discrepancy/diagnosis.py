@@ -1,4 +1,4 @@
-"""What a study concludes, and how that stands in ``diagnosis.json`` (schema 1, see the docs page on the file)."""
+"""What a study concludes, and how that stands in ``diagnosis.json`` (schema 1)."""
 
 from __future__ import annotations
 
@@ -14,15 +14,28 @@ import numpy as np
 from discrepancy.compare import PARTS, Comparison, compare, signal_entry
 from discrepancy.diagnosis_check import SCHEMA, VERDICTS, check_diagnosis
 from discrepancy.effects import Effect
+from discrepancy.explained import explained, explained_by_output
 from discrepancy.locate import WhereItFails, locate
+from discrepancy.plotting import bare_unit
 from discrepancy.stage import Accepted, Rival, Stage
 
 if TYPE_CHECKING:
     from estimation.calibrate import Calibration
 
 __all__ = [
-    "SCHEMA", "VERDICTS", "Conclusion", "Evidence", "UnknownCurve", "check_diagnosis", "effect_parameters",
-    "evidence_of", "explained", "parameter_unit", "plain", "save_diagnosis", "to_diagnosis",
+    "SCHEMA",
+    "VERDICTS",
+    "Conclusion",
+    "Evidence",
+    "UnknownCurve",
+    "check_diagnosis",
+    "effect_parameters",
+    "evidence_of",
+    "explained",
+    "parameter_unit",
+    "plain",
+    "save_diagnosis",
+    "to_diagnosis",
 ]
 
 
@@ -35,7 +48,8 @@ class UnknownCurve:
     where : str
         Connection at which it acts.
     regressor : str
-        ``"position"``, ``"speed"``, ``"time"`` or ``"friction"`` (a level over position that turns with the direction).
+        ``"position"``, ``"speed"``, ``"time"`` or ``"friction"`` (a level over position that turns with the
+        direction).
     regressor_unit, unit : str
         Unit of ``x``; unit of the force.
     x, force, std : ndarray, shape (n,)
@@ -57,22 +71,38 @@ class UnknownCurve:
     delta_bic: float = math.nan
 
     @classmethod
-    def of_effect(cls, effect: Effect, calibration: Calibration, statement: str = "", **figures: float) -> UnknownCurve:
+    def of_effect(
+        cls, effect: Effect, calibration: Calibration, statement: str = "", **figures: float
+    ) -> UnknownCurve:
         """Return the curve of an effect of kind ``unknown_force``, with the deviations of its points."""
         known = {p.name: s for p, s in zip(calibration.parameters, calibration.std, strict=True)}
         std = np.array([known.get(effect.parameter_name(n), math.nan) for n in effect.strengths], dtype=float)
         turns = effect.domain == "rotation"
         unit = {"time": "s", "speed": "rad/s" if turns else "m/s"}.get(effect.over, "rad" if turns else "m")
         return cls(
-            effect.where, effect.over, unit, "N*m" if turns else "N", np.array(effect.knots),
-            np.array(list(effect.strengths.values()), dtype=float), std, statement, **figures)
+            effect.where,
+            effect.over,
+            unit,
+            "N*m" if turns else "N",
+            np.array(effect.knots),
+            np.array(list(effect.strengths.values()), dtype=float),
+            std,
+            statement,
+            **figures,
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the curve and what it is a function of, as ``parameters`` of the effect."""
         return {
             "function_of": {"value": self.regressor, "std": None, "unit": self.regressor_unit},
-            "curve": {"x": self.x.tolist(), "value": self.force.tolist(), "std": self.std.tolist(), "unit": self.unit,
-                      "x_unit": self.regressor_unit}}
+            "curve": {
+                "x": self.x.tolist(),
+                "value": self.force.tolist(),
+                "std": self.std.tolist(),
+                "unit": self.unit,
+                "x_unit": self.regressor_unit,
+            },
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +120,8 @@ class Conclusion:
     refused : tuple of (kind, where, why)
         What these records cannot speak about.
     hidden : tuple of (kind, where, mde, delta, unit)
-        What was looked for and not found; ``mde`` is the smallest amplitude that would have been seen, ``delta`` the
-        one that would matter.
+        What was looked for and not found; ``mde`` is the smallest amplitude that would have been seen,
+        ``delta`` the one that would matter.
     next_measurement : tuple of str
     unknown : UnknownCurve or None
     warnings : tuple of str
@@ -173,35 +203,6 @@ def evidence_of(conclusion: Conclusion) -> Evidence:
     return Evidence(tuple(compare(s) for s in conclusion.stages), before, after)
 
 
-def explained(conclusion: Conclusion) -> tuple[float, float]:
-    """Return the share of the recalibrated baseline's error above the noise floor that is gone.
-
-    Outputs are added in units of their noise floor, because a newton cannot be added to a metre.
-
-    Returns
-    -------
-    energy, rms : float
-        As share of the mean square (the figure ``explained``), and of its root.  Zero where the baseline has no
-        error above noise; negative where the error has grown.
-    """
-    part = conclusion.judged_on
-    before, after = (_excess(s, part) for s in (conclusion.baseline, conclusion.final))
-    if before <= 0.0:
-        return 0.0, 0.0
-    return 1.0 - after / before, 1.0 - math.sqrt(after / before)
-
-
-def _excess(stage: Stage, part: str) -> float:
-    total = 0.0
-    for name, rmse in stage.rmse(part).items():
-        noise = stage.noise.get(name, 0.0)
-        fit = stage.fits(part)[0]
-        column = fit.experiment.outputs.index(name)
-        unit = noise if noise > 0.0 else float(np.std(fit.experiment.measured[:, column])) or 1.0
-        total += max(0.0, rmse**2 - noise**2) / unit**2
-    return total
-
-
 def effect_parameters(effect: Effect, stage: Stage) -> dict[str, dict[str, Any]]:
     """Return value, standard deviation and unit of what was fitted of an effect."""
     if effect.definition.free_form:
@@ -211,7 +212,11 @@ def effect_parameters(effect: Effect, stage: Stage) -> dict[str, dict[str, Any]]
     for name, value in {**effect.strengths, **effect.shape}.items():
         full = effect.parameter_name(name)
         if name in effect.strengths or full in std:
-            found[name] = {"value": float(value), "std": std.get(full), "unit": parameter_unit(effect, name, stage)}
+            found[name] = {
+                "value": float(value),
+                "std": std.get(full),
+                "unit": parameter_unit(effect, name, stage),
+            }
     return found
 
 
@@ -219,7 +224,7 @@ def parameter_unit(effect: Effect, name: str, stage: Stage) -> str:
     """Return the unit of an effect's parameter; errors of sensors and inputs take that of their signal."""
     at = effect.definition.at
     if at == "connection" or name not in ("offset", "drift"):
-        return effect.unit(name)
+        return bare_unit(effect.unit(name))
     try:
         unit = stage.system.unit(effect.where)
     except KeyError:
@@ -231,16 +236,29 @@ def _effect_entry(accepted: Accepted, conclusion: Conclusion) -> dict[str, Any]:
     effect = accepted.effect
 
     def told(rival: Rival) -> dict[str, Any]:
-        return {"kind": rival.kind, "where": rival.where, "delta_bic": rival.delta_bic, "refitted": rival.refitted}
+        return {
+            "kind": rival.kind,
+            "where": rival.where,
+            "delta_bic": rival.delta_bic,
+            "refitted": rival.refitted,
+        }
 
-    fixed = {} if effect.definition.free_form else {
-        k: v for k, v in effect.shape.items() if k not in effect_parameters(effect, conclusion.final)}
+    fixed = (
+        {}
+        if effect.definition.free_form
+        else {k: v for k, v in effect.shape.items() if k not in effect_parameters(effect, conclusion.final)}
+    )
     return {
-        "kind": effect.kind, "where": effect.where, "parameters": effect_parameters(effect, conclusion.final),
-        "p_value": accepted.p_value, "delta_bic": accepted.delta_bic,
+        "kind": effect.kind,
+        "where": effect.where,
+        "parameters": effect_parameters(effect, conclusion.final),
+        "p_value": accepted.p_value,
+        "delta_bic": accepted.delta_bic,
         "indistinguishable_from": [told(r) for r in accepted.rivals if r.indistinguishable],
         "runners_up": [told(r) for r in accepted.rivals if not r.indistinguishable],
-        "title": effect.definition.text.title, "fixed": fixed}
+        "title": effect.definition.text.title,
+        "fixed": fixed,
+    }
 
 
 def to_diagnosis(conclusion: Conclusion, evidence: Evidence | None = None) -> dict[str, Any]:
@@ -256,32 +274,69 @@ def to_diagnosis(conclusion: Conclusion, evidence: Evidence | None = None) -> di
     effects = [_effect_entry(a, conclusion) for a in conclusion.accepted]
     curve = conclusion.unknown
     if curve is not None and not any(e["kind"] == "unknown_force" for e in effects):
-        effects.append({
-            "kind": "unknown_force", "where": curve.where, "parameters": curve.to_dict(), "p_value": curve.p_value,
-            "delta_bic": curve.delta_bic, "indistinguishable_from": [], "runners_up": []})
+        effects.append(
+            {
+                "kind": "unknown_force",
+                "where": curve.where,
+                "parameters": curve.to_dict(),
+                "p_value": curve.p_value,
+                "delta_bic": curve.delta_bic,
+                "indistinguishable_from": [],
+                "runners_up": [],
+            }
+        )
     energy, rms = explained(conclusion)
     stages = []
     for stage, comparison in zip(conclusion.stages, evidence.comparisons, strict=True):
         figures = {part: {n: signal_entry(a) for n, a in comparison.pooled(part).items()} for part in PARTS}
         stages.append({"name": stage.name, **figures})
     final = conclusion.final
-    return dict(plain({
-        "schema": SCHEMA, "verdict": conclusion.verdict or None, "sentence": conclusion.sentence, "effects": effects,
-        "stages": stages, "where_it_fails": evidence.before.to_dict(), "where_it_still_fails": evidence.after.to_dict(),
-        "noise_floor": dict(conclusion.baseline.noise), "explained": energy, "explained_rms": rms,
-        "explained_on": conclusion.judged_on,
-        "refused": [{"kind": k, "where": w, "why": y} for k, w, y in conclusion.refused],
-        "could_hide": [{"kind": k, "where": w, "smallest_visible": m, "would_matter": d, "unit": u}
-                       for k, w, m, d, u in conclusion.hidden],
-        "next_measurement": list(conclusion.next_measurement),
-        "parameters": [
-            {"name": p.name, "start": p.value, "value": v, "std": s, "unit": p.unit,
-             "at_bound": p.name in final.identify.at_bound, "not_excited": p.name in final.identify.not_excited}
-            for p, v, s in zip(final.identify.parameters, final.identify.values, final.identify.std, strict=True)],
-        "units": {n: final.system.unit(n) for n in final.outputs},
-        "residual": {"mode": conclusion.residual_mode, "why": conclusion.residual_reason},
-        "seed": conclusion.seed, "level": conclusion.level, "study": conclusion.name, "paths": list(conclusion.paths),
-        "warnings": list(conclusion.warnings), **conclusion.extra}))
+    return dict(
+        plain(
+            {
+                "schema": SCHEMA,
+                "verdict": conclusion.verdict or None,
+                "sentence": conclusion.sentence,
+                "effects": effects,
+                "stages": stages,
+                "where_it_fails": evidence.before.to_dict(),
+                "where_it_still_fails": evidence.after.to_dict(),
+                "noise_floor": dict(conclusion.baseline.noise),
+                "explained": energy,
+                "explained_rms": rms,
+                "explained_by_output": explained_by_output(conclusion),
+                "explained_on": conclusion.judged_on,
+                "refused": [{"kind": k, "where": w, "why": y} for k, w, y in conclusion.refused],
+                "could_hide": [
+                    {"kind": k, "where": w, "smallest_visible": m, "would_matter": d, "unit": u}
+                    for k, w, m, d, u in conclusion.hidden
+                ],
+                "next_measurement": list(conclusion.next_measurement),
+                "parameters": [
+                    {
+                        "name": p.name,
+                        "start": p.value,
+                        "value": v,
+                        "std": s,
+                        "unit": p.unit,
+                        "at_bound": p.name in final.identify.at_bound,
+                        "not_excited": p.name in final.identify.not_excited,
+                    }
+                    for p, v, s in zip(
+                        final.identify.parameters, final.identify.values, final.identify.std, strict=True
+                    )
+                ],
+                "units": {n: final.system.unit(n) for n in final.outputs},
+                "residual": {"mode": conclusion.residual_mode, "why": conclusion.residual_reason},
+                "seed": conclusion.seed,
+                "level": conclusion.level,
+                "study": conclusion.name,
+                "paths": list(conclusion.paths),
+                "warnings": list(conclusion.warnings),
+                **conclusion.extra,
+            }
+        )
+    )
 
 
 def plain(value: Any) -> Any:

@@ -33,25 +33,42 @@ _TOP: dict[str, tuple[_Test, str]] = {
     "effects": (lambda v: isinstance(v, list), "a list"),
     "stages": (lambda v: isinstance(v, list) and len(v) > 0, "a list with at least one stage"),
     "where_it_fails": (lambda v: isinstance(v, Mapping), "an object"),
-    "noise_floor": (lambda v: isinstance(v, Mapping) and all(_number(x) for x in v.values()), "numbers by output"),
+    "noise_floor": (
+        lambda v: isinstance(v, Mapping) and all(_number(x) for x in v.values()),
+        "numbers by output",
+    ),
     "explained": (_number, "a number"),
     "refused": (lambda v: isinstance(v, list), "a list"),
 }
 _EFFECT: dict[str, tuple[_Test, str]] = {
-    "kind": (_text, "text"), "where": (_text, "text"), "parameters": (lambda v: isinstance(v, Mapping), "an object"),
+    "kind": (_text, "text"),
+    "where": (_text, "text"),
+    "parameters": (lambda v: isinstance(v, Mapping), "an object"),
     "p_value": (lambda v: v is None or (_number(v) and 0.0 <= v <= 1.0), "a number from 0 to 1"),
     "delta_bic": (_number_or_none, "a number"),
     "indistinguishable_from": (lambda v: isinstance(v, list), "a list"),
     "runners_up": (lambda v: isinstance(v, list), "a list"),
 }
 _RIVAL: dict[str, tuple[_Test, str]] = {
-    "kind": (_text, "text"), "where": (_text, "text"), "delta_bic": (_number_or_none, "a number")}
-_REFUSED: dict[str, tuple[_Test, str]] = {"kind": (_text, "text"), "where": (_text, "text"), "why": (_text, "text")}
+    "kind": (_text, "text"),
+    "where": (_text, "text"),
+    "delta_bic": (_number_or_none, "a number"),
+}
+_REFUSED: dict[str, tuple[_Test, str]] = {
+    "kind": (_text, "text"),
+    "where": (_text, "text"),
+    "why": (_text, "text"),
+}
 _PARAMETER: dict[str, tuple[_Test, str]] = {
-    "value": (lambda v: _number_or_none(v) or _text(v), "a number"), "std": (_number_or_none, "a number or null"),
-    "unit": (_text, "text")}
+    "value": (lambda v: _number_or_none(v) or _text(v), "a number"),
+    "std": (_number_or_none, "a number or null"),
+    "unit": (_text, "text"),
+}
 _SIGNAL: dict[str, tuple[_Test, str]] = {
-    "rmse": (_number, "a number"), "nrmse": (_number_or_none, "a number"), "pearson": (_number_or_none, "a number")}
+    "rmse": (_number, "a number"),
+    "nrmse": (_number_or_none, "a number"),
+    "pearson": (_number_or_none, "a number"),
+}
 
 
 def check_diagnosis(diagnosis: Any) -> list[str]:
@@ -78,12 +95,17 @@ def check_diagnosis(diagnosis: Any) -> list[str]:
     for k, stage in enumerate(_items(diagnosis, "stages")):
         faults += _stage_faults(stage, f"stages[{k}].")
     where = diagnosis.get("where_it_fails")
-    for name in WHERE_LISTS if isinstance(where, Mapping) else ():
-        if not isinstance(where.get(name), list):
-            faults.append(f"where_it_fails.{name} must be a list, it is {where.get(name)!r}")
+    if isinstance(where, Mapping):
+        faults += [
+            f"where_it_fails.{name} must be a list, it is {where.get(name)!r}"
+            for name in WHERE_LISTS
+            if not isinstance(where.get(name), list)
+        ]
     for k, entry in enumerate(_items(diagnosis, "refused")):
         faults += _fields(entry, _REFUSED, f"refused[{k}].")
-    if diagnosis.get("verdict") in ("effect found", "ambiguous", "unknown effect") and not diagnosis.get("effects"):
+    if diagnosis.get("verdict") in ("effect found", "ambiguous", "unknown effect") and not diagnosis.get(
+        "effects"
+    ):
         faults.append(f"the verdict '{diagnosis['verdict']}' needs an effect, and there is none")
     if diagnosis.get("verdict") == "nothing missing" and diagnosis.get("effects"):
         faults.append("the verdict 'nothing missing' has effects beside it")

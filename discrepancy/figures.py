@@ -1,4 +1,4 @@
-"""The figures of a study: falling error, model beside measurement, residuals against speed, position and frequency."""
+"""Figures of a study: falling error, model beside measurement, residuals against motion and frequency."""
 
 from __future__ import annotations
 
@@ -11,8 +11,20 @@ import numpy as np
 from discrepancy.compare import Comparison, SignalComparison
 from discrepancy.kinds import kinds
 from discrepancy.plotting import (
-    AFTER, BEFORE, FLOOR, MEASURED, drawing, label, new_figure, noise_band, thinned, unit_text, wants_log,
+    AFTER,
+    BEFORE,
+    FLOOR,
+    MEASURED,
+    drawing,
+    label,
+    new_figure,
+    noise_band,
+    plain_log,
+    thinned,
+    unit_text,
+    wants_log,
 )
+from discrepancy.wording import scaled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +35,13 @@ if TYPE_CHECKING:
     from discrepancy.stage import Stage
 
 __all__ = [
-    "comparison_figure", "falling_error", "over_time", "residual_against", "spectra", "stage_title", "worst_outputs",
+    "comparison_figure",
+    "falling_error",
+    "over_time",
+    "residual_against",
+    "spectra",
+    "stage_title",
+    "worst_outputs",
 ]
 
 PART_WORDS = {"identify": "records used for fitting", "validate": "records held out"}
@@ -61,37 +79,42 @@ def falling_error(conclusion: Conclusion) -> Figure:
     outputs = worst_outputs(conclusion, 6)
     figure, axes = new_figure(len(outputs), height=2.1 if len(outputs) > 1 else 3.0, sharex=True)
     names = [textwrap.fill(stage_title(s), 20) for s in conclusion.stages]
-    styles = {"identify": dict(AFTER, marker="o", markersize=6), "validate": dict(BEFORE, marker="s", markersize=6)}
+    styles = {
+        "identify": dict(AFTER, marker="o", markersize=6),
+        "validate": dict(BEFORE, marker="s", markersize=6),
+    }
     for a, output in zip(axes[:, 0], outputs, strict=True):
-        shown: list[float] = []
+        per_part = {
+            part: np.array([s.rmse(part).get(output, np.nan) for s in conclusion.stages]) for part in styles
+        }
+        noise = conclusion.baseline.noise.get(output) or 0.0
+        known = np.concatenate([*per_part.values(), [noise or np.nan]])
+        factor, unit = scaled(float(np.nanmedian(known)), conclusion.final.system.unit(output))
         for part, style in styles.items():
-            values = [s.rmse(part).get(output, np.nan) for s in conclusion.stages]
+            values = per_part[part] / factor
             if not np.any(np.isfinite(values)):
                 continue
             a.plot(range(len(values)), values, label=PART_WORDS[part], **style)
-            shown += values
             if part == conclusion.judged_on:
                 for k, v in enumerate(values):
-                    a.annotate(f"{v:.3g}", (k, v), (0, 7), textcoords="offset points", ha="center", fontsize=9)
-        noise = conclusion.baseline.noise.get(output)
+                    a.annotate(
+                        f"{v:.3g}", (k, v), (0, 7), textcoords="offset points", ha="center", fontsize=9
+                    )
         if noise:
-            a.axhline(noise, label="noise of the sensor", **FLOOR)
-            shown.append(noise)
-        _error_scale(a, shown)
+            a.axhline(noise / factor, label="noise of the sensor", **FLOOR)
+        _error_scale(a, known / factor)
         a.set_title(output)
-        a.set_ylabel(label("RMS error", conclusion.final.system.unit(output)))
+        a.set_ylabel(f"RMS error [{unit or '–'}]")
         a.set_xlim(-0.4, len(names) - 0.6)
         a.set_xticks(range(len(names)), names)
-    axes[0, 0].legend(loc="upper right" if len(conclusion.stages) > 1 else "best")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
-def _error_scale(axes: Axes, shown: Sequence[float]) -> None:
+def _error_scale(axes: Axes, shown: np.ndarray) -> None:
     good = [v for v in shown if np.isfinite(v) and v > 0.0]
     if wants_log(good):
-        axes.set_yscale("log")
-        axes.set_ylim(min(good) / 1.6, max(good) * 2.2)
-        axes.grid(True, which="minor", axis="y", alpha=0.4)
+        plain_log(axes, min(good) / 1.6, max(good) * 2.4)
     elif good:
         axes.set_ylim(0.0, 1.3 * max(good))
 
@@ -101,47 +124,60 @@ def _error_scale(axes: Axes, shown: Sequence[float]) -> None:
 
 @drawing
 def over_time(conclusion: Conclusion, evidence: Evidence, output: str) -> Figure:
-    """Draw measurement and model before and after, the residuals, and a closer look where the error was largest."""
+    """Draw measurement and model before and after, what is left, and the worst stretch larger."""
     first, last = _first_and_last(conclusion, evidence, output)
-    figure, axes = new_figure(3, height=2.15)
+    figure, axes = new_figure(3, height=2.2)
     top, middle, zoom = axes[:, 0]
-    unit = first.unit
-    same = last is first
-    before, after = stage_title(conclusion.baseline), stage_title(conclusion.final)
     span = _zoom(first)
-    for a, part in ((top, slice(None)), (zoom, span)):
-        t = first.time[part]
-        a.plot(*thinned(t, first.measured[part]), label="measured", **MEASURED)
-        a.plot(*thinned(t, first.model[part]), label=f"model, {before}", **BEFORE)
-        if not same:
-            a.plot(*thinned(t, last.model[part]), label=f"model, {after}", **AFTER)
-        a.set_ylabel(label(output, unit))
-        a.set_xlim(float(t[0]), float(t[-1]))
-    noise_band(middle, first.noise)
-    middle.plot(*thinned(first.time, first.residual), label=before, **BEFORE)
-    if not same:
-        middle.plot(*thinned(last.time, last.residual), label=after, **AFTER)
-    middle.set_ylabel(label("measured − model", unit))
-    middle.set_xlim(float(first.time[0]), float(first.time[-1]))
     t0, t1 = float(first.time[span][0]), float(first.time[span][-1])
-    for a in (top, middle):
-        a.axvspan(t0, t1, color="#f0e442", alpha=0.35, linewidth=0)
+    models = [(first, BEFORE, stage_title(conclusion.baseline))]
+    if last is not first:
+        models.append((last, AFTER, stage_title(conclusion.final)))
+    _signals(top, first, models, slice(None))
+    _residuals(middle, first, models, slice(None))
     top.set_title(f"{output} on '{first.record}' ({PART_WORDS[first.part]})")
     middle.set_title("what is left: measured minus model")
-    zoom.set_title("closer look where the error was largest (yellow above)")
+    # Where the error is too small to be seen beside the signal, the closer look is at the error.
+    seen = float(np.ptp(first.residual[span])) > 0.08 * float(np.ptp(first.measured[span]))
+    (_signals if seen else _residuals)(zoom, first, models, span)
+    zoom.set_title("the yellow stretch, larger" if seen else "the yellow stretch of what is left, larger")
     zoom.set_xlabel("time [s]")
     for a in (top, middle):
-        _headroom(a)
-        a.legend(loc="upper center", ncols=3 if a is middle else 1 + (not same), fontsize=8.5)
+        a.axvspan(t0, t1, color="#f0e442", alpha=0.35, linewidth=0)
+    handles = dict(zip(*reversed(top.get_legend_handles_labels()), strict=True))
+    handles |= {
+        k: v for k, v in zip(*reversed(middle.get_legend_handles_labels()), strict=True) if k not in handles
+    }
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=2)
     return figure
 
 
-def _headroom(axes: Axes, share: float = 0.38) -> None:
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + share * (high - low))
+_Models = list[tuple[SignalComparison, dict[str, Any], str]]
 
 
-def _first_and_last(conclusion: Conclusion, evidence: Evidence, output: str) -> tuple[SignalComparison, SignalComparison]:
+def _signals(axes: Axes, first: SignalComparison, models: _Models, part: slice) -> None:
+    factor, unit = scaled(float(np.max(np.abs(first.measured))), first.unit)
+    axes.plot(*thinned(first.time[part], first.measured[part] / factor), label="measured", **MEASURED)
+    for signal, style, name in models:
+        axes.plot(*thinned(signal.time[part], signal.model[part] / factor), label=f"model, {name}", **style)
+    axes.set_ylabel(f"{first.output} [{unit or '–'}]")
+    axes.set_xlim(float(first.time[part][0]), float(first.time[part][-1]))
+
+
+def _residuals(axes: Axes, first: SignalComparison, models: _Models, part: slice) -> None:
+    factor, unit = scaled(float(np.max(np.abs(first.residual))), first.unit)
+    noise_band(axes, first.noise / factor if first.noise else None)
+    for signal, style, name in models:
+        axes.plot(
+            *thinned(signal.time[part], signal.residual[part] / factor), label=f"model, {name}", **style
+        )
+    axes.set_ylabel(f"measured − model [{unit or '–'}]")
+    axes.set_xlim(float(first.time[part][0]), float(first.time[part][-1]))
+
+
+def _first_and_last(
+    conclusion: Conclusion, evidence: Evidence, output: str
+) -> tuple[SignalComparison, SignalComparison]:
     part = conclusion.judged_on
     baseline = evidence.comparisons[conclusion.stages.index(conclusion.baseline)]
     final: Comparison = evidence.comparisons[-1]
@@ -164,10 +200,10 @@ def _zoom(signal: SignalComparison, share: float = 0.12) -> slice:
 
 @drawing
 def residual_against(before: Residuals, after: Residuals | None, place: str, output: str) -> Figure:
-    """Draw an output's residual against speed and position of a place, with the mean in bins, before and after."""
+    """Draw an output's residual against speed and position of a place, before and after."""
     figure, axes = new_figure(2, height=2.7)
     column = before.outputs.index(output)
-    unit = before.units[column]
+    factor, unit = scaled(float(np.max(np.abs(before.values[:, column]))), before.units[column])
     motion = next((m for m in before.motions if place in (m.name, *m.also)), before.guides()[0])
     units = dict(motion.place.motion_names())
     names = [n for n, _ in motion.place.motion_names()]
@@ -179,15 +215,26 @@ def residual_against(before: Residuals, after: Residuals | None, place: str, out
             m = next((m for m in facts.motions if motion.name in (m.name, *m.also)), None)
             if m is None:
                 continue
-            x, e = getattr(m, over), facts.values[:, column]
+            x, e = getattr(m, over), facts.values[:, column] / factor
             step = max(1, len(x) // 2500)
-            a.plot(x[::step], e[::step], ".", color=style["color"], markersize=2.2, alpha=0.28, rasterized=True)
+            a.plot(
+                x[::step], e[::step], ".", color=style["color"], markersize=2.2, alpha=0.28, rasterized=True
+            )
             centre, mean = _binned(x, e)
-            a.plot(centre, mean, marker=marker, markersize=5, markeredgecolor="white", markeredgewidth=0.6,
-                   label=f"mean, {word}", color=style["color"], linewidth=1.6)
+            a.plot(
+                centre,
+                mean,
+                marker=marker,
+                markersize=5,
+                markeredgecolor="white",
+                markeredgewidth=0.6,
+                label=f"mean, {word}",
+                color=style["color"],
+                linewidth=1.6,
+            )
         a.axhline(0.0, color="#000000", linewidth=0.7)
         a.set_xlabel(label(f"{name} of {motion.name}", units[name]))
-        a.set_ylabel(label("measured − model", unit))
+        a.set_ylabel(f"measured − model [{unit or '–'}]")
     axes[0, 0].set_title(f"{output}: what the model misses, against speed")
     axes[1, 0].set_title("against position")
     axes[0, 0].legend(loc="best")
@@ -234,7 +281,7 @@ def _floor_line(axes: Axes, signal: SignalComparison, conclusion: Conclusion) ->
     cutoff = fit.experiment.preparation.cutoff(float(fit.experiment.record.rate))
     band = min(cutoff or np.inf, 0.5 * signal.rate)
     level = signal.noise / np.sqrt(band)
-    axes.plot([signal.rate / len(signal.time), band], [level, level], label="noise of the sensor", **FLOOR)
+    axes.plot([float(signal.spectrum()[0][1]), band], [level, level], label="noise of the sensor", **FLOOR)
     axes.set_ylim(bottom=0.05 * level)
 
 

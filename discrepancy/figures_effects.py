@@ -1,4 +1,4 @@
-"""Figures about effects: what was tried and how it scored, how parameters moved, the curve of an unknown force."""
+"""Figures about effects: what was tried and its score, how parameters moved, an unknown force's curve."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from discrepancy.figures import stage_title
 from discrepancy.kinds import kinds
-from discrepancy.plotting import AFTER, BEFORE, drawing, label, new_figure, wants_log
+from discrepancy.plotting import AFTER, BEFORE, drawing, label, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,8 +22,14 @@ __all__ = ["candidate_scores", "parameter_shifts", "unknown_curve"]
 _Z80 = 0.8416212335729143
 
 
+def _short(kind: str) -> str:
+    """Kind in words, without what stands in brackets."""
+    known = kinds().get(kind)
+    return known.text.title.partition(" (more")[0] if known else kind
+
+
 def _threshold(row: Row) -> float:
-    """Standard errors that this candidate needs; its smallest visible amplitude holds 80 % power on top of it."""
+    """Standard errors that this candidate needs; its smallest visible amplitude has 80 % power on top."""
     largest = float(np.max(row.std))
     return row.mde / largest - _Z80 if largest > 0.0 and np.isfinite(row.mde) else float("nan")
 
@@ -31,24 +37,47 @@ def _threshold(row: Row) -> float:
 @drawing
 def candidate_scores(scan: ScanResult, most: int = 14, title: str = "") -> Figure:
     """Draw how far each candidate stands from zero, in standard errors, with what it needs to be believed."""
-    rows = sorted(scan.rows, key=lambda r: -r.gain)[:most]
-    figure, axes = new_figure(1, height=0.6 + 0.33 * max(len(rows), 2))
+    rows = sorted(scan.rows, key=lambda r: -r.lm / r.lam)[:most]
+    from matplotlib.ticker import FuncFormatter
+
+    figure, axes = new_figure(1, height=1.0 + 0.3 * max(len(rows), 2))
     a = axes[0, 0]
-    known = kinds()
     score = np.sqrt([max(r.lm / r.lam, 0.0) for r in rows])
     need = np.array([_threshold(r) for r in rows])
     sure = np.array([r.p < scan.level for r in rows], dtype=bool)
     y = np.arange(len(rows))[::-1]
     for chosen, colour, hatch, word in (
-            (sure, AFTER["color"], "", "stands out"), (~sure, "#bbbbbb", "////", "may be luck")):
+        (sure, AFTER["color"], "", "stands out"),
+        (~sure, "#bbbbbb", "////", "may be luck"),
+    ):
         if chosen.any():
-            a.barh(y[chosen], score[chosen], color=colour, hatch=hatch, edgecolor="white", height=0.72, label=word)
-    a.plot(need, y, linestyle="none", marker="|", markersize=14, markeredgewidth=2.2, color=BEFORE["color"],
-           label="needed to be believed")
-    a.set_yticks(y, [f"{known[r.kind].text.title if r.kind in known else r.kind}, {r.where}" for r in rows], fontsize=8.5)
-    if wants_log(np.concatenate([score, need]), 15.0):
+            a.barh(
+                y[chosen],
+                score[chosen],
+                color=colour,
+                hatch=hatch,
+                edgecolor="white",
+                height=0.72,
+                label=word,
+            )
+    a.plot(
+        need,
+        y,
+        linestyle="none",
+        marker="|",
+        markersize=14,
+        markeredgewidth=2.2,
+        color=BEFORE["color"],
+        label="needed to be believed",
+    )
+    a.set_yticks(y, [f"{_short(r.kind)}, {r.where}" for r in rows], fontsize=8.5)
+    if len(rows) and float(score.max()) > 8.0 * float(np.nanmax(need)):
         a.set_xscale("log")
-        a.set_xlim(left=max(0.1, 0.5 * float(np.nanmin(need)) if len(need) else 0.1))
+        a.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+        a.set_xlim(left=0.4 * float(np.nanmin(need)))
+    for tick, row in zip(a.get_yticklabels(), rows, strict=True):
+        if scan.best is not None and row.name == scan.best.name:
+            tick.set_fontweight("bold")
     a.set_xlabel("size of the effect in standard errors")
     a.grid(False, axis="y")
     if title:
@@ -68,7 +97,7 @@ def parameter_shifts(conclusion: Conclusion) -> Figure | None:
 
 @drawing
 def _parameter_shifts(conclusion: Conclusion, names: list[str]) -> Figure:
-    figure, axes = new_figure(1, height=1.3 + 0.42 * len(names))
+    figure, axes = new_figure(1, height=1.6 + 0.45 * len(names))
     a = axes[0, 0]
     y = np.arange(len(names))[::-1].astype(float)
     a.axvspan(-1.0, 1.0, color="#dddddd", linewidth=0, label="believed before (±1 standard deviation)")
@@ -83,8 +112,17 @@ def _parameter_shifts(conclusion: Conclusion, names: list[str]) -> Figure:
         x = [(found[n] - prior[n].value) / prior[n].std for n in own]
         bar = [min(found.std_of(n) / prior[n].std, 1e3) if np.isfinite(found.std_of(n)) else 0.0 for n in own]
         rows = [y[names.index(n)] + up for n in own]
-        a.errorbar(x, rows, xerr=bar, linestyle="none", marker=marker, color=style["color"], capsize=3, markersize=6,
-                   label=stage_title(stage))
+        a.errorbar(
+            x,
+            rows,
+            xerr=bar,
+            linestyle="none",
+            marker=marker,
+            color=style["color"],
+            capsize=3,
+            markersize=6,
+            label=stage_title(stage),
+        )
     a.set_yticks(y, names)
     a.set_ylim(-0.6, len(names) - 0.4)
     a.set_xlabel("shift from the value given, in prior standard deviations")
@@ -99,8 +137,15 @@ def unknown_curve(curve: UnknownCurve) -> Figure:
     figure, axes = new_figure(1, height=3.0)
     a = axes[0, 0]
     std = np.where(np.isfinite(curve.std), curve.std, 0.0)
-    a.fill_between(curve.x, curve.force - 2.0 * std, curve.force + 2.0 * std, color=AFTER["color"], alpha=0.2, linewidth=0,
-                   label="±2 standard deviations")
+    a.fill_between(
+        curve.x,
+        curve.force - 2.0 * std,
+        curve.force + 2.0 * std,
+        color=AFTER["color"],
+        alpha=0.2,
+        linewidth=0,
+        label="±2 standard deviations",
+    )
     a.plot(curve.x, curve.force, marker="o", markersize=5, label="estimated force", **AFTER)
     a.axhline(0.0, color="#000000", linewidth=0.7)
     over = "position" if curve.regressor == "friction" else curve.regressor

@@ -1,7 +1,7 @@
-"""Where a model fails: in which signal, when, where along the travel, at which frequencies, at which connection.
+"""Where a model fails: in which signal, when, along the travel, at which frequencies and connection.
 
-These are descriptions for the engineer; they choose nothing.  What is listed stands out against the residual's own
-variation from block to block; what does not is left out.
+These are descriptions for the engineer; they choose nothing.  What is listed stands out against the
+residual's own variation from block to block; what does not is left out.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from discrepancy.connections import failing_connections
 from discrepancy.residuals import PlaceMotion, Residuals, residuals_of
 from discrepancy.stage import Stage
+from discrepancy.wording import quantity
 from estimation.metrics import spectral_density
 
 __all__ = ["REGIMES", "WhereItFails", "locate", "regimes_of"]
@@ -31,9 +32,9 @@ REGIMES = {
     "low speed": "at low speed",
 }
 _STILL, _SLOW, _STEADY = 0.02, 0.2, 0.1
-"""Rest and low speed as shares of the 95th percentile of speed; constant speed as a share of that of acceleration."""
+"""Rest and low speed as shares of the 95th percentile of speed; steady, of that of acceleration."""
 _SURE = 3.0
-"""Standard errors from which something counts: about one in 400 by luck with many blocks, for some tens of figures."""
+"""Standard errors from which something counts: about one figure in 400 by luck, with many blocks."""
 _LEAST_SHARE = 0.05
 _BINS = 12
 _ABOVE = 3.0
@@ -69,8 +70,10 @@ class WhereItFails:
 
     def to_dict(self) -> dict[str, list[Entry]]:
         """Return the lists as they stand in ``diagnosis.json``."""
-        return {name: [dict(e) for e in getattr(self, name)]
-                for name in ("signals", "regimes", "frequencies", "connections", "dependence")}
+        return {
+            name: [dict(e) for e in getattr(self, name)]
+            for name in ("signals", "regimes", "frequencies", "connections", "dependence")
+        }
 
     def sentences(self) -> dict[str, list[str]]:
         """Return what to say, list by list."""
@@ -95,8 +98,14 @@ def locate(stage: Stage, part: str = "identify") -> WhereItFails:
     """
     facts = residuals_of(stage, part)
     return WhereItFails(
-        stage.name, part, tuple(_signals(facts)), tuple(_regimes(facts)), tuple(_dependence(facts)),
-        tuple(_frequencies(facts)), tuple(failing_connections(facts)))
+        stage.name,
+        part,
+        tuple(_signals(facts)),
+        tuple(_regimes(facts)),
+        tuple(_dependence(facts)),
+        tuple(_frequencies(facts)),
+        tuple(failing_connections(facts)),
+    )
 
 
 # ---------------------------------------------------------------- signals
@@ -111,14 +120,28 @@ def _signals(facts: Residuals) -> list[Entry]:
         name, unit, known = facts.outputs[c], facts.units[c], facts.stage.noise.get(facts.outputs[c])
         ratio = float(rms[c] / facts.noise[c]) if known else None
         if ratio is None:
-            told = f"{name}: error {rms[c]:.3g} {unit}; its noise is not known."
+            told = f"{name}: error {quantity(float(rms[c]), unit)}; its noise is not known."
         elif ratio <= 1.1:
-            told = f"{name}: error {rms[c]:.3g} {unit}, no more than the noise of the sensor ({known:.3g} {unit})."
+            told = (
+                f"{name}: error {quantity(float(rms[c]), unit)}, no more than the noise of the sensor "
+                f"({quantity(known, unit)})."
+            )
         else:
-            told = (f"{name}: error {rms[c]:.3g} {unit}, {ratio:.2g} times the noise of the sensor; "
-                    f"{100 * share[c]:.0f} % of all error above noise is here.")
-        found.append({"output": name, "unit": unit, "rmse": float(rms[c]), "noise": float(known) if known else None,
-                      "over_noise": ratio, "share": float(share[c]), "sentence": told})
+            told = (
+                f"{name}: error {quantity(float(rms[c]), unit)}, {ratio:.2g} times the noise of the sensor; "
+                f"{100 * share[c]:.0f} % of all error above noise is here."
+            )
+        found.append(
+            {
+                "output": name,
+                "unit": unit,
+                "rmse": float(rms[c]),
+                "noise": float(known) if known else None,
+                "over_noise": ratio,
+                "share": float(share[c]),
+                "sentence": told,
+            }
+        )
     return found
 
 
@@ -171,7 +194,9 @@ def _regimes(facts: Residuals) -> list[Entry]:
     return sorted(found, key=lambda e: -abs(np.log(max(e["relative"], 1e-300))))
 
 
-def _regime_entry(facts: Residuals, motion: PlaceMotion, regime: str, inside: np.ndarray, c: int) -> Entry | None:
+def _regime_entry(
+    facts: Residuals, motion: PlaceMotion, regime: str, inside: np.ndarray, c: int
+) -> Entry | None:
     e = facts.values[:, c]
 
     def relative(rows: np.ndarray) -> float:
@@ -196,11 +221,21 @@ def _regime_entry(facts: Residuals, motion: PlaceMotion, regime: str, inside: np
         said.append(f"the error is {factor:.2g} times its overall size")
     if shifted:
         side = "more" if centre > 0.0 else "less"
-        said.append(f"the machine reads {abs(centre):.3g} {unit} {side} than the model on average")
+        said.append(f"the machine reads {quantity(abs(centre), unit)} {side} than the model on average")
     told = f"{name}, {REGIMES[regime]} ({motion.name}): {' and '.join(said)}."
-    return {"regime": regime, "place": motion.name, "output": name, "unit": unit, "rms": rms, "relative": factor,
-            "mean": float(centre), "louder": bool(louder), "shifted": bool(shifted),
-            "time_share": float(inside.mean()), "sentence": told}
+    return {
+        "regime": regime,
+        "place": motion.name,
+        "output": name,
+        "unit": unit,
+        "rms": rms,
+        "relative": factor,
+        "mean": float(centre),
+        "louder": bool(louder),
+        "shifted": bool(shifted),
+        "time_share": float(inside.mean()),
+        "sentence": told,
+    }
 
 
 # ---------------------------------------------------------------- position, speed, load, time
@@ -217,7 +252,9 @@ def _regressors(facts: Residuals) -> list[tuple[str, str, str, np.ndarray]]:
         found.append((motion.name, "speed", names[1][1], motion.speed))
     for entry in catalogue(facts.stage.system, (), (), include=["load_dependent_friction@*"]):
         if entry.load and any(m.name == entry.where for m in facts.guides()):
-            found.append((entry.where, "load", facts.stage.system.unit(entry.load), _prepared(facts, entry.load)))
+            found.append(
+                (entry.where, "load", facts.stage.system.unit(entry.load), _prepared(facts, entry.load))
+            )
     since = np.concatenate([t - t[0] for t in (f.experiment.time for f in facts.facts.calibration.fits)])
     found.append(("", "time", "s", since))
     return [f for f in found if np.ptp(f[3]) > 0.0]
@@ -226,7 +263,11 @@ def _regressors(facts: Residuals) -> list[tuple[str, str, str, np.ndarray]]:
 def _prepared(facts: Residuals, output: str) -> np.ndarray:
     parts = []
     for i, experiment in enumerate(facts.facts.experiments):
-        parts.append(experiment.preparation.apply(np.asarray(experiment.record.time), facts.facts.motions(i)[output])[1])
+        parts.append(
+            experiment.preparation.apply(np.asarray(experiment.record.time), facts.facts.motions(i)[output])[
+                1
+            ]
+        )
     return np.concatenate(parts)
 
 
@@ -257,7 +298,14 @@ def _cross_validated(e: np.ndarray, bin_of: np.ndarray, facts: Residuals) -> flo
 
 
 def _dependence_entry(
-    facts: Residuals, place: str, name: str, unit: str, edges: np.ndarray, bin_of: np.ndarray, c: int, share: float
+    facts: Residuals,
+    place: str,
+    name: str,
+    unit: str,
+    edges: np.ndarray,
+    bin_of: np.ndarray,
+    c: int,
+    share: float,
 ) -> Entry:
     e = facts.values[:, c]
     count = np.bincount(bin_of, minlength=_BINS)
@@ -267,11 +315,24 @@ def _dependence_entry(
     top, low = int(np.argmax(np.where(seen, mean, -np.inf))), int(np.argmin(np.where(seen, mean, np.inf)))
     output, out_unit = facts.outputs[c], facts.units[c]
     of = f"{name} of {place}" if place else "time"
-    told = (f"{output}: the mean error goes with the {of} ({100 * share:.0f} % of it): {mean[low]:+.3g} {out_unit} around "
-            f"{centre[low]:.3g} {unit}, {mean[top]:+.3g} {out_unit} around {centre[top]:.3g} {unit}.")
-    return {"place": place or None, "over": name, "unit": unit, "output": output, "output_unit": out_unit,
-            "share": float(share), "bins": [float(v) for v in centre[seen]], "mean": [float(v) for v in mean[seen]],
-            "count": [int(v) for v in count[seen]], "sentence": told}
+    told = (
+        f"{output}: the mean error goes with the {of} ({100 * share:.0f} % of it): "
+        f"{quantity(float(mean[low]), out_unit)} around "
+        f"{quantity(float(centre[low]), unit)}, {quantity(float(mean[top]), out_unit)} around "
+        f"{quantity(float(centre[top]), unit)}."
+    )
+    return {
+        "place": place or None,
+        "over": name,
+        "unit": unit,
+        "output": output,
+        "output_unit": out_unit,
+        "share": float(share),
+        "bins": [float(v) for v in centre[seen]],
+        "mean": [float(v) for v in mean[seen]],
+        "count": [int(v) for v in count[seen]],
+        "sentence": told,
+    }
 
 
 # ---------------------------------------------------------------- frequencies
@@ -315,9 +376,20 @@ def _bands(
         peak = first + int(np.argmax(density[first:last]))
         low, high = float(frequency[first]), float(frequency[last - 1])
         span = f"up to {high:.3g} Hz" if first == 0 else f"from {low:.3g} to {high:.3g} Hz"
-        told = (f"{name}: {100 * share:.0f} % of the error above noise lies {span}, most at "
-                f"{frequency[peak]:.3g} Hz.")
-        found.append({"output": name, "unit": unit, "from_hz": 0.0 if first == 0 else low, "to_hz": high,
-                      "peak_hz": float(frequency[peak]), "share": share,
-                      "over_noise": float(np.sqrt(density[peak] / floor)), "sentence": told})
+        told = (
+            f"{name}: {100 * share:.0f} % of the error above noise lies {span}, most at "
+            f"{frequency[peak]:.3g} Hz."
+        )
+        found.append(
+            {
+                "output": name,
+                "unit": unit,
+                "from_hz": 0.0 if first == 0 else low,
+                "to_hz": high,
+                "peak_hz": float(frequency[peak]),
+                "share": share,
+                "over_noise": float(np.sqrt(density[peak] / floor)),
+                "sentence": told,
+            }
+        )
     return found

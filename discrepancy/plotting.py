@@ -1,4 +1,4 @@
-"""How this package's figures look: colours that stay apart in grey and for the colour-blind, labels with units.
+"""How figures look: colours that stay apart in grey and for the colour-blind, labels with units.
 
 Figures are made without pyplot, so that nothing global is opened, changed or left behind.
 """
@@ -16,24 +16,50 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "AFTER", "BEFORE", "FLOOR", "MEASURED", "drawing", "label", "new_figure", "noise_band", "thinned", "unit_text",
+    "AFTER",
+    "BEFORE",
+    "FLOOR",
+    "MEASURED",
+    "bare_unit",
+    "drawing",
+    "label",
+    "new_figure",
+    "noise_band",
+    "plain_log",
+    "thinned",
+    "unit_text",
     "wants_log",
 ]
 
 P = ParamSpec("P")
 
 # Okabe and Ito's colours; their lightness differs, and every pair also differs in line style or marker.
-MEASURED = {"color": "#000000", "linewidth": 1.4, "linestyle": "-"}
-BEFORE = {"color": "#D55E00", "linewidth": 1.1, "linestyle": (0, (5, 1.6))}
-AFTER = {"color": "#0072B2", "linewidth": 1.1, "linestyle": "-"}
-FLOOR = {"color": "#777777", "linewidth": 1.1, "linestyle": ":"}
-WIDTH = 6.2
-_RULES: dict[str, Any] = {
-    "font.size": 10.0, "axes.titlesize": 10.5, "axes.titleweight": "bold", "axes.titlelocation": "left",
-    "axes.labelsize": 10.0, "legend.fontsize": 9.0, "xtick.labelsize": 9.0, "ytick.labelsize": 9.0,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#dddddd",
-    "grid.linewidth": 0.6, "axes.axisbelow": True, "legend.frameon": False, "figure.facecolor": "white",
-    "axes.facecolor": "white", "axes.formatter.useoffset": False, "axes.formatter.limits": (-4, 5), "font.family": "DejaVu Sans",
+MEASURED: dict[str, Any] = {"color": "#000000", "linewidth": 2.4, "linestyle": "-"}
+BEFORE: dict[str, Any] = {"color": "#D55E00", "linewidth": 1.1, "linestyle": (0, (5, 1.6))}
+AFTER: dict[str, Any] = {"color": "#0072B2", "linewidth": 1.1, "linestyle": "-"}
+FLOOR: dict[str, Any] = {"color": "#777777", "linewidth": 1.1, "linestyle": ":"}
+WIDTH = 5.8
+_RULES: Any = {
+    "font.size": 10.0,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 10.0,
+    "legend.fontsize": 9.0,
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "figure.facecolor": "white",
+    "axes.facecolor": "white",
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-4, 5),
+    "font.family": "DejaVu Sans",
 }
 
 
@@ -50,7 +76,9 @@ def drawing(make: Callable[P, Figure]) -> Callable[P, Figure]:
     return drawn
 
 
-def new_figure(rows: int, columns: int = 1, height: float = 2.3, width: float = WIDTH, **options: Any) -> tuple[Figure, np.ndarray]:
+def new_figure(
+    rows: int, columns: int = 1, height: float = 2.3, width: float = WIDTH, **options: Any
+) -> tuple[Figure, np.ndarray]:
     """Return a figure and its axes, shape (rows, columns), without pyplot."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -65,10 +93,18 @@ def unit_text(unit: str) -> str:
 
     Examples
     --------
-    >>> unit_text("N*s/m"), unit_text("kg*m**2"), unit_text("")
-    ('N·s/m', 'kg·m²', '')
+    >>> unit_text("N*s/m"), unit_text("kg*m**2"), unit_text("(N*m)/(rad/s)"), unit_text("(m/s)")
+    ('N·s/m', 'kg·m²', 'N·m/(rad/s)', 'm/s')
     """
-    return unit.replace("**2", "²").replace("**3", "³").replace("*", "·")
+    return bare_unit(unit).replace("**2", "²").replace("**3", "³").replace("*", "·")
+
+
+def bare_unit(unit: str) -> str:
+    """Return a unit without brackets that only mattered where it was put together."""
+    inside, closed, rest = unit[1:].partition(")")
+    if not unit.startswith("(") or not closed or "(" in inside or ("/" in inside and rest):
+        return unit
+    return inside + rest
 
 
 def label(name: str, unit: str) -> str:
@@ -83,8 +119,21 @@ def wants_log(values: Any, factor: float = 8.0) -> bool:
     return bool(v.size > 1 and v.max() > factor * v.min())
 
 
+def plain_log(axes: Axes, low: float, high: float) -> None:
+    """Make the vertical axis logarithmic, with its numbers written out."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.set_yscale("log")
+    axes.set_ylim(low, high)
+    subs = (1.0, 2.0, 5.0) if high < 60.0 * low else (1.0,)
+    axes.yaxis.set_major_locator(LogLocator(subs=subs))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.grid(True, which="minor", axis="y", alpha=0.4)
+
+
 def thinned(time: np.ndarray, values: np.ndarray, most: int = 3000) -> tuple[np.ndarray, np.ndarray]:
-    """Return a series thinned for drawing: the smallest and largest of each stretch, so that no peak is lost."""
+    """Return a series thinned for drawing: smallest and largest of each stretch, so no peak is lost."""
     n = len(time)
     if n <= most:
         return time, values
@@ -96,4 +145,11 @@ def thinned(time: np.ndarray, values: np.ndarray, most: int = 3000) -> tuple[np.
 def noise_band(axes: Axes, noise: float | None) -> None:
     """Draw the band of ±2 standard deviations of the noise."""
     if noise:
-        axes.axhspan(-2.0 * noise, 2.0 * noise, color="#cccccc", alpha=0.6, linewidth=0, label="±2 × noise of the sensor")
+        axes.axhspan(
+            -2.0 * noise,
+            2.0 * noise,
+            color="#cccccc",
+            alpha=0.6,
+            linewidth=0,
+            label="±2 × noise of the sensor",
+        )

@@ -58,41 +58,77 @@ def _picture(figure: Figure, name: str, caption: str, section: str) -> Picture:
 def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
     """Draw every figure of the report."""
     worst = figures.worst_outputs(conclusion)
-    found = [_picture(
-        figures.falling_error(conclusion), "falling_error",
-        "The error of the model at each step. Square marks: records that were held out and used for nothing but this "
-        "comparison." if conclusion.judged_on == "validate" else
-        "The error of the model at each step. No record was held out, so this is the error on the records that were "
-        "fitted.", "falling")]
+    found = [
+        _picture(
+            figures.falling_error(conclusion),
+            "falling_error",
+            "The error of the model at each step. "
+            + (
+                "Square marks: records that were held out and used for nothing but this comparison."
+                if conclusion.judged_on == "validate"
+                else "No record was held out, so this is the error on those that were fitted."
+            ),
+            "falling",
+        )
+    ]
     for k, output in enumerate(worst[:2]):
-        found.append(_picture(
-            figures.over_time(conclusion, evidence, output), f"over_time_{k + 1}",
-            f"{output}: measurement and model over time; what is left; and a closer look at the worst stretch. Inside "
-            "the grey band nothing but the noise of the sensor is left.", "where"))
+        found.append(
+            _picture(
+                figures.over_time(conclusion, evidence, output),
+                f"over_time_{k + 1}",
+                f"{output}: measurement and model over time; what is left; and a closer look at the worst "
+                "stretch. Inside "
+                "the grey band nothing but the noise of the sensor is left.",
+                "where",
+            )
+        )
     place = _named_place(conclusion, evidence)
     if place and conclusion.baseline.system.places:
         before = residuals_of(conclusion.baseline)
         after = residuals_of(conclusion.final) if conclusion.final is not conclusion.baseline else None
         if before.motions:
-            found.append(_picture(
-                figures.residual_against(before, after, place, worst[0]), "against_motion",
-                f"{worst[0]}: what the model misses against speed and position at {place}. A step at zero speed is typical "
-                "of dry friction, a slope of viscous friction, a hump over position of a place on the way.", "where"))
-    found.append(_picture(
-        figures.spectra(conclusion, evidence, worst[:2]), "spectra",
-        "What is left of the error at each frequency. Where a line meets the dotted one, nothing but noise is left.",
-        "where"))
+            found.append(
+                _picture(
+                    figures.residual_against(before, after, place, worst[0]),
+                    "against_motion",
+                    f"{worst[0]}: what the model misses against speed and position at {place}. A step at "
+                    "zero speed is typical "
+                    "of dry friction, a slope of viscous friction, a hump over position of a place on the "
+                    "way.",
+                    "where",
+                )
+            )
+    found.append(
+        _picture(
+            figures.spectra(conclusion, evidence, worst[:2]),
+            "spectra",
+            "What is left of the error at each frequency. Where a line meets the dotted one, nothing but "
+            "noise is left.",
+            "where",
+        )
+    )
     found += _score_pictures(conclusion)
     shifts = figures_effects.parameter_shifts(conclusion)
     if shifts is not None:
-        found.append(_picture(
-            shifts, "parameters", "How far the fit moved each parameter from the value given. A parameter far outside the "
-            "grey band does the work of something that is missing.", "parameters"))
+        found.append(
+            _picture(
+                shifts,
+                "parameters",
+                "How far the fit moved each parameter from the value given. A parameter far outside the "
+                "grey band does the work of something that is missing.",
+                "parameters",
+            )
+        )
     curve = conclusion.unknown
     if curve is not None:
-        found.append(_picture(
-            figures_effects.unknown_curve(curve), "unknown_force",
-            "The force that would explain the error, as a curve.", "missing"))
+        found.append(
+            _picture(
+                figures_effects.unknown_curve(curve),
+                "unknown_force",
+                "The force that would explain the error, as a curve.",
+                "missing",
+            )
+        )
     return found
 
 
@@ -101,7 +137,11 @@ def _named_place(conclusion: Conclusion, evidence: Evidence) -> str:
     named = [a.effect.where for a in conclusion.accepted if a.effect.where in places]
     if named:
         return named[0]
-    return str(evidence.before.connections[0]["place"]) if evidence.before.connections else next(iter(places), "")
+    return (
+        str(evidence.before.connections[0]["place"])
+        if evidence.before.connections
+        else next(iter(places), "")
+    )
 
 
 def _score_pictures(conclusion: Conclusion) -> list[Picture]:
@@ -109,15 +149,30 @@ def _score_pictures(conclusion: Conclusion) -> list[Picture]:
     found = []
     first, last = conclusion.baseline.scan, conclusion.final.scan
     if first is not None and first.rows:
-        found.append(_picture(
-            figures_effects.candidate_scores(first, title="Before anything was added"), "candidates_before",
-            "How strongly each effect would show in what the recalibrated model misses. One missing effect makes others "
-            "look present as well; that is why one is added at a time and everything is looked at again.", "else"))
+        found.append(
+            _picture(
+                figures_effects.candidate_scores(first, title="Before anything was added"),
+                "candidates_before",
+                "How strongly each effect would show in what the recalibrated model misses. Bold: the best "
+                "of the "
+                "first look; the best few were then fitted in full, and the best of these was added. One "
+                "missing "
+                "effect makes others look present as well; that is why one is added at a time and everything "
+                "is looked at again.",
+                "else",
+            )
+        )
     if last is not None and last.rows and last is not first:
-        found.append(_picture(
-            figures_effects.candidate_scores(last, title="After everything was added"), "candidates_after",
-            "The same after the last effect was added: bars that stay left of their mark are no more than luck would "
-            "give.", "hidden"))
+        found.append(
+            _picture(
+                figures_effects.candidate_scores(last, title="After everything was added"),
+                "candidates_after",
+                "The same after the last effect was added: bars that stay left of their mark are no more "
+                "than luck would "
+                "give.",
+                "hidden",
+            )
+        )
     return found
 
 
@@ -126,12 +181,18 @@ def render(conclusion: Conclusion, evidence: Evidence, drawn: list[Picture]) -> 
     import jinja2
 
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("discrepancy", "templates"), autoescape=True, undefined=jinja2.StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True)
+        loader=jinja2.PackageLoader("discrepancy", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     by_section: dict[str, list[Picture]] = {}
     for picture in drawn:
         by_section.setdefault(picture.section, []).append(picture)
-    return environment.get_template("report.html").render(pictures=by_section, **content(conclusion, evidence))
+    return environment.get_template("report.html").render(
+        pictures=by_section, **content(conclusion, evidence)
+    )
 
 
 def write(conclusion: Conclusion, out: str | Path, evidence: Evidence | None = None) -> list[Path]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from importlib import metadata
 from typing import Any
 
 from discrepancy.compare import PARTS
-from discrepancy.diagnosis import Conclusion, Evidence, effect_parameters, explained, parameter_unit
+from discrepancy.diagnosis import Conclusion, Evidence, effect_parameters, parameter_unit
 from discrepancy.figures import PART_WORDS, stage_title, worst_outputs
 from discrepancy.kinds import KindText, kinds
 from discrepancy.plotting import unit_text
@@ -26,55 +27,75 @@ HEADLINES = {
     "": "Model and records were compared; what is missing was not asked",
 }
 _MODES = {
-    "simulation": "the model was run from the recorded inputs alone and its outputs laid beside the recorded ones",
-    "prediction error": "the model was restarted from the measurement every short while, and its predictions compared",
-    "inverse": "the recorded motion was given to the model, and the force it takes compared with the recorded one",
+    "simulation": "the model was run from the recorded inputs, its outputs laid beside the recorded ones",
+    "prediction error": "the model was restarted from the measurement again and again, and compared",
+    "inverse": "the recorded motion was given to the model, the force it takes laid beside the recorded one",
 }
 _UNKNOWN = KindText(
-    "a force without a name", "A force that no entry of the catalogue explains.",
+    "a force without a name",
+    "A force that no entry of the catalogue explains.",
     "Something that nobody has put into the catalogue yet; the shape of its curve is the clue.",
-    "Measure the force directly at this connection, or repeat the run and see whether the curve comes back.")
+    "Measure the force directly at this connection, or repeat the run and see whether the curve comes back.",
+)
 
 
 def kind_text(kind: str) -> KindText:
-    """Return a kind in words, also for one that is not in the catalogue."""
-    known = kinds().get(kind)
+    """Return a kind in words, also for one that is not in the catalogue and for ``"kind over regressor"``."""
+    name, _, over = kind.partition(" ")
+    known = kinds().get(name)
     if known is not None:
-        return known.text
-    return _UNKNOWN if kind == "unknown_force" else KindText(kind.replace("_", " "), "", "", "")
+        return replace(known.text, title=f"{known.text.title} ({over})") if over else known.text
+    return _UNKNOWN if name == "unknown_force" else KindText(kind.replace("_", " "), "", "", "")
 
 
 def content(conclusion: Conclusion, evidence: Evidence) -> Entry:
     """Return everything that the template shows."""
-    energy, _ = explained(conclusion)
     outputs = worst_outputs(conclusion, 99)
     return {
         "title": conclusion.name or conclusion.final.model.name,
         "headline": HEADLINES.get(conclusion.verdict, conclusion.verdict),
-        "verdict": conclusion.verdict, "sentence": conclusion.sentence,
-        "explained": share_words(max(energy, 0.0)) if len(conclusion.stages) > 2 else "",
-        "judged_on": PART_WORDS[conclusion.judged_on], "held_out": conclusion.judged_on == "validate",
-        "compared": _compared(conclusion), "outputs": _outputs(conclusion), "table": _table(conclusion, evidence, outputs),
+        "verdict": conclusion.verdict,
+        "sentence": conclusion.sentence,
+        "judged_on": PART_WORDS[conclusion.judged_on],
+        "held_out": conclusion.judged_on == "validate",
+        "compared": _compared(conclusion),
+        "outputs": _outputs(conclusion),
+        "table": _table(conclusion, evidence, outputs),
         "effects": [_effect(conclusion, a) for a in conclusion.accepted],
-        "unknown": _unknown(conclusion), "where": _where(evidence, outputs),
-        "rivals": _rivals(conclusion), "hidden": _hidden(conclusion),
-        "refused": [{"title": kind_text(k).title, "where": w, "why": y} for k, w, y in conclusion.refused],
-        "next": list(conclusion.next_measurement), "parameters": _parameters(conclusion),
+        "unknown": _unknown(conclusion),
+        "where": _where(evidence, outputs),
+        "where_part": PART_WORDS[evidence.before.part],
+        "rivals": _rivals(conclusion),
+        "hidden": _hidden(conclusion),
+        "refused": _refused(conclusion),
+        "next": list(conclusion.next_measurement),
+        "parameters": _parameters(conclusion),
         "confounded": [", ".join(g) for g in conclusion.final.identify.confounded],
-        "records": _records(conclusion), "warnings": list(conclusion.warnings), "how": _how(conclusion),
+        "records": _records(conclusion),
+        "warnings": list(conclusion.warnings),
+        "how": _how(conclusion),
     }
 
 
 def _compared(conclusion: Conclusion) -> str:
     fits = {part: conclusion.final.fits(part) for part in PARTS}
-    said = [f"The model '{conclusion.final.model.name}' was laid beside {_count(len(fits['identify']), 'record')} "
-            f"({_seconds(fits['identify'])}) that it may be fitted to"]
+    said = [
+        f"The model '{conclusion.final.model.name}' was laid beside "
+        f"{_count(len(fits['identify']), 'record')} "
+        f"({_seconds(fits['identify'])}) that it may be fitted to"
+    ]
     if fits["validate"]:
-        said.append(f" and {_count(len(fits['validate']), 'record')} ({_seconds(fits['validate'])}) held out: these were "
-                    "used neither to fit parameters nor to choose what is missing, only to judge")
+        said.append(
+            f" and {_count(len(fits['validate']), 'record')} ({_seconds(fits['validate'])}) held out: "
+            "these were "
+            "used neither to fit parameters nor to choose what is missing, only to judge"
+        )
     else:
-        said.append(". No record was held out, so there is nothing to judge on that was not also used to choose; hold one "
-                    "out if you can")
+        said.append(
+            ". No record was held out, so there is nothing to judge on that was not also used to choose; "
+            "hold one "
+            "out if you can"
+        )
     return "".join(said) + "."
 
 
@@ -90,26 +111,36 @@ def _seconds(fits: Any) -> str:
 def _outputs(conclusion: Conclusion) -> list[Entry]:
     system, noise = conclusion.final.system, conclusion.baseline.noise
     columns = conclusion.final.identify.fits[0].experiment.record.signals
-    return [{"name": n, "column": columns[n].column if n in columns else "",
-             "noise": quantity(noise.get(n), system.unit(n)) if noise.get(n) else "not known"}
-            for n in conclusion.final.outputs]
+    return [
+        {
+            "name": n,
+            "column": columns[n].column if n in columns else "",
+            "noise": quantity(noise.get(n), system.unit(n)) if noise.get(n) else "not known",
+        }
+        for n in conclusion.final.outputs
+    ]
 
 
-def _table(conclusion: Conclusion, evidence: Evidence, outputs: list[str]) -> Entry:
-    rows = []
+def _table(conclusion: Conclusion, evidence: Evidence, outputs: list[str]) -> list[Entry]:
+    """Errors stage by stage, a row for each output."""
+    stages = []
     for stage, comparison in zip(conclusion.stages, evidence.comparisons, strict=True):
         pooled = {part: comparison.pooled(part) for part in PARTS}
+        rows = []
         for output in outputs:
-            cells: Entry = {"stage": stage_title(stage), "output": output}
+            cells: Entry = {"output": output}
             noise = stage.noise.get(output)
             for part in PARTS:
                 a = pooled[part].get(output)
                 cells[part] = "" if a is None else quantity(a.rmse, stage.system.unit(output))
-                cells[f"{part}_share"] = "" if a is None or not math.isfinite(a.nrmse) else share_words(a.nrmse)
+                cells[f"{part}_share"] = (
+                    "" if a is None or not math.isfinite(a.nrmse) else share_words(a.nrmse)
+                )
             a = pooled[conclusion.judged_on].get(output)
             cells["over_noise"] = f"{a.rmse / noise:.2g} ×" if a is not None and noise else ""
             rows.append(cells)
-    return {"rows": rows, "per_stage": len(outputs)}
+        stages.append({"name": stage_title(stage), "rows": rows})
+    return stages
 
 
 # ---------------------------------------------------------------- effects
@@ -128,22 +159,46 @@ def _effect(conclusion: Conclusion, accepted: Accepted) -> Entry:
             else:
                 told = quantity(entry["value"], entry["unit"])
             sizes.append({"name": _words(name), "told": told})
-    stage = next(s for s in conclusion.stages if s.accepted is not None and str(s.accepted.effect) == str(effect)
-                 and s.accepted.effect.number == effect.number)
+    stage = next(
+        s
+        for s in conclusion.stages
+        if s.accepted is not None
+        and str(s.accepted.effect) == str(effect)
+        and s.accepted.effect.number == effect.number
+    )
     before = conclusion.stages[conclusion.stages.index(stage) - 1]
     return {
-        "title": text.title, "where": effect.where, "kind": effect.kind, "what": text.what, "causes": text.causes,
-        "confirm": text.confirm, "sizes": sizes, "luck": luck_words(accepted.p_value),
-        "p_value": f"{accepted.p_value:.2g}", "delta_bic": f"{accepted.delta_bic:.0f}",
-        "falls": _falls(conclusion, before, stage), "ambiguous": accepted.ambiguous,
+        "title": text.title,
+        "where": effect.where,
+        "kind": effect.kind,
+        "what": text.what,
+        "causes": text.causes,
+        "confirm": text.confirm,
+        "sizes": sizes,
+        "luck": luck_words(accepted.p_value),
+        "p_value": f"{accepted.p_value:.2g}",
+        "delta_bic": f"{accepted.delta_bic:.0f}",
+        "falls": _falls(conclusion, before, stage),
+        "ambiguous": accepted.ambiguous,
         "tied": [f"{kind_text(r.kind).title} at {r.where}" for r in accepted.rivals if r.indistinguishable],
     }
 
 
 def _words(name: str) -> str:
-    known = {"coulomb": "friction", "viscous": "friction per speed", "forward": "forwards", "backward": "backwards",
-             "v_stribeck": "speed at which it fades", "share": "share of the load", "x_s": "displacement before it slides",
-             "cosine": "cosine part", "sine": "sine part", "place": "place of its middle", "push": "force"}
+    known = {
+        "coulomb": "friction",
+        "viscous": "friction per speed",
+        "forward": "forwards",
+        "backward": "backwards",
+        "v_stribeck": "speed at which it fades",
+        "v_s": "speed within which it builds up",
+        "share": "share of the load",
+        "x_s": "displacement before it slides",
+        "cosine": "cosine part",
+        "sine": "sine part",
+        "place": "place of its middle",
+        "push": "force",
+    }
     return known.get(name, name.replace("_", " "))
 
 
@@ -153,8 +208,10 @@ def _falls(conclusion: Conclusion, before: Stage, after: Stage) -> list[str]:
     found = []
     for output in worst_outputs(conclusion, 99):
         unit = after.system.unit(output)
-        found.append(f"{output}: error {ratio_words(old[output], new[output])}, from {quantity(old[output], unit)} to "
-                     f"{quantity(new[output], unit)}")
+        found.append(
+            f"{output}: error {ratio_words(old[output], new[output])}, from {quantity(old[output], unit)} to "
+            f"{quantity(new[output], unit)}"
+        )
     return found
 
 
@@ -163,41 +220,78 @@ def _unknown(conclusion: Conclusion) -> Entry | None:
     if curve is None:
         return None
     text = kind_text("unknown_force")
-    return {"where": curve.where, "statement": curve.statement, "over": curve.regressor, "luck": luck_words(curve.p_value),
-            "what": text.what, "causes": text.causes, "confirm": text.confirm,
-            "listed": any(a.effect.kind == "unknown_force" for a in conclusion.accepted)}
+    return {
+        "where": curve.where,
+        "statement": curve.statement,
+        "over": curve.regressor,
+        "luck": luck_words(curve.p_value),
+        "what": text.what,
+        "causes": text.causes,
+        "confirm": text.confirm,
+        "listed": any(a.effect.kind == "unknown_force" for a in conclusion.accepted),
+    }
 
 
 def _rivals(conclusion: Conclusion) -> list[Entry]:
     found = []
     for accepted in conclusion.accepted:
-        rows = [{"title": kind_text(r.kind).title, "where": r.where, "told": rival_words(r),
-                 "delta": f"{r.delta_bic:+.0f}" if math.isfinite(r.delta_bic) else "", "tied": r.indistinguishable}
-                for r in accepted.rivals[:8]]
-        found.append({"title": kind_text(accepted.effect.kind).title, "where": accepted.effect.where, "rows": rows})
+        rows = [
+            {
+                "title": kind_text(r.kind).title,
+                "where": r.where,
+                "told": rival_words(r),
+                "delta": f"{r.delta_bic:+.0f}" if math.isfinite(r.delta_bic) else "",
+                "tied": r.indistinguishable,
+            }
+            for r in accepted.rivals[:8]
+        ]
+        found.append(
+            {"title": kind_text(accepted.effect.kind).title, "where": accepted.effect.where, "rows": rows}
+        )
     return found
 
 
 def _hidden(conclusion: Conclusion) -> Entry:
-    seen, blind = [], []
+    seen: list[Entry] = []
+    blind: list[Entry] = []
     for kind, where, mde, delta, unit in conclusion.hidden:
-        row = {"title": kind_text(kind).title, "where": where, "mde": quantity(mde, unit, 2),
-               "delta": quantity(delta, unit, 2)}
+        if not unit and kind.endswith("_gain"):
+            mde, delta, unit = 100.0 * mde, 100.0 * delta, "%"
+        row = {
+            "title": kind_text(kind).title,
+            "where": where,
+            "mde": quantity(mde, unit, 2),
+            "delta": quantity(delta, unit, 2),
+        }
         (seen if mde < delta else blind).append(row)
+    for rows in (seen, blind):
+        rows.sort(key=lambda r: (r["title"], r["where"]))
     return {"seen": seen, "blind": blind}
+
+
+def _refused(conclusion: Conclusion) -> list[Entry]:
+    """Group what could not be examined by the reason, which many share."""
+    by_reason: dict[str, list[str]] = {}
+    for kind, where, why in conclusion.refused:
+        by_reason.setdefault(why, []).append(f"{kind_text(kind).title} at {where}")
+    return [{"why": why, "names": names} for why, names in by_reason.items()]
 
 
 # ---------------------------------------------------------------- where, parameters, records, method
 
 
 def _where(evidence: Evidence, outputs: list[str]) -> list[Entry]:
-    """Sentences of where the recalibrated model failed; of regimes and curves only the worst output's, as others repeat it."""
+    """Where the recalibrated model failed; regimes and curves of the worst output only, others repeat it."""
     told = evidence.before.to_dict()
     worst = outputs[0] if outputs else ""
     found = []
     for name, heading, most in (
-            ("signals", "In which signal", 6), ("regimes", "When", 5), ("dependence", "Along what", 4),
-            ("frequencies", "At which frequencies", 4), ("connections", "At which connection", 6)):
+        ("signals", "In which signal", 6),
+        ("regimes", "When", 5),
+        ("dependence", "Along what", 4),
+        ("frequencies", "At which frequencies", 4),
+        ("connections", "At which connection", 6),
+    ):
         entries = [e for e in told[name] if name in ("signals", "connections") or e.get("output") == worst]
         if entries:
             found.append({"heading": heading, "sentences": [e["sentence"] for e in entries[:most]]})
@@ -216,12 +310,20 @@ def _parameters(conclusion: Conclusion) -> list[Entry]:
         low, high = final.interval(p.name)
         remark = str(frame.loc[p.name, "remark"])
         if math.isfinite(p.std) and p.std > 0.0 and abs(final[p.name] - p.value) > 3.0 * p.std:
-            remark = "; ".join(filter(None, [remark, "more than three standard deviations from the value given"]))
-        rows.append({
-            "name": p.name, "unit": unit_text(p.unit), "given": quantity(p.value, "", 4),
-            "believed": f"± {quantity(p.std, '', 2)}" if math.isfinite(p.std) else "free",
-            "recalibrated": quantity(recalibrated[p.name], "", 4) if p.name in recalibrated else "",
-            "final": interval_words(final[p.name], low, high, "").replace("95 % interval ", ""), "remark": remark})
+            remark = "; ".join(
+                filter(None, [remark, "more than three standard deviations from the value given"])
+            )
+        rows.append(
+            {
+                "name": p.name,
+                "unit": unit_text(p.unit),
+                "given": quantity(p.value, "", 4),
+                "believed": f"± {quantity(p.std, '', 2)}" if math.isfinite(p.std) else "free",
+                "recalibrated": quantity(recalibrated[p.name], "", 4) if p.name in recalibrated else "",
+                "final": interval_words(final[p.name], low, high, "").replace("95 % interval ", ""),
+                "remark": remark,
+            }
+        )
     return rows
 
 
@@ -232,26 +334,54 @@ def _records(conclusion: Conclusion) -> list[Entry]:
             e = fit.experiment
             done = [*e.record.log, *e.preparation.describe(float(e.record.rate))]
             own = [f"{name} fitted for this record: {value:.4g}" for name, value in fit.own.items()]
-            found.append({
-                "name": e.name, "part": PART_WORDS[part], "file": str(e.record.path.name),
-                "length": f"{e.record.duration:.4g} s at {e.record.rate:.4g} Hz, {len(e.time)} samples compared",
-                "log": [line for line in (*done, *own) if not line.startswith("warning: ")],
-                "warnings": list(e.record.warnings)})
+            found.append(
+                {
+                    "name": e.name,
+                    "part": PART_WORDS[part],
+                    "file": str(e.record.path.name),
+                    "length": (
+                        f"{e.record.duration:.4g} s at {e.record.rate:.4g} Hz, {len(e.time)} samples compared"
+                    ),
+                    "log": [line for line in (*done, *own) if not line.startswith("warning: ")],
+                    "warnings": list(e.record.warnings),
+                }
+            )
     return found
 
 
 def _how(conclusion: Conclusion) -> list[tuple[str, str]]:
     scan = conclusion.baseline.scan
-    lines = [("Confronted by", conclusion.residual_mode + ": " + _MODES.get(conclusion.residual_mode, "")
-              + (f", because {conclusion.residual_reason}" if conclusion.residual_reason else "")),
-             ("Fitted by", "least squares over full runs of the model, with what was believed of the parameters before; "
-              "intervals hold for errors that are related from sample to sample")]
+    lines = [
+        (
+            "Confronted by",
+            conclusion.residual_mode
+            + ": "
+            + _MODES.get(conclusion.residual_mode, "")
+            + (f", because {conclusion.residual_reason}" if conclusion.residual_reason else ""),
+        ),
+        (
+            "Fitted by",
+            "least squares over full runs of the model, with what was believed of the parameters before; "
+            "intervals hold for errors that are related from sample to sample",
+        ),
+    ]
     if scan is not None:
-        lines.append(("Looked for", f"{len(scan.rows) + len(scan.refused)} effects, one for each kind at each place where it "
-                      "can act; what recalibration could imitate is taken out first"))
+        lines.append(
+            (
+                "Looked for",
+                f"{len(scan.rows) + len(scan.refused)} effects, one for each kind at each place where it "
+                "can act; what recalibration could imitate is taken out first",
+            )
+        )
     if conclusion.verdict:
-        lines.append(("Believed only if", f"luck would give as much in fewer than {share_words(conclusion.level)} of studies "
-                      "of a good model, over all effects together; luck is measured by shuffling stretches of the error"))
+        lines.append(
+            (
+                "Believed only if",
+                f"luck would give as much in fewer than {share_words(conclusion.level)} of studies "
+                "of a good model, over all effects together; luck is measured by shuffling stretches of "
+                "the error",
+            )
+        )
     versions = []
     for package in ("vtsdt", "numpy", "scipy", "numba"):
         try:

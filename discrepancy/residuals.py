@@ -100,14 +100,16 @@ class Residuals:
         return np.where(known > 0.0, known, np.maximum(own, 1e-300))
 
     def guides(self) -> list[PlaceMotion]:
-        """Return one moving place for each group that moves together, motion against the ground before motion within."""
+        """Return the places that move against the ground, one of each coupled group; else all that move."""
         moving = [m for m in self.motions if m.moves]
         return [m for m in moving if m.place.second is None] or moving
 
     def jackknife(self, blocks: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
         """Return, for each block, the rows that remain when it is left out."""
         rows = np.arange(len(self.values))
-        return [np.setdiff1d(rows, b, assume_unique=True) for b in (self.blocks if blocks is None else blocks)]
+        return [
+            np.setdiff1d(rows, b, assume_unique=True) for b in (self.blocks if blocks is None else blocks)
+        ]
 
 
 def coupled_places(motions: Sequence[PlaceMotion]) -> list[list[PlaceMotion]]:
@@ -137,7 +139,9 @@ def residuals_of(stage: Stage, part: str = "identify") -> Residuals:
     if calibration is None or not calibration.fits:
         raise ValueError(f"stage '{stage.name}' has no records in part '{part}'")
     fits = calibration.fits
-    facts = Confrontation(stage.system, calibration, stage.sensors, fits[0].experiment.preparation, stage.p)
+    facts = Confrontation(
+        stage.system, stage.slim, calibration, stage.sensors, fits[0].experiment.preparation, stage.p
+    )
     time = np.concatenate([f.experiment.time for f in fits])
     values = np.concatenate([f.residual for f in fits])
     lengths = [len(f.experiment.time) for f in fits]
@@ -150,7 +154,9 @@ def residuals_of(stage: Stage, part: str = "identify") -> Residuals:
     return Residuals(stage, part, facts, time, values, record, motions, blocks)
 
 
-def _motions(facts: Confrontation, stage: Stage, preparations: Sequence[Preparation]) -> tuple[PlaceMotion, ...]:
+def _motions(
+    facts: Confrontation, stage: Stage, preparations: Sequence[Preparation]
+) -> tuple[PlaceMotion, ...]:
     found = []
     columns: dict[str, list[np.ndarray]] = {}
     wanted = [f"place.{p.name}.{n}" for p in stage.system.places for n, _ in p.motion_names()]

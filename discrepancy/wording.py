@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import math
 
-from discrepancy.plotting import unit_text
+from discrepancy.plotting import bare_unit, unit_text
 from discrepancy.stage import Rival
 
-__all__ = ["interval_words", "luck_words", "quantity", "ratio_words", "rival_words", "share_words"]
+__all__ = ["interval_words", "luck_words", "quantity", "ratio_words", "rival_words", "scaled", "share_words"]
 
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PREFIXED = ("m", "N", "N*m", "s", "V", "A", "W", "J", "Pa", "m/s", "rad", "rad/s")
 
 
-def _scaled(size: float, unit: str) -> tuple[float, str]:
-    """Factor and unit with which a size is between 1 and 1000."""
+def scaled(size: float, unit: str) -> tuple[float, str]:
+    """Return the factor and the unit with which a size reads well, such as (1e-6, "µm").
+
+    Examples
+    --------
+    >>> scaled(2e-5, "m"), scaled(20.0, "N"), scaled(2e-5, "kg")
+    ((1e-06, 'µm'), (1.0, 'N'), (1.0, 'kg'))
+    """
+    unit = bare_unit(unit)
     if unit not in _PREFIXED or size == 0.0 or not math.isfinite(size) or 0.1 <= size < 1e4:
         return 1.0, unit_text(unit)
     for factor, prefix in _PREFIXES:
@@ -29,9 +37,11 @@ def _number(value: float, digits: int) -> str:
     places = digits - 1 - math.floor(math.log10(abs(value)))
     # Rounding may add a digit in front, as from 9.99 to 10.0.
     value = round(value, places)
+    places = digits - 1 - math.floor(math.log10(abs(value)))
     if not 1e-4 <= abs(value) < 1e7 and value != 0.0:
-        return f"{value:.{digits - 1}e}"
-    return f"{value:.{max(0, places)}f}"
+        mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+        return f"{mantissa}·10{str(int(exponent)).translate(_RAISED)}".replace("-", "−")
+    return f"{value:.{max(0, places)}f}".replace("-", "−")
 
 
 def quantity(value: float | None, unit: str = "", digits: int = 3) -> str:
@@ -44,7 +54,7 @@ def quantity(value: float | None, unit: str = "", digits: int = 3) -> str:
     """
     if value is None or not math.isfinite(value):
         return "not known"
-    factor, text = _scaled(abs(value), unit)
+    factor, text = scaled(abs(value), unit)
     return f"{_number(value / factor, digits)} {text}".rstrip()
 
 
@@ -59,8 +69,9 @@ def interval_words(value: float, low: float, high: float, unit: str) -> str:
     half = 0.5 * (high - low)
     if not math.isfinite(half) or half <= 0.0:
         return f"{quantity(value, unit)} (no interval: these records do not determine it)"
-    factor, text = _scaled(max(abs(value), half), unit)
-    places = max(0, 1 - math.floor(math.log10(half / factor)))
+    factor, text = scaled(max(abs(value), half), unit)
+    lead = math.floor(math.log10(half / factor))
+    places = max(0, (1 if half / factor < 3.0 * 10.0**lead else 0) - lead)
     if places > 9:
         return f"{quantity(value, unit, 9)} (95 % interval far narrower than the last digit)"
     v, a, b = (f"{x / factor:.{places}f}" for x in (value, low, high))
@@ -82,8 +93,11 @@ def luck_words(p: float) -> str:
     if p < 0.5:
         once = 1.0 / p
         size = round(once, 1 - math.floor(math.log10(once)))
-        return (f"by luck alone, something like this would come up about once in {size:,.0f} studies of a good "
-                "model").replace(",", " ")
+        return (
+            f"by luck alone, something like this would come up about once in "
+            f"{f'{size:,.0f}'.replace(',', ' ')} studies "
+            "of a good model"
+        )
     return "luck alone would look like this more often than not"
 
 

@@ -15,7 +15,7 @@ COULOMB = 12.0
 
 
 def machine(friction: float = 30.0):
-    """A carriage pulled through an elastic drive by a motor whose speed is given; viscous friction in its guide."""
+    """A carriage with viscous friction, pulled through an elastic drive by a motor of given speed."""
     from multibody import Model
     from multibody.library import Mass, SpringDamper, VelocitySource, ViscousFriction
 
@@ -62,18 +62,27 @@ def record_of(name: str, seed: int, pauses: bool, hidden):
     reference = travel(time, pauses)
     truth = hidden.added_to(machine(34.0)).build(outputs=("drive.force", "carriage.position"))
     run = truth.simulate(
-        (0.0, float(time[-1])), inputs={"reference.speed": (time, reference)}, times=time, rtol=1e-7, atol=1e-10)
+        (0.0, float(time[-1])),
+        inputs={"reference.speed": (time, reference)},
+        times=time,
+        rtol=1e-7,
+        atol=1e-10,
+    )
     rng = np.random.default_rng(seed)
     signals = {"reference.speed": Signal(reference, "m/s", "v_ref", "m/s")}
     for column, output, unit in (("drive_N", "drive.force", "N"), ("x_m", "carriage.position", "m")):
-        values = run.outputs[:, truth.index("output", output)] + NOISE[output] * rng.standard_normal(time.size)
+        values = run.outputs[:, truth.index("output", output)] + NOISE[output] * rng.standard_normal(
+            time.size
+        )
         signals[output] = Signal(values, unit, column, unit)
     return Record(name, Path(f"{name}.csv"), time, signals, log=("time from column t [s]",))
 
 
 @pytest.fixture(scope="session")
 def small_study():
-    """Stages of a study that misses dry friction: as given, recalibrated, with the friction, and what is around them."""
+    """Stages of a study that misses dry friction: as given, recalibrated, with the friction."""
+    import dataclasses
+
     from discrepancy.catalogue import catalogue
     from discrepancy.columns import Confrontation, candidate_columns
     from discrepancy.effects import Effect
@@ -103,40 +112,60 @@ def small_study():
         UncertainParameter("carriage.m", 20.0, std=1.0, min=0.0, unit="kg"),
     ]
 
-    def stage(name, model, effects, accepted, parameters, sc=None):
-        built = build(model)
-        given = [UncertainParameter(p.name, p.value, unit=p.unit) for p in parameters]
-        moved = calibrate(built, identify, parameters, noise=FLOOR) if name != "as given" else calibrate(
-            built, identify, (), noise=FLOOR)
-        held = evaluate(built, validate, moved, noise=FLOOR)
-        p = built.p
-        for key, value in moved.to_dict().items():
-            p[built.index("parameter", key)] = value
-        del given
-        effects = tuple(e.with_values(moved.to_dict()) for e in effects)
-        return Stage(name, model, built, effects, accepted, moved, held, (), p, FLOOR, sc)
+    def stage(name, model, effects, accepted, parameters):
+        wide, slim = build(model), model.build(probes=True, outputs=identify[0].outputs)
+        moved = calibrate(slim, identify, parameters, noise=FLOOR)
+        held = evaluate(slim, validate, moved, noise=FLOOR)
+        fitted = moved.to_dict()
+        effects = tuple(e.with_values(fitted) for e in effects)
+        return Stage(
+            name, model.with_values(fitted), wide, slim, effects, accepted, moved, held, (),
+            wide.parameter_vector(fitted), FLOOR,
+        )  # fmt: skip
 
     def scanned(found, seed):
-        facts = Confrontation(found.system, found.identify, (), Preparation(decimate=5, low_pass_hz=20.0), found.p)
-        names = ("coulomb_friction", "quadratic_drag", "constant_force", "added_inertia", "sensor_gain",
-                 "sensor_offset", "stribeck_friction", "local_bump")
-        entries = [e for e in catalogue(
-            found.system, found.outputs, ("reference.speed",), include=[f"{n}@*" for n in names])
-            if f"{e.kind.name}.{e.where}" not in found.model.components]
+        facts = Confrontation.of_stage(found, Preparation(decimate=5, low_pass_hz=20.0))
+        names = (
+            "coulomb_friction",
+            "quadratic_drag",
+            "constant_force",
+            "added_inertia",
+            "sensor_gain",
+            "sensor_offset",
+            "stribeck_friction",
+            "local_bump",
+        )
+        entries = [
+            e
+            for e in catalogue(
+                found.system, found.outputs, ("reference.speed",), include=[f"{n}@*" for n in names]
+            )
+            if f"{e.kind.name}.{e.where}" not in found.model.components
+        ]
         candidates, refused = candidate_columns(facts, entries)
         return scan(facts.residual(), facts.sensitivities(), candidates, draws=100, seed=seed), refused
-
-    import dataclasses
 
     given = stage("as given", plain, (), None, ())
     recalibrated = stage("recalibrated", plain, (), None, uncertain)
     seen, _ = scanned(recalibrated, 1)
     recalibrated = dataclasses.replace(recalibrated, scan=seen)
     effect = Effect.at_place("coulomb_friction", place, strengths={"coulomb": 1.0}, shape=shape)
-    accepted = Accepted(effect, seen["coulomb_friction@guide"].p, -900.0, (
-        Rival("stribeck_friction", "guide", 240.0, True, False), Rival("local_bump", "guide", 610.0, False, False)))
-    better = stage("+ coulomb_friction@guide", effect.added_to(plain), (effect,), accepted,
-                   [*uncertain, *effect.uncertain()])
+    accepted = Accepted(
+        effect,
+        seen["coulomb_friction@guide"].p,
+        -900.0,
+        (
+            Rival("stribeck_friction", "guide", 240.0, True, False),
+            Rival("local_bump", "guide", 610.0, False, False),
+        ),
+    )
+    better = stage(
+        "+ coulomb_friction@guide",
+        effect.added_to(plain),
+        (effect,),
+        accepted,
+        [*uncertain, *effect.uncertain()],
+    )
     accepted = dataclasses.replace(accepted, effect=better.effects[0])
     after, refused = scanned(better, 2)
     better = dataclasses.replace(better, accepted=accepted, scan=after)
@@ -161,16 +190,23 @@ def conclusion(small_study):
     hidden = tuple((r.kind, r.where, r.mde, r.delta, unit(r)) for r in scan.rows)
     return Conclusion(
         "effect found",
-        "Dry (Coulomb) friction of 12 N is missing in the guide. With it, the error of the drive force on the record "
+        "Dry (Coulomb) friction of 12 N is missing in the guide. With it, the error of the drive force on "
+        "the record "
         "that was held out falls from 13.9 N to 0.24 N, which is the noise of the sensor.",
         small_study.stages,
         refused=(("load_dependent_friction", "guide", "the load hardly changes in these records"),),
         hidden=hidden,
-        next_measurement=("Move the carriage at 0.01 m/s in both directions for 20 s: friction that rises at low speed "
-                          "would show above 0.3 N.",),
+        next_measurement=(
+            "Move the carriage at 0.01 m/s in both directions for 20 s: friction that rises at low speed "
+            "would show above 0.3 N.",
+        ),
         warnings=("with_rests: 'x_m' stands still for 0.4 s",),
         residual_reason="the drive is held by its motor, so the model stays where the record is",
-        seed=1, level=0.02, name="axis", paths=("study.toml", "forth_and_back.csv", "with_rests.csv"))
+        seed=1,
+        level=0.02,
+        name="axis",
+        paths=("study.toml", "forth_and_back.csv", "with_rests.csv"),
+    )
 
 
 @pytest.fixture(scope="session")

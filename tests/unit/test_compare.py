@@ -11,8 +11,11 @@ from discrepancy.compare import compare
 def test_every_part_record_and_output_is_compared(small_study) -> None:
     table = compare(small_study.stages[1]).to_frame()
     assert list(zip(table.part, table.record, table.output, strict=True)) == [
-        ("identify", "forth_and_back", "drive.force"), ("identify", "forth_and_back", "carriage.position"),
-        ("validate", "with_rests", "drive.force"), ("validate", "with_rests", "carriage.position")]
+        ("identify", "forth_and_back", "drive.force"),
+        ("identify", "forth_and_back", "carriage.position"),
+        ("validate", "with_rests", "drive.force"),
+        ("validate", "with_rests", "carriage.position"),
+    ]
 
 
 def test_figures_are_those_of_the_residual(small_study) -> None:
@@ -30,13 +33,20 @@ def test_figures_are_those_of_the_residual(small_study) -> None:
 def test_missing_friction_shows_as_missing_work(small_study) -> None:
     """Dry friction takes force times way out of the machine; a model without it must show less work."""
     given, _, better = (compare(s).of("validate", output="drive.force")[0] for s in small_study.stages)
-    way = np.sum(np.abs(np.diff(given.model * 0 + compare(small_study.stages[0]).of(
-        "validate", output="carriage.position")[0].model)))
+    way = np.sum(
+        np.abs(
+            np.diff(
+                given.model * 0
+                + compare(small_study.stages[0]).of("validate", output="carriage.position")[0].model
+            )
+        )
+    )
     lost = small_study.hidden.strengths["coulomb"] * way
     assert given.work is not None
     assert better.work is not None
     assert given.work.along == "carriage.position"
-    # The viscous friction of the model as given is 9 N·s/m too small, which is up to a third of the dry one here.
+    # The viscous friction of the model as given is 9 N·s/m too small, which is up to a third of the dry one
+    # here.
     assert 0.9 * lost < given.work.measured - given.work.model < 1.5 * lost
     assert better.work.model == pytest.approx(better.work.measured, rel=0.01)
 

@@ -33,8 +33,11 @@ def test_numbers_come_back_as_they_were(conclusion, evidence, diagnosis, tmp_pat
     assert back == diagnosis
     stage = conclusion.stages[1]
     assert back["stages"][1]["validate"]["drive.force"]["rmse"] == pytest.approx(
-        stage.rmse("validate")["drive.force"], rel=1e-12)
-    assert back["effects"][0]["parameters"]["coulomb"]["value"] == stage_value(conclusion, "coulomb_friction.guide.coulomb")
+        stage.rmse("validate")["drive.force"], rel=1e-12
+    )
+    assert back["effects"][0]["parameters"]["coulomb"]["value"] == stage_value(
+        conclusion, "coulomb_friction.guide.coulomb"
+    )
 
 
 def stage_value(conclusion, name: str) -> float:
@@ -50,12 +53,16 @@ def test_the_effect_is_told_with_interval_unit_and_rivals(diagnosis, small_study
     assert abs(found["value"] - small_study.hidden.strengths["coulomb"]) < 4.0 * found["std"]
     assert effect["indistinguishable_from"] == []
     assert [r["kind"] for r in effect["runners_up"]] == ["stribeck_friction", "local_bump"]
-    assert effect["fixed"] == {"v_s": 0.003}
+    # The speed below which the sign is smoothed belongs to the law, fitted or not.
+    assert set(effect["fixed"]) | set(effect["parameters"]) == {"coulomb", "v_s"}
 
 
 def test_explained_is_the_excess_that_is_gone(conclusion, diagnosis) -> None:
     base, end = conclusion.stages[1], conclusion.stages[2]
-    excess = [sum(max(0.0, s.rmse("validate")[n] ** 2 / s.noise[n] ** 2 - 1.0) for n in s.outputs) for s in (base, end)]
+    excess = [
+        sum(max(0.0, s.rmse("validate")[n] ** 2 / s.noise[n] ** 2 - 1.0) for n in s.outputs)
+        for s in (base, end)
+    ]
     assert diagnosis["explained"] == pytest.approx(1.0 - excess[1] / excess[0], rel=1e-12)
     assert diagnosis["explained"] > 0.99
     assert diagnosis["explained_on"] == "validate"
@@ -77,7 +84,8 @@ def test_a_tie_is_listed_apart(conclusion, evidence) -> None:
     rivals = (Rival("stribeck_friction", "guide", 1.2, True, True), *stage.accepted.rivals[1:])
     tied = replace(stage, accepted=replace(stage.accepted, rivals=rivals))
     found = to_diagnosis(
-        replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence)
+        replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence
+    )
     assert check_diagnosis(found) == []
     assert [r["delta_bic"] for r in found["effects"][0]["indistinguishable_from"]] == [1.2]
     assert [r["kind"] for r in found["effects"][0]["runners_up"]] == ["local_bump"]
@@ -85,9 +93,12 @@ def test_a_tie_is_listed_apart(conclusion, evidence) -> None:
 
 def test_an_unknown_effect_has_its_curve(conclusion) -> None:
     x = np.linspace(0.0, 1.0, 5)
-    curve = UnknownCurve("guide", "position", "m", "N", x, np.sin(x), np.full(5, math.nan), "something", 1e-4, -40.0)
-    found = to_diagnosis(replace(
-        conclusion, verdict="unknown effect", stages=conclusion.stages[:2], unknown=curve))
+    curve = UnknownCurve(
+        "guide", "position", "m", "N", x, np.sin(x), np.full(5, math.nan), "something", 1e-4, -40.0
+    )
+    found = to_diagnosis(
+        replace(conclusion, verdict="unknown effect", stages=conclusion.stages[:2], unknown=curve)
+    )
     assert check_diagnosis(found) == []
     effect = found["effects"][0]
     assert effect["kind"] == "unknown_force"
@@ -98,24 +109,34 @@ def test_an_unknown_effect_has_its_curve(conclusion) -> None:
 
 
 def test_what_is_not_finite_becomes_null() -> None:
-    assert plain({"a": np.float64(np.inf), "b": (np.int64(2), np.bool_(True)), "c": np.array([1.0, np.nan])}) == {
-        "a": None, "b": [2, True], "c": [1.0, None]}
+    assert plain(
+        {"a": np.float64(np.inf), "b": (np.int64(2), np.bool_(True)), "c": np.array([1.0, np.nan])}
+    ) == {"a": None, "b": [2, True], "c": [1.0, None]}
 
 
-@pytest.mark.parametrize(("change", "told"), [
-    (lambda d: d.update(schema=2), "schema must be"),
-    (lambda d: d.update(verdict="perhaps"), "verdict must be one of"),
-    (lambda d: d.pop("explained"), "explained is missing"),
-    (lambda d: d.update(explained=math.nan), "explained must be a number"),
-    (lambda d: d["effects"][0].update(p_value=2.0), "effects[0].p_value"),
-    (lambda d: d["effects"][0]["parameters"]["coulomb"].pop("unit"), "parameters.coulomb.unit is missing"),
-    (lambda d: d["effects"][0]["runners_up"][0].pop("where"), "runners_up[0].where"),
-    (lambda d: d["stages"][1]["identify"]["drive.force"].update(rmse="9"), "stages[1].identify.drive.force.rmse"),
-    (lambda d: d["where_it_fails"].pop("regimes"), "where_it_fails.regimes"),
-    (lambda d: d.update(effects=[]), "needs an effect"),
-    (lambda d: d.update(verdict="nothing missing"), "has effects beside it"),
-    (lambda d: d.update(refused=[{"kind": "slip"}]), "refused[0].where"),
-])
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda d: d.update(schema=2), "schema must be"),
+        (lambda d: d.update(verdict="perhaps"), "verdict must be one of"),
+        (lambda d: d.pop("explained"), "explained is missing"),
+        (lambda d: d.update(explained=math.nan), "explained must be a number"),
+        (lambda d: d["effects"][0].update(p_value=2.0), "effects[0].p_value"),
+        (
+            lambda d: d["effects"][0]["parameters"]["coulomb"].pop("unit"),
+            "parameters.coulomb.unit is missing",
+        ),
+        (lambda d: d["effects"][0]["runners_up"][0].pop("where"), "runners_up[0].where"),
+        (
+            lambda d: d["stages"][1]["identify"]["drive.force"].update(rmse="9"),
+            "stages[1].identify.drive.force.rmse",
+        ),
+        (lambda d: d["where_it_fails"].pop("regimes"), "where_it_fails.regimes"),
+        (lambda d: d.update(effects=[]), "needs an effect"),
+        (lambda d: d.update(verdict="nothing missing"), "has effects beside it"),
+        (lambda d: d.update(refused=[{"kind": "slip"}]), "refused[0].where"),
+    ],
+)
 def test_the_check_sees_faults(diagnosis, change, told) -> None:
     broken = copy.deepcopy(diagnosis)
     change(broken)

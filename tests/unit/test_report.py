@@ -1,0 +1,253 @@
+"""The report: one page that opens offline, in the right order, readable on a phone; figures as files."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from discrepancy.diagnosis import UnknownCurve
+from discrepancy.diagnosis_check import check_diagnosis
+from discrepancy.report import pictures, render, write
+from discrepancy.stage import Rival
+from discrepancy.wording import interval_words, quantity
+
+SECTIONS = [
+    "compared",
+    "answer",
+    "falling",
+    "missing",
+    "where",
+    "else",
+    "hidden",
+    "next",
+    "parameters",
+    "records",
+    "how",
+]
+
+
+@pytest.fixture(scope="session")
+def written(conclusion, evidence, tmp_path_factory):
+    out = tmp_path_factory.mktemp("report")
+    return out, write(conclusion, out, evidence)
+
+
+@pytest.fixture(scope="session")
+def page(written) -> str:
+    return (written[0] / "report.html").read_text(encoding="utf-8")
+
+
+def _text(page: str) -> str:
+    body = re.sub(r"<style>.*?</style>", " ", page, flags=re.S)
+    return html.unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", body)))
+
+
+def test_everything_is_written(written) -> None:
+    out, paths = written
+    assert all(p.is_file() and p.stat().st_size > 0 for p in paths)
+    names = {p.name for p in paths}
+    assert {
+        "diagnosis.json",
+        "report.html",
+        "model.json",
+        "falling_error.png",
+        "over_time_1.png",
+        "against_motion.png",
+        "spectra.png",
+        "candidates_before.png",
+        "candidates_after.png",
+        "parameters.png",
+    } <= names
+    assert names == {p.name for p in out.iterdir()}
+    assert check_diagnosis(json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))) == []
+
+
+def test_the_saved_model_is_the_updated_one(written, conclusion) -> None:
+    from multibody.storage import load
+
+    model = load(written[0] / "model.json")
+    assert "coulomb_friction.guide" in model.components
+    assert model.build(probes=True).state_names == conclusion.final.system.state_names
+
+
+def test_sections_stand_in_the_order_of_the_questions(page) -> None:
+    assert re.findall(r'<section id="(\w+)">', page) == SECTIONS
+
+
+def test_nothing_is_fetched_from_outside(page) -> None:
+    assert not re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page)
+    assert not re.search(r"@import|url\(|<script", page)
+
+
+def test_figures_are_in_the_page_and_are_those_beside_it(page, written) -> None:
+    inside = {base64.b64decode(x) for x in re.findall(r'src="data:image/png;base64,([^"]+)"', page)}
+    beside = {p.read_bytes() for p in written[0].glob("*.png")}
+    assert inside == beside
+    assert all(alt.strip() for alt in re.findall(r'<img [^>]*alt="([^"]*)"', page))
+
+
+def test_an_engineer_finds_what_it_is_and_how_to_confirm_it(page, conclusion) -> None:
+    text = _text(page)
+    kind = conclusion.accepted[0].effect.definition.text
+    for told in (
+        kind.what,
+        kind.causes,
+        kind.confirm,
+        "Luck alone can be ruled out",
+        "95 % interval",
+        "Stribeck friction",
+        "clearly worse",
+        "the load hardly changes in these records",
+        "Move the carriage at 0.01 m/s",
+        "'x_m' stands still for 0.4 s",
+        "with_rests",
+    ):
+        assert told in text, told
+    for jargon in ("score test", "MDE", "λ", "heteroscedastic", "nan", "None", "inf "):
+        assert jargon not in text, jargon
+
+
+def test_names_from_files_cannot_break_the_page(conclusion, evidence) -> None:
+    found = render(
+        replace(conclusion, name="<script>alert(1)</script>", warnings=("a < b & c",)), evidence, []
+    )
+    assert "<script>" not in found
+    assert "a &lt; b &amp; c" in found
+
+
+def test_other_answers_have_their_page(conclusion, evidence) -> None:
+    stage = conclusion.final
+    tied = replace(
+        stage,
+        accepted=replace(stage.accepted, rivals=(Rival("stribeck_friction", "guide", 1.0, True, True),)),
+    )
+    text = _text(
+        render(replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence, [])
+    )
+    assert "These records cannot tell it from: Stribeck friction" in text
+
+    two = replace(conclusion, stages=conclusion.stages[:2])
+    evidence2 = replace(evidence, comparisons=evidence.comparisons[:2], after=evidence.before)
+    text = _text(render(replace(two, verdict="nothing missing"), evidence2, []))
+    assert "Nothing is missing that these records could show" in text
+    assert "No effect stands out" in text
+
+    x = np.linspace(0.0, 0.3, 9)
+    curve = UnknownCurve(
+        "guide", "position", "m", "N", x, np.cos(9 * x), np.full(9, 0.1), "a wave along the travel", 1e-4
+    )
+    unknown = replace(two, verdict="unknown effect", unknown=curve)
+    drawn = pictures(unknown, evidence2)
+    assert "unknown_force" in {p.name for p in drawn}
+    assert "a wave along the travel" in _text(render(unknown, evidence2, drawn))
+
+    # Compared only: nobody asked what is missing, and the page does not pretend that somebody did.
+    page = render(replace(two, verdict=""), evidence2, [])
+    assert re.findall(r'<section id="(\w+)">', page) == [
+        s for s in SECTIONS if s not in ("missing", "else", "hidden")
+    ]
+
+
+def test_without_held_out_records_the_page_says_so(conclusion, tmp_path) -> None:
+    alone = replace(conclusion, stages=tuple(replace(s, validate=None) for s in conclusion.stages))
+    write(alone, tmp_path)
+    text = _text((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert "No record was held out" in text
+
+
+def test_drawing_leaves_matplotlib_as_it_was(conclusion) -> None:
+    import matplotlib
+    import matplotlib.pyplot as plt
+
+    from discrepancy import figures, figures_effects
+
+    rules, open_figures = dict(matplotlib.rcParams), plt.get_fignums()
+    first, again = (figures.falling_error(conclusion) for _ in range(2))
+    figures_effects.candidate_scores(conclusion.baseline.scan)
+    assert dict(matplotlib.rcParams) == rules
+    assert plt.get_fignums() == open_figures
+    # The same study gives the same pictures.
+    assert np.array_equal(*(np.asarray(_drawn(f)) for f in (first, again)))
+
+
+def _drawn(figure):
+    figure.canvas.draw()
+    return figure.canvas.buffer_rgba()
+
+
+def test_axes_have_names_and_units(conclusion, evidence) -> None:
+    from discrepancy import figures, figures_effects
+
+    made = [
+        figures.falling_error(conclusion),
+        figures.over_time(conclusion, evidence, "carriage.position"),
+        figures.spectra(conclusion, evidence, ["drive.force"]),
+    ]
+    for figure in made:
+        assert all(re.search(r"\[.+\]", a.get_ylabel()) for a in figure.axes)
+    assert "µm" in made[0].axes[1].get_ylabel()
+    bars = figures_effects.candidate_scores(conclusion.baseline.scan)
+    assert bars.axes[0].get_xlabel() == "size of the effect in standard errors"
+
+
+def test_numbers_read_as_an_engineer_writes_them() -> None:
+    assert quantity(9.996, "N") == "10.0 N"
+    assert quantity(-0.0005, "m") == "−500 µm"
+    assert quantity(0.0, "m") == "0 m"
+    assert quantity(float("nan"), "N") == "not known"
+    assert interval_words(12.3456, 12.0, 12.7, "N") == "12.3 N (95 % interval 12.0 to 12.7 N)"
+    assert "no interval" in interval_words(1.0, float("-inf"), float("inf"), "N")
+
+
+def _chromium(*arguments: str) -> subprocess.CompletedProcess[str]:
+    program = next((p for p in ("chromium", "chromium-browser", "google-chrome") if shutil.which(p)), None)
+    if program is None:
+        pytest.skip("headless Chromium is not installed (Debian: apt-get install chromium)")
+    return subprocess.run(
+        [program, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=5000", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("width", [390, 1200])
+def test_the_page_fits_the_screen(page, tmp_path, width) -> None:
+    """In a frame of this width: no sideways scrolling, every figure drawn, no error on the console."""
+    probe = tmp_path / "probe.html"
+    measure = """
+const frame = document.querySelector('iframe');
+frame.onload = () => {
+  const page = frame.contentDocument, images = [...page.images];
+  document.querySelector('pre').textContent = JSON.stringify({
+    wide: page.documentElement.scrollWidth, given: frame.clientWidth, images: images.length,
+    drawn: images.filter(i => i.complete && i.naturalWidth > 300).length,
+    out: [...page.querySelectorAll('main *:not(.scroll *)')].filter(
+      e => e.getBoundingClientRect().right > frame.clientWidth + 1).map(e => e.tagName).slice(0, 5),
+    tables: [...page.querySelectorAll('table')].filter(t => !t.closest('.scroll')).length});
+};"""
+    probe.write_text(
+        f'<!DOCTYPE html><meta charset="utf-8"><link rel="icon" href="data:,"><pre></pre>'
+        f'<iframe style="width:{width}px;height:900px;border:0"></iframe><script>{measure}'
+        f"frame.srcdoc = new "
+        f"TextDecoder().decode(Uint8Array.from(atob('{base64.b64encode(page.encode()).decode()}'), "
+        f"c => c.charCodeAt(0)));</script>",
+        encoding="utf-8",
+    )
+    run = _chromium("--enable-logging=stderr", "--dump-dom", probe.as_uri())
+    seen = json.loads(html.unescape(re.search(r"<pre>(.*?)</pre>", run.stdout, re.S).group(1)))
+    assert seen["given"] == width
+    assert seen["wide"] <= width, seen
+    assert seen["out"] == []
+    assert seen["tables"] == 0
+    assert seen["images"] == seen["drawn"] == page.count("<img ")
+    assert "CONSOLE" not in run.stderr, run.stderr
