@@ -1,7 +1,7 @@
 """The virtual axis: a rig of the linear axis in `discrepancy.axis_model`, richer than that model.
 
-`make_axis` writes recordings, a study file and the truth into a folder; `axis_case` returns the same in memory.  Data
-from here are synthetic and are always called that.
+`make_axis` writes recordings, a study file and the truth into a folder; `axis_case` returns the same in
+memory.  Data from here are synthetic and are always called that.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from discrepancy import axis_model, axis_texts
 from discrepancy.axis_model import build
+from discrepancy.axis_trips import CYCLE, trip
 from discrepancy.bench import (
     BenchError,
     Case,
@@ -29,15 +30,16 @@ from discrepancy.bench import (
     write_json,
 )
 from discrepancy.catalogue import Entry, catalogue
-from discrepancy.hidden import OVER, UNKNOWN, Hidden, Scale, SignalScale, choose, draw_effect, unknown_effect
+from discrepancy.hidden import UNKNOWN, Hidden, Scale, SignalScale, choose, draw_effect, unknown_effect
 from discrepancy.kinds import MotionRange
+from discrepancy.unknown_laws import OVER
 from estimation.calibrate import UncertainParameter
-from multibody.library.profiles import jerk_limited
 from multibody.model import Model
 
 __all__ = ["AxisRig", "axis_case", "build", "entries_of", "hidden_in", "list_axis", "make_axis"]
 
-TRAVEL, DURATION, CYCLE, BEFORE = 0.8, 6.0, 1e-3, 1.5
+#: Length of a record and of the time under control before it, s.
+DURATION, BEFORE = 6.0, 1.5
 #: Force at the guide, N, that shows clearly beside a disturbance of 3 N.
 FORCE = 12.0
 #: Dry friction of the guide, N, where the axis has it.
@@ -51,7 +53,7 @@ CHANNELS = (
     Channel("carriage.position", "position_mm", "m", "mm", noise=5e-7, resolution=1e-3),
     Channel("motor.speed", "motor_speed_rpm", "rad/s", "rpm", noise=0.03, resolution=0.05),
 )
-#: States that start at an unknown value, because the control has settled before the record begins; and at rest.
+#: States that start at an unknown value, because the control has settled before a record begins; and at rest.
 FREE = ("controller.integral", "motor.angle", "carriage.position")
 REST = ("motor.speed", "carriage.velocity")
 
@@ -119,7 +121,7 @@ class AxisRig:
             raise BenchError(faults)
 
     def stream(self, number: int) -> np.random.Generator:
-        """Return random numbers of one purpose, so that a change of one thing leaves all others as they are."""
+        """Return random numbers for one purpose: a change of one thing leaves all others as they are."""
         return np.random.default_rng([int(self.seed), number])
 
     @property
@@ -129,7 +131,7 @@ class AxisRig:
 
 
 def uncertain_of(rig: AxisRig) -> tuple[UncertainParameter, ...]:
-    """Return what calibration may move: nominal value, prior and bounds; the true values are drawn from these."""
+    """Return what calibration may move, with the priors from which the true values are drawn."""
     rows = [
         ("carriage.m", 40.0, 1.2, 1.0, "kg"), ("motor.J", 5e-4, 1.5e-5, 1e-6, "kg*m**2"),
         ("guide.viscous", 60.0, 12.0, 0.0, "N*s/m"), ("coupling.stiffness", 30.0, 2.4, 1.0, "N*m/rad"),
@@ -138,36 +140,6 @@ def uncertain_of(rig: AxisRig) -> tuple[UncertainParameter, ...]:
     if rig.dry:
         rows.append(("dry_friction.coulomb", DRY, 3.0, 0.0, "N"))
     return tuple(UncertainParameter(n, v, s, low, np.inf, u) for n, v, s, low, u in rows)
-
-
-# -------------------------------------------------------------------- trips
-
-
-def trip(rng: np.random.Generator, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and positions of the reference of a trip, from home at 0 and back and forth with holds.
-
-    Speeds from 0.06 to 0.6 m/s, accelerations from 1.5 to 5 m/s², limited jerk; sampled at the controller's cycle.
-    """
-    time = np.arange(round((duration + 1.0) / CYCLE) + 1) * CYCLE
-    place = np.zeros_like(time)
-    at, now = 0.0, float(rng.uniform(0.4, 0.8))
-    first = True
-    while duration - now > 0.6:
-        speed = 0.6 * 10.0 ** (-0.35 * rng.random() if first else -rng.random())
-        limit, jerk = float(rng.uniform(1.5, 5.0)), float(rng.uniform(40.0, 150.0))
-        target = float(rng.uniform(0.5, 1.0) if first else rng.random()) * TRAVEL
-        longest = speed * float(rng.uniform(0.8, 1.8))  # slow moves are short, so that a trip has several
-        way = float(np.clip(target - at, -longest, longest))
-        if abs(way) < 0.01:
-            way = 0.05 if at < 0.5 * TRAVEL else -0.05
-        takes = jerk_limited(0.0, way, speed, limit, jerk)[3]
-        if now + takes > duration - 0.3:
-            break
-        moving = (time > now) & (time < now + takes)
-        place[moving] = at + np.array([jerk_limited(t - now, way, speed, limit, jerk)[0] for t in time[moving]])
-        place[time >= now + takes] = at + way
-        at, now, first = at + way, now + takes + float(rng.uniform(0.1, 0.5)), False
-    return time, place
 
 
 # -------------------------------------------------------------------- places and sizes
@@ -181,14 +153,16 @@ def entries_of(rig: AxisRig) -> list[Entry]:
 
 
 def _scales(rig: AxisRig, entries: Sequence[Entry]) -> dict[str, Scale | SignalScale]:
-    """Return what is large at each place and signal, from the nominal model on a few trips; the same for every seed."""
+    """Return what is large at each place and signal of the nominal model, whatever the seed."""
     model = rig.model
     places = {e.where: e.place for e in entries if e.place is not None}
     loads = {e.where: e.load for e in entries if e.load}
     motion = {w: [f"place.{w}.{n}" for n, _ in p.motion_names()] for w, p in places.items()}
-    system = model.build(probes=True, outputs=[*OUTPUTS, *loads.values(), *sum(motion.values(), [])])
+    wanted = [*OUTPUTS, *loads.values(), *(name for names in motion.values() for name in names)]
+    system = model.build(probes=True, outputs=wanted)
     stamps = rig.logger.stamps(DURATION)
-    runs = [system.simulate(DURATION, inputs={INPUTS[0]: trip(np.random.default_rng(k), DURATION)}, times=stamps) for k in range(3)]
+    trips = [trip(np.random.default_rng(k), DURATION) for k in range(3)]
+    runs = [system.simulate(DURATION, inputs={INPUTS[0]: each}, times=stamps) for each in trips]
 
     def all_of(name: str) -> np.ndarray:
         return np.concatenate([r[name] for r in runs])
@@ -197,14 +171,15 @@ def _scales(rig: AxisRig, entries: Sequence[Entry]) -> dict[str, Scale | SignalS
         return float(np.quantile(np.abs(np.concatenate([np.gradient(r[name], stamps) for r in runs])), 0.95))
 
     found: dict[str, Scale | SignalScale] = {
-        n: SignalScale(VISIBLE[n], float(np.ptp(all_of(n))), rate_of(n), rig.duration) for n in (*OUTPUTS, *INPUTS)}
+        n: SignalScale(VISIBLE[n], float(np.ptp(all_of(n))), rate_of(n), rig.duration)
+        for n in (*OUTPUTS, *INPUTS)}
     for where, place in places.items():
         x, v, a = (all_of(n) for n in motion[where])
         fast, hard = (float(np.quantile(np.abs(each), 0.95)) for each in (v, a))
         key = next((e.stiffness for e in entries if e.where == where and e.stiffness), "")
         stiffness = float(system.p[system.index("parameter", key)]) if key else 0.0
         span = MotionRange(float(x.min()), float(x.max()), fast, place.domain == "rotation", stiffness)
-        # The same power shows equally well wherever it is taken; in a spring, a share of what it carries does.
+        # The same power shows equally well wherever it is taken; in a spring, a share of its load does.
         force = 0.25 * stiffness * span.half if key else FORCE * _guide_speed(runs) / fast
         load = float(np.quantile(np.abs(all_of(loads[where])), 0.95)) if where in loads else 0.0
         found[where] = Scale(span, hard, force, load, rig.duration)
@@ -252,7 +227,8 @@ def list_axis(*, strength: float = 1.0, dry: bool = False) -> list[dict[str, Any
 
 
 def axis_case(
-    seed: int = 0, hide: Sequence[str] = (), *, rig: AxisRig | None = None, progress: Progress = _silent, **settings: Any
+    seed: int = 0, hide: Sequence[str] = (), *, rig: AxisRig | None = None, progress: Progress = _silent,
+    **settings: Any,
 ) -> Case:
     """Return the axis under test, recordings of its rig, and the truth.
 
@@ -285,21 +261,23 @@ def axis_case(
     for each in hidden:
         true_model = each.added_to(true_model)
     held = max(1, rig.trips // 4)
-    names = [f"identify_{k + 1:02d}" for k in range(rig.trips - held)] + [f"validate_{k + 1:02d}" for k in range(held)]
+    split = rig.trips - held
+    names = [f"identify_{k + 1:02d}" for k in range(split)] + [f"validate_{k + 1:02d}" for k in range(held)]
     errors = [e for h in hidden if h.effect is not None and (e := h.effect.sensor_error()) is not None]
     runs = _run(rig, true_model, errors, names, progress)
     records = [record_of(n, Path(f"{n}.csv.gz"), stamps, columns, CHANNELS) for n, stamps, columns in runs]
     units = {c.signal: c.unit for c in CHANNELS}
     truth = {
-        "synthetic": True, "machine": "axis", "seed": int(rig.seed), "effects": [h.truth(units) for h in hidden],
-        "perturbed": {u.name: {"value": perturbed[u.name], "nominal": u.value, "unit": u.unit} for u in uncertain},
+        "synthetic": True, "machine": "axis", "seed": int(rig.seed),
+        "effects": [h.truth(units) for h in hidden],
+        "perturbed": {
+            u.name: {"value": perturbed[u.name], "nominal": u.value, "unit": u.unit} for u in uncertain},
         "disturbance": {"where": "guide", "rms": {"value": rig.disturbance.size, "unit": "N"}},
         "strength": rig.strength, "dry_friction": rig.dry, "regularisation": rig.regularisation,
     }
-    split = rig.trips - held
     return Case(
-        rig.model, uncertain, INPUTS, OUTPUTS, tuple(records[:split]), tuple(records[split:]), FREE, REST, truth,
-        true_model, CHANNELS)
+        rig.model, uncertain, INPUTS, OUTPUTS, tuple(records[:split]), tuple(records[split:]), FREE, REST,
+        truth, true_model, CHANNELS)
 
 
 def _run(
@@ -324,8 +302,9 @@ def _run(
         pushed = np.arange(-round(BEFORE / CYCLE), time.size) * CYCLE
         force = rig.disturbance.draw(pushed.size, CYCLE, rig.stream(200 + k))
         run = system.simulate(
-            (float(fine[0]), float(fine[-1])), inputs={INPUTS[0]: (time, place), "disturbance.force": (pushed, force)},
-            times=fine, method=rig.method, rtol=rig.rtol, atol=rig.rtol * 1e-3)
+            (float(fine[0]), float(fine[-1])),
+            inputs={INPUTS[0]: (time, place), "disturbance.force": (pushed, force)}, times=fine,
+            method=rig.method, rtol=rig.rtol, atol=rig.rtol * 1e-3)
         rng = rig.stream(300 + k)
         columns = {}
         for channel in CHANNELS:
@@ -336,8 +315,9 @@ def _run(
 
 
 def make_axis(
-    out: str | os.PathLike[str], hide: Sequence[str] = (), seed: int = 0, trips: int = 8, strength: float = 1.0,
-    disturbance: float = 3.0, *, dry: bool = False, over: str = "position", progress: Progress = _silent,
+    out: str | os.PathLike[str], hide: Sequence[str] = (), seed: int = 0, trips: int = 8,
+    strength: float = 1.0, disturbance: float = 3.0, *, dry: bool = False, over: str = "position",
+    progress: Progress = _silent,
 ) -> Path:
     """Write recordings of the virtual axis into a folder, with the study file, the model and the truth.
 
@@ -362,7 +342,8 @@ def make_axis(
     BenchError
         With everything that is not possible.
     """
-    rig = AxisRig(seed=seed, trips=trips, strength=strength, disturbance=Disturbance(disturbance), dry=dry, over=over)
+    rig = AxisRig(
+        seed=seed, trips=trips, strength=strength, disturbance=Disturbance(disturbance), dry=dry, over=over)
     if Path(out).is_file():
         check_folder(out)
     case = axis_case(hide=hide, rig=rig, progress=progress)

@@ -3,10 +3,7 @@
 import math
 
 from multibody import Model
-from multibody.library import (
-    AngleSensor, CoulombFriction, Gain, Inertia, Mass, PositionController, Screw, SpeedSensor, TorqueSource,
-    TorsionDamper, TorsionSpring, ViscousFriction,
-)
+from multibody import library as lib
 
 LEAD = 0.04  # m of travel for one turn of the screw
 
@@ -14,16 +11,17 @@ LEAD = 0.04  # m of travel for one turn of the screw
 def build(mass: float = 40.0, viscous: float = 60.0, coulomb: float = 0.0) -> Model:
     """Return the axis: mass of the carriage in kg, friction of its guide in N*s/m, and dry friction in N."""
     axis = Model("axis")
-    setpoint = axis.add("setpoint", Gain(k=2.0 * math.pi / LEAD, input_unit="m", output_unit="rad"))
-    control = axis.add("controller", PositionController(k_position=20.0, k_speed=0.12, k_i=1.8, output_unit="N*m"))
-    drive = axis.add("drive", TorqueSource())
-    motor = axis.add("motor", Inertia(J=5e-4))
-    angle, speed = axis.add("encoder", AngleSensor()), axis.add("tachometer", SpeedSensor())
-    coupling = axis.add("coupling", TorsionSpring(stiffness=30.0))
-    damper = axis.add("damper", TorsionDamper(damping=0.006))
-    screw = axis.add("screw", Screw(lead=LEAD))
-    carriage = axis.add("carriage", Mass(m=mass))
-    guide = axis.add("guide", ViscousFriction(viscous=viscous))
+    setpoint = axis.add("setpoint", lib.Gain(k=2.0 * math.pi / LEAD, input_unit="m", output_unit="rad"))
+    control = axis.add(
+        "controller", lib.PositionController(k_position=20.0, k_speed=0.12, k_i=1.8, output_unit="N*m"))
+    drive = axis.add("drive", lib.TorqueSource())
+    motor = axis.add("motor", lib.Inertia(J=5e-4))
+    angle, speed = axis.add("encoder", lib.AngleSensor()), axis.add("tachometer", lib.SpeedSensor())
+    coupling = axis.add("coupling", lib.TorsionSpring(stiffness=30.0))
+    damper = axis.add("damper", lib.TorsionDamper(damping=0.006))
+    screw = axis.add("screw", lib.Screw(lead=LEAD))
+    carriage = axis.add("carriage", lib.Mass(m=mass))
+    guide = axis.add("guide", lib.ViscousFriction(viscous=viscous))
 
     axis.connect(setpoint.output, control.reference)
     axis.connect(control.output, drive.torque)
@@ -34,7 +32,7 @@ def build(mass: float = 40.0, viscous: float = 60.0, coulomb: float = 0.0) -> Mo
     axis.connect(angle.angle, control.position)
     axis.connect(speed.speed, control.speed)
     if coulomb > 0.0:
-        dry = axis.add("dry_friction", CoulombFriction(coulomb=coulomb, v_s=2e-3))
+        dry = axis.add("dry_friction", lib.CoulombFriction(coulomb=coulomb, v_s=2e-3))
         axis.connect(dry.b, carriage.flange)
         axis.connect(dry.a, axis.ground)
     axis.input("reference.position", setpoint.input)

@@ -48,8 +48,8 @@ def readme(rig: AxisRig, case: Case) -> str:
 **These data are synthetic.** They come from a simulation and not from a machine. They were made by
 `vtsdt bench axis` with seed {rig.seed}; the same command gives the same files.
 
-The machine: a servo motor turns a ball screw through an elastic coupling; the screw moves a carriage on a guide.
-A position loop around a speed loop, both on the motor's encoder, follows a position reference.
+The machine: a servo motor turns a ball screw through an elastic coupling; the screw moves a carriage on a
+guide. A position loop around a speed loop, both on the motor's encoder, follows a position reference.
 
 | file | what it is |
 | --- | --- |
@@ -59,8 +59,8 @@ A position loop around a speed loop, both on the motor's encoder, follows a posi
 | `study.toml` | the study: `vtsdt diagnose study.toml --out diagnosis` |
 | `truth.json` | what was done to the rig, for comparing afterwards; the study does not read it |
 
-Each trip lasts {rig.duration:g} s and starts from home, where the control has already settled. It has several moves of
-different length, speed (0.06 to 0.6 m/s) and direction, with holds between them.
+Each trip lasts {rig.duration:g} s and starts from home, where the control has already settled. It has
+several moves of different length, speed (0.06 to 0.6 m/s) and direction, with holds between them.
 
 ## How the rig differs from the model
 
@@ -71,18 +71,19 @@ different length, speed (0.06 to 0.6 m/s) and direction, with holds between them
 | --- | --- | --- | --- |
 {priors}
 
-- A coloured force of {disturbance.size:g} N root mean square disturbs the carriage: in equal parts a resonance at
-  {disturbance.frequency:g} Hz (damping ratio {disturbance.damping:g}) and a drift with a correlation time of
-  {disturbance.time:g} s.
-- It is integrated with {rig.method} at a relative tolerance of {rig.rtol:g}. Dry friction fades at {rig.regularisation:g}
-  times the speed at which it does in the model.
-- The reference reaches its controller every millisecond; the logger writes {logger.rate:g} rows a second. Time stamps are
-  even, and the true instants lie about them with a standard deviation of {1e6 * logger.jitter:g} µs.
+- A coloured force of {disturbance.size:g} N root mean square disturbs the carriage: in equal parts a
+  resonance at {disturbance.frequency:g} Hz (damping ratio {disturbance.damping:g}) and a drift
+  with a correlation time of {disturbance.time:g} s.
+- It is integrated with {rig.method} at a relative tolerance of {rig.rtol:g}. Dry friction fades at
+  {rig.regularisation:g} times the speed at which it does in the model.
+- The reference reaches its controller every millisecond; the logger writes {logger.rate:g} rows a second.
+  Time stamps are even, and the true instants lie about them with a standard deviation of
+  {1e6 * logger.jitter:g} µs.
 
 | column | model signal | noise (standard deviation) | resolution | anti-alias filter |
 | --- | --- | --- | --- | --- |
 {rows}
 
-The anti-alias filter cuts at {logger.cutoff * logger.rate / 2:g} Hz (−6 dB) with linear phase; the logger takes its delay
-out.
+The anti-alias filter cuts at {logger.cutoff * logger.rate / 2:g} Hz (−6 dB) with linear phase; the logger
+takes its delay out.
 """

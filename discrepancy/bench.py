@@ -1,9 +1,9 @@
-"""What any virtual rig adds to a model: disturbance, wrong parameters, sensors, a logger, and the files it writes.
+"""What any virtual rig adds to a model: disturbance, wrong parameters, sensors, a logger, and its files.
 
-A rig is a model richer than the one under test.  It runs with another integrator at other tolerances, a coloured
-force disturbs it, its parameters differ from the nominal ones, and what is recorded went through sensors and a
-logger.  `discrepancy.hidden` puts effects into it; `discrepancy.axis` is the rig of a linear axis, and the rigs of other
-machines are made of the same parts.
+A rig is a model richer than the one under test.  It runs with another integrator at other tolerances, a
+coloured force disturbs it, its parameters differ from the nominal ones, and what is recorded went through
+sensors and a logger.  `discrepancy.hidden` puts effects into it; `discrepancy.axis` is the rig of a linear
+axis, and the rigs of other machines are made of the same parts.
 """
 
 from __future__ import annotations
@@ -28,7 +28,15 @@ if TYPE_CHECKING:
     from multibody.model import Model
 
 __all__ = [
-    "BenchError", "Case", "Channel", "Disturbance", "Logger", "check_folder", "perturb", "record_of", "write_csv",
+    "BenchError",
+    "Case",
+    "Channel",
+    "Disturbance",
+    "Logger",
+    "check_folder",
+    "perturb",
+    "record_of",
+    "write_csv",
     "write_json",
 ]
 
@@ -64,23 +72,27 @@ class Disturbance:
     time: float = 0.5
 
     def __post_init__(self) -> None:
-        faults = [] if np.isfinite(self.size) and self.size >= 0.0 else [
-            f"the disturbance is {self.size}: give its root mean square, zero or more"]
+        faults = (
+            []
+            if np.isfinite(self.size) and self.size >= 0.0
+            else [f"the disturbance is {self.size}: give its root mean square, zero or more"]
+        )
         faults += [
             f"{name} of the disturbance is {value}: give a number above zero"
             for name, value in (("frequency", self.frequency), ("damping", self.damping), ("time", self.time))
-            if not (np.isfinite(value) and value > 0.0)]
+            if not (np.isfinite(value) and value > 0.0)
+        ]
         if faults:
             raise BenchError(faults)
 
     def draw(self, count: int, step: float, rng: np.random.Generator) -> np.ndarray:
-        """Return a realisation, shape (count,), sampled every ``step`` s and stationary from its first sample."""
+        """Return a realisation, shape (count,), sampled every ``step`` s, stationary from the start."""
         from scipy.signal import lfilter
 
         r = np.exp(-self.damping * 2.0 * np.pi * self.frequency * step)
         turn = 2.0 * np.pi * self.frequency * np.sqrt(max(1.0 - self.damping**2, 0.0)) * step
         a1, a2 = -2.0 * r * np.cos(turn), r * r
-        # Variance of an AR(2) process with unit innovations: Box, Jenkins, Reinsel, Time Series Analysis, eq. (3.2.25).
+        # Variance of an AR(2) process with unit innovations: Box, Jenkins: Time Series Analysis, 3.2.4.
         variance = (1.0 + a2) / ((1.0 - a2) * ((1.0 + a2) ** 2 - a1 * a1))
         phi = np.exp(-step / self.time)
         warm = int(8.0 * max(self.time, 1.0 / (2.0 * np.pi * self.frequency * self.damping)) / step)
@@ -135,7 +147,7 @@ class Logger:
     jitter : float, s
         Standard deviation of the true instants about the time stamps.
     cutoff : float
-        Anti-alias cutoff (−6 dB) as a share of half the rate; linear phase, its delay taken out by the logger.
+        Anti-alias cutoff (−6 dB) as a share of half the rate; linear phase, delay taken out.
     """
 
     rate: float = 500.0
@@ -158,7 +170,12 @@ class Logger:
         return np.arange(-round(before / step), round((duration + self.margin) / step) + 1) * step
 
     def read(
-        self, channel: Channel, time: np.ndarray, values: np.ndarray, stamps: np.ndarray, rng: np.random.Generator,
+        self,
+        channel: Channel,
+        time: np.ndarray,
+        values: np.ndarray,
+        stamps: np.ndarray,
+        rng: np.random.Generator,
         errors: Sequence[SensorError] = (),
     ) -> np.ndarray:
         """Return what is written for a channel, in the unit of the file.
@@ -201,8 +218,10 @@ class Logger:
         return np.asarray(fftconvolve(np.pad(values, half, mode="edge"), taps, mode="valid"))
 
 
-def perturb(priors: Sequence[UncertainParameter], rng: np.random.Generator, reach: float = 2.0) -> dict[str, float]:
-    """Return true values of uncertain parameters, drawn from their priors within ``reach`` standard deviations."""
+def perturb(
+    priors: Sequence[UncertainParameter], rng: np.random.Generator, reach: float = 2.0
+) -> dict[str, float]:
+    """Return true values of uncertain parameters: their priors, cut at ``reach`` standard deviations."""
     values = {}
     for each in priors:
         z = rng.standard_normal()
@@ -219,8 +238,11 @@ def record_of(
     from multibody.units import convert
 
     signals = {
-        c.signal: Signal(convert(columns[c.column], c.measured_unit, c.unit), c.unit, c.column, c.measured_unit)
-        for c in channels}
+        c.signal: Signal(
+            convert(columns[c.column], c.measured_unit, c.unit), c.unit, c.column, c.measured_unit
+        )
+        for c in channels
+    }
     return Record(name, path, stamps, signals, ("made by a virtual rig",))
 
 
@@ -265,10 +287,19 @@ class Case:
         from discrepancy.setup import Setup, experiments_of
 
         common: dict[str, Any] = {
-            "inputs": self.inputs, "outputs": self.outputs, "start": dict.fromkeys(self.rest, 0.0), "free": self.free}
+            "inputs": self.inputs,
+            "outputs": self.outputs,
+            "start": dict.fromkeys(self.rest, 0.0),
+            "free": self.free,
+        }
         return Setup(
-            self.model.name, self.model, self.uncertain, experiments_of(self.model, self.identify, **common),
-            experiments_of(self.model, self.validate, **common), **options)
+            self.model.name,
+            self.model,
+            self.uncertain,
+            experiments_of(self.model, self.identify, **common),
+            experiments_of(self.model, self.validate, **common),
+            **options,
+        )
 
 
 # -------------------------------------------------------------------- files
@@ -289,7 +320,9 @@ def check_folder(out: str | os.PathLike[str]) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or error
-        raise BenchError([f"{folder}: the folder cannot be made: {reason}: name another with --out"]) from error
+        raise BenchError(
+            [f"{folder}: the folder cannot be made: {reason}: name another with --out"]
+        ) from error
     return folder
 
 
@@ -299,7 +332,10 @@ def write_csv(path: Path, stamps: np.ndarray, columns: Mapping[str, np.ndarray])
     text = io.StringIO()
     table = np.column_stack([stamps, *columns.values()])
     np.savetxt(text, table, delimiter=",", header=names, comments="", fmt=["%.6f", *["%.10g"] * len(columns)])
-    with path.open("wb") as raw, gzip.GzipFile("", "wb", 6, raw, mtime=0) as packed:  # no name, no time of writing
+    with (
+        path.open("wb") as raw,
+        gzip.GzipFile("", "wb", 6, raw, mtime=0) as packed,
+    ):  # no name, no time of writing
         packed.write(text.getvalue().encode("ascii"))
 
 

@@ -1,4 +1,4 @@
-"""Effects to hide in a virtual rig: what fits the machine, how large to make it, and what to write down about it."""
+"""Effects to hide in a virtual rig: what fits the machine, how large it is, and what is told of it."""
 
 from __future__ import annotations
 
@@ -14,15 +14,23 @@ from discrepancy.bench import BenchError
 from discrepancy.catalogue import Entry
 from discrepancy.effects import Effect
 from discrepancy.kinds import MotionRange, kinds
-from multibody import Component, Output, Parameter, Power
+from discrepancy.unknown_laws import OVER, UNKNOWN_LAWS
+from multibody import Component
 from multibody.component import nearest
-from multibody.domains import in_both_domains
 from multibody.model import Model
 
-__all__ = ["UNKNOWN", "Hidden", "Scale", "SignalScale", "choose", "draw_effect", "strengths_of", "unknown_effect"]
+__all__ = [
+    "UNKNOWN",
+    "Hidden",
+    "Scale",
+    "SignalScale",
+    "choose",
+    "draw_effect",
+    "strengths_of",
+    "unknown_effect",
+]
 
 UNKNOWN = "unknown_force"
-OVER = ("position", "speed", "time")
 
 
 @dataclass(frozen=True)
@@ -73,7 +81,7 @@ class SignalScale:
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect that a rig has and the model under test does not: of the catalogue, or of none of its kinds."""
+    """An effect that a rig has and the model lacks: one of the catalogue, or one of none of its kinds."""
 
     effect: Effect | None = None
     where: str = ""
@@ -93,11 +101,13 @@ class Hidden:
         return other
 
     def truth(self, units: Mapping[str, str]) -> dict[str, Any]:
-        """Return kind, place and parameters as ``truth.json`` holds them; ``units`` are those of the signals."""
+        """Return kind, place and parameters as ``truth.json`` holds them, given the units of signals."""
         if self.effect is None:
             assert self.component is not None
             declared: Mapping[str, Any] = self.component.declarations
-            values = {n: {"value": v, "unit": _plain(declared[n].unit)} for n, v in self.component.values.items()}
+            values = {
+                n: {"value": v, "unit": _plain(declared[n].unit)} for n, v in self.component.values.items()
+            }
             law = (type(self.component).__doc__ or "").strip()
             return {"kind": UNKNOWN, "where": self.where, "over": self.over, "law": law, "parameters": values}
         effect = self.effect
@@ -105,7 +115,8 @@ class Hidden:
         extra = {"offset": own, "drift": f"{own}/s"} if effect.definition.at != "connection" else {}
         parameters = {
             n: {"value": float(v), "unit": extra.get(n) or _plain(effect.unit(n))}
-            for n, v in {**effect.strengths, **effect.shape}.items()}
+            for n, v in {**effect.strengths, **effect.shape}.items()
+        }
         return {"kind": effect.kind, "where": effect.where, "parameters": parameters}
 
 
@@ -129,7 +140,9 @@ def _plain(unit: str) -> str:
 # -------------------------------------------------------------------- what is asked for
 
 
-def choose(asked: Sequence[str], entries: Sequence[Entry], machine: str, prefer: Sequence[str] = ()) -> list[Entry | str]:
+def choose(
+    asked: Sequence[str], entries: Sequence[Entry], machine: str, prefer: Sequence[str] = ()
+) -> list[Entry | str]:
     """Return what ``KIND`` or ``KIND@WHERE`` name: entries, or the place of an unknown force.
 
     Parameters
@@ -156,15 +169,22 @@ def choose(asked: Sequence[str], entries: Sequence[Entry], machine: str, prefer:
         fitting = [e for e in entries if e.kind.name == kind]
         where_fits = places if kind == UNKNOWN else [e.where for e in fitting]
         if kind != UNKNOWN and kind not in kinds():
-            faults.append(f"--hide {text}: there is no effect '{kind}'{nearest(kind, [*kinds(), UNKNOWN])}; --list shows all")
+            faults.append(
+                f"--hide {text}: there is no effect '{kind}'{nearest(kind, [*kinds(), UNKNOWN])}"
+                "; --list shows all"
+            )
         elif not where_fits:
             faults.append(f"--hide {text}: '{kind}' fits no part of the {machine}; --list shows what does")
         elif at and (full := _place_named(where, where_fits, entries)) is None:
-            known = {e.where for e in entries} | {w for e in entries if e.place is not None for w in e.place.also}
+            known = {e.where for e in entries} | {
+                w for e in entries if e.place is not None for w in e.place.also
+            }
             told = "does not fit there" if where in known else "there is no such place"
             faults.append(f"--hide {text}: {told}; {kind} fits {', '.join(where_fits)}")
         else:
-            place = full if at else min(where_fits, key=lambda w: prefer.index(w) if w in prefer else len(prefer))
+            place = (
+                full if at else min(where_fits, key=lambda w: prefer.index(w) if w in prefer else len(prefer))
+            )
             assert place is not None
             if f"{kind}@{place}" in seen:
                 faults.append(f"--hide {text}: asked for twice: change its size with --strength instead")
@@ -178,7 +198,10 @@ def choose(asked: Sequence[str], entries: Sequence[Entry], machine: str, prefer:
 def _place_named(where: str, places: Sequence[str], entries: Sequence[Entry]) -> str | None:
     if where in places:
         return where
-    return next((e.where for e in entries if e.where in places and e.place is not None and where in e.place.also), None)
+    return next(
+        (e.where for e in entries if e.where in places and e.place is not None and where in e.place.also),
+        None,
+    )
 
 
 # -------------------------------------------------------------------- sizes
@@ -191,7 +214,9 @@ _SIZES: dict[str, _Sizes] = {
     "coulomb_friction": lambda s: {"coulomb": s.force},
     "asymmetric_coulomb_friction": lambda s: {"forward": 1.3 * s.force, "backward": 0.6 * s.force},
     "asymmetric_viscous_friction": lambda s: {
-        "forward": 1.3 * s.force / s.motion.speed, "backward": 0.5 * s.force / s.motion.speed},
+        "forward": 1.3 * s.force / s.motion.speed,
+        "backward": 0.5 * s.force / s.motion.speed,
+    },
     "stribeck_friction": lambda s: {"breakaway": 2.0 * s.force},
     "quadratic_drag": lambda s: {"drag": s.force / s.motion.speed**2},
     "load_dependent_friction": lambda s: {"share": min(s.force / s.load, 0.3)},
@@ -203,7 +228,9 @@ _SIZES: dict[str, _Sizes] = {
     "hysteresis": lambda s: {"level": s.force},
     # Over the range of a spring, more than this would outweigh the spring and throw it out of its range.
     "position_dependent_force": lambda s: {
-        "bow": s.force * (0.3 if s.motion.scale else 1.0), "wave": s.force * (0.02 if s.motion.scale else 0.6)},
+        "bow": s.force * (0.3 if s.motion.scale else 1.0),
+        "wave": s.force * (0.02 if s.motion.scale else 0.6),
+    },
     "local_bump": lambda s: {"level": 3.0 * s.force},
     "angle_harmonic": lambda s: {"cosine": 0.8 * s.force, "sine": 0.8 * s.force},
     "added_inertia": lambda s: {"inertia": 1.5 * s.force / s.acceleration},
@@ -219,7 +246,12 @@ _SIGNAL_SIZES: dict[str, Callable[[SignalScale], float]] = {
 
 
 def draw_effect(
-    entry: Entry, scale: Scale | SignalScale, rng: np.random.Generator, *, strength: float = 1.0, regularisation: float = 0.8,
+    entry: Entry,
+    scale: Scale | SignalScale,
+    rng: np.random.Generator,
+    *,
+    strength: float = 1.0,
+    regularisation: float = 0.8,
     spread: float = 0.2,
 ) -> Effect:
     """Return an effect of a kind with strengths around a size that shows clearly.
@@ -234,7 +266,7 @@ def draw_effect(
     strength : float
         Factor on the usual size.
     regularisation : float
-        Speed at which dry friction fades, as a share of what the catalogue takes, so that rig and model differ.
+        Speed at which dry friction fades, as a share of what the catalogue takes.
     spread : float
         Sizes are drawn within this share of the usual one.
     """
@@ -244,7 +276,9 @@ def draw_effect(
         return Effect(entry.kind.name, entry.where, {name: _drawn(name, strength * size, rng, spread)})
     sizes = _SIZES.get(entry.kind.name)
     if sizes is None:
-        raise BenchError([f"'{entry.kind.name}' has no usual size on a virtual rig: it cannot be hidden there"])
+        raise BenchError(
+            [f"'{entry.kind.name}' has no usual size on a virtual rig: it cannot be hidden there"]
+        )
     strengths = {n: _drawn(n, strength * v, rng, spread) for n, v in sizes(scale).items()}
     assert entry.place is not None
     shape = _shape(entry, scale.motion, rng)
@@ -263,9 +297,15 @@ def _shape(entry: Entry, motion: MotionRange, rng: np.random.Generator) -> dict[
     shapes = entry.kind.shape_grid(motion)
     first = shapes[int(rng.integers(len(shapes)))]
     shape = dict(first)
-    if "order" in shape:  # a wave shorter than the travel, as a pitch error or cogging; whole orders on a shaft
+    if (
+        "order" in shape
+    ):  # a wave shorter than the travel, as a pitch error or cogging; whole orders on a shaft
         whole = motion.turns and motion.high - motion.low > math.pi
-        shape["order"] = float(rng.integers(1, 7)) if whole else 2.0 * math.pi * rng.uniform(2.0, 8.0) / (2.0 * motion.half)
+        shape["order"] = (
+            float(rng.integers(1, 7))
+            if whole
+            else 2.0 * math.pi * rng.uniform(2.0, 8.0) / (2.0 * motion.half)
+        )
     if "v_stribeck" in shape:
         shape["v_stribeck"] = float(motion.speed * 10.0 ** rng.uniform(-1.3, -0.6))
     if "x_s" in shape:
@@ -281,62 +321,14 @@ def _shape(entry: Entry, motion: MotionRange, rng: np.random.Generator) -> dict[
 # -------------------------------------------------------------------- a force of no known kind
 
 
-class _Unknown(Component):
-    force = Output("F", "what the effect exerts on the first side")
-    loss = Power(kind="loss")
-
-    def equations(self):
-        self.a.force = self.force
-        self.b.force = -self.force
-        self.loss = -self.force * (self.a.velocity - self.b.velocity)
-
-
-class _OverPosition(_Unknown):
-    """F = −level·tanh((x − centre)/width)"""
-
-    level = Parameter(None, "F", "largest force")
-    centre = Parameter(0.0, "X", "where it changes sign")
-    width = Parameter(1.0, "X", "half width of the change", min=1e-300)
-
-    def equations(self):
-        super().equations()
-        self.force = -self.level * math.tanh((self.a.position - self.b.position - self.centre) / self.width)
-
-
-class _OverSpeed(_Unknown):
-    """F = level·v²/(v² + v_half²), the same way for both directions of motion"""
-
-    level = Parameter(None, "F", "force at high speed")
-    v_half = Parameter(1.0, "V", "speed at half the force", min=1e-300)
-
-    def equations(self):
-        super().equations()
-        v = self.a.velocity - self.b.velocity
-        self.force = self.level * v * v / (v * v + self.v_half * self.v_half)
-
-
-class _OverTime(_Unknown):
-    """F = level·exp(−((t − t_middle)/t_half)²)"""
-
-    level = Parameter(None, "F", "largest force")
-    t_middle = Parameter(None, "s", "when it is largest")
-    t_half = Parameter(None, "s", "half width in time", min=1e-300)
-
-    def equations(self):
-        super().equations()
-        s = (self.time - self.t_middle) / self.t_half
-        self.force = self.level * math.exp(-s * s)
-
-
-_LAWS: dict[str, tuple[type[Component], type[Component]]] = {}
-for _over, _law in zip(OVER, (_OverPosition, _OverSpeed, _OverTime), strict=True):
-    _LAWS[_over] = in_both_domains(_law, __name__, (f"{_law.__name__[1:]}Force", f"{_law.__name__[1:]}Torque"))
-    for _class in _LAWS[_over]:
-        globals()[_class.__name__] = _class
-
-
 def unknown_effect(
-    entry: Entry, over: str, scale: Scale, rng: np.random.Generator, *, strength: float = 1.0, spread: float = 0.2
+    entry: Entry,
+    over: str,
+    scale: Scale,
+    rng: np.random.Generator,
+    *,
+    strength: float = 1.0,
+    spread: float = 0.2,
 ) -> Hidden:
     """Return a force that no kind of the catalogue describes.
 
@@ -353,15 +345,27 @@ def unknown_effect(
         If ``over`` is something else.
     """
     if over not in OVER:
-        raise BenchError([f"an unknown force can depend on {', '.join(OVER)}, not on '{over}'{nearest(over, OVER)}"])
+        raise BenchError(
+            [f"an unknown force can depend on {', '.join(OVER)}, not on '{over}'{nearest(over, OVER)}"]
+        )
     place, motion = entry.place, scale.motion
     assert place is not None
-    level = float(rng.choice((-1.0, 1.0)) * 1.5 * strength * scale.force * rng.uniform(1.0 - spread, 1.0 + spread))
+    level = float(
+        rng.choice((-1.0, 1.0)) * 1.5 * strength * scale.force * rng.uniform(1.0 - spread, 1.0 + spread)
+    )
     a, b = rng.uniform(-1.0, 1.0), rng.uniform(0.8, 1.25)
     values = {
-        "position": {"level": level, "centre": motion.centre + 0.3 * a * motion.half, "width": 0.12 * b * motion.half},
+        "position": {
+            "level": level,
+            "centre": motion.centre + 0.3 * a * motion.half,
+            "width": 0.12 * b * motion.half,
+        },
         "speed": {"level": level, "v_half": 0.3 * b * motion.speed},
-        "time": {"level": level, "t_middle": (0.5 + 0.2 * a) * scale.duration, "t_half": 0.2 * b * scale.duration},
+        "time": {
+            "level": level,
+            "t_middle": (0.5 + 0.2 * a) * scale.duration,
+            "t_half": 0.2 * b * scale.duration,
+        },
     }[over]
-    cls = _LAWS[over][0 if place.domain == "translation" else 1]
+    cls = UNKNOWN_LAWS[over][0 if place.domain == "translation" else 1]
     return Hidden(None, entry.where, cls(**values), (place.first_port, place.second_port), over)

@@ -6,7 +6,7 @@ __all__ = ["__version__"]
 
 
 def __getattr__(name: str) -> str:
-    """Look the installed version up when it is asked for: reading it takes longer than the rest of the import."""
+    """Look the installed version up when it is asked for: reading it takes long."""
     if name == "__version__":
         from importlib.metadata import PackageNotFoundError, version
 

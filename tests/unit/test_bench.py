@@ -1,4 +1,4 @@
-"""The virtual axis: repeatable files, what is hidden and what is not told, and records as a real rig writes them."""
+"""The virtual axis: repeatable files, what is hidden and not told, and records as a rig writes them."""
 
 from __future__ import annotations
 
@@ -85,7 +85,9 @@ def test_columns_are_read_with_their_units_and_match_the_case_in_memory(plain: P
         for name in SI:
             assert record.signals[name].unit == made.signals[name].unit
             # Ten digits are written.
-            np.testing.assert_allclose(record.signals[name].values, made.signals[name].values, rtol=2e-9, atol=1e-12)
+            np.testing.assert_allclose(
+                record.signals[name].values, made.signals[name].values, rtol=2e-9, atol=1e-12
+            )
 
 
 def test_the_model_beside_the_data_is_the_model_under_test(plain: Path) -> None:
@@ -130,8 +132,11 @@ def test_every_effect_changes_what_is_measured() -> None:
     for each in hidden:
         effect = each.effect
         assert effect is not None
-        strengths[str(effect)] = {
-            effect.parameter_name(k): v for k, v in effect.strengths.items()} if effect.definition.at != "sensor" else {}
+        strengths[str(effect)] = (
+            {effect.parameter_name(k): v for k, v in effect.strengths.items()}
+            if effect.definition.at != "sensor"
+            else {}
+        )
     off = {name: 0.0 for group in strengths.values() for name in group}
     reference = trip(np.random.default_rng(0), 6.0)
     stamps = rig.logger.stamps(6.0)
@@ -145,7 +150,9 @@ def test_every_effect_changes_what_is_measured() -> None:
     floor = np.array([0.022, 3e-5, 0.12])
     seen = {
         name: float(np.max(np.sqrt(np.mean((outputs({**off, **group}) - base) ** 2, axis=0)) / floor))
-        for name, group in strengths.items() if group}
+        for name, group in strengths.items()
+        if group
+    }
     assert {name: size for name, size in seen.items() if size < 0.2} == {}
 
 
@@ -157,10 +164,15 @@ def test_sensor_errors_go_through_the_measuring_chain(kind: str) -> None:
     channel = Channel("y", "y_mm", "m", "mm")
     fine = logger.fine_grid(2.0, 1.0)
     stamps = logger.stamps(2.0)
-    read = logger.read(channel, fine, 0.3 * fine, stamps, np.random.default_rng(0), [SensorError("y", kind, 0.01)])
+    read = logger.read(
+        channel, fine, 0.3 * fine, stamps, np.random.default_rng(0), [SensorError("y", kind, 0.01)]
+    )
     expected = {
-        "offset": 0.3 * stamps + 0.01, "gain": 1.01 * 0.3 * stamps, "delay": 0.3 * (stamps - 0.01),
-        "drift": (0.3 + 0.01) * stamps}
+        "offset": 0.3 * stamps + 0.01,
+        "gain": 1.01 * 0.3 * stamps,
+        "delay": 0.3 * (stamps - 0.01),
+        "drift": (0.3 + 0.01) * stamps,
+    }
     np.testing.assert_allclose(read, 1e3 * expected[kind], atol=1e-9)
 
 
@@ -168,7 +180,9 @@ def test_input_error_reaches_the_machine_and_not_the_record() -> None:
     one, other = axis_case(seed=5, trips=2), axis_case(seed=5, trips=2, hide=["input_offset"])
     size = other.truth["effects"][0]["parameters"]["offset"]["value"]
     a, b = one.identify[0], other.identify[0]
-    np.testing.assert_array_equal(a.signals["reference.position"].values, b.signals["reference.position"].values)
+    np.testing.assert_array_equal(
+        a.signals["reference.position"].values, b.signals["reference.position"].values
+    )
     # A steady shift of the reference is a steady shift of the carriage; 2 µm is the resolution twice.
     shift = np.mean(b.signals["carriage.position"].values - a.signals["carriage.position"].values)
     assert shift == pytest.approx(size, abs=2e-6)
@@ -201,12 +215,17 @@ def test_without_hidden_effects_only_disturbance_and_noise_are_left() -> None:
     system = case.true_model.build()
     # Noise, and half a step of resolution as white noise of step/√12.
     noise = {
-        "motor.torque": np.hypot(4e-3, 1e-3 / 12**0.5), "carriage.position": np.hypot(5e-7, 1e-6 / 12**0.5),
-        "motor.speed": np.hypot(0.03, 0.05 * 2 * np.pi / 60 / 12**0.5)}
+        "motor.torque": np.hypot(4e-3, 1e-3 / 12**0.5),
+        "carriage.position": np.hypot(5e-7, 1e-6 / 12**0.5),
+        "motor.speed": np.hypot(0.03, 0.05 * 2 * np.pi / 60 / 12**0.5),
+    }
     jitter = {"motor.torque": 0.0, "carriage.position": 5e-6 * 0.6, "motor.speed": 5e-6 * 800.0}
     for record in (*case.identify, *case.validate):
         run = system.simulate(
-            6.0, inputs={"reference.position": (record.time, record.signals["reference.position"].values)}, times=record.time)
+            6.0,
+            inputs={"reference.position": (record.time, record.signals["reference.position"].values)},
+            times=record.time,
+        )
         for name in OUTPUTS:
             rms = float(np.sqrt(np.mean((record.signals[name].values - run[name]) ** 2)))
             # The reference is sampled half as often in the record as in the controller: a tenth more.
@@ -219,7 +238,7 @@ def test_parameters_stay_within_prior_and_bounds() -> None:
     drawn = [perturb(priors, np.random.default_rng(k)) for k in range(300)]
     a = np.array([d["a"] for d in drawn])
     assert np.max(np.abs(a - 1.0)) <= 0.2
-    # A normal distribution cut at two standard deviations has a standard deviation of 0.88; 300 draws tell it to 5 %.
+    # Cut at two standard deviations, a normal distribution has 0.88 of its own; 300 draws tell it to 5 %.
     assert np.std(a) == pytest.approx(0.088, rel=0.12)
     assert min(d["b"] for d in drawn) == 0.0
 
@@ -244,7 +263,8 @@ def test_anti_alias_filter_stops_what_cannot_be_sampled_and_delays_nothing() -> 
     rng = np.random.default_rng(0)
     slow = np.sin(2 * np.pi * 20.0 * fine)
     np.testing.assert_allclose(
-        logger.read(channel, fine, slow, stamps, rng), np.sin(2 * np.pi * 20.0 * stamps), atol=5e-3)
+        logger.read(channel, fine, slow, stamps, rng), np.sin(2 * np.pi * 20.0 * stamps), atol=5e-3
+    )
     fast = np.sin(2 * np.pi * 430.0 * fine)  # would read as 70 Hz
     assert np.max(np.abs(logger.read(channel, fine, fast, stamps, rng))) < 5e-3
 
@@ -255,7 +275,7 @@ def test_trips_go_both_ways_at_different_speeds_and_hold() -> None:
         time, place = trip(np.random.default_rng(seed), 6.0)
         speed = np.gradient(place, time)
         assert place[0] == 0.0
-        assert 0.0 <= place.min()
+        assert place.min() >= 0.0
         assert place.max() <= 0.86
         assert speed.max() > 0.05
         assert np.mean(np.abs(speed) < 1e-6) > 0.1

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from vtsdt import cli
+from vtsdt.cli_arguments import ELSEWHERE, Elsewhere
 from vtsdt.progress import Progress
 
 STUDY = """
@@ -44,7 +45,7 @@ def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.
 
 @pytest.mark.parametrize(
     "words",
-    [[], ["diagnose"], ["compare"], ["bench"], ["bench", "axis"], ["validate"], *map(list, cli.ELSEWHERE)],
+    [[], ["diagnose"], ["compare"], ["bench"], ["bench", "axis"], ["validate"], *map(list, ELSEWHERE)],
     ids=" ".join,
 )
 def test_every_command_has_help(run: Run, words: list[str]) -> None:
@@ -55,21 +56,28 @@ def test_every_command_has_help(run: Run, words: list[str]) -> None:
 
 def test_help_names_every_command(run: Run) -> None:
     _, out, _ = run("--help")
-    for words in (("diagnose",), ("compare",), ("bench",), *cli.ELSEWHERE):
+    for words in (("diagnose",), ("compare",), ("bench",), *ELSEWHERE):
         assert words[0] in out
 
 
 def test_help_is_light() -> None:
     code = (
         "import sys, vtsdt.cli; code = vtsdt.cli.main(['--help']); "
-        "heavy = [m for m in ('numpy', 'numba', 'scipy', 'pandas', 'pint', 'rich', 'matplotlib') if m in sys.modules]; "
-        "print(code, heavy)")
+        "names = 'numpy numba scipy pandas pint rich matplotlib'.split(); "
+        "heavy = [m for m in names if m in sys.modules]; "
+        "print(code, heavy)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "0 []"
 
 
 def test_module_is_the_same_command() -> None:
-    done = subprocess.run([sys.executable, "-m", "vtsdt", "bench", "axis", "--list"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "vtsdt", "bench", "axis", "--list"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert lines[0].split() == ["KIND", "WHERE", "USUAL", "SIZE"]
@@ -90,7 +98,13 @@ def test_bench_axis_writes_a_study(run: Run, tmp_path: Path) -> None:
     assert "synthetic" in out
     written = {p.name for p in (tmp_path / "new" / "axis").iterdir()}
     assert written == {
-        "README.md", "axis.py", "identify_01.csv.gz", "study.toml", "truth.json", "validate_01.csv.gz"}
+        "README.md",
+        "axis.py",
+        "identify_01.csv.gz",
+        "study.toml",
+        "truth.json",
+        "validate_01.csv.gz",
+    }
 
 
 def test_quiet_prints_nothing(run: Run) -> None:
@@ -101,31 +115,53 @@ BAD = {
     "unknown command": (["diagnos"], "did you mean 'diagnose'?"),
     "unknown machine": (["bench", "axle"], "did you mean 'axis'?"),
     "unknown option": (["bench", "axis", "--out", "o", "--hid", "x", "--sede", "1"], "--sede"),
-    "missing study": (["diagnose", "nothing.toml", "--out", "o"], "nothing.toml: there is no such study file"),
+    "missing study": (
+        ["diagnose", "nothing.toml", "--out", "o"],
+        "nothing.toml: there is no such study file",
+    ),
     "study without out": (["diagnose", "study.toml"], "--out"),
     "out is a file": (["diagnose", "study.toml", "--out", "taken"], "--out taken: is a file: name a folder"),
     "out below a file": (["compare", "study.toml", "--out", "taken/below"], "nothing can be written into"),
     "broken toml": (["compare", "broken.toml", "--out", "o"], "broken.toml: is not valid TOML"),
     "missing record": (["diagnose", "study.toml", "--out", "o"], "a.csv"),
-    "bad seed": (["bench", "axis", "--out", "o", "--seed", "-1"], "'-1' is no seed: give a whole number, 0 or more"),
+    "bad seed": (
+        ["bench", "axis", "--out", "o", "--seed", "-1"],
+        "'-1' is no seed: give a whole number, 0 or more",
+    ),
     "seed in words": (["diagnose", "study.toml", "--out", "o", "--seed", "seven"], "'seven' is no seed"),
-    "bad max-effects": (["diagnose", "study.toml", "--out", "o", "--max-effects", "1.5"], "'1.5' is no number of effects"),
+    "bad max-effects": (
+        ["diagnose", "study.toml", "--out", "o", "--max-effects", "1.5"],
+        "'1.5' is no number of effects",
+    ),
     "one trip": (["bench", "axis", "--out", "o", "--trips", "1"], "'1' is no number of trips"),
     "many trips": (["bench", "axis", "--out", "o", "--trips", "100"], "trips is 100: give 2 to 99"),
-    "no strength": (["bench", "axis", "--out", "o", "--strength", "0"], "'0' is no factor: give a number above zero"),
+    "no strength": (
+        ["bench", "axis", "--out", "o", "--strength", "0"],
+        "'0' is no factor: give a number above zero",
+    ),
     "infinite force": (["bench", "axis", "--out", "o", "--disturbance", "inf"], "'inf' is no force"),
     "bench without out": (["bench", "axis"], "--out DIR is missing"),
     "bench into a file": (["bench", "axis", "--out", "taken"], "--out taken: is a file"),
-    "unknown kind": (["bench", "axis", "--out", "o", "--hide", "coulom_friction"], "did you mean 'coulomb_friction'?"),
-    "kind at the wrong place": (["bench", "axis", "--out", "o", "--hide", "backlash@guide"], "backlash fits coupling"),
+    "unknown kind": (
+        ["bench", "axis", "--out", "o", "--hide", "coulom_friction"],
+        "did you mean 'coulomb_friction'?",
+    ),
+    "kind at the wrong place": (
+        ["bench", "axis", "--out", "o", "--hide", "backlash@guide"],
+        "backlash fits coupling",
+    ),
     "unknown place": (["bench", "axis", "--out", "o", "--hide", "slip@coupler"], "there is no such place"),
     "unknown over": (
-        ["bench", "axis", "--out", "o", "--hide", "unknown_force", "--unknown-over", "load"], "position, speed, time"),
+        ["bench", "axis", "--out", "o", "--hide", "unknown_force", "--unknown-over", "load"],
+        "position, speed, time",
+    ),
 }
 
 
 @pytest.mark.parametrize(("words", "says"), BAD.values(), ids=BAD)
-def test_bad_input_gives_one_message_and_no_traceback(run: Run, tmp_path: Path, words: list[str], says: str) -> None:
+def test_bad_input_gives_one_message_and_no_traceback(
+    run: Run, tmp_path: Path, words: list[str], says: str
+) -> None:
     (tmp_path / "taken").write_text("x")
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "axis.py").write_text(MODEL)
@@ -167,9 +203,17 @@ def _raising(error: BaseException) -> Callable[..., int]:
 @pytest.mark.parametrize(
     ("error", "code", "says"),
     [
-        (ZeroDivisionError("division by zero"), 1, "a fault in the program: ZeroDivisionError: division by zero"),
+        (
+            ZeroDivisionError("division by zero"),
+            1,
+            "a fault in the program: ZeroDivisionError: division by zero",
+        ),
         (KeyError("x"), 1, "run the same command with --debug"),
-        (FileNotFoundError(2, "No such file or directory", "gone.csv"), 2, "gone.csv: No such file or directory"),
+        (
+            FileNotFoundError(2, "No such file or directory", "gone.csv"),
+            2,
+            "gone.csv: No such file or directory",
+        ),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
     ids=lambda each: type(each).__name__ if isinstance(each, BaseException) else None,
@@ -201,23 +245,32 @@ def test_diagnose_hands_its_arguments_over(run: Run, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(cli, "_function", lambda target, command: seen.update(target=target) or work)
     assert run("diagnose", "s.toml", "--out", "o", "--seed", "4", "--max-effects", "2", "--quiet")[0] == 0
     assert isinstance(seen.pop("progress"), Progress)
-    wanted = {"target": "discrepancy.command:diagnose", "study": "s.toml", "out": "o", "seed": 4, "max_effects": 2, "quiet": True}
+    wanted = {
+        "target": "discrepancy.command:diagnose",
+        "study": "s.toml",
+        "out": "o",
+        "seed": 4,
+        "max_effects": 2,
+        "quiet": True,
+    }
     assert {k: seen[k] for k in wanted} == wanted
     assert run("compare", "s.toml", "--out", "o")[0] == 0
     assert (seen["target"], seen["seed"], seen["quiet"]) == ("discrepancy.command:compare", None, False)
 
 
-def test_other_commands_go_to_their_modules(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_other_commands_go_to_their_modules(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     (tmp_path / "rig_of_test.py").write_text("def main(arguments):\n    print(arguments)\n    return 7\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setitem(cli.ELSEWHERE, ("bench", "lift"), cli.Elsewhere("rig_of_test:main", "a rig"))
+    monkeypatch.setitem(ELSEWHERE, ("bench", "lift"), Elsewhere("rig_of_test:main", "a rig"))
     code, out, _ = run("bench", "lift", "--hide", "x", "--out", "o")
     assert (code, out.strip()) == (7, "['--hide', 'x', '--out', 'o']")
 
 
 @pytest.mark.parametrize("target", ["vtsdt.no_such_module:main", "vtsdt.progress:main"])
 def test_a_command_that_is_not_there_says_so(run: Run, monkeypatch: pytest.MonkeyPatch, target: str) -> None:
-    monkeypatch.setitem(cli.ELSEWHERE, ("align",), cli.Elsewhere(target, "alignment"))
+    monkeypatch.setitem(ELSEWHERE, ("align",), Elsewhere(target, "alignment"))
     code, _, err = run("align", "--out", "o")
     assert code == 2
     assert "vtsdt align is not there yet" in err
@@ -232,7 +285,9 @@ def test_version(run: Run) -> None:
 
 def test_output_into_a_closed_pipe_is_no_error() -> None:
     command = f"'{sys.executable}' -m vtsdt --help | head -n 0; exit ${{PIPESTATUS[0]}}"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, env=os.environ)
+    done = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, check=False, env=os.environ
+    )
     assert done.returncode == 0
     assert done.stderr == ""
 
@@ -250,7 +305,13 @@ def test_progress_on_a_terminal_is_taken_away_again() -> None:
 
     code = "from vtsdt.progress import Progress\nwith Progress() as p:\n    p('working')\nprint('done')\n"
     main, other = pty.openpty()
-    subprocess.run([sys.executable, "-c", code], stdout=other, stderr=other, check=True, env={**os.environ, "TERM": "xterm"})
+    subprocess.run(
+        [sys.executable, "-c", code],
+        stdout=other,
+        stderr=other,
+        check=True,
+        env={**os.environ, "TERM": "xterm"},
+    )
     os.close(other)
     shown = os.read(main, 10_000).decode()
     os.close(main)
