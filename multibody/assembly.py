@@ -1,4 +1,6 @@
-"""From a checked model to its equations: named states, inputs, parameters, outputs and a set of statements."""
+"""From a checked model to its equations: named states, inputs, parameters, outputs and a set of
+statements.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import numpy as np
 
 from multibody import tables
 from multibody.component import Component, nearest
-from multibody.declare import Energy, Input, Output, Power, State
+from multibody.declare import Energy, Input, Output, Parameter, Power, State
 from multibody.declare import Unknown as UnknownDeclaration
 from multibody.dynamics import accelerations
 from multibody.equation_set import Assembly, Quantity, Unknown
@@ -36,10 +38,11 @@ def assemble(
     model : Model
         The machine.
     probes : bool
-        Add an input ``probe.<place>`` for every place where an effect could act (a force, equal and opposite on
-        the two sides), and outputs of the relative motion there.
+        Add an input ``probe.<place>`` for every place where an effect could act (a force, equal and opposite
+        on the two sides), and outputs of the relative motion there.
     energy : bool
-        Add states that integrate the power lost and supplied, so that an energy balance is as exact as the motion.
+        Add states that integrate the power lost and supplied, so that an energy balance is as exact as the
+        motion.
 
     outputs : iterable of str, optional
         Keep only these outputs.
@@ -92,10 +95,15 @@ def _components(model: Model, work: Assembly) -> None:
     for owner, component in model.components.items():
         scope = Scope(owner, component, work.kernels)
         for item in component.declarations.values():
-            if item.name in component.values:
+            if isinstance(item, Parameter) and item.name in component.values:
                 work.parameter(
-                    f"{owner}.{item.name}", item.unit, item.meaning, component.values[item.name],  # type: ignore[attr-defined]
-                    min=item.min, max=item.max)  # type: ignore[attr-defined]
+                    f"{owner}.{item.name}",
+                    item.unit,
+                    item.meaning,
+                    component.values[item.name],
+                    min=item.min,
+                    max=item.max,
+                )
             elif item.name in component.tables:
                 _table(work, owner, item, component.tables[item.name])
         for name, state in component.of_kind(State).items():
@@ -104,7 +112,9 @@ def _components(model: Model, work: Assembly) -> None:
             work.states.append(Quantity(f"{owner}.{name}", state.unit, state.meaning, var, start))
             work.derivatives[var] = variable(owner, "_der", name)
         for name, item in component.of_kind(UnknownDeclaration).items():
-            work.unknowns.append(Unknown(f"{owner}.{name}", variable(owner, name), variable(owner, "_zero", name)))
+            work.unknowns.append(
+                Unknown(f"{owner}.{name}", variable(owner, name), variable(owner, "_zero", name))
+            )
             work.output(f"{owner}.{name}", item.unit, item.meaning, variable(owner, name))
         try:
             statements = method_statements(scope, "equations")
@@ -185,7 +195,9 @@ def _probes(work: Assembly, kinematics: Kinematics) -> None:
 
 
 def _energies(model: Model, work: Assembly, integrate: bool) -> None:
-    stored, lost, supplied = [], [], []
+    stored: list[str] = []
+    lost: list[str] = []
+    supplied: list[str] = []
     for owner, component in model.components.items():
         for name, item in component.of_kind(Output).items():
             var = variable(owner, name)
@@ -199,7 +211,11 @@ def _energies(model: Model, work: Assembly, integrate: bool) -> None:
     for owner, var in work.potential:
         work.output(f"{owner}.potential_energy", "J", "potential energy in gravity", var)
         stored.append(var)
-    for name, unit, terms in (("stored", "J", stored), ("lost_power", "W", lost), ("supplied_power", "W", supplied)):
+    for name, unit, terms in (
+        ("stored", "J", stored),
+        ("lost_power", "W", lost),
+        ("supplied_power", "W", supplied),
+    ):
         var = f"energy__{name}"
         work.add(f"{var} = {' + '.join(terms) or '0.0'}", "energy balance")
         work.output(f"energy.{name}", unit, f"{name.replace('_', ' ')} over all components", var)
@@ -230,7 +246,9 @@ def _show(model: Model, net: Network, work: Assembly) -> None:
     for name, source in model.outputs.items():
         quantity = known.get(source) or _port_quantity(model, source)
         if quantity is None:
-            work.faults.append(f"model output '{name}': there is no quantity '{source}'{nearest(source, known)}")
+            work.faults.append(
+                f"model output '{name}': there is no quantity '{source}'{nearest(source, known)}"
+            )
         elif name not in known:
             work.output(name, quantity.unit, quantity.meaning, quantity.variable)
 
@@ -250,8 +268,11 @@ def _port_quantity(model: Model, source: str) -> Quantity | None:
 def _guards(model: Model) -> list[str]:
     """Outputs that a simulation needs to keep its steps short enough, behind those that are asked for."""
     return [
-        f"{owner}.{name}" for owner, component in model.components.items() for pair in component.features.items()
-        for name in pair if isinstance(component.declarations.get(name), Output)
+        f"{owner}.{name}"
+        for owner, component in model.components.items()
+        for pair in component.features.items()
+        for name in pair
+        if isinstance(component.declarations.get(name), Output)
     ]
 
 
@@ -277,7 +298,5 @@ def _rename(work: Assembly) -> None:
         item.nodes = [Put().visit(n) for n in item.nodes]
         item.reads = {final(n) for n in item.reads}
         item.writes = {final(n) for n in item.writes}
-    work.outputs = [
-        Quantity(q.name, q.unit, q.meaning, final(q.variable)) for q in work.outputs
-    ]
+    work.outputs = [Quantity(q.name, q.unit, q.meaning, final(q.variable)) for q in work.outputs]
     work.derivatives = {k: final(v) for k, v in work.derivatives.items()}

@@ -1,7 +1,7 @@
 """Ordered equations written out as one flat source file: rates, outputs, and the exact derivatives of both.
 
-The text is plain Python over arrays.  It is compiled by numba, it can be stepped through in a debugger, and it is
-the same text that is hashed for the cache on disk.
+The text is plain Python over arrays.  It is compiled by numba, it can be stepped through in a debugger, and
+it is the same text that is hashed for the cache on disk.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from multibody.ordering import Block, Item, dependencies, ordered
 
 __all__ = ["Source", "generate"]
 
-_HEADER = 'import math\n\nfrom numba import njit\n'
+_HEADER = "import math\n\nfrom numba import njit\n"
 _NEWTON_STEPS = 40
 
 
@@ -30,9 +30,9 @@ class Source:
     Parameters
     ----------
     texts : dict of str
-        Python source of each of the functions ``rhs``, ``outputs``, ``rhs_tangent`` and ``outputs_tangent``.  Each
-        stands in a file of its own: functions with the same text then share one compiled version, whatever else
-        their models have.
+        Python source of each of the functions ``rhs``, ``outputs``, ``rhs_tangent`` and ``outputs_tangent``.
+        Each stands in a file of its own: functions with the same text then share one compiled version,
+        whatever else their models have.
     sparsity : ndarray of bool, shape (n, n)
         Whether the rate of state i can depend on state j.
     """
@@ -64,7 +64,8 @@ def generate(work: Assembly) -> Source:
         if faults := unsolvable(work, blocks, text, [*kernel_texts, *tangent_texts]):
             raise ModelError(work.name, faults)
     kernels, tangents = (
-        [f"@njit(cache=True, error_model='numpy')\n{text}" for text in part] for part in (kernel_texts, tangent_texts)
+        [f"@njit(cache=True, error_model='numpy')\n{text}" for text in part]
+        for part in (kernel_texts, tangent_texts)
     )
     texts = {
         "rhs": _function(work, "rhs", "dx", rate_items, rates, tangent=False),
@@ -81,7 +82,9 @@ def generate(work: Assembly) -> Source:
     return Source(texts, sparsity.reshape(len(rates), len(rates)))
 
 
-def _function(work: Assembly, name: str, result: str, items: list[Item], wanted: list[str], *, tangent: bool) -> str:
+def _function(
+    work: Assembly, name: str, result: str, items: list[Item], wanted: list[str], *, tangent: bool
+) -> str:
     used = {n for item in items for n in item.reads} | set(wanted)
     lines: list[str] = []
     seeds: set[str] = set()
@@ -106,7 +109,10 @@ def _function(work: Assembly, name: str, result: str, items: list[Item], wanted:
             lines += _block_lines(item, active if tangent else None)
         else:
             lines.append(f"# {item.origin.partition(', ')[0]}")
-            body = writer.statements(item.nodes) if tangent else item.nodes
+            try:
+                body = writer.statements(item.nodes) if tangent else item.nodes
+            except EquationError as error:
+                raise ModelError(work.name, [f"{item.origin}: {error}"]) from error
             lines += [line for node in body for line in ast.unparse(node).splitlines()]
     for k, var in enumerate(wanted):
         if not tangent:
@@ -141,7 +147,12 @@ def _block_lines(block: Block, active: set[str] | None) -> list[str]:
             " and ".join(f"abs(s_{i}) <= {relative} * abs({z[i]}) + {absolute}" for i in range(m))
             for relative, absolute in (("1e-12", "1e-14"), ("1e-06", "1e-09"))
         )
-        lines += [f"for step in range({_NEWTON_STEPS}):", *("    " + s for s in sweep), f"    if {done}:", "        break"]
+        lines += [
+            f"for step in range({_NEWTON_STEPS}):",
+            *("    " + s for s in sweep),
+            f"    if {done}:",
+            "        break",
+        ]
         # rounding may keep the last steps above the first bound; beyond the second there is no solution
         lines += [f"if not ({failed}):", *(f"    {v} = math.nan" for v in z)]
     if active is None:
@@ -158,7 +169,9 @@ def _unparse(nodes: list[ast.stmt]) -> list[str]:
 
 
 def _solution(m: int, right: str, result: str) -> list[str]:
-    """Write out the solution of A s = r by elimination (the matrices are conductances and masses: no pivoting)."""
+    """Write out the solution of A s = r by elimination (the matrices are conductances and masses: no
+    pivoting).
+    """
     lines = [f"B_{i}_{j} = A_{i}_{j}" for i in range(m) for j in range(m)] if m > 1 else []
     a = "B" if m > 1 else "A"
     lines += [f"{result}_{i} = {right}_{i}" for i in range(m)]

@@ -1,9 +1,9 @@
 """Exact directional derivatives of equations, from their text (forward mode).
 
-For every active name ``a`` the derived text carries ``d_a``.  Each operation contributes its own rule, so that the
-result is exact to rounding; branches are differentiated along the path that is taken.  Where a slope is infinite
-(a root at zero) or has no direction (``hypot`` at the origin), it counts as zero, so that it does not spoil the
-derivatives with respect to everything else.
+For every active name ``a`` the derived text carries ``d_a``.  Each operation contributes its own rule, so
+that the result is exact to rounding; branches are differentiated along the path that is taken.  Where a slope
+is infinite (a root at zero) or has no direction (``hypot`` at the origin), it counts as zero, so that it does
+not spoil the derivatives with respect to everything else.
 """
 
 from __future__ import annotations
@@ -12,57 +12,18 @@ import ast
 import itertools
 from collections.abc import Callable, Iterable
 
+from multibody.derivatives import RULES, Expr, add, const, loaded, math_call, mul, number, sub, substitute
 from multibody.errors import EquationError
 from multibody.rewriter import constant
 
 __all__ = ["Differentiator", "active_names", "d"]
 
-Expr = ast.expr
 Kernel = Callable[[str], str]
 
 
 def d(name: str) -> str:
     """Return the name of the tangent of a name."""
     return f"_d_{name}"
-
-
-def _name(text: str) -> ast.Name:
-    return ast.Name(text, ast.Load())
-
-
-def _const(value: float) -> ast.Constant:
-    return ast.Constant(value)
-
-
-def _is(node: Expr | None, value: float) -> bool:
-    return isinstance(node, ast.Constant) and not isinstance(node.value, bool) and node.value == value
-
-
-def mul(a: Expr, b: Expr) -> Expr:
-    """Return a·b, with ones left out."""
-    if _is(a, 1.0):
-        return b
-    if _is(b, 1.0):
-        return a
-    return ast.BinOp(a, ast.Mult(), b)
-
-
-def add(a: Expr | None, b: Expr | None) -> Expr | None:
-    """Return a + b where None stands for zero."""
-    if a is None:
-        return b
-    return a if b is None else ast.BinOp(a, ast.Add(), b)
-
-
-def sub(a: Expr | None, b: Expr | None) -> Expr | None:
-    """Return a − b where None stands for zero."""
-    if b is None:
-        return a
-    return ast.UnaryOp(ast.USub(), b) if a is None else ast.BinOp(a, ast.Sub(), b)
-
-
-def _call(function: str, *args: Expr) -> Expr:
-    return ast.Call(ast.Attribute(_name("math"), function, ast.Load()), list(args), [])
 
 
 def active_names(nodes: Iterable[ast.stmt], seeds: set[str]) -> set[str]:
@@ -76,18 +37,11 @@ def active_names(nodes: Iterable[ast.stmt], seeds: set[str]) -> set[str]:
                 if isinstance(inner, ast.Assign):
                     reads = {n.id for n in ast.walk(inner.value) if isinstance(n, ast.Name)}
                     if reads & active:
-                        active |= {n.id for t in inner.targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+                        active |= {
+                            n.id for t in inner.targets for n in ast.walk(t) if isinstance(n, ast.Name)
+                        }
         if len(active) == before:
             return active
-
-
-_PAIRS = {
-    "atan2": (
-        "b / (a * a + b * b) if a != 0.0 or b != 0.0 else 0.0",
-        "-a / (a * a + b * b) if a != 0.0 or b != 0.0 else 0.0",
-    ),
-    "hypot": ("a / v if v != 0.0 else 0.0", "b / v if v != 0.0 else 0.0"),
-}
 
 
 class Differentiator:
@@ -121,10 +75,16 @@ class Differentiator:
             return self._assign(node)
         if isinstance(node, ast.If):
             pre, test, _ = self.expression(node.test)
-            return [*pre, ast.If(test, self.statements(node.body) or [ast.Pass()], self.statements(node.orelse))]
+            return [
+                *pre,
+                ast.If(test, self.statements(node.body) or [ast.Pass()], self.statements(node.orelse)),
+            ]
         if isinstance(node, ast.For | ast.While):
-            copy = ast.For(node.target, node.iter, self.statements(node.body), []) if isinstance(node, ast.For) else (
-                ast.While(node.test, self.statements(node.body), []))
+            copy = (
+                ast.For(node.target, node.iter, self.statements(node.body), [])
+                if isinstance(node, ast.For)
+                else (ast.While(node.test, self.statements(node.body), []))
+            )
             return [copy]
         if isinstance(node, ast.Return):
             return self._return(node)
@@ -142,7 +102,7 @@ class Differentiator:
             before, v, dv = self.expression(value)
             pre += before
             primal.append(v)
-            tangent.append(dv if dv is not None else _const(0.0))
+            tangent.append(dv if dv is not None else const(0.0))
         return [*pre, ast.Return(ast.Tuple(primal + tangent, ast.Load()))]
 
     def _assign(self, node: ast.Assign) -> list[ast.stmt]:
@@ -153,7 +113,7 @@ class Differentiator:
         if target.id not in self.active:
             return [node]
         pre, value, tangent = self.expression(node.value)
-        tangent = tangent if tangent is not None else _const(0.0)
+        tangent = tangent if tangent is not None else const(0.0)
         # the tangent first: the value may overwrite a name that the tangent still needs
         return [*pre, ast.Assign([ast.Name(d(target.id), ast.Store())], tangent), ast.Assign([target], value)]
 
@@ -168,10 +128,14 @@ class Differentiator:
                 before, v, dv = self.expression(part)
                 pre += before
                 a, b = self._temporary(), self._temporary()
-                pre += [ast.Assign([ast.Name(a, ast.Store())], v),
-                        ast.Assign([ast.Name(b, ast.Store())], dv if dv is not None else _const(0.0))]
-                post += [ast.Assign([ast.Name(name, ast.Store())], _name(a)),
-                         ast.Assign([ast.Name(d(name), ast.Store())], _name(b))]
+                pre += [
+                    ast.Assign([ast.Name(a, ast.Store())], v),
+                    ast.Assign([ast.Name(b, ast.Store())], dv if dv is not None else const(0.0)),
+                ]
+                post += [
+                    ast.Assign([ast.Name(name, ast.Store())], loaded(a)),
+                    ast.Assign([ast.Name(d(name), ast.Store())], loaded(b)),
+                ]
             return pre + post
         if not isinstance(value, ast.Call) or not isinstance(value.func, ast.Name):
             raise EquationError(f"cannot differentiate '{ast.unparse(value)}'")
@@ -188,21 +152,26 @@ class Differentiator:
             return value
         name = self._temporary()
         pre.append(ast.Assign([ast.Name(name, ast.Store())], value))
-        return _name(name)
+        return loaded(name)
 
     def expression(self, node: Expr) -> tuple[list[ast.stmt], Expr, Expr | None]:
         """Return preparatory statements, the value, and the tangent (None when it is zero)."""
         if not self._touches(node):
             return [], node, None
         if isinstance(node, ast.Name):
-            return [], node, _name(d(node.id))
+            return [], node, loaded(d(node.id))
         if isinstance(node, ast.BinOp):
             return self._binary(node)
         if isinstance(node, ast.UnaryOp):
             pre, v, dv = self.expression(node.operand)
             negative = isinstance(node.op, ast.USub) and dv is not None
-            return pre, ast.UnaryOp(node.op, v), ast.UnaryOp(ast.USub(), dv) if negative and dv else (
-                dv if isinstance(node.op, ast.UAdd) else None)
+            return (
+                pre,
+                ast.UnaryOp(node.op, v),
+                ast.UnaryOp(ast.USub(), dv)
+                if negative and dv
+                else (dv if isinstance(node.op, ast.UAdd) else None),
+            )
         if isinstance(node, ast.Compare | ast.BoolOp):
             return [], node, None
         if isinstance(node, ast.IfExp):
@@ -210,7 +179,7 @@ class Differentiator:
         if isinstance(node, ast.Call):
             return self._function(node)
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
-            return [], node, ast.Subscript(_name(d(node.value.id)), node.slice, ast.Load())
+            return [], node, ast.Subscript(loaded(d(node.value.id)), node.slice, ast.Load())
         raise EquationError(f"cannot differentiate '{ast.unparse(node)}'")
 
     def _touches(self, node: ast.AST) -> bool:
@@ -221,12 +190,14 @@ class Differentiator:
         branches: list[list[ast.stmt]] = []
         for part in (body, orelse):
             pre, v, dv = self.expression(part)
-            branches.append([
-                *pre,
-                ast.Assign([ast.Name(value, ast.Store())], v),
-                ast.Assign([ast.Name(tangent, ast.Store())], dv if dv is not None else _const(0.0)),
-            ])
-        return [ast.If(test, branches[0], branches[1])], _name(value), _name(tangent)
+            branches.append(
+                [
+                    *pre,
+                    ast.Assign([ast.Name(value, ast.Store())], v),
+                    ast.Assign([ast.Name(tangent, ast.Store())], dv if dv is not None else const(0.0)),
+                ]
+            )
+        return [ast.If(test, branches[0], branches[1])], loaded(value), loaded(tangent)
 
     def _binary(self, node: ast.BinOp) -> tuple[list[ast.stmt], Expr, Expr | None]:
         pre_a, a, da = self.expression(node.left)
@@ -238,8 +209,11 @@ class Differentiator:
             return pre, ast.BinOp(a, node.op, b), sub(da, db)
         if isinstance(node.op, ast.Mult):
             a, b = self._hold(pre, a), self._hold(pre, b)
-            return pre, ast.BinOp(a, node.op, b), add(
-                mul(da, b) if da is not None else None, mul(a, db) if db is not None else None)
+            return (
+                pre,
+                ast.BinOp(a, node.op, b),
+                add(mul(da, b) if da is not None else None, mul(a, db) if db is not None else None),
+            )
         if isinstance(node.op, ast.Div):
             b = self._hold(pre, b)
             q = self._hold(pre, ast.BinOp(a, ast.Div(), b))
@@ -254,7 +228,7 @@ class Differentiator:
     def _power(
         self, pre: list[ast.stmt], a: Expr, da: Expr | None, b: Expr, db: Expr | None
     ) -> tuple[list[ast.stmt], Expr, Expr | None]:
-        exponent = _number(b)
+        exponent = number(b)
         a = self._hold(pre, a)
         b = b if exponent is not None else self._hold(pre, b)
         value = self._hold(pre, ast.BinOp(a, ast.Pow(), b))
@@ -263,9 +237,9 @@ class Differentiator:
             tangent = self._power_slope(a, da, value, exponent)
         elif da is not None:
             rule = "b * v / a if a != 0.0 else (1.0 if b == 1.0 else 0.0)"
-            tangent = mul(_substitute(rule, {"a": a, "b": b, "v": value}), da)
+            tangent = mul(substitute(rule, {"a": a, "b": b, "v": value}), da)
         if db is not None:
-            log = _substitute("math.log(a) if a > 0.0 else 0.0", {"a": a})
+            log = substitute("math.log(a) if a > 0.0 else 0.0", {"a": a})
             tangent = add(tangent, mul(mul(value, log), db))
         return pre, value, tangent
 
@@ -273,11 +247,11 @@ class Differentiator:
         if exponent in (0, 1):
             return da if exponent == 1 else None
         if exponent == 2:
-            return mul(mul(_const(2.0), a), da)
+            return mul(mul(const(2.0), a), da)
         lower = constant(exponent - 1)
         slope: Expr = ast.BinOp(a, ast.Pow(), lower)
         if 0 < exponent < 1:
-            slope = _substitute("v / a if a != 0.0 else 0.0", {"a": a, "v": value})
+            slope = substitute("v / a if a != 0.0 else 0.0", {"a": a, "v": value})
         return mul(mul(constant(exponent), slope), da)
 
     def _function(self, node: ast.Call) -> tuple[list[ast.stmt], Expr, Expr | None]:
@@ -285,8 +259,10 @@ class Differentiator:
         if isinstance(func, ast.Name):
             if func.id == "abs":
                 return self._choice(
-                    ast.Compare(node.args[0], [ast.GtE()], [_const(0.0)]),
-                    node.args[0], ast.UnaryOp(ast.USub(), node.args[0]))
+                    ast.Compare(node.args[0], [ast.GtE()], [const(0.0)]),
+                    node.args[0],
+                    ast.UnaryOp(ast.USub(), node.args[0]),
+                )
             if func.id in ("min", "max"):
                 order = ast.LtE() if func.id == "min" else ast.GtE()
                 first = node.args[0]
@@ -294,10 +270,10 @@ class Differentiator:
                 return self._choice(ast.Compare(first, [order], [rest]), first, rest)
             if func.id.startswith("k_tables_") and "p" not in self.active:
                 return self._table_slope(node, func.id)
-            pre, call = self._kernel_call(node)
-            value, tangent = self._temporary(), self._temporary()
-            target = ast.Tuple([ast.Name(value, ast.Store()), ast.Name(tangent, ast.Store())], ast.Store())
-            return [*pre, ast.Assign([target], call)], _name(value), _name(tangent)
+            before, call = self._kernel_call(node)
+            value, slope = self._temporary(), self._temporary()
+            target = ast.Tuple([ast.Name(value, ast.Store()), ast.Name(slope, ast.Store())], ast.Store())
+            return [*before, ast.Assign([target], call)], loaded(value), loaded(slope)
         assert isinstance(func, ast.Attribute)
         pre: list[ast.stmt] = []
         values: list[Expr] = []
@@ -314,30 +290,16 @@ class Differentiator:
     ) -> tuple[list[ast.stmt], Expr, Expr | None]:
         if name == "pow":
             return self._power(pre, x[0], dx[0], x[1], dx[1])
-        value = self._hold(pre, _call(name, *x))
+        value = self._hold(pre, math_call(name, *x))
         a = x[0]
-        slopes: dict[str, str] = {
-            "sin": "math.cos(a)", "cos": "-math.sin(a)", "tan": "(1.0 + v * v)", "exp": "v", "log": "(1.0 / a)",
-            "sqrt": "(0.5 / v if v != 0.0 else 0.0)", "tanh": "(1.0 - v * v)", "sinh": "math.cosh(a)", "cosh": "math.sinh(a)",
-            "asin": "(1.0 / math.sqrt(1.0 - a * a))", "acos": "(-1.0 / math.sqrt(1.0 - a * a))",
-            "atan": "(1.0 / (1.0 + a * a))", "fabs": "math.copysign(1.0, a)",
-        }
-        if name in slopes:
-            slope = _substitute(slopes[name], {"a": a, "v": value})
-            return pre, value, mul(slope, dx[0]) if dx[0] is not None else None
-        if name == "floor":
-            return pre, value, None
-        if name == "copysign":
-            slope = _substitute("math.copysign(1.0, a) * math.copysign(1.0, b)", {"a": a, "b": x[1]})
-            return pre, value, mul(slope, dx[0]) if dx[0] is not None else None
-        if name in ("atan2", "hypot"):
-            rules = _PAIRS[name]
-            total: Expr | None = None
-            for rule, tangent in zip(rules, dx, strict=True):
-                if tangent is not None:
-                    total = add(total, mul(_substitute(rule, {"a": a, "b": x[1], "v": value}), tangent))
-            return pre, value, total
-        raise EquationError(f"math.{name} has no derivative rule")
+        if name not in RULES:
+            raise EquationError(f"math.{name} has no derivative rule")
+        known = {"a": a, "b": x[-1], "v": value}
+        total: Expr | None = None
+        for rule, tangent in zip(RULES[name], dx, strict=False):
+            if tangent is not None:
+                total = add(total, mul(substitute(rule, known), tangent))
+        return pre, value, total
 
     def _table_slope(self, node: ast.Call, name: str) -> tuple[list[ast.stmt], Expr, Expr | None]:
         """Differentiate a table whose points are held: in implicit blocks and couplings."""
@@ -345,8 +307,8 @@ class Differentiator:
         pre, v, dv = self.expression(argument)
         value, slope = self._temporary(), self._temporary()
         target = ast.Tuple([ast.Name(value, ast.Store()), ast.Name(slope, ast.Store())], ast.Store())
-        pre.append(ast.Assign([target], ast.Call(_name(f"{name}_slope"), [*points, v], [])))
-        return pre, _name(value), mul(_name(slope), dv) if dv is not None else None
+        pre.append(ast.Assign([target], ast.Call(loaded(f"{name}_slope"), [*points, v], [])))
+        return pre, loaded(value), mul(loaded(slope), dv) if dv is not None else None
 
     def _kernel_call(self, node: ast.Call) -> tuple[list[ast.stmt], Expr]:
         assert isinstance(node.func, ast.Name)
@@ -354,31 +316,17 @@ class Differentiator:
         if node.func.id.startswith("k_tables_"):  # p and its tangent, start, size, argument and its tangent
             p, start, size, argument = node.args
             if node.func.id.endswith("_slope"):
-                raise EquationError("the slope of a table has no derivative: write the coupling without a table")
+                raise EquationError(
+                    "the slope of a table has no derivative: write the coupling without a table"
+                )
             before, v, dv = self.expression(argument)
-            tangent_args = [p, _name("p_dot"), start, size, v, dv if dv is not None else _const(0.0)]
-            return before, ast.Call(_name(self.kernel_tangent(node.func.id)), tangent_args, [])
+            tangent_args = [p, loaded("p_dot"), start, size, v, dv if dv is not None else const(0.0)]
+            return before, ast.Call(loaded(self.kernel_tangent(node.func.id)), tangent_args, [])
         values: list[Expr] = []
         tangents: list[Expr] = []
         for argument in node.args:
             before, v, dv = self.expression(argument)
             pre += before
             values.append(v)
-            tangents.append(dv if dv is not None else _const(0.0))
-        return pre, ast.Call(_name(self.kernel_tangent(node.func.id)), values + tangents, [])
-
-
-def _number(node: Expr) -> float | None:
-    """Return the value of a number written out, or None."""
-    inner = node.operand if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) else node
-    if not isinstance(inner, ast.Constant) or not isinstance(inner.value, int | float):
-        return None
-    return inner.value if inner is node else -inner.value
-
-
-def _substitute(text: str, names: dict[str, Expr]) -> Expr:
-    class Put(ast.NodeTransformer):
-        def visit_Name(self, node: ast.Name) -> Expr:
-            return names.get(node.id, node)
-
-    return Put().visit(ast.parse(text, mode="eval").body)
+            tangents.append(dv if dv is not None else const(0.0))
+        return pre, ast.Call(loaded(self.kernel_tangent(node.func.id)), values + tangents, [])

@@ -1,9 +1,9 @@
 """Newton's law for the assembled machine: mass matrix block by block, accelerations, reactions.
 
 Every inertia contributes rows ``v_row = Σ_j J_j v_j (+ …)`` over the independent coordinates ``j``.  Then
-``M_ij = Σ J_i m J_j`` and ``F_i = Σ J_i (f − m b)``, with ``b`` the acceleration that is there without any change of
-the independent speeds.  Coordinates that do not influence each other are solved on their own, so a machine of
-separate bodies pays for no matrix.
+``M_ij = Σ J_i m J_j`` and ``F_i = Σ J_i (f − m b)``, with ``b`` the acceleration that is there without any
+change of the independent speeds.  Coordinates that do not influence each other are solved on their own, so a
+machine of separate bodies pays for no matrix.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Coordinate:
     velocity, acceleration : str
         Variables.
     kind : {"free", "prescribed"}
-        Whether the acceleration follows from the forces or is given; then ``reaction`` names the variable of the
-        force that is needed.
+        Whether the acceleration follows from the forces or is given; then ``reaction`` names the variable of
+        the force that is needed.
     """
 
     key: str
@@ -53,7 +53,8 @@ class Contribution:
     origin : str
         Component name.
     rows : tuple of dict
-        For each row the factors J of the independent coordinates, by key; ``"1.0"`` and missing entries are known.
+        For each row the factors J of the independent coordinates, by key; ``"1.0"`` and missing entries are
+        known.
     mass : dict
         Entries ``(i, j)`` (both triangles) of the part's own mass matrix; empty for a massless part.
     bias : tuple of (str or None)
@@ -87,7 +88,9 @@ def total(terms: list[str]) -> str:
 
 
 def accelerations(work: Assembly) -> None:
-    """Add the statements that give every coordinate's acceleration and every prescribed coordinate's reaction."""
+    """Add the statements that give every coordinate's acceleration and every prescribed coordinate's
+    reaction.
+    """
     matrix: dict[tuple[str, str], list[str]] = {}
     force: dict[str, list[str]] = {c.key: [] for c in work.coordinates}
     for part in work.contributions:
@@ -105,19 +108,27 @@ def accelerations(work: Assembly) -> None:
         right = []
         for c in members:
             terms = [f"{c.key}___F"]
-            terms += [f"-{_entry(c.key, g.key)} * {g.acceleration}" for g in given if (c.key, g.key) in matrix]
+            terms += [
+                f"-{_entry(c.key, g.key)} * {g.acceleration}" for g in given if (c.key, g.key) in matrix
+            ]
             right.append(" + ".join(terms))
         _solve(work, members, right, matrix)
     for g in given:
         if g.reaction:
-            inertia = [f"{_entry(g.key, c.key)} * {c.acceleration}" for c in (*free, *given) if (g.key, c.key) in matrix]
+            inertia = [
+                f"{_entry(g.key, c.key)} * {c.acceleration}"
+                for c in (*free, *given)
+                if (g.key, c.key) in matrix
+            ]
             work.add(f"{g.reaction} = {total(inertia)} - {g.key}___F", g.name)
     for c in work.coordinates:
         if c.key in massless:  # no mass: the speed is what makes the forces balance
             work.unknowns.append(Unknown(c.name, c.velocity, f"{c.key}___F"))
 
 
-def _collect(part: Contribution, matrix: dict[tuple[str, str], list[str]], force: dict[str, list[str]]) -> None:
+def _collect(
+    part: Contribution, matrix: dict[tuple[str, str], list[str]], force: dict[str, list[str]]
+) -> None:
     n = len(part.rows)
     for r in range(n):
         for i, j_i in part.rows[r].items():
@@ -151,7 +162,9 @@ def _blocks(keys: list[str], matrix: dict[tuple[str, str], list[str]]) -> list[s
     return blocks
 
 
-def _solve(work: Assembly, members: list[Coordinate], right: list[str], matrix: dict[tuple[str, str], list[str]]) -> None:
+def _solve(
+    work: Assembly, members: list[Coordinate], right: list[str], matrix: dict[tuple[str, str], list[str]]
+) -> None:
     """Write the solution of a symmetric positive definite block: division, or LDLᵀ written out."""
     origin = ", ".join(c.name for c in members)
     if len(members) == 1:
@@ -176,8 +189,9 @@ def _solve(work: Assembly, members: list[Coordinate], right: list[str], matrix: 
                 work.add(f"{base}__U_{i}_{j} = {text}", origin)
                 work.add(f"{base}__L_{i}_{j} = {base}__U_{i}_{j} * {base}__E_{j}", origin)
     for i in range(n):
-        terms = "".join(f" - {base}__L_{i}_{k} * {base}__y_{k}" for k in range(i) if low[i][k])
-        work.add(f"{base}__y_{i} = {right[i]}{terms}", origin)
+        known = "".join(f" - {base}__L_{i}_{k} * {base}__y_{k}" for k in range(i) if low[i][k])
+        work.add(f"{base}__y_{i} = {right[i]}{known}", origin)
     for i in reversed(range(n)):
-        terms = "".join(f" - {base}__L_{k}_{i} * {members[k].acceleration}" for k in range(i + 1, n) if low[k][i])
-        work.add(f"{members[i].acceleration} = {base}__y_{i} * {base}__E_{i}{terms}", origin)
+        later = [k for k in range(i + 1, n) if low[k][i]]
+        known = "".join(f" - {base}__L_{k}_{i} * {members[k].acceleration}" for k in later)
+        work.add(f"{members[i].acceleration} = {base}__y_{i} * {base}__E_{i}{known}", origin)

@@ -31,7 +31,9 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Unknown:
-    """A quantity that an implicit equation determines: ``residual`` is zero at the right value of ``variable``."""
+    """A quantity that an implicit equation determines: ``residual`` is zero at the right value of
+    ``variable``.
+    """
 
     name: str
     variable: str
@@ -42,8 +44,8 @@ class Unknown:
 class Assembly:
     """The equations of a model, still without an order.
 
-    ``derivatives`` maps each state's variable to the variable of its rate.  ``renamed`` maps the port quantities of
-    components to the node quantities they share.
+    ``derivatives`` maps each state's variable to the variable of its rate.  ``renamed`` maps the port
+    quantities of components to the node quantities they share.
     """
 
     name: str

@@ -1,8 +1,8 @@
 """Equations as text: a component's methods read as a list of statements over global names.
 
-A component writes ``self.a.force = self.stiffness * (...)``.  Here that text becomes an assignment between global
-variable names (``spring__a__force``), with options folded to constants and dead branches removed.  What lies
-outside the subset (see the docs page "Writing a component") is refused with file and line.
+A component writes ``self.a.force = self.stiffness * (...)``.  Here that text becomes an assignment between
+global variable names (``spring__a__force``), with options folded to constants and dead branches removed.
+What lies outside the subset (see the docs page "Writing a component") is refused with file and line.
 """
 
 from __future__ import annotations
@@ -51,12 +51,16 @@ class Scope:
         if head == "der" and len(path) == 2:
             if not isinstance(known.get(path[1]), State):
                 hint = nearest(path[1], self.component.of_kind(State))
-                raise EquationError(f"{where}: 'self.der.{path[1]}' is not the rate of a declared state{hint}")
+                raise EquationError(
+                    f"{where}: 'self.der.{path[1]}' is not the rate of a declared state{hint}"
+                )
             return ast.Name(variable(self.name, "_der", path[1]), ast.Load())
         if head == "zero" and len(path) == 2:
             if not isinstance(known.get(path[1]), Unknown):
                 hint = nearest(path[1], self.component.of_kind(Unknown))
-                raise EquationError(f"{where}: 'self.zero.{path[1]}' is not the equation of a declared unknown{hint}")
+                raise EquationError(
+                    f"{where}: 'self.zero.{path[1]}' is not the equation of a declared unknown{hint}"
+                )
             return ast.Name(variable(self.name, "_zero", path[1]), ast.Load())
         item = known.get(head)
         if isinstance(item, Option) and len(path) == 1:
@@ -74,9 +78,15 @@ class Scope:
         raise EquationError(f"{where}: 'self.{'.'.join(path)}' is not declared{nearest(head, known)}")
 
     def _own_names(self, path: list[str]) -> list[str]:
-        """Return a path in which a port's quantity has the name of the port's domain, for laws of both domains."""
+        """Return a path in which a port's quantity has the name of the port's domain, for laws of both
+        domains.
+        """
         item = self.component.declarations.get(path[0])
-        return [path[0], item.generic.get(path[1], path[1])] if isinstance(item, Port) and len(path) == 2 else path
+        return (
+            [path[0], item.generic.get(path[1], path[1])]
+            if isinstance(item, Port) and len(path) == 2
+            else path
+        )
 
     def why_not_assigned(self, path: list[str], coupling: bool) -> str | None:
         """Return why ``self.<path>`` cannot stand on the left of an equation, or None if it can."""
@@ -92,7 +102,9 @@ class Scope:
             given = {item.potential, item.rate, "acceleration"}
             if coupling and path[1] == item.potential:
                 return None
-            if path[1] in (item.flow, *getattr(item, "flows", ())) or (getattr(item, "prescribed", False) and path[1] in given):
+            if path[1] in (item.flow, *getattr(item, "flows", ())) or (
+                getattr(item, "prescribed", False) and path[1] in given
+            ):
                 return None
             if path[1] in given:
                 return f"the {path[1]} of a port is shared: declare the port with prescribed=True to give it"
@@ -100,7 +112,8 @@ class Scope:
         if path == ["time"]:
             return "time cannot be assigned"
         kind = type(item).__name__.lower()
-        return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind} cannot be assigned: use another name for the result"
+        article = "an" if kind[0] in "aeiou" else "a"
+        return f"{article} {kind} cannot be assigned: use another name for the result"
 
 
 def parse_function(function: Callable[..., Any]) -> tuple[ast.FunctionDef, str, int]:
@@ -192,9 +205,12 @@ def _unassigned(scope: Scope, statements: list[Statement]) -> list[str]:
                 continue
             shown = readable(name) if "___local" in name else "self" + readable(name).removeprefix(scope.name)
             faults.append(
-                f"{statement.origin}: '{shown}' is assigned in one branch only: give it a value in every branch, "
+                f"{statement.origin}: '{shown}' is assigned in one branch only: give it a value in every "
+                "branch, "
                 "or one before the branches"
             )
-        for name in sorted(n for n in statement.reads & statement.writes - statement.unsure if "___local" in n):
+        for name in sorted(
+            n for n in statement.reads & statement.writes - statement.unsure if "___local" in n
+        ):
             faults.append(f"{statement.origin}: '{readable(name)}' is used before it has a value")
     return faults

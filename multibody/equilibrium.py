@@ -50,7 +50,9 @@ class Equilibrium:
         import pandas
 
         return pandas.DataFrame(
-            {"value": self.state, "unit": self.units, "remaining rate": self.residual}, index=pandas.Index(self.names))
+            {"value": self.state, "unit": self.units, "remaining rate": self.residual},
+            index=pandas.Index(self.names),
+        )
 
 
 def equilibrium(
@@ -65,8 +67,8 @@ def equilibrium(
 ) -> Equilibrium:
     """Find a state at rest.
 
-    Speeds are zero at rest; the other states follow from rates that vanish.  Where the machine may rest anywhere
-    (a mass without a spring), the state nearest to the guess is taken.
+    Speeds are zero at rest; the other states follow from rates that vanish.  Where the machine may rest
+    anywhere (a mass without a spring), the state nearest to the guess is taken.
 
     Parameters
     ----------
@@ -87,7 +89,9 @@ def equilibrium(
     """
     p, x = system.parameter_vector(parameters), system.state_vector(guess).copy()
     u = system.input_vector(inputs)
-    held = {system.index("state", name) for name in hold} | {k for k, n in enumerate(system.state_names) if n.startswith("energy.")}
+    held = {system.index("state", name) for name in hold} | {
+        k for k, n in enumerate(system.state_names) if n.startswith("energy.")
+    }
     speeds = set(system.rate_states.values()) - held
     x[list(speeds)] = 0.0
     kept = np.array([k for k in range(x.size) if k not in held and k not in system.rate_states], dtype=int)
@@ -115,8 +119,12 @@ def equilibrium(
             break
     if not np.max(np.abs(f[kept]), initial=0.0) <= tolerance * scale:
         worst = sorted(kept, key=lambda k: -abs(f[k]))[:8]
-        lines = "\n".join(f"  - d/dt {system.state_names[k]} = {f[k]:.4g} {system.states[k].unit}/s" for k in worst)
+        lines = "\n".join(
+            f"  - d/dt {system.state_names[k]} = {f[k]:.4g} {system.states[k].unit}/s" for k in worst
+        )
         raise SimulationError(
-            f"'{system.name}' has no equilibrium near the guess; after {done} steps these rates remain:\n{lines}\n"
-            "Hold a state (hold=…), give a better guess, or look for a force that nothing balances.")
+            f"'{system.name}' has no equilibrium near the guess; after {done} steps these rates "
+            f"remain:\n{lines}\n"
+            "Hold a state (hold=…), give a better guess, or look for a force that nothing balances."
+        )
     return Equilibrium(system.state_names, tuple(q.unit for q in system.states), x, f, done)

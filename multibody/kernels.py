@@ -49,7 +49,13 @@ def _plain(name: str, function: Callable[..., Any], kernels: Kernels) -> ast.Fun
     node, file, first = parse_function(function)
     scope = Scope(node.name, Component(), kernels)
     arguments = [a.arg for a in node.args.args]
-    if node.args.vararg or node.args.kwonlyargs or node.args.kwarg or node.args.defaults or node.args.posonlyargs:
+    if (
+        node.args.vararg
+        or node.args.kwonlyargs
+        or node.args.kwarg
+        or node.args.defaults
+        or node.args.posonlyargs
+    ):
         raise EquationError(f"function {node.name} ({file}:{first}) takes plain positional arguments only")
     rewriter = _KernelRewriter(scope, function, names_written(node) | set(arguments), file, first)
     for argument in node.args.args:
@@ -60,7 +66,9 @@ def _plain(name: str, function: Callable[..., Any], kernels: Kernels) -> ast.Fun
     if not found.returns:
         raise EquationError(f"{where} must return on every path")
     if unset := sorted(found.reads - set(arguments)):
-        raise EquationError(f"{where}: '{unset[0]}' may be used before it has a value: assign it in every branch")
+        raise EquationError(
+            f"{where}: '{unset[0]}' may be used before it has a value: assign it in every branch"
+        )
     args = ast.arguments([], [ast.arg(a) for a in arguments], None, [], [], None, [])
     out = ast.FunctionDef(name, args, body, [], type_params=[])  # type: ignore[call-arg]
     if len(set(_returned(out))) > 1:
@@ -86,7 +94,9 @@ def _check_calls(nodes: Iterable[ast.stmt], counts: dict[str, int], where: str) 
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
                 gives, takes = counts.get(call.func.id, 1), unpacked.get(id(call), 1)
                 if gives != takes:
-                    raise EquationError(f"{where}: '{call.func.id}' returns {gives} values, taken by {takes} names")
+                    raise EquationError(
+                        f"{where}: '{call.func.id}' returns {gives} values, taken by {takes} names"
+                    )
 
 
 def _tangent(node: ast.FunctionDef) -> ast.FunctionDef:
@@ -140,12 +150,16 @@ def kernel_sources(kernels: Kernels, statements: Iterable[Statement] = ()) -> tu
 
     def emit(name: str, above: tuple[str, ...]) -> None:
         if name in above:
-            circle = " → ".join([*above[above.index(name):], name])
-            raise EquationError(f"functions called by equations may not call each other in a circle: {circle}")
+            circle = " → ".join([*above[above.index(name) :], name])
+            raise EquationError(
+                f"functions called by equations may not call each other in a circle: {circle}"
+            )
         if name in done:
             return
         node = plain[name]
-        called = {n.func.id for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
+        called = {
+            n.func.id for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)
+        }
         for inner in sorted(called & plain.keys()):
             emit(inner, (*above, name))
         done.add(name)

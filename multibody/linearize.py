@@ -55,8 +55,13 @@ class Linearization:
         for k in np.argsort(np.abs(values)):
             if values[k].imag > 1e-9 * max(1.0, abs(values[k])):
                 share = np.abs(right[:, k] * left[k])
-                rows.append((abs(values[k]) / (2 * np.pi), -values[k].real / abs(values[k]),
-                             self.system.state_names[int(np.argmax(share))]))
+                rows.append(
+                    (
+                        abs(values[k]) / (2 * np.pi),
+                        -values[k].real / abs(values[k]),
+                        self.system.state_names[int(np.argmax(share))],
+                    )
+                )
         return pandas.DataFrame(rows, columns=["frequency [Hz]", "damping ratio [1]", "strongest state"])
 
 

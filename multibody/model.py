@@ -56,7 +56,9 @@ class Part:
         known = self.component.of_kind((Port, Input, Output))  # type: ignore[arg-type]
         if attribute not in known:
             kind = type(self.component).__name__
-            raise AttributeError(f"{kind} '{self.name}' has no port or signal '{attribute}'{nearest(attribute, known)}")
+            raise AttributeError(
+                f"{kind} '{self.name}' has no port or signal '{attribute}'{nearest(attribute, known)}"
+            )
         return Endpoint(f"{self.name}.{attribute}")
 
     def __repr__(self) -> str:
@@ -67,8 +69,8 @@ class Part:
 class ModelInput:
     """A signal that enters the model from outside and the component inputs that it feeds.
 
-    ``gain`` (relative), ``offset`` (in the signal's unit) and ``delay`` (s) are errors of the signal on its way in;
-    None means that the model has no such error.
+    ``gain`` (relative), ``offset`` (in the signal's unit) and ``delay`` (s) are errors of the signal on its
+    way in; None means that the model has no such error.
     """
 
     name: str
@@ -121,7 +123,11 @@ class Model:
         graph = self._graph
         name = str(name)
         if not isinstance(component, Component):
-            told = f"the class {component.__name__}" if isinstance(component, type) else f"a {type(component).__name__}"
+            told = (
+                f"the class {component.__name__}"
+                if isinstance(component, type)
+                else f"a {type(component).__name__}"
+            )
             graph.faults.append(f"'{name}' is {told}, not a component: add an instance of a Component class")
             component = Component()
         elif not hasattr(component, "values"):
@@ -145,7 +151,9 @@ class Model:
         self._graph.inputs[name] = ModelInput(name, [str(t) for t in targets], default=default)
 
     def output(self, name: str, source: str) -> None:
-        """Give a second name to a component's output, state or port quantity, such as ``"drive.flange.force"``."""
+        """Give a second name to a component's output, state or port quantity, such as
+        ``"drive.flange.force"``.
+        """
         if name in self._graph.outputs:
             self._graph.faults.append(f"the model output '{name}' is declared twice")
         self._graph.outputs[name] = str(source)
@@ -180,11 +188,15 @@ class Model:
     def part(self, name: str) -> Part:
         """Return a component of the model as a `Part`."""
         if name not in self._graph.components:
-            raise KeyError(f"model '{self.name}' has no component '{name}'{nearest(name, self._graph.components)}")
+            raise KeyError(
+                f"model '{self.name}' has no component '{name}'{nearest(name, self._graph.components)}"
+            )
         return Part(name, self._graph.components[name])
 
     def find(self, endpoint: str) -> tuple[str, Component, str] | None:
-        """Split ``"carriage.guide.a"`` into component name, component and the rest; None when no component fits."""
+        """Split ``"carriage.guide.a"`` into component name, component and the rest; None when no component
+        fits.
+        """
         pieces = endpoint.split(".")
         for cut in range(len(pieces) - 1, 0, -1):
             name = ".".join(pieces[:cut])
@@ -227,7 +239,9 @@ class Model:
                     continue
             found = self.find(key)
             if found is None or found[2] not in (*found[1].values, *found[1].starts):
-                known = [f"{n}.{p}" for n, c in self._graph.components.items() for p in (*c.values, *c.starts)]
+                known = [
+                    f"{n}.{p}" for n, c in self._graph.components.items() for p in (*c.values, *c.starts)
+                ]
                 faults.append(f"no parameter '{key}'{nearest(key, known)}")
             else:
                 changes.setdefault(found[0], {})[found[2]] = value

@@ -48,7 +48,10 @@ class PortOf:
     def locked(self) -> bool:
         """True when the component's Boolean option takes the degree of freedom away."""
         options = self.component.options
-        return options.get(f"{self.port_name}_free", options.get("free", True)) is False and self.inertia is not None
+        return (
+            options.get(f"{self.port_name}_free", options.get("free", True)) is False
+            and self.inertia is not None
+        )
 
 
 @dataclass(eq=False)
@@ -61,7 +64,9 @@ class Node:
 
     @property
     def label(self) -> PortOf:
-        """The port that names the node: the first that is a body's axis, has inertia, prescribes, or the first."""
+        """The port that names the node: the first that is a body's axis, has inertia, prescribes, or the
+        first.
+        """
         for wanted in ("coordinate", "inertia", "prescribed"):
             for port in self.ports:
                 if getattr(port, wanted):
@@ -117,10 +122,13 @@ def network(model: Model) -> Network:
     _signals(model, net)
     _nodes(ports, links, net)
     for name, reference in ports.items():
-        held = isinstance(reference.port, Frame) and (reference.port.parent or reference.port.offset is not None)
+        held = isinstance(reference.port, Frame) and (
+            reference.port.parent or reference.port.offset is not None
+        )
         free_alone = reference.inertia or reference.coordinate or held
         if name not in touched and not free_alone:
-            noun = f"{reference.port.domain} port '{name}' ({reference.port.meaning or type(reference.component).__name__})"
+            meaning = reference.port.meaning or type(reference.component).__name__
+            noun = f"{reference.port.domain} port '{name}' ({meaning})"
             net.faults.append(f"{noun} is not connected: connect it to another port or to the ground")
     for node in net.nodes:
         _overconstrained(node, net)
@@ -128,7 +136,9 @@ def network(model: Model) -> Network:
 
 
 def _name_faults(model: Model) -> list[str]:
-    """Return names that cannot stand beside each other, because two quantities would have the same full name."""
+    """Return names that cannot stand beside each other, because two quantities would have the same full
+    name.
+    """
     faults = []
     for what, names in (("component", model.components), ("model input", model.inputs)):
         for name in names:
@@ -138,19 +148,28 @@ def _name_faults(model: Model) -> list[str]:
     for name in model.components:
         first = name.partition(".")[0]
         if first in RESERVED:
-            faults.append(f"component '{name}': '{first}' is the model's own name for something else: rename it")
+            faults.append(
+                f"component '{name}': '{first}' is the model's own name for something else: rename it"
+            )
         owner, _, rest = name.rpartition(".")
         while owner:
             head = rest.partition(".")[0]
             if owner in model.components and head in model.components[owner].declarations:
-                faults.append(f"component '{name}' has the same name as '{head}' of component '{owner}': rename one")
+                faults.append(
+                    f"component '{name}' has the same name as '{head}' of component '{owner}': rename one"
+                )
             owner, _, before = owner.rpartition(".")
             rest = f"{before}.{rest}"
     return faults
 
 
 def _connection(
-    model: Model, ends: tuple[str, ...], ports: dict[str, PortOf], links: dict[str, set[str]], touched: set[str], net: Network
+    model: Model,
+    ends: tuple[str, ...],
+    ports: dict[str, PortOf],
+    links: dict[str, set[str]],
+    touched: set[str],
+    net: Network,
 ) -> None:
     shown = " – ".join(ends)
     if len(set(ends)) < 2:
@@ -179,10 +198,15 @@ def _connection(
         else:
             known = list(component.of_kind((Port, Input, Output)))  # type: ignore[arg-type]
             hint = nearest(item, known) or f"; it has {', '.join(known) or 'none'}"
-            net.faults.append(f"connection '{shown}': {type(component).__name__} '{owner}' has no port or signal '{item}'{hint}")
+            net.faults.append(
+                f"connection '{shown}': {type(component).__name__} '{owner}' has no port or signal "
+                f"'{item}'{hint}"
+            )
             return
     if mechanical and (outputs or inputs):
-        net.faults.append(f"connection '{shown}' mixes ports and signals: use a sensor or a source between them")
+        net.faults.append(
+            f"connection '{shown}' mixes ports and signals: use a sensor or a source between them"
+        )
     elif mechanical:
         _join(mechanical, shown, ports, links, touched, net)
     else:
@@ -190,12 +214,19 @@ def _connection(
 
 
 def _join(
-    ends: list[str], shown: str, ports: dict[str, PortOf], links: dict[str, set[str]], touched: set[str], net: Network
+    ends: list[str],
+    shown: str,
+    ports: dict[str, PortOf],
+    links: dict[str, set[str]],
+    touched: set[str],
+    net: Network,
 ) -> None:
     domains = {ports[e].port.domain for e in ends if e != GROUND}
     if len(domains) > 1:
         told = ", ".join(f"'{e}' is {ports[e].port.domain}" for e in ends if e != GROUND)
-        net.faults.append(f"connection '{shown}' joins different kinds of port ({told}): put a converting part between them")
+        net.faults.append(
+            f"connection '{shown}' joins different kinds of port ({told}): put a converting part between them"
+        )
         return
     first = ends[0]
     for end in ends:
@@ -207,21 +238,26 @@ def _join(
 def _signal_connection(model: Model, shown: str, outputs: list[str], inputs: list[str], net: Network) -> None:
     if len(outputs) != 1:
         count = "no output" if not outputs else f"{len(outputs)} outputs"
-        net.faults.append(f"connection '{shown}' has {count}: connect exactly one output to one or more inputs")
+        net.faults.append(
+            f"connection '{shown}' has {count}: connect exactly one output to one or more inputs"
+        )
         return
     source = outputs[0]
     _, maker, out = model.find(source)  # type: ignore[misc]
-    out_unit = maker.declarations[out].unit  # type: ignore[attr-defined]
+    out_unit = maker.declarations[out].unit  # type: ignore[attr-defined, union-attr]
     for target in inputs:
         _, taker, item = model.find(target)  # type: ignore[misc]
-        unit = taker.declarations[item].unit  # type: ignore[attr-defined]
+        unit = taker.declarations[item].unit  # type: ignore[attr-defined, union-attr]
         if not same_dimension(out_unit or "1", unit or "1"):
             net.faults.append(
-                f"connection '{shown}': '{source}' is in {out_unit or '1'} but '{target}' takes {unit or '1'}: "
+                f"connection '{shown}': '{source}' is in {out_unit or '1'} but '{target}' takes "
+                f"{unit or '1'}: "
                 "put a Gain between them or connect the right signal"
             )
         if target in net.sources:
-            net.faults.append(f"input '{target}' has two sources, '{net.sources[target]}' and '{source}': add a Sum")
+            net.faults.append(
+                f"input '{target}' has two sources, '{net.sources[target]}' and '{source}': add a Sum"
+            )
         net.sources[target] = source
 
 
@@ -229,16 +265,24 @@ def _signals(model: Model, net: Network) -> None:
     for entry in model.inputs.values():
         units: dict[str, str] = {}
         if not entry.targets:
-            net.faults.append(f"model input '{entry.name}' feeds nothing: name the component inputs that take it")
+            net.faults.append(
+                f"model input '{entry.name}' feeds nothing: name the component inputs that take it"
+            )
         for target in entry.targets:
             found = model.find(target)
             declaration = found[1].declarations.get(found[2]) if found else None
             if not isinstance(declaration, Input):
                 known = [f"{n}.{i}" for n, c in model.components.items() for i in c.of_kind(Input)]
-                net.faults.append(f"model input '{entry.name}': '{target}' is not an input of a component{nearest(target, known)}")
+                net.faults.append(
+                    f"model input '{entry.name}': '{target}' is not an input of a "
+                    f"component{nearest(target, known)}"
+                )
                 continue
             if target in net.sources:
-                net.faults.append(f"input '{target}' has two sources, '{net.sources[target]}' and model input '{entry.name}'")
+                net.faults.append(
+                    f"input '{target}' has two sources, '{net.sources[target]}' and model input "
+                    f"'{entry.name}'"
+                )
             net.sources[target] = f"input:{entry.name}"
             units[target] = declaration.unit
         if units:
@@ -246,12 +290,16 @@ def _signals(model: Model, net: Network) -> None:
             entry.unit = first
             for target, unit in units.items():
                 if not same_dimension(first or "1", unit or "1"):
-                    net.faults.append(f"model input '{entry.name}' feeds inputs of different units ({first} and {unit} at '{target}')")
+                    net.faults.append(
+                        f"model input '{entry.name}' feeds inputs of different units ({first} and {unit} at "
+                        f"'{target}')"
+                    )
     for owner, component in model.components.items():
         for name, item in component.of_kind(Input).items():
             if f"{owner}.{name}" not in net.sources and item.default is None:
                 net.faults.append(
-                    f"input '{owner}.{name}' ({item.meaning}, {item.unit or '1'}) has no source: connect an output "
+                    f"input '{owner}.{name}' ({item.meaning}, {item.unit or '1'}) has no source: connect an "
+                    "output "
                     f"to it or declare model.input('{owner}.{name}', '{owner}.{name}')"
                 )
 
@@ -288,5 +336,6 @@ def _overconstrained(node: Node, net: Network) -> None:
     if len(holders) > 1:
         kind = {Translation.domain: "position", Rotation.domain: "angle", Pin.domain: "voltage"}[node.domain]
         net.faults.append(
-            f"over-constrained: the {kind} at '{node.label.name}' is given more than once ({'; '.join(holders)}): keep one"
+            f"over-constrained: the {kind} at '{node.label.name}' is given more than once "
+            f"({'; '.join(holders)}): keep one"
         )

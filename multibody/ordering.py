@@ -1,4 +1,6 @@
-"""Equations put into an order in which each can be computed; loops that an unknown closes become implicit blocks."""
+"""Equations put into an order in which each can be computed; loops that an unknown closes become implicit
+blocks.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ __all__ = ["Block", "dependencies", "ordered"]
 
 @dataclass
 class Block:
-    """Statements that share unknowns: solved together by Newton's method, in one step where they are affine."""
+    """Statements that share unknowns: solved together by Newton's method, in one step where they are
+    affine.
+    """
 
     unknowns: list[Unknown]
     statements: list[Statement]
@@ -48,8 +52,8 @@ def ordered(work: Assembly, *wanted: Iterable[str]) -> list[list[Item]]:
     Raises
     ------
     ModelError
-        If a variable has no equation or two, an unknown has none that it influences, or equations chase each other
-        in an algebraic loop.
+        If a variable has no equation or two, an unknown has none that it influences, or equations chase each
+        other in an algebraic loop.
     """
     faults: list[str] = []
     entries: list[Statement | Unknown] = [*work.statements, *work.unknowns]
@@ -71,7 +75,11 @@ def _origin(entry: Statement | Unknown) -> str:
 
 
 def _order(
-    work: Assembly, wanted: Iterable[str], entries: list[Statement | Unknown], writer: dict[str, int], faults: list[str]
+    work: Assembly,
+    wanted: Iterable[str],
+    entries: list[Statement | Unknown],
+    writer: dict[str, int],
+    faults: list[str],
 ) -> list[Item]:
     sources = {q.variable for group in (work.states, work.inputs, work.parameters) for q in group}
     sources |= {*work.constants, "t", "p"}
@@ -123,7 +131,8 @@ def _undetermined(unknown: Unknown) -> str:
     if unknown.name.endswith("voltage"):
         return f"nothing sets the voltage at '{unknown.name}': connect a resistor, a source or the ground"
     return (
-        f"the node at '{unknown.name}' has neither mass nor damping, so its motion is not determined: add a Mass or "
+        f"the node at '{unknown.name}' has neither mass nor damping, so its motion is not determined: add a "
+        "Mass or "
         "Inertia there, or merge the parts on its two sides"
     )
 
@@ -158,7 +167,10 @@ def _block(unknowns: list[Unknown], statements: list[Statement]) -> Block:
     derived = Differentiator(active, tangent_name).statements([copied(n) for n in nodes])
     bent = active_names(derived, seeds)
     branching = any(
-        isinstance(n, ast.If | ast.IfExp) and names_read(n.test) & active for s in derived for n in ast.walk(s))
+        isinstance(n, ast.If | ast.IfExp) and names_read(n.test) & active
+        for s in derived
+        for n in ast.walk(s)
+    )
     affine = not branching and not any(d(u.residual) in bent for u in unknowns)
     return Block(unknowns, statements, affine)
 

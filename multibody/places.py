@@ -85,7 +85,7 @@ def places_of(model: Model, net: Network, kinematics: Kinematics) -> list[Place]
             note(f"{port.owner}.{port.coordinate}", port.name, "ground", node, None)
     places = []
     for entries in found.values():
-        name, first, second, a, b = entries[0]
+        name, first, second, node, other = entries[0]
         also = tuple(dict.fromkeys(e[0] for e in entries[1:] if e[0] != name))
-        places.append(Place(name, a.domain, first, second, a, b, also))
+        places.append(Place(name, node.domain, first, second, node, other, also))
     return places

@@ -68,7 +68,8 @@ def simulate(
     Raises
     ------
     SimulationError
-        If an input is missing or unknown, or the integrator gives up: when, in which state, what it was doing.
+        If an input is missing or unknown, or the integrator gives up: when, in which state, what it was
+        doing.
     """
     t0, t1 = (0.0, float(until)) if np.ndim(until) == 0 else (float(until[0]), float(until[1]))  # type: ignore[index,arg-type]
     if not t1 > t0:
@@ -76,9 +77,15 @@ def simulate(
     if step is not None and not step > 0.0:
         raise SimulationError(f"'{system.name}': the step is {step:g} s, it must be positive")
     if times is None:
-        times = np.linspace(t0, t1, 1001) if step is None else t0 + step * np.arange(int((t1 - t0) / step + 1e-9) + 1)
+        times = (
+            np.linspace(t0, t1, 1001)
+            if step is None
+            else t0 + step * np.arange(int((t1 - t0) / step + 1e-9) + 1)
+        )
     times = np.ascontiguousarray(times, dtype=float)
-    inside = times.ndim == 1 and times.size and times[0] >= t0 and times[-1] <= t1 and np.all(np.diff(times) > 0)
+    inside = (
+        times.ndim == 1 and times.size and times[0] >= t0 and times[-1] <= t1 and np.all(np.diff(times) > 0)
+    )
     if not inside:
         raise SimulationError(f"'{system.name}': times must increase and lie between {t0:g} s and {t1:g} s")
     p, x0 = system.parameter_vector(parameters), system.state_vector(initial)
@@ -111,10 +118,16 @@ def input_table(
     if isinstance(inputs, InputTable):
         if tuple(inputs.names) != system.input_names:
             raise SimulationError(
-                f"'{system.name}' takes the inputs {', '.join(system.input_names)}, the table has {', '.join(inputs.names)}")
+                f"'{system.name}' takes the inputs {', '.join(system.input_names)}, the table has "
+                f"{', '.join(inputs.names)}"
+            )
         return inputs
     given = dict(inputs or {})
-    faults = [f"there is no input '{n}'{nearest(n, system.input_names)}" for n in given if n not in system.input_names]
+    faults = [
+        f"there is no input '{n}'{nearest(n, system.input_names)}"
+        for n in given
+        if n not in system.input_names
+    ]
     declared = system.model.inputs
     columns: dict[str, Any] = {}
     grids: list[np.ndarray] = []
@@ -122,7 +135,9 @@ def input_table(
         value = given.get(q.name)
         if value is None:
             if q.name in declared and declared[q.name].default is None:
-                faults.append(f"input '{q.name}' ({q.unit}) is missing: give a number, (times, values) or a function")
+                faults.append(
+                    f"input '{q.name}' ({q.unit}) is missing: give a number, (times, values) or a function"
+                )
             columns[q.name] = q.value
         elif callable(value):
             columns[q.name] = 0.0
@@ -144,11 +159,17 @@ def input_table(
                 columns[q.name] = (t, v)
                 grids.append(t)
     if faults:
-        raise SimulationError(f"'{system.name}' cannot be simulated:\n" + "\n".join(f"  - {f}" for f in faults))
+        raise SimulationError(
+            f"'{system.name}' cannot be simulated:\n" + "\n".join(f"  - {f}" for f in faults)
+        )
     if not grids:
         return InputTable.constant(columns)
     delays = dict(system.input_delays)
-    grid = grids[0] if all(g is grids[0] or np.array_equal(g, grids[0]) for g in grids) else np.unique(np.concatenate(grids))
+    grid = (
+        grids[0]
+        if all(g is grids[0] or np.array_equal(g, grids[0]) for g in grids)
+        else np.unique(np.concatenate(grids))
+    )
     same = {n: _on_grid(c, grid, interpolation) if isinstance(c, tuple) else c for n, c in columns.items()}
     return InputTable.from_columns(grid, same, interpolation, delays)
 
@@ -167,29 +188,51 @@ def _on_grid(column: tuple[np.ndarray, np.ndarray], grid: np.ndarray, interpolat
 
 
 def native_problem(
-    system: System, p: np.ndarray, table: InputTable, directions: Directions | None = None, *, tangent: bool = False
+    system: System,
+    p: np.ndarray,
+    table: InputTable,
+    directions: Directions | None = None,
+    *,
+    tangent: bool = False,
 ) -> NativeProblem:
     """Return the initial value problem of a system for the compiled solvers."""
     from multibody.solvers.problem import NativeProblem
 
     wants_tangent = tangent or directions is not None
     return NativeProblem(
-        rhs=system.rhs_function, p=p, table=table, n=len(system.states),
-        tangent=system.rhs_tangent if wants_tangent else None, directions=directions,
+        rhs=system.rhs_function,
+        p=p,
+        table=table,
+        n=len(system.states),
+        tangent=system.rhs_tangent if wants_tangent else None,
+        directions=directions,
         colours=system.colours if wants_tangent else None,
-        pattern=system.sparsity if wants_tangent else None, state_names=system.state_names)
+        pattern=system.sparsity if wants_tangent else None,
+        state_names=system.state_names,
+    )
 
 
 def _run(
-    system: System, table: InputTable, functions: dict[str, Callable[[float], float]], p: np.ndarray, x0: np.ndarray,
-    span: tuple[float, float], times: np.ndarray, method: str, rtol: float, atol: float | np.ndarray, limit: float,
+    system: System,
+    table: InputTable,
+    functions: dict[str, Callable[[float], float]],
+    p: np.ndarray,
+    x0: np.ndarray,
+    span: tuple[float, float],
+    times: np.ndarray,
+    method: str,
+    rtol: float,
+    atol: float | np.ndarray,
+    limit: float,
     events: Any,
 ) -> Trajectory:
     name, why = _method(system, method, functions)
     if not system.states:
         inputs = _all_inputs(table, {system.index("input", n): f for n, f in functions.items()}, times, p)
-        return Trajectory(system, times, np.empty((times.size, 0)), inputs, p, {"method": name, "why": "no states"})
-    options = {"rtol": rtol, "atol": atol, "max_step": limit}
+        return Trajectory(
+            system, times, np.empty((times.size, 0)), inputs, p, {"method": name, "why": "no states"}
+        )
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": limit}
     columns = {system.index("input", n): f for n, f in functions.items()}
     if name in NATIVE:
         from multibody import solvers
@@ -198,7 +241,7 @@ def _run(
         problem = native_problem(system, p, table, tangent=name == "Rodas5P")
         solution = solvers.integrate(problem, span, x0, t_eval=times, method=cls, events=events, **options)
     else:
-        from scipy.integrate import solve_ivp
+        import scipy.integrate
 
         def rates(t: float, x: np.ndarray) -> np.ndarray:
             u = table(t, p)
@@ -208,13 +251,20 @@ def _run(
 
         if name in ("Radau", "BDF", "LSODA"):
             options["jac"] = lambda t, x: system.jacobian("x", t, x, _inputs_at(table, columns, t, p), p)
-        solution = solve_ivp(rates, span, x0, method=name, t_eval=times, events=events, **options)
+        solve: Any = scipy.integrate.solve_ivp  # its stubs know no options by keyword
+        solution = solve(rates, span, x0, method=name, t_eval=times, events=events, **options)
     if solution.status < 0 or not np.all(np.isfinite(solution.y)):
         raise SimulationError(_failure(system, solution, x0, span, name))
     inputs = _all_inputs(table, columns, solution.t, p)
     statistics = {
-        "method": name, "why": why, "nfev": solution.nfev, "njev": solution.njev, "nlu": solution.nlu,
-        "max_step": limit, "rtol": rtol, "atol": atol,
+        "method": name,
+        "why": why,
+        "nfev": solution.nfev,
+        "njev": solution.njev,
+        "nlu": solution.nlu,
+        "max_step": limit,
+        "rtol": rtol,
+        "atol": atol,
     }
     if events is not None:
         statistics["events"] = solution.t_events
@@ -230,7 +280,9 @@ def _all_inputs(
     return inputs
 
 
-def _inputs_at(table: InputTable, columns: dict[int, Callable[[float], float]], t: float, p: np.ndarray) -> np.ndarray:
+def _inputs_at(
+    table: InputTable, columns: dict[int, Callable[[float], float]], t: float, p: np.ndarray
+) -> np.ndarray:
     u = table(t, p)
     for k, f in columns.items():
         u[k] = f(t)
@@ -243,11 +295,14 @@ def _method(system: System, method: str, functions: dict[str, Any]) -> tuple[str
             return "LSODA", "inputs that are Python functions need a method that can call them"
         return "DormandPrince54", "compiled explicit method"
     if method not in (*NATIVE, *SCIPY):
-        raise SimulationError(f"there is no method '{method}': take one of {', '.join(('auto', *NATIVE, *SCIPY))}")
+        raise SimulationError(
+            f"there is no method '{method}': take one of {', '.join(('auto', *NATIVE, *SCIPY))}"
+        )
     if method in NATIVE and functions:
         raise SimulationError(
             f"'{method}' is compiled and cannot call the function given for '{next(iter(functions))}': "
-            "give (times, values), or take a SciPy method such as 'LSODA'")
+            "give (times, values), or take a SciPy method such as 'LSODA'"
+        )
     return method, "asked for"
 
 
@@ -256,8 +311,10 @@ def _failure(system: System, solution: Any, x0: np.ndarray, span: tuple[float, f
     t, x = (solution.t[good][-1], solution.y[:, good][:, -1]) if good.any() else (span[0], x0)
     values = ", ".join(f"{n} = {v:.4g}" for n, v in list(zip(system.state_names, x, strict=True))[:12])
     return (
-        f"'{system.name}': {method} stopped between t = {t:.6g} s and the end at {span[1]:g} s. {solution.message} "
-        f"Last good state: {values}. Look at what acts on that state there: a stiff contact, a force that jumps, "
+        f"'{system.name}': {method} stopped between t = {t:.6g} s and the end at {span[1]:g} s. "
+        f"{solution.message} "
+        f"Last good state: {values}. Look at what acts on that state there: a stiff contact, a force that "
+        "jumps, "
         "or a parameter far from its usual size."
     )
 
@@ -273,7 +330,11 @@ def _feature_step(system: System, run: Trajectory, limit: float) -> float | None
                 width = float(run.p[system.index("parameter", f"{owner}.{width_name}")])
             else:
                 width = float(np.min(np.abs(run[f"{owner}.{width_name}"])))
-            speed = 1.0 if speed_name == "time" else float(np.max(np.abs(run[f"{owner}.{speed_name}"]), initial=0.0))
+            speed = (
+                1.0
+                if speed_name == "time"
+                else float(np.max(np.abs(run[f"{owner}.{speed_name}"]), initial=0.0))
+            )
             if speed > 0.0 and width > 0.0:
                 finest = min(finest, 0.5 * width / speed)
     return finest if finest < 0.8 * limit else None  # the same speed, sampled anew, is no reason to run again

@@ -33,8 +33,8 @@ def unsolvable(work: Assembly, blocks: Sequence[Block], text: str, kernels: Sequ
     """Return the faults of blocks whose matrix is singular at the start values.
 
     Two nodes without mass that a damper joins are the usual case: each seems to have damping, but only the
-    difference of their speeds is damped.  The same holds for the voltages of a circuit without a ground.  Only blocks
-    that are affine in their unknowns are judged: elsewhere the start may be a special point.
+    difference of their speeds is damped.  The same holds for the voltages of a circuit without a ground.
+    Only blocks that are affine in their unknowns are judged: elsewhere the start may be a special point.
 
     Parameters
     ----------
@@ -47,7 +47,9 @@ def unsolvable(work: Assembly, blocks: Sequence[Block], text: str, kernels: Sequ
     kernels : sequence of str
         Source of the functions it calls.
     """
-    sizes = {f"# implicit: {', '.join(u.name for u in b.unknowns)}": len(b.unknowns) for b in blocks if b.affine}
+    sizes = {
+        f"# implicit: {', '.join(u.name for u in b.unknowns)}": len(b.unknowns) for b in blocks if b.affine
+    }
     lines = text.splitlines()
     size, marks = 0, {}
     for k, line in enumerate(lines):
@@ -81,10 +83,12 @@ def unsolvable(work: Assembly, blocks: Sequence[Block], text: str, kernels: Sequ
 def _told(names: str) -> str:
     if names.split(", ")[0].endswith(".voltage"):
         return (
-            f"the voltages at {names} are not determined, only their differences are: no pin of this circuit is "
+            f"the voltages at {names} are not determined, only their differences are: no pin of this circuit "
+            "is "
             "connected to the ground: connect one"
         )
     return (
-        f"what is implicit in {names} is not determined by the equations: where these are nodes, damping acts only "
+        f"what is implicit in {names} is not determined by the equations: where these are nodes, damping "
+        "acts only "
         "between them, so add a mass to one of them, or damping to a part that is held"
     )

@@ -23,8 +23,9 @@ __all__ = [
 def variable(*parts: str) -> str:
     """Return the global variable name of a dotted name, as used in the generated source.
 
-    Names of components and declarations have no underscore at either end and no two in a row, so two different
-    dotted names never share a variable.  Parts that only the assembly makes begin with an underscore.
+    Names of components and declarations have no underscore at either end and no two in a row, so two
+    different dotted names never share a variable.  Parts that only the assembly makes begin with an
+    underscore.
 
     Examples
     --------

@@ -54,12 +54,15 @@ def save(model: Model, path: str | Path) -> Path:
             if found := getattr(component, part):
                 entry[part] = found
         if component.tables:
-            entry["tables"] = {k: {"x": x.tolist(), "y": y.tolist()} for k, (x, y) in component.tables.items()}
+            entry["tables"] = {
+                k: {"x": x.tolist(), "y": y.tolist()} for k, (x, y) in component.tables.items()
+            }
         components[name] = entry
     if faults:
         raise ModelError(model.name, faults)
     inputs = [  # the unit follows from what an input feeds
-        {k: v for k, v in dataclasses.asdict(i).items() if v is not None and k != "unit"} for i in model.inputs.values()
+        {k: v for k, v in dataclasses.asdict(i).items() if v is not None and k != "unit"}
+        for i in model.inputs.values()
     ]
     content = {
         "schema": SCHEMA, "name": model.name, "components": components, "connections": model.connections,
@@ -83,8 +86,8 @@ def load(path: str | Path) -> Model:
     Raises
     ------
     ModelError
-        With every fault of the file: broken JSON with line and column, unknown schema, missing or unknown entries,
-        classes and files that cannot be found, values that do not fit.
+        With every fault of the file: broken JSON with line and column, unknown schema, missing or unknown
+        entries, classes and files that cannot be found, values that do not fit.
     OSError
         If the file cannot be read.
     """
@@ -101,7 +104,7 @@ def load(path: str | Path) -> Model:
         if isinstance(ends, list) and ends and all(isinstance(e, str) for e in ends):
             model.connect(*ends)
         else:
-            faults.append(f"connection {k} has to be a list of endpoints such as [\"spring.a\", \"ground\"]")
+            faults.append(f'connection {k} has to be a list of endpoints such as ["spring.a", "ground"]')
     for k, entry in enumerate(content["inputs"]):
         _input(model, k, entry, faults)
     for name, source in content["outputs"].items():
@@ -117,7 +120,9 @@ def load(path: str | Path) -> Model:
 def _read(path: Path, faults: list[str]) -> dict[str, Any]:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = [key for key, _ in pairs]
-        faults.extend(f"'{key}' stands twice in one object" for key in sorted({k for k in keys if keys.count(k) > 1}))
+        faults.extend(
+            f"'{key}' stands twice in one object" for key in sorted({k for k in keys if keys.count(k) > 1})
+        )
         return dict(pairs)
 
     def refuse(word: str) -> float:
@@ -141,7 +146,9 @@ def _read(path: Path, faults: list[str]) -> dict[str, Any]:
         if key not in content:
             faults.append(f"the entry '{key}' is missing")
         elif not isinstance(content[key], kind):
-            faults.append(f"the entry '{key}' has to be a {kind.__name__}, it is a {type(content[key]).__name__}")
+            faults.append(
+                f"the entry '{key}' has to be a {kind.__name__}, it is a {type(content[key]).__name__}"
+            )
     faults += [f"unknown entry '{key}'{nearest(key, _TOP)}" for key in content if key not in _TOP]
     if faults:
         raise ModelError(f"{path}", faults)
@@ -153,7 +160,9 @@ def _component(name: str, entry: Any, folder: Path, faults: list[str]) -> Compon
     if not isinstance(entry, dict) or not isinstance(entry.get("class"), str):
         faults.append(f"{told}: give an object with 'class', such as \"multibody.library:Mass\"")
         return None
-    faults += [f"{told}: unknown entry '{k}'{nearest(k, _PARTS)}" for k in entry if k not in (*_PARTS, "class")]
+    faults += [
+        f"{told}: unknown entry '{k}'{nearest(k, _PARTS)}" for k in entry if k not in (*_PARTS, "class")
+    ]
     given: dict[str, Any] = {}
     for part in _PARTS:
         values = entry.get(part, {})
@@ -163,10 +172,12 @@ def _component(name: str, entry: Any, folder: Path, faults: list[str]) -> Compon
         for key, value in values.items():
             if part == "tables":
                 if not isinstance(value, dict) or set(value) != {"x", "y"}:
-                    faults.append(f"{told}: table '{key}' has to be {{\"x\": [...], \"y\": [...]}}")
+                    faults.append(f'{told}: table \'{key}\' has to be {{"x": [...], "y": [...]}}')
                     continue
                 value = (value["x"], value["y"])
-            elif part in ("values", "starts") and (isinstance(value, bool) or not isinstance(value, int | float)):
+            elif part in ("values", "starts") and (
+                isinstance(value, bool) or not isinstance(value, int | float)
+            ):
                 faults.append(f"{told}: '{key}' has to be a number in SI, it is {value!r}")
                 continue
             given[key] = value
@@ -189,7 +200,9 @@ def _input(model: Model, k: int, entry: Any, faults: list[str]) -> None:
     if not isinstance(targets, list) or not all(isinstance(t, str) for t in targets):
         faults.append(f"input '{name}': 'targets' has to be a list of component inputs")
         return
-    faults += [f"input '{name}': unknown entry '{key}'{nearest(key, known)}" for key in entry if key not in known]
+    faults += [
+        f"input '{name}': unknown entry '{key}'{nearest(key, known)}" for key in entry if key not in known
+    ]
     numbers = {key: entry[key] for key in ("default", "gain", "offset", "delay") if key in entry}
     for key, value in numbers.items():
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -206,7 +219,9 @@ def _input(model: Model, k: int, entry: Any, faults: list[str]) -> None:
 def _reference(cls: type, folder: Path) -> str:
     module = sys.modules.get(cls.__module__)
     if "." in cls.__qualname__ or getattr(module, cls.__qualname__, None) is not cls:
-        raise LookupError(f"class {cls.__qualname__} is not at the top of a module: move it there to save the model")
+        raise LookupError(
+            f"class {cls.__qualname__} is not at the top of a module: move it there to save the model"
+        )
     file = getattr(module, "__file__", None)
     if file is None:
         raise LookupError(f"class {cls.__qualname__} is not in a file: define it in one to save the model")
@@ -220,7 +235,9 @@ def _reference(cls: type, folder: Path) -> str:
 
 
 def _installed(module: str, file: Path) -> bool:
-    """Tell whether a module is found by its name from anywhere: part of this distribution or of an installed one."""
+    """Tell whether a module is found by its name from anywhere: part of this distribution or of an installed
+    one.
+    """
     home = Path(__file__).resolve().parents[1]
     if module.split(".")[0] in ("multibody", "estimation", "discrepancy", "vtsdt", "gearbox"):
         return file.is_relative_to(home)
@@ -231,7 +248,7 @@ def _installed(module: str, file: Path) -> bool:
 def _class(reference: str, folder: Path) -> type[Component]:
     place, colon, name = reference.rpartition(":")
     if not colon or not name.isidentifier():
-        raise LookupError(f"class '{reference}' has to be written \"module:Class\" or \"file.py:Class\"")
+        raise LookupError(f'class \'{reference}\' has to be written "module:Class" or "file.py:Class"')
     module = _file_module(folder / place) if place.endswith(".py") else _named_module(place)
     found = getattr(module, name, None)
     if not isinstance(found, type) or not issubclass(found, Component):
@@ -246,13 +263,17 @@ def _named_module(name: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise LookupError(f"module '{name}' cannot be imported ({error}): install the package it belongs to") from error
+        raise LookupError(
+            f"module '{name}' cannot be imported ({error}): install the package it belongs to"
+        ) from error
 
 
 def _file_module(path: Path) -> ModuleType:
     path = path.resolve()
     if not path.is_file():
-        raise LookupError(f"the file '{path}' is needed for its component classes and is not there: put it back")
+        raise LookupError(
+            f"the file '{path}' is needed for its component classes and is not there: put it back"
+        )
     for module in _modules_of(path):
         return module
     spec = importlib.util.spec_from_file_location(f"vtsdt_file_{path.stem}_{len(sys.modules)}", path)

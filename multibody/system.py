@@ -1,4 +1,6 @@
-"""A compiled machine: named states, inputs, parameters and outputs, rates, exact Jacobians, and what is done with them."""
+"""A compiled machine: named states, inputs, parameters and outputs, rates, exact Jacobians, and what is done
+with them.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +31,9 @@ __all__ = ["System"]
 class System:
     """The assembled equations ẋ = f(t, x, u, p), y = h(t, x, u, p) of a model.
 
-    Made by `Model.build`.  Vectors follow the order of ``state_names``, ``input_names``, ``parameter_names`` and
-    ``output_names``; every number is SI.  Functions are compiled when they are first used, once per structure and
-    machine, and found again by other processes.
+    Made by `Model.build`.  Vectors follow the order of ``state_names``, ``input_names``, ``parameter_names``
+    and ``output_names``; every number is SI.  Functions are compiled when they are first used, once per
+    structure and machine, and found again by other processes.
 
     Parameters
     ----------
@@ -53,7 +55,12 @@ class System:
     """
 
     def __init__(
-        self, model: Model, *, probes: bool = False, energy: bool = False, outputs: Iterable[str] | None = None,
+        self,
+        model: Model,
+        *,
+        probes: bool = False,
+        energy: bool = False,
+        outputs: Iterable[str] | None = None,
         compiled: bool = True,
     ):
         work = assemble(model, probes=probes, energy=energy, outputs=outputs)
@@ -80,12 +87,17 @@ class System:
         #: index of the state that is the rate of another state (position → velocity)
         self.rate_states: dict[int, int] = {
             k: by_variable[work.derivatives[q.variable]]
-            for k, q in enumerate(self.states) if work.derivatives[q.variable] in by_variable
+            for k, q in enumerate(self.states)
+            if work.derivatives[q.variable] in by_variable
         }
         self._index = {
             kind: {q.name: k for k, q in enumerate(group)}
-            for kind, group in (("state", self.states), ("input", self.inputs), ("parameter", self.parameters),
-                                ("output", self.outputs))
+            for kind, group in (
+                ("state", self.states),
+                ("input", self.inputs),
+                ("parameter", self.parameters),
+                ("output", self.outputs),
+            )
         }
 
     # ---------------------------------------------------------------- names and vectors
@@ -116,7 +128,9 @@ class System:
         try:
             return self._index[kind][name]
         except KeyError:
-            raise KeyError(f"'{self.name}' has no {kind} '{name}'{nearest(name, self._index[kind])}") from None
+            raise KeyError(
+                f"'{self.name}' has no {kind} '{name}'{nearest(name, self._index[kind])}"
+            ) from None
 
     def unit(self, name: str) -> str:
         """Return the SI unit of an output, state, input or parameter."""
@@ -149,7 +163,9 @@ class System:
     ) -> np.ndarray:
         if isinstance(values, np.ndarray):
             if values.shape != (len(group),):
-                raise ModelError(self.name, [f"there are {len(group)} {kind}s, the array has the shape {values.shape}"])
+                raise ModelError(
+                    self.name, [f"there are {len(group)} {kind}s, the array has the shape {values.shape}"]
+                )
             return np.ascontiguousarray(values, dtype=float)
         vector = np.array([q.value for q in group])
         faults = []
@@ -186,7 +202,8 @@ class System:
             if not type(error).__module__.startswith("numba"):
                 raise
             raise EquationError(
-                f"'{self.name}': the equations in {module.__file__} could not be compiled: {error}") from error
+                f"'{self.name}': the equations in {module.__file__} could not be compiled: {error}"
+            ) from error
 
     @cached_property
     def rhs_function(self) -> NativeFunction:
@@ -208,18 +225,30 @@ class System:
         """Directional derivative of the outputs as a native function."""
         return self._native("outputs_tangent")
 
-    def rhs(self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None) -> np.ndarray:
+    def rhs(
+        self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return the rates of the states at one instant, shape (n,)."""
         return self.rhs_function(
-            t, x, self.u if u is None else u, self.p if p is None else p, np.empty(len(self.states)))
+            t, x, self.u if u is None else u, self.p if p is None else p, np.empty(len(self.states))
+        )
 
-    def outputs_at(self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None) -> np.ndarray:
+    def outputs_at(
+        self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return the outputs at one instant, shape (n_y,)."""
         return self.outputs_function(
-            t, x, self.u if u is None else u, self.p if p is None else p, np.empty(len(self.outputs)))
+            t, x, self.u if u is None else u, self.p if p is None else p, np.empty(len(self.outputs))
+        )
 
     def jacobian(
-        self, wrt: str, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None, *,
+        self,
+        wrt: str,
+        t: float,
+        x: np.ndarray,
+        u: np.ndarray | None = None,
+        p: np.ndarray | None = None,
+        *,
         of: str = "rhs",
     ) -> np.ndarray:
         """Return the exact Jacobian of rates or outputs with respect to states, inputs or parameters.
@@ -242,8 +271,15 @@ class System:
         return found[0]
 
     def jacobian_along(
-        self, wrt: str, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray, *,
-        of: str = "rhs", columns: np.ndarray | None = None,
+        self,
+        wrt: str,
+        times: np.ndarray,
+        states: np.ndarray,
+        inputs: np.ndarray,
+        p: np.ndarray,
+        *,
+        of: str = "rhs",
+        columns: np.ndarray | None = None,
     ) -> np.ndarray:
         """Return the exact Jacobian at every row of a trajectory.
 
@@ -272,17 +308,21 @@ class System:
         rows = len(self.states) if of == "rhs" else len(self.outputs)
         out = np.empty((times.size, chosen.size, rows))
         load_driver("multibody.solvers.kernels.along").tangents_along(
-            function.address, *_contiguous(times, states, inputs, p), seeds["x"], seeds["u"], seeds["p"], out)
+            function.address, *_contiguous(times, states, inputs, p), seeds["x"], seeds["u"], seeds["p"], out
+        )
         function.check()
         return out.transpose(0, 2, 1)
 
-    def outputs_along(self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray) -> np.ndarray:
+    def outputs_along(
+        self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray
+    ) -> np.ndarray:
         """Return the outputs at every row of a trajectory, shape (nt, n_y)."""
         from multibody.native import load_driver
 
         out = np.empty((times.size, len(self.outputs)))
         load_driver("multibody.solvers.kernels.along").rhs_along(
-            self.outputs_function.address, *_contiguous(times, states, inputs, p), out)
+            self.outputs_function.address, *_contiguous(times, states, inputs, p), out
+        )
         self.outputs_function.check()
         return out
 

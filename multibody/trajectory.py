@@ -110,17 +110,29 @@ class Trajectory:
             panels.setdefault(self.unit(name), []).append(name)
         if axes is None:
             figure, grid = plt.subplots(
-                len(panels), 1, sharex=True, squeeze=False, figsize=(8, 2.2 * len(panels) + 0.6), layout="constrained")
+                len(panels),
+                1,
+                sharex=True,
+                squeeze=False,
+                figsize=(8, 2.2 * len(panels) + 0.6),
+                layout="constrained",
+            )
             axes = grid[:, 0]
         else:
             axes = np.atleast_1d(axes)
             if len(axes) != len(panels):
-                raise ValueError(f"{len(panels)} units need {len(panels)} panels, {len(axes)} given: {', '.join(panels)}")
+                raise ValueError(
+                    f"{len(panels)} units need {len(panels)} panels, {len(axes)} given: {', '.join(panels)}"
+                )
             figure = axes[0].figure
         for axis, (unit, members) in zip(axes, panels.items(), strict=True):
             for name in members:
                 axis.plot(self.times, self[name], label=name, linewidth=1.0)
-            quantity = members[0].rsplit(".", 1)[-1] if len({m.rsplit(".", 1)[-1] for m in members}) == 1 else "value"
+            quantity = (
+                members[0].rsplit(".", 1)[-1]
+                if len({m.rsplit(".", 1)[-1] for m in members}) == 1
+                else "value"
+            )
             axis.set_ylabel(f"{quantity} [{unit or '1'}]")
             axis.legend(fontsize="small", loc="upper right")
             axis.grid(alpha=0.3)

@@ -41,15 +41,17 @@ def directed(model: Model, net: Network, work: Assembly) -> list[Coupling]:
     options: list[list[Coupling]] = []
     for owner, component in model.components.items():
         if component.is_transmission():
-            ways = [_read(owner, model, work, method) for method in ("coupling", "coupling_inverse")]
-            options.append([w for w in ways if w is not None])
+            read = [_read(owner, model, work, method) for method in ("coupling", "coupling_inverse")]
+            options.append([w for w in read if w is not None])
     chosen: list[Coupling] = []
     leads: dict[int, set[int]] = {}  # follower → everything that it follows, directly or not
 
     def possible(way: Coupling) -> bool:
         target = net.node_of[way.target]
         held = target.grounded or target.prescriber is not None or any(p.locked for p in target.ports)
-        circle = any(id(target) in leads.get(s, set()) | {s} for s in (id(net.node_of[n]) for n in way.sources))
+        circle = any(
+            id(target) in leads.get(s, set()) | {s} for s in (id(net.node_of[n]) for n in way.sources)
+        )
         return not held and id(target) not in leads and not circle
 
     for ways in options:
@@ -57,8 +59,10 @@ def directed(model: Model, net: Network, work: Assembly) -> list[Coupling]:
         if not fitting:
             if ways:
                 work.faults.append(
-                    f"over-constrained: '{ways[0].owner}' ties '{ways[0].target}' to '{ways[0].sources[0]}', but both "
-                    "are already held or tied: free one of them, or put a spring into the loop")
+                    f"over-constrained: '{ways[0].owner}' ties '{ways[0].target}' to '{ways[0].sources[0]}', "
+                    "but both "
+                    "are already held or tied: free one of them, or put a spring into the loop"
+                )
             continue
         # a side with inertia leads where there is a choice, because its start values then count
         best = min(fitting, key=lambda w: bool(net.node_of[w.target].inertial))
@@ -85,7 +89,7 @@ def _read(owner: str, model: Model, work: Assembly, method: str) -> Coupling | N
     try:
         statements = method_statements(Scope(owner, component, work.kernels), method)
     except EquationError as error:
-        work.faults.append(str(error))
+        work.faults += str(error).splitlines()
         return None
     ports = component.of_kind(Port).items()
     potentials = {variable(owner, name, port.potential): f"{owner}.{name}" for name, port in ports}
@@ -141,7 +145,9 @@ def follow(kin: Kinematics, net: Network, coupling: Coupling, work: Assembly) ->
         motion.bias = f"{motion.base}___bias"
         work.add(f"{motion.bias} = {total(bias)}", coupling.owner)
     known = {c.key: c.acceleration for c in work.coordinates}
-    terms = [f"{var} * {known[key]}" for key, var in motion.factors.items()] + ([motion.bias] if motion.bias else [])
+    terms = [f"{var} * {known[key]}" for key, var in motion.factors.items()] + (
+        [motion.bias] if motion.bias else []
+    )
     work.add(f"{motion.base}__acceleration = {total(terms)}", coupling.owner)
 
 
@@ -151,7 +157,9 @@ def _potential(net: Network, endpoint: str) -> str:
 
 
 def _slope(nodes: list[ast.stmt], target: str, source: str, result: str) -> list[ast.stmt] | None:
-    """Return statements that set ``result`` to ∂target/∂source, all their own names kept apart; None when it is 0."""
+    """Return statements that set ``result`` to ∂target/∂source, all their own names kept apart; None when it
+    is 0.
+    """
     active = active_names(nodes, {source})
     if target not in active:
         return None
@@ -167,4 +175,3 @@ def _slope(nodes: list[ast.stmt], target: str, source: str, result: str) -> list
             return ast.Name(f"{result}__{node.id}" if node.id in own else node.id, node.ctx)
 
     return [Put().visit(s) for s in derived]
-

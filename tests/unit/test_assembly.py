@@ -75,7 +75,8 @@ def trees(draw):
         parent = draw(st.integers(-1, k - 1))
         geared = parent >= 0 and draw(st.booleans())
         nodes.append({
-            "parent": parent, "geared": geared, "J": draw(SIZES), "k": draw(SIZES) * 100.0, "c": draw(SIZES) * 0.1,
+            "parent": parent, "geared": geared, "J": draw(SIZES), "k": draw(SIZES) * 100.0,
+            "c": draw(SIZES) * 0.1,
             "ratio": draw(SIZES) * draw(st.sampled_from([1.0, -1.0])), "x": draw(st.floats(-0.2, 0.2)),
         })  # fmt: skip
     return nodes
@@ -105,7 +106,9 @@ def matrices(nodes):
     """Return the factors T (angles over independent angles), M, K and C of the tree."""
     factors: list[dict[int, float]] = []
     for k, node in enumerate(nodes):
-        factors.append({i: f * node["ratio"] for i, f in factors[node["parent"]].items()} if node["geared"] else {k: 1.0})
+        factors.append(
+            {i: f * node["ratio"] for i, f in factors[node["parent"]].items()} if node["geared"] else {k: 1.0}
+        )
     free = [k for k, node in enumerate(nodes) if not node["geared"]]
     t = np.array([[f.get(i, 0.0) for i in free] for f in factors])
     stiffness, damping = np.zeros((len(free),) * 2), np.zeros((len(free),) * 2)
@@ -143,7 +146,9 @@ def test_rates_are_those_of_the_matrix_model(nodes):
         assert shown[f"rotor{k}.angle"] == pytest.approx(angle[k], rel=1e-12, abs=1e-12)
         assert shown[f"rotor{k}.speed"] == pytest.approx(speed[k], rel=1e-12, abs=1e-12)
         # conditioning of the mass matrix: ratios up to 25 in a row of five gears
-        assert shown[f"rotor{k}.acceleration"] == pytest.approx(wanted[k], rel=1e-7, abs=1e-7 * np.abs(wanted).max())
+        assert shown[f"rotor{k}.acceleration"] == pytest.approx(
+            wanted[k], rel=1e-7, abs=1e-7 * np.abs(wanted).max()
+        )
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
@@ -156,14 +161,19 @@ def test_natural_frequencies(nodes):
     squared = np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real
     found = np.sort(np.abs(np.linalg.eigvals(a).imag))[::2]
     # the root halves the digits of a small eigenvalue beside a large one
-    assert found == pytest.approx(np.sort(np.sqrt(np.maximum(squared, 0.0))), rel=1e-5, abs=1e-5 * np.sqrt(squared.max()))
+    assert found == pytest.approx(
+        np.sort(np.sqrt(np.maximum(squared, 0.0))), rel=1e-5, abs=1e-5 * np.sqrt(squared.max())
+    )
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(trees(), st.lists(st.integers(0, 1000), min_size=12, max_size=12), st.booleans())
 def test_order_does_not_matter(nodes, order, flip):
     """Adding components or connections in another order gives the same motion of every rotor."""
-    first, second = tree_model(nodes).build(compiled=False), tree_model(nodes, order, flip).build(compiled=False)
+    first, second = (
+        tree_model(nodes).build(compiled=False),
+        tree_model(nodes, order, flip).build(compiled=False),
+    )
     assert sorted(first.output_names) == sorted(second.output_names)
     rng = np.random.default_rng(5)
     t, *_ = matrices(nodes)
@@ -171,7 +181,10 @@ def test_order_does_not_matter(nodes, order, flip):
     angle, speed = t @ q, t @ v
     seen = []
     for system in (first, second):
-        x = [(angle if n.endswith("angle") else speed)[int(n.split(".")[0].removeprefix("rotor"))] for n in system.state_names]
+        x = [
+            (angle if n.endswith("angle") else speed)[int(n.split(".")[0].removeprefix("rotor"))]
+            for n in system.state_names
+        ]
         shown = dict(zip(system.output_names, system.outputs_at(0.0, np.array(x)), strict=True))
         seen.append([shown[n] for n in sorted(shown)])
     assert seen[0] == pytest.approx(seen[1], rel=1e-6, abs=1e-6 * max(1.0, np.abs(seen[0]).max()))
@@ -231,7 +244,9 @@ def test_static_deflection(chain):
 
 @pytest.mark.parametrize("locked", [c for n in range(4) for c in itertools.combinations(range(3), n)])
 def test_any_subset_of_free_flags(locked):
-    """A locked mass leaves the state vector, stays where it starts, and the others move as the matrix model says."""
+    """A locked mass leaves the state vector, stays where it starts, and the others move as the matrix model
+    says.
+    """
     chain = {"m": [1.0, 2.0, 0.5], "k": [1.0, 0.4, 2.0], "c": [1.0, 1.0, 1.0], "force": [1.0, -2.0, 3.0]}
     system = chain_model(chain, locked).build(compiled=False)
     free = [k for k in range(3) if k not in locked]
@@ -253,12 +268,18 @@ def test_locked_mass_of_a_two_inertia_node():
     model.connect(one.flange, two.flange)
     system = model.build(compiled=False)
     assert system.state_names == ()
-    assert dict(zip(system.output_names, system.outputs_at(0.0, system.start), strict=True))["one.angle"] == 0.3
+    assert (
+        dict(zip(system.output_names, system.outputs_at(0.0, system.start), strict=True))["one.angle"] == 0.3
+    )
 
 
 def test_inertias_on_one_node_add_up():
     model = Model("m")
-    one, two, shaft = model.add("one", Rotor(J=1.0, angle=0.1)), model.add("two", Rotor(J=2.0)), model.add("shaft", Shaft(k=12.0))
+    one, two, shaft = (
+        model.add("one", Rotor(J=1.0, angle=0.1)),
+        model.add("two", Rotor(J=2.0)),
+        model.add("shaft", Shaft(k=12.0)),
+    )
     model.connect(one.flange, two.flange, shaft.b)
     model.connect(shaft.a, model.ground)
     system = model.build(compiled=False)

@@ -1,4 +1,6 @@
-"""Equations outside the subset are refused with component, file, line and remedy; what is inside means the same."""
+"""Equations outside the subset are refused with component, file, line and remedy; what is inside means the
+same.
+"""
 
 from __future__ import annotations
 
@@ -75,8 +77,14 @@ GOOD = "\nself.y = 1.0\nself.der.s = 0.0"
 
 REFUSED = {
     "list comprehension": ("self.y = [x for x in (1, 2)][0]\nself.der.s = 0.0", "outside the subset"),
-    "attribute of another object": ("self.y = NAMES.size\nself.der.s = 0.0", "only attributes of self and of math"),
-    "try": ("try:\n    self.y = 1.0\nexcept ValueError:\n    self.y = 2.0\nself.der.s = 0.0", "try is outside"),
+    "attribute of another object": (
+        "self.y = NAMES.size\nself.der.s = 0.0",
+        "only attributes of self and of math",
+    ),
+    "try": (
+        "try:\n    self.y = 1.0\nexcept ValueError:\n    self.y = 2.0\nself.der.s = 0.0",
+        "try is outside",
+    ),
     "while": ("while self.s > 0.0:\n    self.y = 1.0\n" + GOOD, "while is outside the subset"),
     "keyword call": ("self.y = math.atan2(y=1.0, x=2.0)\nself.der.s = 0.0", "plain positional arguments"),
     "starred call": ("self.y = max(*NAMES)\nself.der.s = 0.0", "plain positional arguments"),
@@ -87,11 +95,17 @@ REFUSED = {
     "unknown function": ("self.y = curvature(self.s)\nself.der.s = 0.0", "can be called"),
     "numpy function": ("self.y = np.sin(self.s)\nself.der.s = 0.0", "write math.sin"),
     "unknown math function": ("self.y = math.gamma(self.s)\nself.der.s = 0.0", "math.gamma is not available"),
-    "number of arguments": ("self.y = math.sin(self.s, 2.0)\nself.der.s = 0.0", "called with 2 arguments but takes 1"),
+    "number of arguments": (
+        "self.y = math.sin(self.s, 2.0)\nself.der.s = 0.0",
+        "called with 2 arguments but takes 1",
+    ),
     "abs of two": ("self.y = abs(self.s, 2.0)\nself.der.s = 0.0", "called with 2 arguments"),
     "max of one": ("self.y = max(self.s)\nself.der.s = 0.0", "called with 1 arguments"),
     "undefined name": ("self.y = stiffness * self.s\nself.der.s = 0.0", "'stiffness' is not defined"),
-    "name that is a list": ("self.y = NAMES\nself.der.s = 0.0", "'NAMES' is a list; equations can use numbers only"),
+    "name that is a list": (
+        "self.y = NAMES\nself.der.s = 0.0",
+        "'NAMES' is a list; equations can use numbers only",
+    ),
     "undeclared": ("self.y = self.stifness\nself.der.s = 0.0", "'self.stifness' is not declared"),
     "misspelt": ("self.y = self.curv(self.s)\nself.der.s = 0.0", "only a declared table can be called"),
     "port without quantity": ("self.y = self.flange\nself.der.s = 0.0", "used by its quantities"),
@@ -124,12 +138,15 @@ REFUSED = {
     "loop of unknown length": ("for i in range(self.s):\n    pass" + GOOD, "whole number or an option"),
     "loop with else": ("for i in range(2):\n    a = 1.0\nelse:\n    a = 2.0" + GOOD, "has no 'else'"),
     "or of numbers": ("self.y = self.s or self.k\nself.der.s = 0.0", "join conditions, not numbers"),
-    "text compared with a state": ("self.y = 1.0 if self.s == 'a' else 2.0\nself.der.s = 0.0", "compared with an option"),
+    "text compared with a state": (
+        "self.y = 1.0 if self.s == 'a' else 2.0\nself.der.s = 0.0",
+        "compared with an option",
+    ),
     "in for a state": ("self.y = 1.0 if self.s in (1.0, 2.0) else 2.0\nself.der.s = 0.0", "'in' and 'is'"),
     "own abs": ("abs = 1.0" + GOOD, "is the name of a function"),
     "math renamed": ("math = 1.0" + GOOD, "'math' is the name of a function"),
     "not a number constant": ("self.y = math.nan\nself.der.s = 0.0", "only attributes of self and of math"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -149,7 +166,9 @@ def test_the_line_is_that_of_the_fault(tmp_path):
 def test_every_line_at_fault_is_told(tmp_path):
     with pytest.raises(ModelError) as caught:
         built(made("self.y = wrong\nself.der.s = alsowrong\nself.k = 1.0", tmp_path))
-    assert [w in f for w, f in zip(("'wrong'", "'alsowrong'", "'k'"), caught.value.faults, strict=False)][:2] == [True] * 2
+    assert [w in f for w, f in zip(("'wrong'", "'alsowrong'", "'k'"), caught.value.faults, strict=False)][
+        :2
+    ] == [True] * 2
     assert len(caught.value.faults) == 3
 
 
@@ -157,8 +176,14 @@ KERNELS = {
     "no return": ("def law(x):\n    y = x\n", "must return on every path"),
     "return in one branch": ("def law(x):\n    if x > 0.0:\n        return x\n", "must return on every path"),
     "empty return": ("def law(x):\n    return\n", "returns a number"),
-    "half assigned": ("def law(x):\n    if x > 0.0:\n        y = x\n    return y\n", "'y' may be used before"),
-    "uneven results": ("def law(x):\n    if x > 0.0:\n        return x, x\n    return x\n", "same number of values"),
+    "half assigned": (
+        "def law(x):\n    if x > 0.0:\n        y = x\n    return y\n",
+        "'y' may be used before",
+    ),
+    "uneven results": (
+        "def law(x):\n    if x > 0.0:\n        return x, x\n    return x\n",
+        "same number of values",
+    ),
     "two results": ("def law(x):\n    return x, x\n", "returns 2 values, taken by 1 names"),
     "default": ("def law(x, y=1.0):\n    return x * y\n", "called with 1 arguments but takes 2"),
     "more arguments": ("def law(x, *more):\n    return 1.0\n", "plain positional arguments only"),
@@ -179,7 +204,9 @@ def test_function_outside_the_subset(case, tmp_path):
 
 def test_class_whose_source_cannot_be_read():
     space: dict = {"Part": Part}
-    exec("class Made(Part):\n    def equations(self):\n        self.y = 1.0\n        self.der.s = 0.0\n", space)
+    exec(
+        "class Made(Part):\n    def equations(self):\n        self.y = 1.0\n        self.der.s = 0.0\n", space
+    )
     told = refused(space["Made"])
     assert "component 'part'" in told
     assert "cannot be read: define the class in a file" in told
@@ -346,19 +373,29 @@ def test_results_of_a_function_with_several_values():
 
 
 def test_numba_function_can_be_called(tmp_path):
-    cls = made("self.y = law(2.0)\nself.der.s = 0.0", tmp_path,
-               "from numba import njit\n\n@njit\ndef law(x):\n    return 3.0 * x\n")  # fmt: skip
+    cls = made(
+        "self.y = law(2.0)\nself.der.s = 0.0",
+        tmp_path,
+        "from numba import njit\n\n@njit\ndef law(x):\n    return 3.0 * x\n",
+    )
     assert value_of(cls) == 6.0
 
 
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
-        ("2 > 1", "True"), ("not True", "False"), ("1 < 2 < 3", "True"), ("1 < 3 < 2", "False"),
-        ("'a' in ('a', 'b')", "True"), ("x > 0 and False", "False"), ("x > 0 or True", "True"),
-        ("x > 0 and True", "x > 0"), ("not (x > 0 or False)", "not x > 0"), ("x > 0 or y > 0", "x > 0 or y > 0"),
+        ("2 > 1", "True"),
+        ("not True", "False"),
+        ("1 < 2 < 3", "True"),
+        ("1 < 3 < 2", "False"),
+        ("'a' in ('a', 'b')", "True"),
+        ("x > 0 and False", "False"),
+        ("x > 0 or True", "True"),
+        ("x > 0 and True", "x > 0"),
+        ("not (x > 0 or False)", "not x > 0"),
+        ("x > 0 or y > 0", "x > 0 or y > 0"),
     ],
-)  # fmt: skip
+)
 def test_simplified_conditions(text, wanted):
     import ast
 
@@ -366,7 +403,9 @@ def test_simplified_conditions(text, wanted):
 
 
 def test_variables_of_different_names_differ():
-    """All dotted names of up to four words from a small alphabet, as components and declarations allow them."""
+    """All dotted names of up to four words from a small alphabet, as components and declarations allow
+    them.
+    """
     words = ("a", "b", "d_a", "a_b")
     names = [".".join(c) for n in (1, 2, 3, 4) for c in itertools.product(words, repeat=n)]
     made = {variable(name): name for name in names}
@@ -390,7 +429,11 @@ def test_whole_and_real_numbers_mix_alike_in_compiled_code():
     from pathlib import Path
 
     done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, cwd=Path(__file__).parent)
+        [sys.executable, "-c", textwrap.dedent(code)],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).parent,
+    )
     assert done.returncode == 0, done.stderr
     first, second = done.stdout.strip().split("] [")
     assert first.strip("[]") == second.strip("[]")
@@ -401,7 +444,7 @@ class Mixed(Part):
 
     def equations(self):
         moving = abs(self.flange.velocity) > 0.1
-        if moving and self.flange.position > 0:
+        if moving and self.flange.position > 0:  # noqa: SIM108 - branches are what is tested
             side = 1
         else:
             side = -0.5

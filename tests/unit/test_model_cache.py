@@ -72,7 +72,12 @@ def warm(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("warm")
     (folder / "machine.py").write_text(MACHINE)
     # rates, and outputs with the function that both call, each in a file of its own
-    assert compiled(run(ALL, folder, folder / "cache")) == ["f_machine_law", "rhs", "f_machine_law", "outputs"]
+    assert compiled(run(ALL, folder, folder / "cache")) == [
+        "f_machine_law",
+        "rhs",
+        "f_machine_law",
+        "outputs",
+    ]
     return folder
 
 
@@ -111,7 +116,9 @@ def test_an_edited_function_constant_or_equation_is_never_served_stale(warm, tmp
 
 
 def test_processes_at_once_are_safe_and_compile_what_they_need(tmp_path):
-    """A fresh cache, two processes: the same result in both, and nothing left to compile; outputs stay uncompiled."""
+    """A fresh cache, two processes: the same result in both, and nothing left to compile; outputs stay
+    uncompiled.
+    """
     (tmp_path / "machine.py").write_text(MACHINE)
     with ThreadPoolExecutor(2) as pool:
         answers = list(pool.map(lambda _: run(ONCE, tmp_path, tmp_path / "cache"), range(2)))

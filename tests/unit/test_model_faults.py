@@ -8,9 +8,22 @@ import textwrap
 import pytest
 
 from multibody import (
-    Component, EquationError, Input, Model, ModelError, Option, Output, Parameter, Pin, Power, Rotation, State, Table,
-    Translation, Unknown,
-)  # fmt: skip
+    Component,
+    EquationError,
+    Input,
+    Model,
+    ModelError,
+    Option,
+    Output,
+    Parameter,
+    Pin,
+    Power,
+    Rotation,
+    State,
+    Table,
+    Translation,
+    Unknown,
+)
 from multibody.library import Damper, ForceSource, Mass, Spring
 
 
@@ -156,7 +169,11 @@ def test_unconnected_port():
 
 
 def test_missing_input_names_the_declaration_that_would_help():
-    only(with_part(ForceSource(), "flange"), "input 'part.force' (force on the flange, N) has no source", "model.input(")
+    only(
+        with_part(ForceSource(), "flange"),
+        "input 'part.force' (force on the flange, N) has no source",
+        "model.input(",
+    )
 
 
 def test_name_used_twice():
@@ -202,7 +219,9 @@ def test_unknown_component_and_port_with_nearest_name():
 
 
 def test_attribute_of_a_part_with_nearest_name():
-    with pytest.raises(AttributeError, match=r"Mass 'body' has no port or signal 'flage'; did you mean 'flange'\?"):
+    with pytest.raises(
+        AttributeError, match=r"Mass 'body' has no port or signal 'flage'; did you mean 'flange'\?"
+    ):
         _ = oscillator().part("body").flage
     with pytest.raises(KeyError, match="did you mean 'body'"):
         oscillator().part("boddy")
@@ -275,7 +294,9 @@ def test_model_input_and_output_declared_twice():
     for _ in range(2):
         model.input("x", "part.force")
         model.output("y", "body.position")
-    assert {"the model input 'x' is declared twice", "the model output 'y' is declared twice"} <= set(faults(model))
+    assert {"the model input 'x' is declared twice", "the model output 'y' is declared twice"} <= set(
+        faults(model)
+    )
 
 
 def test_model_output_that_does_not_exist():
@@ -351,8 +372,16 @@ def test_all_faults_at_once():
     model.add("broken", HalfAssigned())
     model.connect("broken.flange", "heavy.flange")
     told = "\n".join(faults(model))
-    for words in ("below its least value", "start value 'position'", "'colour'", "'stiffness'", "'c'", "rope.a",
-                  "rope.b", "one branch only"):  # fmt: skip
+    for words in (
+        "below its least value",
+        "start value 'position'",
+        "'colour'",
+        "'stiffness'",
+        "'c'",
+        "rope.a",
+        "rope.b",
+        "one branch only",
+    ):
         assert words in told
 
 
@@ -434,7 +463,9 @@ def test_circuit_without_ground():
 
 def test_damper_between_two_nodes_without_mass():
     """Springs on both sides of a damper: the forces do not determine the speeds of its ends."""
-    model = rotors(("one", Spring(stiffness=1.0)), ("damper", Damper(damping=1.0)), ("two", Spring(stiffness=2.0)))
+    model = rotors(
+        ("one", Spring(stiffness=1.0)), ("damper", Damper(damping=1.0)), ("two", Spring(stiffness=2.0))
+    )
     model.connect("one.a", model.ground)
     model.connect("one.b", "damper.a")
     model.connect("damper.b", "two.a")
@@ -451,7 +482,15 @@ def test_algebraic_loop_names_all_its_parts():
         model.add(f"gain{k}", Gain())
     for k in range(3):
         model.connect(f"gain{k}.y", f"gain{(k + 1) % 3}.u")
-    only(model, "algebraic loop", "gain0 (Gain, ", "gain1 (Gain, ", "gain2 (Gain, ", "test_model_faults.py:", "break it")
+    only(
+        model,
+        "algebraic loop",
+        "gain0 (Gain, ",
+        "gain1 (Gain, ",
+        "gain2 (Gain, ",
+        "test_model_faults.py:",
+        "break it",
+    )
 
 
 class NoOutput(Component):
@@ -486,7 +525,7 @@ class HalfLocal(Component):
     def equations(self):
         if self.flange.velocity > 0.0:
             side = 1.0
-        self.flange.force = -side  # noqa: F821
+        self.flange.force = -side
 
 
 class BeforeValue(Component):
@@ -521,13 +560,19 @@ class ReadsReaction(Component):
         (NoOutput, ("component 'part' (NoOutput): output 'y' has no equation", "assign self.y")),
         (NoRate, ("state 's' has no rate", "assign self.der.s")),
         (NoResidual, ("unknown 'z'", "assign self.zero.z")),
-        (HalfAssigned, ("part (HalfAssigned, test_model_faults.py:", "'self.flange.force' is assigned in one branch only")),
+        (
+            HalfAssigned,
+            (
+                "part (HalfAssigned, test_model_faults.py:",
+                "'self.flange.force' is assigned in one branch only",
+            ),
+        ),
         (HalfLocal, ("'side' is assigned in one branch only", "every branch")),
         (BeforeValue, ("'total' is used before it has a value",)),
         (ReadsNothing, ("nothing determines 'part.flange.force'", "part (ReadsNothing")),
         (ReadsReaction, ("nothing determines", "reaction")),
     ],
-)  # fmt: skip
+)
 def test_equations_that_leave_something_open(component, words):
     part = component()
     only(with_part(part, *part.of_kind(Translation)), *words)
@@ -582,8 +627,14 @@ class Circular(Component):
         ({"lambda_": Parameter(1.0, "s", "time")}, ("'lambda_' cannot be the name",)),
         ({"c": Table("m", "N", "curve", "spline", ([0, 1], [0, 1]))}, ("interpolation 'spline' is unknown",)),
         ({"p": Power(kind="heat")}, ("kind 'heat' is unknown",)),
-        ({"f": Translation("f", inertia="mas"), "mass": Parameter(1.0, "kg", "m")}, ("inertia='mas'", "'mass'?")),
-        ({"f": Translation("f", inertia="J"), "J": Parameter(1.0, "kg*m**2", "J")}, ("'J' is in kg*m**2", "in kg")),
+        (
+            {"f": Translation("f", inertia="mas"), "mass": Parameter(1.0, "kg", "m")},
+            ("inertia='mas'", "'mass'?"),
+        ),
+        (
+            {"f": Translation("f", inertia="J"), "J": Parameter(1.0, "kg*m**2", "J")},
+            ("'J' is in kg*m**2", "in kg"),
+        ),
         (
             {"f": Translation("f", inertia="m"), "m": Parameter(1.0, "kg", "m"), "position": State("m", "p")},
             ("State 'position' has the name of a quantity", "rename"),

@@ -91,7 +91,9 @@ class Cushion(Component):
 
 
 def test_user_file_moves_with_the_model_and_is_needed(tmp_path):
-    """Written in one process beside its file; read in another, from another folder; refused without the file."""
+    """Written in one process beside its file; read in another, from another folder; refused without the
+    file.
+    """
     (tmp_path / "one").mkdir()
     (tmp_path / "one" / "cushions.py").write_text(USER)
     write = """
@@ -115,14 +117,17 @@ def test_user_file_moves_with_the_model_and_is_needed(tmp_path):
         if code is read:
             (tmp_path / "one").rename(tmp_path / "two")
         done = subprocess.run(
-            [sys.executable, "-c", textwrap.dedent(code)], cwd=tmp_path, capture_output=True, text=True)
+            [sys.executable, "-c", textwrap.dedent(code)], cwd=tmp_path, capture_output=True, text=True
+        )
         assert done.returncode == 0, done.stderr
         texts.append(done.stdout)
     assert texts[0] == texts[1]
     content = json.loads((tmp_path / "two" / "model.json").read_text())
     assert content["components"]["part"]["class"] == "cushions.py:Cushion"
     (tmp_path / "two" / "cushions.py").unlink()
-    with pytest.raises(ModelError, match=r"cushions\.py' is needed for its component classes and is not there"):
+    with pytest.raises(
+        ModelError, match=r"cushions\.py' is needed for its component classes and is not there"
+    ):
         load(tmp_path / "two" / "model.json")
 
 
@@ -142,14 +147,17 @@ def test_classes_that_cannot_be_found_again_are_not_saved(tmp_path):
 
 def good() -> dict:
     return {
-        "schema": 1, "name": "m", "components": {
+        "schema": 1,
+        "name": "m",
+        "components": {
             "body": {"class": "multibody.library:Mass", "values": {"m": 1.0}},
             "spring": {"class": "multibody.library:Spring", "values": {"stiffness": 2.0}},
             "push": {"class": "multibody.library:ForceSource"},
         },
         "connections": [["spring.a", "ground"], ["spring.b", "body.flange", "push.flange"]],
-        "inputs": [{"name": "force", "targets": ["push.force"]}], "outputs": {"x": "body.position"},
-    }  # fmt: skip
+        "inputs": [{"name": "force", "targets": ["push.force"]}],
+        "outputs": {"x": "body.position"},
+    }
 
 
 def test_a_file_written_by_hand(tmp_path):
@@ -180,34 +188,81 @@ BROKEN = {
     "no components": (changed("components", drop=True), "the entry 'components' is missing"),
     "components as list": (changed("components", to=[]), "'components' has to be a dict, it is a list"),
     "name is a number": (changed("name", to=1), "'name' has to be a str"),
-    "unknown entry": (changed("conections", to=[]), "unknown entry 'conections'; did you mean 'connections'?"),
-    "component without class": (changed("components", "body", to={}), "component 'body': give an object with 'class'"),
-    "component is text": (changed("components", "body", to="Mass"), "component 'body': give an object with 'class'"),
-    "class without module": (changed("components", "body", "class", to="Mass"), '"module:Class" or "file.py:Class"'),
-    "module with an odd name": (changed("components", "body", "class", to="os;x:Mass"), "neither the name of a module"),
-    "module that is not there": (changed("components", "body", "class", to="multibody.nowhere:M"), "cannot be imported"),
+    "unknown entry": (
+        changed("conections", to=[]),
+        "unknown entry 'conections'; did you mean 'connections'?",
+    ),
+    "component without class": (
+        changed("components", "body", to={}),
+        "component 'body': give an object with 'class'",
+    ),
+    "component is text": (
+        changed("components", "body", to="Mass"),
+        "component 'body': give an object with 'class'",
+    ),
+    "class without module": (
+        changed("components", "body", "class", to="Mass"),
+        '"module:Class" or "file.py:Class"',
+    ),
+    "module with an odd name": (
+        changed("components", "body", "class", to="os;x:Mass"),
+        "neither the name of a module",
+    ),
+    "module that is not there": (
+        changed("components", "body", "class", to="multibody.nowhere:M"),
+        "cannot be imported",
+    ),
     "class that is not there": (
-        changed("components", "body", "class", to="multibody.library:Spri"), "'Spri'; did you mean 'Spring'?"),
-    "not a component class": (changed("components", "body", "class", to="pathlib:Path"), "no component class 'Path'"),
+        changed("components", "body", "class", to="multibody.library:Spri"),
+        "'Spri'; did you mean 'Spring'?",
+    ),
+    "not a component class": (
+        changed("components", "body", "class", to="pathlib:Path"),
+        "no component class 'Path'",
+    ),
     "a function": (changed("components", "body", "class", to="os:system"), "no component class 'system'"),
-    "file that is not there": (changed("components", "body", "class", to="gone.py:Mass"), "is not there: put it back"),
-    "unknown part": (changed("components", "body", "value", to={}), "unknown entry 'value'; did you mean 'values'?"),
+    "file that is not there": (
+        changed("components", "body", "class", to="gone.py:Mass"),
+        "is not there: put it back",
+    ),
+    "unknown part": (
+        changed("components", "body", "value", to={}),
+        "unknown entry 'value'; did you mean 'values'?",
+    ),
     "values as list": (changed("components", "body", "values", to=[1.0]), "'values' has to be an object"),
-    "value as text": (changed("components", "body", "values", "m", to="2 kg"), "'m' has to be a number in SI"),
+    "value as text": (
+        changed("components", "body", "values", "m", to="2 kg"),
+        "'m' has to be a number in SI",
+    ),
     "value true": (changed("components", "body", "values", "m", to=True), "'m' has to be a number in SI"),
     "value out of bounds": (changed("components", "body", "values", "m", to=-1.0), "below its least value"),
-    "unknown value": (changed("components", "body", "values", "mass", to=1.0), "Mass has no parameter 'mass'"),
-    "missing value": (changed("components", "spring", "values", drop=True), "'stiffness' (force per length, N/m) is required"),
+    "unknown value": (
+        changed("components", "body", "values", "mass", to=1.0),
+        "Mass has no parameter 'mass'",
+    ),
+    "missing value": (
+        changed("components", "spring", "values", drop=True),
+        "'stiffness' (force per length, N/m) is required",
+    ),
     "wrong option": (changed("components", "body", "options", to={"free": 3}), "option 'free' is 3"),
     "wrong table": (changed("components", "body", "tables", to={"c": [1, 2]}), "table 'c' has to be"),
-    "connection as text": (changed("connections", 0, to="spring.a"), "connection 0 has to be a list of endpoints"),
+    "connection as text": (
+        changed("connections", 0, to="spring.a"),
+        "connection 0 has to be a list of endpoints",
+    ),
     "connection of numbers": (changed("connections", 1, to=[1, 2]), "connection 1 has to be a list"),
-    "input without name": (changed("inputs", 0, to={"targets": []}), "input 0 has to be an object with 'name'"),
+    "input without name": (
+        changed("inputs", 0, to={"targets": []}),
+        "input 0 has to be an object with 'name'",
+    ),
     "input without targets": (changed("inputs", 0, "targets", drop=True), "'targets' has to be a list"),
-    "input with odd entry": (changed("inputs", 0, "dealy", to=1.0), "unknown entry 'dealy'; did you mean 'delay'?"),
+    "input with odd entry": (
+        changed("inputs", 0, "dealy", to=1.0),
+        "unknown entry 'dealy'; did you mean 'delay'?",
+    ),
     "input with odd default": (changed("inputs", 0, "default", to="1"), "'default' has to be a number in SI"),
     "output that is a number": (changed("outputs", "x", to=3), "output 'x' has to name a quantity"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", BROKEN)
@@ -250,7 +305,9 @@ def test_user_file_that_fails(tmp_path):
 
 def test_all_faults_of_a_file_at_once(tmp_path):
     content = good()
-    for change in (BROKEN[k][0] for k in ("value true", "missing value", "connection as text", "input with odd default")):
+    for change in (
+        BROKEN[k][0] for k in ("value true", "missing value", "connection as text", "input with odd default")
+    ):
         content = change(content)
     (tmp_path / "m.json").write_text(json.dumps(content))
     with pytest.raises(ModelError) as caught:
@@ -260,8 +317,15 @@ def test_all_faults_of_a_file_at_once(tmp_path):
 
 def test_describe_names_everything():
     text = machine().describe()
-    for words in ("axis.body", "Spring", "stiffness  33333.3  N/m", "3 points", "spring.a – damper.a – ground",
-                  "force → push.force", "tension = spring.tension"):  # fmt: skip
+    for words in (
+        "axis.body",
+        "Spring",
+        "stiffness  33333.3  N/m",
+        "3 points",
+        "spring.a – damper.a – ground",
+        "force → push.force",
+        "tension = spring.tension",
+    ):
         assert " ".join(words.split()) in " ".join(text.split())
 
 

@@ -12,8 +12,11 @@ from multibody.library import ForceSource, Mass, Spring
 @pytest.fixture(scope="module")
 def run():
     model = Model("m")
-    body, spring, push = model.add("body", Mass(m=1.0, position=0.1)), model.add("spring", Spring(stiffness=100.0)), model.add(
-        "push", ForceSource())
+    body, spring, push = (
+        model.add("body", Mass(m=1.0, position=0.1)),
+        model.add("spring", Spring(stiffness=100.0)),
+        model.add("push", ForceSource()),
+    )
     model.connect(spring.a, model.ground)
     model.connect(spring.b, body.flange, push.flange)
     model.input("force", push.force, default=0.0)
@@ -26,15 +29,24 @@ def test_signals_by_name(run):
     assert run["wall"] == pytest.approx(100.0 * run["body.position"])
     assert run["force"] == pytest.approx(np.zeros(run.times.size))
     assert run.unit("wall") == "N"
-    assert set(run.names) >= {"force", "body.position", "body.velocity", "body.acceleration", "wall", "energy.stored"}
-    with pytest.raises(KeyError, match="no signal 'body.positon'; did you mean 'body.position'"):
+    assert set(run.names) >= {
+        "force",
+        "body.position",
+        "body.velocity",
+        "body.acceleration",
+        "wall",
+        "energy.stored",
+    }
+    with pytest.raises(KeyError, match=r"no signal 'body.positon'; did you mean 'body.position'"):
         run["body.positon"]
 
 
 def test_frame_has_units_in_its_columns(run):
     frame = run.to_frame()
     assert frame.index.name == "time [s]"
-    assert {"body.position [m]", "body.velocity [m/s]", "wall [N]", "energy.stored [J]", "force [N]"} <= set(frame.columns)
+    assert {"body.position [m]", "body.velocity [m/s]", "wall [N]", "energy.stored [J]", "force [N]"} <= set(
+        frame.columns
+    )
     assert frame.columns.is_unique
     assert frame["wall [N]"].to_numpy() == pytest.approx(run["wall"])
     assert list(run.to_frame(["wall"]).columns) == ["wall [N]"]
@@ -70,4 +82,5 @@ def test_plot_into_too_few_axes_says_so(run):
 
 def test_trajectory_shows_what_it_is(run):
     assert repr(run) == (
-        f"Trajectory('m': 101 samples from 0 s to 1 s, {len(run.system.output_names)} outputs, RK45)")
+        f"Trajectory('m': 101 samples from 0 s to 1 s, {len(run.system.output_names)} outputs, RK45)"
+    )
