@@ -111,8 +111,8 @@ class AxisRig:
             faults.append(f"trips is {self.trips}: give 2 to 99, because one at least is for validation")
         if not (np.isfinite(self.strength) and self.strength > 0.0):
             faults.append(f"strength is {self.strength}: give a factor above zero")
-        if not (np.isfinite(self.duration) and self.duration >= 2.0):
-            faults.append(f"duration is {self.duration} s: give 2 s or more, a move needs that long")
+        if not (np.isfinite(self.duration) and self.duration >= 3.0):
+            faults.append(f"duration is {self.duration} s: give 3 s or more, so that moves fit in")
         if not self.regularisation > 0.0:
             faults.append(f"regularisation is {self.regularisation}: give a factor above zero")
         if self.over not in OVER:

@@ -21,7 +21,7 @@ def trip(rng: np.random.Generator, duration: float) -> tuple[np.ndarray, np.ndar
     place = np.zeros_like(time)
     at, now = 0.0, float(rng.uniform(0.4, 0.8))
     first = True
-    while duration - now > 0.6:
+    for _ in range(40):  # a move that does not fit into what is left is drawn again
         speed = 0.6 * 10.0 ** (-0.35 * rng.random() if first else -rng.random())
         limit, jerk = float(rng.uniform(1.5, 5.0)), float(rng.uniform(40.0, 150.0))
         target = float(rng.uniform(0.5, 1.0) if first else rng.random()) * TRAVEL
@@ -31,7 +31,7 @@ def trip(rng: np.random.Generator, duration: float) -> tuple[np.ndarray, np.ndar
             way = 0.05 if at < 0.5 * TRAVEL else -0.05
         takes = jerk_limited(0.0, way, speed, limit, jerk)[3]
         if now + takes > duration - 0.3:
-            break
+            continue
         moving = (time > now) & (time < now + takes)
         gone = [jerk_limited(t - now, way, speed, limit, jerk)[0] for t in time[moving]]
         place[moving] = at + np.array(gone)
