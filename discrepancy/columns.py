@@ -207,9 +207,9 @@ def law_force(
     return system.outputs_along(time, states, inputs, p)[:, 0]
 
 
-def _small_strength(kind: Kind, motion: MotionRange) -> float:
-    """A strength at which a law that is not linear in it is looked at: small, but visible."""
-    return 0.05 * motion.half if kind.name == "backlash" else 0.01 * motion.half / max(motion.scale * motion.half, 1e-300)
+def _small_strength(motion: MotionRange) -> float:
+    """A strength at which a creep that is not linear in it is looked at: small, but visible."""
+    return 0.01 / max(motion.scale, 1e-300)
 
 
 def candidate_columns(
@@ -306,10 +306,12 @@ def _forces(
     if entry.load:
         motion["load"] = run[entry.load]
     found = []
-    for shape in shapes:
+    for full in shapes:
         group = []
+        shape = {k: v for k, v in full.items() if k != "secant"}
         for name in strengths:
-            size = 1.0 if entry.kind.linear else _small_strength(entry.kind, facts.range_of(entry))
+            size = 1.0 if entry.kind.linear else full.get("secant", 0.0)
+            size = size or _small_strength(facts.range_of(entry))
             strength = {n: (size if n == name else 0.0) for n in strengths}
             group.append(law_force(entry.kind, time, motion, shape, strength) / size)
         found.append(group)

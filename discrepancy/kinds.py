@@ -82,7 +82,8 @@ class Kind:
     one_sided : bool
         A strength below zero makes no physical sense.
     linear : bool
-        False if the force is not proportional to the strength; the scan then takes a secant at a small strength.
+        False if the force is not proportional to the strength; the scan then takes a secant at the strength that the
+        shape names ``secant``, or at a small one.
     needs : {"", "stiffness", "load", "ground"}
         What the connection must have: a spring of its own, a force that passes through, or the ground on one side.
     elastic : bool or None
@@ -158,7 +159,8 @@ def _spring(m: MotionRange) -> Shapes:
 
 
 def _spring_gap(m: MotionRange) -> Shapes:
-    return [{"stiffness": m.scale, "centre": c} for c in (0.0, m.centre)]
+    return [
+        {"stiffness": m.scale, "centre": c, "secant": f * m.half} for c in (0.0, m.centre) for f in (0.05, 0.2, 0.5, 1.0)]
 
 
 _T = KindText
@@ -234,7 +236,7 @@ _add([
         "Stribeck friction (more friction at low speed)", "Friction that falls while the motion gathers speed.",
         "Lubricated sliding contacts, in which the oil film builds up only with speed; guides that stood for a while.",
         "Move at very low constant speeds: the drive force falls with rising speed; stick-slip may show."),
-        _low_speeds, ("v_stribeck",), one_sided=True),
+        _low_speeds, ("v_stribeck", "v_s"), one_sided=True),
     Kind("quadratic_drag", "connection", "Drag", ("drag",), _T(
         "drag that grows with the square of the speed", "A resistance proportional to speed squared.",
         "Air or fluid that is pushed aside, ventilation of rotors, displaced oil.",
@@ -283,7 +285,7 @@ _add([
         "a tight spot", "More resistance at one place of the travel.",
         "A rail joint, a dent, dirt, a damaged ball or race, a bent screw.",
         "Move slowly over the place by hand or under power and watch the force; look at the rail there."),
-        _spots, ("place", "width"), one_sided=True),
+        _spots, ("place", "width", "v_s"), one_sided=True),
     Kind("angle_harmonic", "connection", "Harmonic", ("cosine", "sine"), _T(
         "a force that repeats along the way", "A force with a fixed period in angle or position.",
         "Cogging of a motor, eccentric pulleys or gears, unbalance against gravity, pitch error of a screw or rack.",

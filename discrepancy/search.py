@@ -12,6 +12,7 @@ from discrepancy.blocks import Candidate, Residual
 from discrepancy.catalogue import Entry, catalogue
 from discrepancy.columns import Confrontation, candidate_columns
 from discrepancy.effects import Effect
+from discrepancy.kinds import kind_named
 from discrepancy.stage import Accepted, Rival, Stage
 from estimation.sandwich import correlation_time
 from estimation.signals import Preparation
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Step", "bic_difference", "scan_preparation", "search_step"]
 
-SCAN_ROWS = 9000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
+SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 FINALISTS = 3
 TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
 
@@ -158,7 +159,8 @@ def _effect(candidate: Candidate, row: Row, stage: Stage) -> Effect:
     if entry.place is None:
         return Effect(kind.name, entry.where, strengths, number=number)
     return Effect.at_place(
-        kind.name, entry.place, strengths=strengths, shape=dict(row.shape), load=entry.load, number=number)
+        kind.name, entry.place, strengths=strengths, shape={k: v for k, v in row.shape.items() if k != "secant"},
+        load=entry.load, number=number)
 
 
 def bic_difference(richer: Stage, poorer: Stage) -> float:
@@ -180,6 +182,11 @@ def bic_difference(richer: Stage, poorer: Stage) -> float:
     return float(total + more * np.log(max(samples, 2.0)))
 
 
+def _richer(kind: str, best: Stage) -> bool:
+    """Tell whether a kind has more strengths than the accepted effect: then it may only be the same with more freedom."""
+    return len(kind_named(kind).strengths) > len(best.effects[-1].strengths)
+
+
 def _rivals(
     best: Stage, stage: Stage, others: Sequence[tuple[Stage, Row]], scans: Sequence[ScanResult], name: str
 ) -> tuple[Rival, ...]:
@@ -187,11 +194,12 @@ def _rivals(
     found: dict[str, Rival] = {}
     for other, row in others:
         difference = bic_difference(other, stage) - bic_difference(best, stage)
-        found[row.name] = Rival(row.kind, row.where, float(difference), True, difference < TIE)
+        found[row.name] = Rival(
+            row.kind, row.where, float(difference), True, difference < TIE and not _richer(row.kind, best))
     for scan in scans:
         if scan.ties is not None and scan.ties.best == name:
             for tie in (*scan.ties.same_kind, *scan.ties.other_kind):
-                if tie.name not in found and tie.why == "exact":
+                if tie.name not in found and tie.why == "exact" and not _richer(tie.kind, best):
                     found[tie.name] = Rival(tie.kind, tie.where, 2.0 * tie.gain_deficit, False, True)
     plain = scans[0]
     if name not in plain.refused:

@@ -18,6 +18,7 @@ import importlib.util
 import os
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -118,6 +119,11 @@ def _write_once(path: Path, text: str) -> None:
         Path(draft).unlink(missing_ok=True)
 
 
+#: A module stands in ``sys.modules`` while it is executed; another thread must not take it half made.
+_loading = threading.RLock()
+compiling = threading.RLock()
+
+
 def load_source(text: str, stem: str) -> ModuleType:
     """Turn source text into a module whose functions can be compiled, cached and stepped through.
 
@@ -133,6 +139,11 @@ def load_source(text: str, stem: str) -> ModuleType:
     module : ModuleType
         Registered in ``sys.modules`` before it is executed, because numba's cache needs that.
     """
+    with _loading:
+        return _load(text, stem)
+
+
+def _load(text: str, stem: str) -> ModuleType:
     name = f"{stem}_{fingerprint(text)}"
     module_name = f"vtsdt_native_{name}"
     if module_name in sys.modules:

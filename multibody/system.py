@@ -192,12 +192,13 @@ class System:
     # ---------------------------------------------------------------- functions
 
     def _native(self, name: str) -> NativeFunction:
-        from multibody.native import compile_rhs, compile_tangent, load_source
+        from multibody.native import compile_rhs, compile_tangent, compiling, load_source
 
         compile_ = compile_tangent if name.endswith("tangent") else compile_rhs
         module = load_source(self.texts[name], name)
         try:
-            return compile_(module, name, self.compiled)
+            with compiling:  # two threads that ask at once would compile twice
+                return compile_(module, name, self.compiled)
         except Exception as error:
             if not type(error).__module__.startswith("numba"):
                 raise
