@@ -43,14 +43,23 @@ def whiten_all(
     e_raw = layout.stack(whitener, residual.blocks, sens.prior_offset[has_prior] / sens.prior_std[has_prior])
     e = proj.remove(e_raw.copy())
     # One scale for all channels keeps their relative weight and makes the noise variance one.
-    stacked = (
-        (i, j, c.one_sided, layout.stack(whitener, cols))
-        for i, c in enumerate(candidates)
-        for j, cols in enumerate(c.columns)
-    )
-    columns = prepare_columns(list(stacked), proj)
+    columns = prepare_columns(_stacked(layout, whitener, candidates), proj)
     scorer = make_scorer(columns, proj, residual.dt) if columns.groups else None
     return Whitened(whitener, proj, e_raw, e, columns, scorer)
+
+
+def _stacked(
+    layout: Layout, whitener: Whitener, candidates: Sequence[Candidate]
+) -> list[tuple[int, int, bool, Array]]:
+    """Whiten the columns of all candidates together: one pass costs little more than one candidate's."""
+    entries = [(i, j, c.one_sided, cols) for i, c in enumerate(candidates) for j, cols in enumerate(c.columns)]
+    if not entries:
+        return []
+    together = [np.concatenate([cols[b] for *_, cols in entries], axis=2) for b in range(len(layout.lengths))]
+    white = layout.stack(whitener, together)
+    ends = np.cumsum([cols[0].shape[2] for *_, cols in entries])
+    parts = np.split(white, ends[:-1], axis=1)
+    return [(i, j, one, np.ascontiguousarray(z)) for (i, j, one, _), z in zip(entries, parts, strict=True)]
 
 
 def louder(s: Scores, scorer: Scorer, e: Array) -> Scores:
