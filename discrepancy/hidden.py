@@ -12,7 +12,7 @@ import numpy as np
 
 from discrepancy.bench import BenchError
 from discrepancy.catalogue import Entry
-from discrepancy.effects import Effect
+from discrepancy.effects import Effect, law_class
 from discrepancy.kinds import MotionRange, kinds
 from discrepancy.unknown_laws import OVER, UNKNOWN_LAWS
 from multibody import Component
@@ -281,7 +281,9 @@ def draw_effect(
         )
     strengths = {n: _drawn(n, strength * v, rng, spread) for n, v in sizes(scale).items()}
     assert entry.place is not None
-    shape = _shape(entry, scale.motion, rng)
+    # The catalogue's shapes may hold more than the law has: steps of the scan, for instance.
+    known = law_class(entry.kind, entry.place.domain).declarations
+    shape = {n: v for n, v in _shape(entry, scale.motion, rng).items() if n in known}
     if "v_s" in shape:
         shape["v_s"] *= regularisation
     return Effect.at_place(entry.kind.name, entry.place, strengths=strengths, shape=shape, load=entry.load)
