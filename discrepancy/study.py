@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pandas
 
     from discrepancy.compare import Comparison
+    from discrepancy.confront import Confronted
     from discrepancy.diagnosis import Conclusion
     from discrepancy.locate import WhereItFails
 
@@ -47,6 +48,7 @@ class Study:
     progress: Callable[[str], None] = _silent
     stages: list[Stage] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
+    confronted: Confronted | None = None
 
     @classmethod
     def from_file(
@@ -66,6 +68,10 @@ class Study:
         return self.stages[-1]
 
     def _begin(self) -> None:
+        from discrepancy.confront import confront
+
+        self.confronted = confront(self.setup, self.progress)
+        self.setup = self.confronted.setup
         self.progress("simulate the model as given")
         noise = noise_floors(self.setup.identify, self.setup.noise)
         self.stages.append(self._fitted("as given", (), None, noise, move=False))
@@ -126,15 +132,13 @@ class Study:
 
     @property
     def mode(self) -> str:
-        """How the model is confronted with the records."""
-        return "simulation" if self.setup.residual == "auto" else self.setup.residual
+        """How the model is confronted with the records: ``"simulation"``, ``"prediction"`` or ``"inverse"``."""
+        return self.confronted.mode if self.confronted is not None else self.setup.residual
 
     @property
     def mode_reason(self) -> str:
         """Why it is confronted so."""
-        if self.setup.residual != "auto":
-            return "asked for by the study"
-        return "the machine stays where its inputs put it, so a simulation from the start of the record says most"
+        return self.confronted.reason if self.confronted is not None else "chosen when the first stage is made"
 
     def unit_of(self, kind: str, where: str) -> str:
         """Return the unit of a kind's first strength at a place or signal of this study."""

@@ -1,0 +1,186 @@
+"""How a model is confronted with its records: by simulation, window by window, or with the motion given.
+
+See docs/method/residuals.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.setup import Setup
+from discrepancy.start_guess import Followed, follow
+from discrepancy.windows import (
+    FACTOR,
+    LEAST_SAMPLES,
+    Growth,
+    crop,
+    cut_windows,
+    divergence_time,
+    growth_from,
+    samples_needed,
+)
+
+if TYPE_CHECKING:
+    from estimation.experiment import Experiment
+    from multibody.system import System
+
+__all__ = ["Confronted", "confront"]
+
+
+def _silent(text: str) -> None:
+    """Swallow progress."""
+
+
+@dataclass(frozen=True, eq=False)
+class Confronted:
+    """A study's setup in the form in which it is worked on.
+
+    Parameters
+    ----------
+    setup : Setup
+        With the experiments (and, in inverse mode, the model) that the residual is taken from.
+    mode : {"simulation", "prediction", "inverse"}
+    reason : str
+        One sentence.
+    """
+
+    setup: Setup
+    mode: str
+    reason: str
+
+
+def confront(setup: Setup, progress: Callable[[str], None] = _silent) -> Confronted:
+    """Choose how to confront a model with its records, and prepare the experiments for it.
+
+    Parameters
+    ----------
+    setup : Setup
+        ``setup.residual`` asks for a mode, or is ``"auto"``.
+    progress : callable
+        Gets a line of text now and then.
+
+    Raises
+    ------
+    StudyError
+        If the inverse residual is asked for and no position, angle or speed of a free motion is measured.
+    SimulationError
+        If the machine cannot be simulated at all.
+    """
+    if setup.residual == "simulation":
+        return Confronted(setup, "simulation", "asked for by the study")
+    if setup.residual == "inverse":
+        from discrepancy.inverse import inverse_setup
+
+        progress("give the machine its recorded motion")
+        found = inverse_setup(setup)
+        return Confronted(found.setup, "inverse", f"asked for by the study; {found.told}")
+    progress("how fast the machine runs away from a start that is slightly off")
+    look = _Look.of(setup)
+    whole = look.whole()
+    if setup.residual == "auto" and not np.isfinite(whole.within):
+        return Confronted(setup, "simulation", _stays(whole))
+    length = look.length()
+    least = max(samples_needed(e.preparation, e.record.rate) / e.record.rate for e in look.identify)
+    if length < least and setup.residual == "auto":
+        inverse = _inverse_instead(setup, length)
+        if inverse is not None:
+            return inverse
+    progress(f"cut the records into windows of at most {max(length, least):.3g} s")
+    windowed, count = look.windowed(length)
+    reason = f"{_runs_away(whole)}; the records are cut into {count} windows of about {max(length, least):.2g} s"
+    if length < least:
+        reason += f", the least that leaves {LEAST_SAMPLES} samples (errors grow within {length:.2g} s: record faster)"
+    if setup.residual == "prediction":
+        reason = f"asked for by the study; {reason}"
+    return Confronted(windowed, "prediction", reason)
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A setup's records with the states that the machine had along them."""
+
+    setup: Setup
+    system: System
+    p: np.ndarray
+    identify: tuple[Experiment, ...]
+    followed: tuple[Followed, ...]
+    spread: np.ndarray
+    scale: np.ndarray
+
+    @classmethod
+    def of(cls, setup: Setup) -> _Look:
+        experiments = tuple(crop(e) for e in setup.identify)
+        system = setup.model.build(outputs=experiments[0].outputs)
+        p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
+        followed = tuple(follow(e, system, p) for e in experiments)
+        values = np.concatenate([e.record.values(*e.outputs) for e in experiments])
+        spread = np.maximum(np.std(values, axis=0), 1e-9 * np.maximum(np.max(np.abs(values), axis=0), 1e-300))
+        states = np.concatenate([f.states for f in followed])
+        scale = np.std(states, axis=0)
+        return cls(setup, system, p, experiments, followed, spread, scale)
+
+    def whole(self) -> Growth:
+        """Return how errors grow over the longest record."""
+        i = int(np.argmax([e.record.duration for e in self.identify]))
+        growth = growth_from(self.identify[i], self.system, self.p, self.followed[i], 0, self.spread, self.scale)
+        cut = growth.time[-1] < 0.99 * self.identify[i].record.duration
+        if cut:  # the simulation broke off: errors beyond all bounds at its end
+            start = growth.start.copy()
+            start[-1] = np.inf
+            growth = replace(growth, start=start)
+        return growth
+
+    def length(self) -> float:
+        """Return the longest window over which errors stay small, s."""
+        return divergence_time(self.identify, self.system, self.p, self.followed, self.spread, self.scale)
+
+    def windowed(self, length: float) -> tuple[Setup, int]:
+        """Return the setup with every record cut into windows, and how many there are for choosing."""
+        identify = self._cut(self.identify, self.followed, length)
+        held = [crop(e) for e in self.setup.validate]
+        validate = self._cut(held, [follow(e, self.system, self.p) for e in held], length)
+        return replace(self.setup, identify=identify, validate=validate), len(identify)
+
+    def _cut(self, experiments: Sequence[Experiment], followed: Sequence[Followed], length: float) -> tuple[Experiment, ...]:
+        return tuple(
+            w for e, f in zip(experiments, followed, strict=True) for w in cut_windows(e, self.system, f, length))
+
+
+def _inverse_instead(setup: Setup, length: float) -> Confronted | None:
+    from discrepancy.inverse import inverse_setup
+    from discrepancy.study_file import StudyError
+
+    try:
+        found = inverse_setup(setup)
+    except StudyError:
+        return None
+    return Confronted(
+        found.setup, "inverse",
+        f"errors grow {FACTOR:.0f} times within {length:.2g} s, too short a time for windows of {LEAST_SAMPLES} samples; {found.told}")
+
+
+def _stays(growth: Growth) -> str:
+    most = float(np.max(growth.start))
+    if most < 1.5:
+        told = "an error of the start does not grow"
+    else:
+        told = f"a start 1 % off moves no output by more than {most:.2g} % of its spread"
+    return (f"over {growth.time[-1]:.3g} s {told}: the machine stays where its inputs put it, so a simulation of "
+            "the whole record says most")
+
+
+def _runs_away(growth: Growth) -> str:
+    """Say which error grows, how far, and within which time."""
+    if not np.isfinite(growth.within):
+        return f"a simulation of the whole record would do (errors grow less than {FACTOR:.0f} times in it)"
+    beyond = growth.start > FACTOR
+    if np.any(beyond):
+        most = next((f for f in (10.0 * FACTOR, FACTOR) if np.any(growth.start > f)), FACTOR)
+        when = float(growth.time[np.argmax(growth.start > most)])
+        return f"a start 1 % off grows {most:.0f} times within {when:.2g} s, so no simulation follows a whole record"
+    return (f"an error of 1 % of {growth.input_name} moves {growth.output_name} by {growth.input_change:.2g} (SI) within "
+            f"{growth.time[-1]:.2g} s and ever further, so no simulation follows a whole record")

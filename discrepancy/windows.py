@@ -1,0 +1,206 @@
+"""Windows of a record: short enough that a simulation from a free start cannot run away within one.
+
+How fast a machine runs away is read from exact derivatives: how much a start that is slightly off, or an input that
+is slightly wrong, moves the outputs as time goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.start_guess import Followed
+from estimation.experiment import Experiment, Push
+from estimation.record import Record
+from estimation.signals import Preparation
+
+if TYPE_CHECKING:
+    from multibody.system import System
+
+__all__ = ["FACTOR", "LEAST_SAMPLES", "Growth", "crop", "cut_windows", "divergence_time", "growth_from"]
+
+FACTOR = 30.0
+"""A start or an input that is 1 % off may move the outputs by 30 % of their spread, not more, within one window: up to
+there the fit of a start from an ordinary guess has converged in every machine tried."""
+LEAST_SAMPLES = 20
+_STARTS = 6
+_RECORDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """How errors grow along a record, from one instant on.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,), s
+        Since that instant.
+    start : ndarray, shape (n,)
+        Largest relative change of an output for a relative change of the start, over its value in the first samples.
+    inputs : ndarray, shape (n,)
+        Largest relative change of an output for a relative change of an input.
+    input_name, output_name : str
+        The pair with the largest such change.
+    input_change : float
+        What 1 % of that input moves that output by at most, in the output's unit.
+    """
+
+    time: np.ndarray
+    start: np.ndarray
+    inputs: np.ndarray
+    input_name: str = ""
+    output_name: str = ""
+    input_change: float = 0.0
+
+    @property
+    def within(self) -> float:
+        """Time within which errors stay below `FACTOR`, s; infinite when they do to the end."""
+        beyond = (self.start > FACTOR) | (self.inputs_run & (self.inputs > FACTOR))
+        return float(self.time[np.argmax(beyond)]) if np.any(beyond) else float("inf")
+
+    @property
+    def inputs_run(self) -> bool:
+        """True when the influence of an input keeps growing: one that settles is only a gain."""
+        half = self.inputs.size // 2
+        early = float(np.max(self.inputs[:half], initial=0.0))
+        return bool(np.max(self.inputs[half:], initial=0.0) > 1.8 * early)
+
+
+def crop(experiment: Experiment) -> Experiment:
+    """Return the experiment with its record cut to the window of its preparation."""
+    given, time = experiment.preparation, experiment.record.time
+    if given.start is None and given.stop is None:
+        return experiment
+    slack = 1e-6 * float(np.median(np.diff(time)))
+    low = int(np.searchsorted(time, (time[0] if given.start is None else given.start) - slack))
+    high = int(np.searchsorted(time, (time[-1] if given.stop is None else given.stop) + slack))
+    record = sub_record(experiment.record, slice(low, high), experiment.record.name)
+    return replace(experiment, record=record, preparation=replace(given, start=None, stop=None), _cache={})
+
+
+def sub_record(record: Record, part: slice, name: str) -> Record:
+    """Return a part of a record under a name of its own."""
+    time = record.time[part]
+    signals = {k: replace(s, values=s.values[part]) for k, s in record.signals.items()}
+    return Record(name, record.path, time, signals, (*record.log, f"samples {part.start} to {part.stop}"), record.warnings)
+
+
+def growth_from(
+    experiment: Experiment, system: System, p: np.ndarray, followed: Followed, first: int, spread: np.ndarray,
+    scale: np.ndarray,
+) -> Growth:
+    """Return how errors grow from a sample of a record to its end, or as far as the simulation gets.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Cropped.
+    system : System
+        With the measured outputs.
+    p : ndarray, shape (n_p,)
+    followed : Followed
+        States along the record.
+    first : int
+        Sample to begin at.
+    spread, scale : ndarray, shapes (n_channels,) and (n,)
+        Spread of the outputs and of the states: what 100 % is.
+    """
+    from multibody.errors import SimulationError
+
+    states = [n for n in system.state_names if not n.startswith("energy.")]
+    pick = [system.index("state", n) for n in states]
+    last = len(experiment.record.time)
+    while True:
+        record = sub_record(experiment.record, slice(first, last), experiment.record.name)
+        part = replace(experiment, record=record, preparation=Preparation(), _cache={})
+        pushes = [Push(n, np.array(record.signals[n].values)) for n in experiment.inputs]
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                found = part.respond(system, p, followed.at(first), states=states, pushes=pushes).derivatives
+            break
+        except SimulationError:
+            last = first + (last - first) // 2
+            if last - first < LEAST_SAMPLES:
+                time = experiment.record.time[first : first + 2] - experiment.record.time[first]
+                return Growth(time, np.full(time.size, np.inf), np.zeros(time.size))
+    with np.errstate(over="ignore", invalid="ignore"):
+        by_start = found[:, :, : len(states)] * scale[pick] / spread[:, None]
+        by_start = np.nan_to_num(np.sqrt(np.sum(by_start**2, axis=2)), nan=np.inf, posinf=np.inf)
+        by_input = np.nan_to_num(np.abs(found[:, :, len(states) :]) / spread[:, None], nan=np.inf, posinf=np.inf)
+    early = np.maximum(np.max(by_start[:LEAST_SAMPLES], axis=0, where=np.isfinite(by_start[:LEAST_SAMPLES]), initial=0.0), 1.0)
+    time = record.time - record.time[0]
+    if not experiment.inputs:
+        return Growth(time, np.max(by_start / early, axis=1), np.zeros(time.size))
+    peak = np.max(by_input, axis=0)
+    c, i = np.unravel_index(int(np.argmax(peak)), peak.shape)
+    return Growth(
+        time, np.max(by_start / early, axis=1), np.max(by_input, axis=(1, 2)), experiment.inputs[i],
+        experiment.outputs[c], 0.01 * float(peak[c, i] * spread[c]))
+
+
+def divergence_time(
+    experiments: Sequence[Experiment], system: System, p: np.ndarray, followed: Sequence[Followed], spread: np.ndarray,
+    scale: np.ndarray,
+) -> float:
+    """Return the time within which errors stay below `FACTOR` from most starts of the records, s.
+
+    A machine runs away faster from some states than from others (a pendulum that stands, one that hangs); the lower
+    quartile over starts spread over the longest records is taken, because a window that is somewhat too long in one
+    place is mended by its free start, while short windows everywhere would blind the study to slow effects.
+    """
+    order = np.argsort([-e.record.duration for e in experiments], kind="stable")[:_RECORDS]
+    found = []
+    for i in order:
+        n = len(experiments[i].record.time)
+        for first in np.linspace(0, n, _STARTS, endpoint=False).astype(int):
+            if n - first < 2 * LEAST_SAMPLES:
+                continue
+            growth = growth_from(experiments[i], system, p, followed[i], int(first), spread, scale)
+            reach = growth.within
+            if np.isfinite(reach) or first == 0:
+                found.append(min(reach, experiments[i].record.duration))
+    return float(np.quantile(found, 0.25)) if found else 0.0
+
+
+def samples_needed(preparation: Preparation, rate: float) -> int:
+    """Return how many raw samples a window needs so that enough prepared ones are left."""
+    return LEAST_SAMPLES * preparation.decimate + 2 * preparation.edge_samples(rate)
+
+
+def cut_windows(experiment: Experiment, system: System, followed: Followed, length: float) -> list[Experiment]:
+    """Return an experiment as experiments on windows of nearly equal length, each with a start of its own.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Cropped.
+    system : System
+    followed : Followed
+        States along the record: where the fit of each start begins.
+    length : float, s
+        Longest window; never fewer samples than `samples_needed` are taken.
+    """
+    record = experiment.record
+    n = len(record.time)
+    least = samples_needed(experiment.preparation, record.rate)
+    count = max(1, min(int(np.ceil(record.duration / length - 1e-9)), n // max(least, 1)))
+    bounds = np.linspace(0, n - 1, count + 1).round().astype(int)
+    everything = tuple(s for s in system.state_names if not s.startswith("energy."))
+    found = []
+    for k in range(count):
+        part = slice(int(bounds[k]), int(bounds[k + 1]) + 1)
+        name = f"{record.name} [{record.time[part.start]:.4g}..{record.time[part.stop - 1]:.4g} s]"
+        x = followed.at(part.start)
+        if k == 0:
+            free = experiment.free
+            start = {**experiment.start, **{s: float(x[system.index("state", s)]) for s in free}}
+        else:
+            free = everything
+            start = {s: float(v) for s, v in zip(system.state_names, x, strict=True)}
+        found.append(replace(
+            experiment, record=sub_record(record, part, name if count > 1 else record.name), start=start, free=free,
+            _cache={}))
+    return found
