@@ -78,7 +78,7 @@ def falling_error(conclusion: Conclusion) -> Figure:
     """Draw the error of every output from stage to stage, on fitted and on held-out records."""
     outputs = worst_outputs(conclusion, 6)
     figure, axes = new_figure(len(outputs), height=2.1 if len(outputs) > 1 else 3.0, sharex=True)
-    names = [textwrap.fill(stage_title(s), 20) for s in conclusion.stages]
+    names = _stage_labels(conclusion.stages)
     styles = {
         "identify": dict(AFTER, marker="o", markersize=6),
         "validate": dict(BEFORE, marker="s", markersize=6),
@@ -111,6 +111,17 @@ def falling_error(conclusion: Conclusion) -> Figure:
     return figure
 
 
+def _stage_labels(stages: Sequence[Stage]) -> list[str]:
+    """Names of the stages where there is room, else the numbers of their effects in the report."""
+    if len(stages) <= 4:
+        return [textwrap.fill(stage_title(s), 20) for s in stages]
+    found, count = [], 0
+    for s in stages:
+        count += s.accepted is not None
+        found.append(s.name if s.accepted is None else f"+ effect {count}")
+    return [textwrap.fill(n.replace("recalibrated", "recali- brated"), 9) for n in found]
+
+
 def _error_scale(axes: Axes, shown: np.ndarray) -> None:
     good = [v for v in shown if np.isfinite(v) and v > 0.0]
     if wants_log(good):
@@ -135,7 +146,7 @@ def over_time(conclusion: Conclusion, evidence: Evidence, output: str) -> Figure
         models.append((last, AFTER, stage_title(conclusion.final)))
     _signals(top, first, models, slice(None))
     _residuals(middle, first, models, slice(None))
-    top.set_title(f"{output} on '{first.record}' ({PART_WORDS[first.part]})")
+    top.set_title(f"{output} on '{first.record}'")
     middle.set_title("what is left: measured minus model")
     # Where the error is too small to be seen beside the signal, the closer look is at the error.
     seen = float(np.ptp(first.residual[span])) > 0.08 * float(np.ptp(first.measured[span]))
@@ -265,13 +276,22 @@ def spectra(conclusion: Conclusion, evidence: Evidence, outputs: Sequence[str]) 
         a.set_title(f"{output} on '{first.record}'")
         a.set_ylabel(f"error [{unit_text(first.unit)}/√Hz]")
     axes[-1, 0].set_xlabel("frequency [Hz]")
-    axes[0, 0].legend(loc="best")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8.5)
     return figure
 
 
-def _spectrum(axes: Axes, signal: SignalComparison, name: str, style: dict[str, Any]) -> None:
+def _spectrum(
+    axes: Axes, signal: SignalComparison, name: str, style: dict[str, Any], most: int = 150
+) -> None:
     frequency, density = signal.spectrum()
-    axes.loglog(frequency[1:], np.sqrt(np.maximum(density[1:], 1e-300)), label=name, **style)
+    frequency, density = frequency[1:], np.maximum(density[1:], 1e-300)
+    # Lines that lie too close to be seen apart are averaged.
+    edges = np.geomspace(frequency[0], frequency[-1] * (1.0 + 1e-9), most + 1)
+    at = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, most - 1)
+    count = np.bincount(at, minlength=most)
+    used = count > 0
+    means = [np.bincount(at, weights=x, minlength=most)[used] / count[used] for x in (frequency, density)]
+    axes.loglog(means[0], np.sqrt(means[1]), label=name, **style)
 
 
 def _floor_line(axes: Axes, signal: SignalComparison, conclusion: Conclusion) -> None:

@@ -38,7 +38,7 @@ def _threshold(row: Row) -> float:
 def candidate_scores(scan: ScanResult, most: int = 14, title: str = "") -> Figure:
     """Draw how far each candidate stands from zero, in standard errors, with what it needs to be believed."""
     rows = sorted(scan.rows, key=lambda r: -r.lm / r.lam)[:most]
-    from matplotlib.ticker import FuncFormatter
+    from matplotlib.ticker import FuncFormatter, NullFormatter
 
     figure, axes = new_figure(1, height=1.0 + 0.3 * max(len(rows), 2))
     a = axes[0, 0]
@@ -74,6 +74,7 @@ def candidate_scores(scan: ScanResult, most: int = 14, title: str = "") -> Figur
     if len(rows) and float(score.max()) > 8.0 * float(np.nanmax(need)):
         a.set_xscale("log")
         a.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+        a.xaxis.set_minor_formatter(NullFormatter())
         a.set_xlim(left=0.4 * float(np.nanmin(need)))
     for tick, row in zip(a.get_yticklabels(), rows, strict=True):
         if scan.best is not None and row.name == scan.best.name:

@@ -62,7 +62,7 @@ def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
         _picture(
             figures.falling_error(conclusion),
             "falling_error",
-            "The error of the model at each step. "
+            "The error of the model at each step; the effects have the numbers of the section below. "
             + (
                 "Square marks: records that were held out and used for nothing but this comparison."
                 if conclusion.judged_on == "validate"
@@ -76,7 +76,8 @@ def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
             _picture(
                 figures.over_time(conclusion, evidence, output),
                 f"over_time_{k + 1}",
-                f"{output}: measurement and model over time; what is left; and a closer look at the worst "
+                f"{output} ({figures.PART_WORDS[conclusion.judged_on]}): measurement and model over time; "
+                "what is left; and a closer look at the worst "
                 "stretch. Inside "
                 "the grey band nothing but the noise of the sensor is left.",
                 "where",

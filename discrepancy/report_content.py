@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from importlib import metadata
 from typing import Any
 
 from discrepancy.compare import PARTS
@@ -12,6 +11,7 @@ from discrepancy.diagnosis import Conclusion, Evidence, effect_parameters, param
 from discrepancy.figures import PART_WORDS, stage_title, worst_outputs
 from discrepancy.kinds import KindText, kinds
 from discrepancy.plotting import unit_text
+from discrepancy.report_method import how, records
 from discrepancy.stage import Accepted, Stage
 from discrepancy.wording import interval_words, luck_words, quantity, ratio_words, rival_words, share_words
 
@@ -25,11 +25,6 @@ HEADLINES = {
     "unknown effect": "Something is missing that has no name in the catalogue",
     "ambiguous": "Something is missing, and these records leave open which of several effects it is",
     "": "Model and records were compared; what is missing was not asked",
-}
-_MODES = {
-    "simulation": "the model was run from the recorded inputs, its outputs laid beside the recorded ones",
-    "prediction error": "the model was restarted from the measurement again and again, and compared",
-    "inverse": "the recorded motion was given to the model, the force it takes laid beside the recorded one",
 }
 _UNKNOWN = KindText(
     "a force without a name",
@@ -71,9 +66,9 @@ def content(conclusion: Conclusion, evidence: Evidence) -> Entry:
         "next": list(conclusion.next_measurement),
         "parameters": _parameters(conclusion),
         "confounded": [", ".join(g) for g in conclusion.final.identify.confounded],
-        "records": _records(conclusion),
+        "records": records(conclusion),
         "warnings": list(conclusion.warnings),
-        "how": _how(conclusion),
+        "how": how(conclusion),
     }
 
 
@@ -123,7 +118,7 @@ def _outputs(conclusion: Conclusion) -> list[Entry]:
 
 def _table(conclusion: Conclusion, evidence: Evidence, outputs: list[str]) -> list[Entry]:
     """Errors stage by stage, a row for each output."""
-    stages = []
+    stages, number = [], 0
     for stage, comparison in zip(conclusion.stages, evidence.comparisons, strict=True):
         pooled = {part: comparison.pooled(part) for part in PARTS}
         rows = []
@@ -139,7 +134,9 @@ def _table(conclusion: Conclusion, evidence: Evidence, outputs: list[str]) -> li
             a = pooled[conclusion.judged_on].get(output)
             cells["over_noise"] = f"{a.rmse / noise:.2g} ×" if a is not None and noise else ""
             rows.append(cells)
-        stages.append({"name": stage_title(stage), "rows": rows})
+        number += stage.accepted is not None
+        told = stage_title(stage) + (f" (effect {number})" if stage.accepted is not None else "")
+        stages.append({"name": told, "rows": rows})
     return stages
 
 
@@ -277,7 +274,7 @@ def _refused(conclusion: Conclusion) -> list[Entry]:
     return [{"why": why, "names": names} for why, names in by_reason.items()]
 
 
-# ---------------------------------------------------------------- where, parameters, records, method
+# ---------------------------------------------------------------- where, parameters
 
 
 def _where(evidence: Evidence, outputs: list[str]) -> list[Entry]:
@@ -308,11 +305,15 @@ def _parameters(conclusion: Conclusion) -> list[Entry]:
         if p.name in own:
             continue
         low, high = final.interval(p.name)
+        told, vague, _ = interval_words(final[p.name], low, high, "").partition(": these records hardly")
+        told += ")" if vague else ""
         remark = str(frame.loc[p.name, "remark"])
         if math.isfinite(p.std) and p.std > 0.0 and abs(final[p.name] - p.value) > 3.0 * p.std:
             remark = "; ".join(
                 filter(None, [remark, "more than three standard deviations from the value given"])
             )
+        if vague:
+            remark = "; ".join(filter(None, [remark, "hardly determined by these records"]))
         rows.append(
             {
                 "name": p.name,
@@ -320,75 +321,8 @@ def _parameters(conclusion: Conclusion) -> list[Entry]:
                 "given": quantity(p.value, "", 4),
                 "believed": f"± {quantity(p.std, '', 2)}" if math.isfinite(p.std) else "free",
                 "recalibrated": quantity(recalibrated[p.name], "", 4) if p.name in recalibrated else "",
-                "final": interval_words(final[p.name], low, high, "").replace("95 % interval ", ""),
+                "final": told.replace("95 % interval ", ""),
                 "remark": remark,
             }
         )
     return rows
-
-
-def _records(conclusion: Conclusion) -> list[Entry]:
-    found = []
-    for part in PARTS:
-        for fit in conclusion.final.fits(part):
-            e = fit.experiment
-            done = [*e.record.log, *e.preparation.describe(float(e.record.rate))]
-            own = [f"{name} fitted for this record: {value:.4g}" for name, value in fit.own.items()]
-            found.append(
-                {
-                    "name": e.name,
-                    "part": PART_WORDS[part],
-                    "file": str(e.record.path.name),
-                    "length": (
-                        f"{e.record.duration:.4g} s at {e.record.rate:.4g} Hz, {len(e.time)} samples compared"
-                    ),
-                    "log": [line for line in (*done, *own) if not line.startswith("warning: ")],
-                    "warnings": list(e.record.warnings),
-                }
-            )
-    return found
-
-
-def _how(conclusion: Conclusion) -> list[tuple[str, str]]:
-    scan = conclusion.baseline.scan
-    lines = [
-        (
-            "Confronted by",
-            conclusion.residual_mode
-            + ": "
-            + _MODES.get(conclusion.residual_mode, "")
-            + (f", because {conclusion.residual_reason}" if conclusion.residual_reason else ""),
-        ),
-        (
-            "Fitted by",
-            "least squares over full runs of the model, with what was believed of the parameters before; "
-            "intervals hold for errors that are related from sample to sample",
-        ),
-    ]
-    if scan is not None:
-        lines.append(
-            (
-                "Looked for",
-                f"{len(scan.rows) + len(scan.refused)} effects, one for each kind at each place where it "
-                "can act; what recalibration could imitate is taken out first",
-            )
-        )
-    if conclusion.verdict:
-        lines.append(
-            (
-                "Believed only if",
-                f"luck would give as much in fewer than {share_words(conclusion.level)} of studies "
-                "of a good model, over all effects together; luck is measured by shuffling stretches of "
-                "the error",
-            )
-        )
-    versions = []
-    for package in ("vtsdt", "numpy", "scipy", "numba"):
-        try:
-            versions.append(f"{package} {metadata.version(package)}")
-        except metadata.PackageNotFoundError:
-            continue
-    lines += [("Seed of random numbers", str(conclusion.seed)), ("Versions", ", ".join(versions))]
-    if conclusion.paths:
-        lines.append(("Files", ", ".join(conclusion.paths)))
-    return lines

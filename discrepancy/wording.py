@@ -65,6 +65,8 @@ def interval_words(value: float, low: float, high: float, unit: str) -> str:
     --------
     >>> interval_words(12.0123, 11.93, 12.09, "N")
     '12.01 N (95 % interval 11.93 to 12.09 N)'
+    >>> interval_words(3.2, -100.0, 106.0, "N")
+    '3.2 N (95 % interval −100 to 106 N: these records hardly determine it)'
     """
     half = 0.5 * (high - low)
     if not math.isfinite(half) or half <= 0.0:
@@ -74,8 +76,11 @@ def interval_words(value: float, low: float, high: float, unit: str) -> str:
     places = max(0, (1 if half / factor < 3.0 * 10.0**lead else 0) - lead)
     if places > 9:
         return f"{quantity(value, unit, 9)} (95 % interval far narrower than the last digit)"
-    v, a, b = (f"{x / factor:.{places}f}" for x in (value, low, high))
-    return f"{v} {text} (95 % interval {a} to {b} {text})".replace(" )", ")").replace("  ", " ")
+    a, b = (f"{x / factor:.{places}f}".replace("-", "−") for x in (low, high))
+    vague = abs(value) < half
+    v = _number(value / factor, 2) if vague else f"{value / factor:.{places}f}".replace("-", "−")
+    told = f"{v} {text} (95 % interval {a} to {b} {text}".rstrip() + ")"
+    return (told[:-1] + ": these records hardly determine it)" if vague else told).replace("  ", " ")
 
 
 def luck_words(p: float) -> str:
