@@ -1,0 +1,302 @@
+"""How often the search is right: machines with nothing, one thing or two things hidden, run by the hundred.
+
+`vtsdt validate discrepancy` runs the suites on the virtual axis, whose data come from another integrator, other
+friction regularisation, sensor noise, quantisation, jitter and a coloured disturbance.  Every case is a line of a
+JSON-lines file, so that a run that was interrupted goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+__all__ = ["Trial", "hidden_trial", "main", "null_trial", "page", "rates", "run_suite", "wilson"]
+
+TIMES_VISIBLE = 3.0
+NOT_FOUND_ALONE = ("unknown_force",)
+SUITES = ("null", "kinds", "pairs", "unknown")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One case and what the search said.
+
+    Parameters
+    ----------
+    suite : {"null", "kinds", "pairs", "unknown"}
+    seed : int
+    hidden : tuple of str
+        ``kind@where``.
+    verdict : str
+    found : tuple of str
+        ``kind@where`` of the effects added, in order.
+    ties : tuple of str
+        What could not be told from the first.
+    ratio : float
+        Fitted strength over the true one, where kind and place are right.
+    seconds : float
+    """
+
+    suite: str
+    seed: int
+    hidden: tuple[str, ...]
+    verdict: str
+    found: tuple[str, ...]
+    ties: tuple[str, ...] = ()
+    ratio: float = math.nan
+    seconds: float = math.nan
+    note: str = field(default="")
+
+    @property
+    def first(self) -> bool:
+        """True if what was hidden was named first."""
+        return bool(self.found) and self.found[0] in self.hidden
+
+    @property
+    def in_tie(self) -> bool:
+        """True if what was hidden is among the first effect and what cannot be told from it."""
+        return bool(self.found) and bool({self.found[0], *self.ties} & set(self.hidden))
+
+
+def wilson(hits: int, trials: int) -> tuple[float, float]:
+    """Return the 95 % Wilson interval of a rate.
+
+    Examples
+    --------
+    >>> low, high = wilson(2, 100)
+    >>> round(low, 4), round(high, 4)
+    (0.0055, 0.07)
+    """
+    if trials == 0:
+        return 0.0, 1.0
+    z = 1.959963984540054
+    rate, n = hits / trials, trials
+    middle = (rate + z * z / (2 * n)) / (1 + z * z / n)
+    half = z * math.sqrt(rate * (1 - rate) / n + z * z / (4 * n * n)) / (1 + z * z / n)
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def _diagnosed(suite: str, seed: int, hidden: Sequence[str], **rig: Any) -> Trial:
+    import time
+
+    from discrepancy.axis import axis_case
+    from discrepancy.study import Study
+
+    begun = time.perf_counter()
+    case = axis_case(seed, list(hidden), **rig)
+    study = Study(case.setup(seed=seed))
+    conclusion = study.diagnose()
+    found = [s.accepted for s in study.stages if s.accepted is not None]
+    names = tuple(str(a.effect) for a in found)
+    ties = tuple(f"{r.kind}@{r.where}" for r in found[0].rivals if r.indistinguishable) if found else ()
+    truth = case.truth["effects"][0] if case.truth["effects"] else None
+    ratio = math.nan
+    if truth is not None and found and names[0] == f"{truth['kind']}@{truth['where']}":
+        last = next((e for e in study.stages[-1].effects if str(e) == names[0]), None)
+        if last is not None:
+            true = {k: v.get("value") for k, v in truth["parameters"].items() if k in last.strengths}
+            size = math.sqrt(sum(v * v for v in true.values()))
+            ratio = math.sqrt(sum(last.strengths[k] ** 2 for k in true)) / size if size else math.nan
+    return Trial(suite, seed, tuple(hidden), conclusion.verdict, names, ties, ratio, time.perf_counter() - begun)
+
+
+def null_trial(seed: int) -> Trial:
+    """Diagnose a correct model: whatever is named is a false alarm."""
+    return _diagnosed("null", seed, ())
+
+
+def _visible(seed: int) -> dict[str, float]:
+    """Return the smallest visible strength of every candidate on the records of a seed, nothing being hidden."""
+    from discrepancy.axis import axis_case
+    from discrepancy.study import Study
+
+    study = Study(axis_case(seed).setup(seed=seed))
+    scan = study.explain().scan
+    return {r.name: float(r.mde) for r in scan.rows}
+
+
+def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds") -> Trial:
+    """Hide effects at three times their smallest visible strength and diagnose."""
+    from discrepancy.axis import axis_case
+
+    visible = _visible(seed)
+    usual = axis_case(seed, list(hidden)).truth["effects"]
+    factors = []
+    for effect in usual:
+        name = f"{effect['kind']}@{effect['where']}"
+        size = math.sqrt(sum(v["value"] ** 2 for k, v in effect["parameters"].items() if k in _strengths(effect["kind"])))
+        if name not in visible or not math.isfinite(visible[name]) or size == 0.0:
+            note = "no smallest visible strength: the effect is refused on these records"
+            return Trial(suite, seed, tuple(hidden), "refused", (), note=note)
+        factors.append(TIMES_VISIBLE * visible[name] / size)
+    return _diagnosed(suite, seed, hidden, strength=max(factors))
+
+
+def _strengths(kind: str) -> tuple[str, ...]:
+    from discrepancy.kinds import kind_named
+
+    return kind_named(kind).strengths
+
+
+def _plan(suite: str, trials: int, first: int) -> list[tuple[str, int, tuple[str, ...]]]:
+    from discrepancy.axis import list_axis
+
+    names = [f"{e['kind']}@{e['where']}" for e in list_axis() if e["kind"] not in NOT_FOUND_ALONE]
+    if suite == "null":
+        return [("null", first + k, ()) for k in range(trials)]
+    if suite == "unknown":
+        return [("unknown", first + k, ("unknown_force@guide",)) for k in range(trials)]
+    if suite == "pairs":
+        import numpy as np
+
+        rng = np.random.default_rng(first)
+        return [("pairs", first + k, tuple(rng.choice(names, 2, replace=False).tolist())) for k in range(trials)]
+    return [("kinds", first + k, (name,)) for name in names for k in range(trials)]
+
+
+def _run(task: tuple[str, int, tuple[str, ...]]) -> Trial:
+    suite, seed, hidden = task
+    try:
+        if suite == "null":
+            return null_trial(seed)
+        if suite == "unknown":
+            return _diagnosed("unknown", seed, hidden)
+        return hidden_trial(seed, hidden, suite)
+    except Exception as error:  # one case that fails is a result too, and must not lose the others
+        return Trial(suite, seed, hidden, "failed", (), note=f"{type(error).__name__}: {error}"[:300])
+
+
+def run_suite(
+    suite: str, trials: int, out: Path, *, first: int = 1000, workers: int = 2,
+    progress: Callable[[str], None] = lambda text: None,
+) -> list[Trial]:
+    """Run a suite, or what is left of it, and return all its trials.
+
+    Parameters
+    ----------
+    suite : {"null", "kinds", "pairs", "unknown"}
+    trials : int
+        Number of seeds (of each kind, for ``"kinds"``).
+    out : Path
+        Folder of ``<suite>.jsonl``.
+    first : int
+        First seed.
+    workers : int
+        Processes.
+    """
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / f"{suite}.jsonl"
+    done = read_trials(path)
+    known = {(t.seed, t.hidden) for t in done}
+    left = [task for task in _plan(suite, trials, first) if (task[1], task[2]) not in known]
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool, path.open("a") as stream:
+        for count, trial in enumerate(pool.map(_run, left), 1):
+            stream.write(json.dumps(asdict(trial)) + "\n")
+            stream.flush()
+            done.append(trial)
+            progress(f"{suite} {count}/{len(left)}: seed {trial.seed} {' + '.join(trial.hidden) or 'nothing'} hidden, "
+                     f"{trial.verdict}: {', '.join(trial.found) or 'nothing'} ({trial.seconds:.0f} s)")
+    return done
+
+
+def read_trials(path: Path) -> list[Trial]:
+    """Read the trials of an earlier run."""
+    if not path.exists():
+        return []
+    rows = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
+    return [Trial(**{**r, "hidden": tuple(r["hidden"]), "found": tuple(r["found"]), "ties": tuple(r["ties"])}) for r in rows]
+
+
+def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
+    """Return rows (what, hits, trials) of one suite."""
+    trials = list(trials)
+    if not trials:
+        return []
+    suite, n = trials[0].suite, len(trials)
+    if suite == "null":
+        return [("false alarms", sum(bool(t.found) for t in trials), n)]
+    if suite == "unknown":
+        return [
+            ("verdict 'unknown effect'", sum(t.verdict == "unknown effect" for t in trials), n),
+            ("a wrong name", sum(t.verdict in ("effect found", "ambiguous") for t in trials), n)]
+    if suite == "pairs":
+        return [("both found", sum(set(t.hidden) <= set(t.found) for t in trials), n)]
+    counted = [t for t in trials if t.verdict != "refused"]
+    rows = [
+        ("found (something is named)", sum(bool(t.found) for t in counted), len(counted)),
+        ("truth named first", sum(t.first for t in counted), len(counted)),
+        ("truth in the tie set", sum(t.in_tie for t in counted), len(counted)),
+        ("strength within 20 %", sum(abs(t.ratio - 1) <= 0.2 for t in counted if t.first), sum(t.first for t in counted))]
+    for name in dict.fromkeys(t.hidden[0] for t in counted):
+        of = [t for t in counted if t.hidden[0] == name]
+        rows.append((f"{name}: truth in the tie set", sum(t.in_tie for t in of), len(of)))
+    return rows
+
+
+def page(out: Path, date: str) -> str:
+    """Return the results page (Markdown) of all suites in a folder."""
+    lines = ["# How often the search is right", "", f"Made by `vtsdt validate discrepancy` on {date}; virtual axis.", ""]
+    for suite in SUITES:
+        trials = read_trials(out / f"{suite}.jsonl")
+        if not trials:
+            continue
+        seeds = sorted({t.seed for t in trials})
+        lines += [f"## {suite}", "", f"Seeds {seeds[0]} to {seeds[-1]}.", "", "| | hits | trials | rate | 95 % interval |",
+                  "|---|---|---|---|---|"]
+        for what, hits, n in rates(trials):
+            low, high = wilson(hits, n)
+            lines.append(f"| {what} | {hits} | {n} | {hits / max(n, 1):.1%} | {low:.1%} to {high:.1%} |")
+        lines += ["", "Misses:", ""]
+        for t in trials:
+            missed = bool(t.found) if suite == "null" else not t.in_tie
+            if missed:
+                said = ", ".join(t.found) or "nothing"
+                lines.append(f"- seed {t.seed}, {' + '.join(t.hidden) or 'nothing'} hidden: {t.verdict}, named {said}. {t.note}")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the suites named on the command line and write ``results.md`` and ``results.json``."""
+    import argparse
+    from datetime import date
+
+    parser = argparse.ArgumentParser(
+        prog="vtsdt validate discrepancy", description="How often the search for a missing effect is right, on the virtual axis.")
+    parser.add_argument("suites", nargs="*", default=["null", "kinds"], metavar="SUITE", help=f"of {', '.join(SUITES)}")
+    parser.add_argument("--out", required=True, type=Path, help="folder of the trials and the results; a run goes on there")
+    parser.add_argument("--trials", type=int, default=100, help="seeds (of each kind, for 'kinds'); default 100")
+    parser.add_argument("--seed", type=int, default=1000, help="first seed; default 1000")
+    parser.add_argument("--workers", type=int, default=2, help="processes; default 2")
+    parser.add_argument("--quiet", action="store_true", help="no progress")
+    args = parser.parse_args(list(arguments))
+    unknown = [s for s in args.suites if s not in SUITES]
+    if unknown or args.trials < 1:
+        parser.error(f"there is no suite '{unknown[0]}': take {', '.join(SUITES)}" if unknown else "--trials must be at least 1")
+    for suite in args.suites:
+        run_suite(
+            suite, args.trials, args.out, first=args.seed, workers=args.workers,
+            progress=(lambda text: None) if args.quiet else _tell)
+    text = page(args.out, date.today().isoformat())
+    (args.out / "results.md").write_text(text + "\n")
+    found = {s: [list(r) for r in rates(read_trials(args.out / f"{s}.jsonl"))] for s in SUITES}
+    (args.out / "results.json").write_text(json.dumps(found, indent=1) + "\n")
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    Console().print(Markdown(text))
+    return 0
+
+
+def _tell(text: str) -> None:
+    import sys
+
+    sys.stderr.write(text + "\n")
+    sys.stderr.flush()
