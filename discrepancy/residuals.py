@@ -10,7 +10,7 @@ import numpy as np
 
 from discrepancy.columns import Confrontation
 from discrepancy.stage import Stage
-from estimation.sandwich import correlation_time, cut_rows
+from estimation.correlation import correlation_time, cut_rows
 from estimation.signals import Preparation
 
 if TYPE_CHECKING:

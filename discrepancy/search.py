@@ -14,7 +14,7 @@ from discrepancy.columns import Confrontation, candidate_columns
 from discrepancy.effects import Effect
 from discrepancy.kinds import kind_named
 from discrepancy.stage import Accepted, Rival, Stage
-from estimation.sandwich import correlation_time
+from estimation.correlation import correlation_time
 from estimation.signals import Preparation
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ import numpy as np
 
 from estimation.experiment import Experiment, Response, SensorError
 from estimation.least_squares import solve
-from estimation.sandwich import block_sandwich, correlation_time, cut_rows
+from estimation.correlation import correlation_time, cut_rows
+from estimation.intervals import block_sandwich
 
 if TYPE_CHECKING:
     import pandas
@@ -411,12 +412,14 @@ def _result(
         lengths = [r.shape[0] for r in rows]
         memory = max(
             correlation_time(f.residual[:, c]) for f in fits for c in range(n_channels))
-        blocks = cut_rows(lengths, int(3 * memory) * n_channels)
+        longest = max(lengths) // 2  # the sandwich needs two blocks, however long the residual remembers
+        blocks = cut_rows(lengths, min(int(3 * memory) * n_channels, longest))
         prior = np.array([1.0 / problem.parameters[j].std ** 2 if j < k else 0.0 for j in loose])
-        jacobian = np.vstack(rows)[:, np.searchsorted(moving, loose)]
-        covariance, degrees = block_sandwich(jacobian, np.concatenate(errors), blocks, prior)
+        jacobian, error = np.vstack(rows)[:, np.searchsorted(moving, loose)], np.concatenate(errors)
+        interval = block_sandwich([jacobian[b] for b in blocks], [error[b] for b in blocks], np.diag(prior))
+        degrees = int(interval.dof)
         globals_ = loose[loose < k]
-        std[globals_] = np.sqrt(np.maximum(np.diag(covariance)[: globals_.size], 0.0))
+        std[globals_] = interval.std[: globals_.size]
         confounded = _confounded(problem, jacobian, prior, globals_)
     scale = dict(zip(problem.experiments[0].outputs, map(float, problem.scale), strict=True))
     return Calibration(

@@ -7,7 +7,7 @@ import gzip
 import re
 import zlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,9 @@ class Table:
     log: tuple[str, ...] = field(default=())
 
 
-def read_table(path: str | Path, columns: Sequence[str], labels: Sequence[str] = ()) -> Table:
+def read_table(
+    path: str | Path, columns: Sequence[str], labels: Sequence[str] = (), optional: Collection[str] = ()
+) -> Table:
     """Read the asked columns of a file.
 
     Parameters
@@ -66,6 +68,8 @@ def read_table(path: str | Path, columns: Sequence[str], labels: Sequence[str] =
         Columns that hold numbers.
     labels : sequence of str
         Columns that hold labels (trips, segments): numbers or text.
+    optional : collection of str
+        Columns that the file need not have; those it lacks are left out of ``numbers``.
 
     Raises
     ------
@@ -90,9 +94,13 @@ def read_table(path: str | Path, columns: Sequence[str], labels: Sequence[str] =
     try:
         if path.stat().st_size == 0:
             raise RecordError([f"{name}: the file is empty"])
-        return reader(path, list(dict.fromkeys(columns)), list(dict.fromkeys(labels)))
+        return reader(path, list(dict.fromkeys(columns)), list(dict.fromkeys(labels)), optional)
     except OSError as error:
         raise RecordError([f"{name}: cannot be read: {error.strerror or error}"]) from error
+
+
+def _present(columns: Sequence[str], names: Collection[str], optional: Collection[str]) -> list[str]:
+    return [each for each in columns if each in names or each not in optional]
 
 
 def _missing_columns(
@@ -157,7 +165,7 @@ def _decode(name: str, raw: bytes) -> tuple[str, list[str]]:
         return raw.decode("cp1252", errors="replace"), ["not UTF-8: read as Windows-1252"]
 
 
-def _read_csv(path: Path, columns: list[str], labels: list[str]) -> Table:
+def _read_csv(path: Path, columns: list[str], labels: list[str], optional: Collection[str]) -> Table:
     name = path.name
     raw = path.read_bytes()
     if raw.startswith(_GZIP):
@@ -184,6 +192,7 @@ def _read_csv(path: Path, columns: list[str], labels: list[str]) -> Table:
         raise RecordError(
             [f"{name}, line {kept[0] + 1}: no header, the first line holds numbers: add column names"]
         )
+    columns = _present(columns, names, optional)
     faults = _missing_columns(name, [*columns, *labels], names)
     if faults and (len(names) == 1 or names[0].lower() == "sep="):
         faults.append(
@@ -302,7 +311,7 @@ def _as_numbers(
     return np.zeros(len(values)), [f"{name}, column '{column}': holds {values.dtype} and not real numbers"]
 
 
-def _read_parquet(path: Path, columns: list[str], labels: list[str]) -> Table:
+def _read_parquet(path: Path, columns: list[str], labels: list[str], optional: Collection[str]) -> Table:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -310,6 +319,7 @@ def _read_parquet(path: Path, columns: list[str], labels: list[str]) -> Table:
     try:
         file = pq.ParquetFile(path)
         names = list(file.schema_arrow.names)
+        columns = _present(columns, names, optional)
         if faults := _missing_columns(name, [*columns, *labels], names):
             raise RecordError(faults)
         table = file.read(columns=[*columns, *labels])
@@ -342,10 +352,11 @@ def _label(value: Any) -> str:
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
-def _read_mat(path: Path, columns: list[str], labels: list[str]) -> Table:
+def _read_mat(path: Path, columns: list[str], labels: list[str], optional: Collection[str]) -> Table:
     name = path.name
     found = load_arrays(path)
     vectors = {key: value for key, value in found.items() if value.ndim == 1 and value.size > 1}
+    columns = _present(columns, found, optional)
     wanted = [*columns, *labels]
     faults = [
         f"{name}: '{each}' has the shape {found[each].shape} and is not a column of samples"

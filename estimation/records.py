@@ -76,6 +76,7 @@ def read_records(
     rules: ReadRules | None = None,
     names: Sequence[str] | None = None,
     may_be_constant: Collection[str] = (),
+    defaults: Mapping[str, float] | None = None,
 ) -> tuple[Record, ...]:
     """Read files into records, and tell all faults of all files at once.
 
@@ -99,6 +100,9 @@ def read_records(
         Names of the files' records; by default the file names without their endings.
     may_be_constant : collection of str
         Signals that may stand still in every record, such as inputs.
+    defaults : mapping of str to float, optional
+        Signal name to the constant value, in the expected unit, that it has in files without its column. At
+        least one file must have the column, so that a misspelt name is not taken for an absence.
 
     Returns
     -------
@@ -117,15 +121,32 @@ def read_records(
     for path, label in zip(paths, labels, strict=True):
         try:
             records += _File(
-                Path(path), label, time, columns, units or {}, measured_units or {}, rules
+                Path(path), label, time, columns, units or {}, measured_units or {}, rules, defaults or {}
             ).read()
         except RecordError as error:
             faults += error.faults
+    if not faults:
+        faults += _never_recorded(records, columns, defaults or {})
     common = check_same_scale(records, may_be_constant)
     faults += [fault.text for fault in common if fault.severity == "error"]
     if faults:
         raise RecordError(faults)
     return tuple(record.warned(*(fault.text for fault in common)) for record in records)
+
+
+def _never_recorded(
+    records: Sequence[Record], columns: Mapping[str, str], defaults: Mapping[str, float]
+) -> list[str]:
+    """Find columns with a default that no file has."""
+    return [
+        f"no recording has the column '{columns[key]}': name one that exists, or leave '{key}' out"
+        for key in defaults
+        if records and all(_absent(columns[key], defaults[key]) in each.log for each in records)
+    ]
+
+
+def _absent(column: str, value: float) -> str:
+    return f"{column}: not in the file, taken as {value:g} throughout"
 
 
 def _stem(path: Path) -> str:
@@ -152,17 +173,20 @@ class _File:
     units: Mapping[str, str]
     measured: Mapping[str, str]
     rules: ReadRules
+    defaults: Mapping[str, float] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
     def read(self) -> list[Record]:
         file, trip = self.path.name, self.rules.trip
-        table = read_table(self.path, [self.time, *self.columns.values()], [trip] if trip else [])
+        optional = {self.columns[key] for key in self.defaults}
+        table = read_table(self.path, [self.time, *self.columns.values()], [trip] if trip else [], optional)
         self.log += table.log
+        recorded = {key: column for key, column in self.columns.items() if column in table.numbers}
         time, time_unit = self._converted(table.numbers[self.time], self.time, "s", self.rules.time_unit)
         signals = {}
-        for key, column in self.columns.items():
+        for key, column in recorded.items():
             values, unit = self._converted(
                 table.numbers[column], column, self.units.get(key), self.measured.get(key)
             )
@@ -184,10 +208,15 @@ class _File:
         signals = {key: replace(each, values=each.values[keep]) for key, each in signals.items()}
         for each in signals.values():
             self.warnings += [f.text for f in check_values(file, each.column, each.values, rows)]
-        as_written = {key: (column, table.numbers[column][keep]) for key, column in self.columns.items()}
+        as_written = {key: (column, table.numbers[column][keep]) for key, column in recorded.items()}
         in_si = {key: (each.column, each.values) for key, each in signals.items()}
         copies = check_copies(file, as_written) + check_copies(file, in_si)
         self.faults += dict.fromkeys(fault.text for fault in copies)
+        for key, column in self.columns.items():
+            if key not in recorded:
+                unit = self.units.get(key, "")
+                signals[key] = Signal(np.full(len(time), float(self.defaults[key])), unit, column, unit)
+                self.log.append(_absent(column, self.defaults[key]))
         if time_unit != "s":
             self.log.append(f"{self.time}: {time_unit} to s")
         parts = []

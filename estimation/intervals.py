@@ -4,7 +4,7 @@ White-noise formulas count every sample as new information. Here whole blocks (t
 the correlation time) are the units: each block's contribution to the gradient varies from block to block, and
 that variation is the uncertainty.
 
-Coverage of nominal 95 % intervals, measured by ``python -m discrepancy.intervals`` (least squares with three
+Coverage of nominal 95 % intervals, measured by ``python -m estimation.intervals`` (least squares with three
 parameters, Ornstein–Uhlenbeck noise of 0.5 s in blocks of 5 s, 1000 trials): see docs/method/score-scan.md.
 
 Sources: Bell and McCaffrey (2002), Survey Methodology 28, 169 (the leverage correction for few clusters, of
@@ -18,7 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from discrepancy.blocks import Array
+Array = np.ndarray
+
 
 
 @dataclass(frozen=True)
