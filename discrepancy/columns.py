@@ -142,28 +142,15 @@ class Confrontation:
 @lru_cache(maxsize=128)
 def _law_system(kind: Kind) -> System:
     """Return a flange moved from outside against the ground with the kind's law between them."""
-    from multibody import Component, Model, Translation
-    from multibody.declare import Input
-
-    class Moved(Component):
-        """A flange whose motion is given by signals."""
-
-        x = Input("m", "position")
-        v = Input("m/s", "velocity")
-        a = Input("m/s**2", "acceleration")
-        flange = Translation("what moves", prescribed=True)
-
-        def equations(self):
-            self.flange.position = self.x
-            self.flange.velocity = self.v
-            self.flange.acceleration = self.a
+    from multibody import Model
+    from multibody.library import PositionSource
 
     model = Model("law")
-    moved = model.add("moved", Moved())
+    moved = model.add("moved", PositionSource())
     part = model.add("effect", law_class(kind, "translation")())
     model.connect(part.a, moved.flange)
     model.connect(part.b, model.ground)
-    for signal in ("x", "v", "a"):
+    for signal in MOTION:
         model.input(signal, f"moved.{signal}", default=0.0)
     if kind.needs == "load":
         model.input("load", part.load, default=0.0)
@@ -193,7 +180,7 @@ def law_force(
     system = _law_system(kind)
     p = system.parameter_vector({f"effect.{k}": v for k, v in {**shape, **strength}.items()})
     zeros = np.zeros_like(time)
-    columns = {"x": motion["position"], "v": motion["velocity"], "a": motion.get("acceleration", zeros)}
+    columns = {name: motion.get(name, zeros) for name in MOTION}
     if "load" in system.input_names:
         columns["load"] = motion["load"]
     inputs = np.column_stack([columns[n] for n in system.input_names])
@@ -249,7 +236,7 @@ def candidate_columns(
             continue
         kept = [k for k, q in enumerate(quiet) if not q]
         found.append(Candidate(
-            entry.kind.name, entry.where, [cols[k] for k in kept], [shapes[k] for k in kept],
+            entry.kind.name, entry.where, tuple(tuple(cols[k]) for k in kept), tuple(shapes[k] for k in kept),
             one_sided=entry.kind.one_sided, amplitudes=tuple(strengths), info={"entry": entry}))
     return found, refused
 

@@ -91,7 +91,7 @@ def confront(setup: Setup, progress: Callable[[str], None] = _silent) -> Confron
             return inverse
     progress(f"cut the records into windows of at most {max(length, least):.3g} s")
     windowed, count = look.windowed(length)
-    reason = f"{_runs_away(whole)}; the records are cut into {count} windows of about {max(length, least):.2g} s"
+    reason = f"{_runs_away(whole)}; the records are cut into {count} windows, most of about {max(length, least):.2g} s"
     if length < least:
         reason += f", the least that leaves {LEAST_SAMPLES} samples (errors grow within {length:.2g} s: record faster)"
     if setup.residual == "prediction":
@@ -119,8 +119,11 @@ class _Look:
         followed = tuple(follow(e, system, p) for e in experiments)
         values = np.concatenate([e.record.values(*e.outputs) for e in experiments])
         spread = np.maximum(np.std(values, axis=0), 1e-9 * np.maximum(np.max(np.abs(values), axis=0), 1e-300))
+        units = np.array([system.unit(n) for n in experiments[0].outputs])
+        spread = np.where(units == "rad", np.minimum(spread, 1.0), spread)  # a turn more makes no angle less exact
         states = np.concatenate([f.states for f in followed])
         scale = np.std(states, axis=0)
+        scale = np.where([q.unit == "rad" for q in system.states], np.minimum(scale, 1.0), scale)
         return cls(setup, system, p, experiments, followed, spread, scale)
 
     def whole(self) -> Growth:
@@ -147,7 +150,8 @@ class _Look:
 
     def _cut(self, experiments: Sequence[Experiment], followed: Sequence[Followed], length: float) -> tuple[Experiment, ...]:
         return tuple(
-            w for e, f in zip(experiments, followed, strict=True) for w in cut_windows(e, self.system, f, length))
+            w for e, f in zip(experiments, followed, strict=True)
+            for w in cut_windows(e, self.system, self.p, f, length, self.spread, self.scale))
 
 
 def _inverse_instead(setup: Setup, length: float) -> Confronted | None:

@@ -339,7 +339,7 @@ def explain_force(
             # The period was searched for; the search has its own null.
             p = max(p, period_p.get((fit.basis.regressor, fit.basis.period), 0.0))
         shown = fit.basis.X @ fit.coefficients(f)
-        aliases = {}
+        aliases: dict[str, float] = {}
         for other in fits:
             if other.basis.regressor == fit.basis.regressor:
                 continue
@@ -349,7 +349,12 @@ def explain_force(
         out.append(Explanation(fit.basis.regressor, fit.basis.parity, ev, p, fit.curve(f, unit), aliases))
     out.sort(key=lambda e: -(e.explained - PER_KNOT * len(e.curve.grid)))
     seen: set[tuple[str, str]] = set()
-    out = [e for e in out if not ((e.regressor, e.parity) in seen or seen.add((e.regressor, e.parity)))]
+    best: list[Explanation] = []
+    for e in out:
+        if (e.regressor, e.parity) not in seen:
+            seen.add((e.regressor, e.parity))
+            best.append(e)
+    out = best
     return CurveReport(tuple(out), level, len(spans))
 
 

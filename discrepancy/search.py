@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.blocks import Candidate, Residual
+from discrepancy.blocks import Candidate, Residual, Sensitivities
 from discrepancy.catalogue import Entry, catalogue
 from discrepancy.columns import Confrontation, candidate_columns
 from discrepancy.effects import Effect
@@ -20,6 +20,7 @@ from estimation.signals import Preparation
 if TYPE_CHECKING:
     from discrepancy.scan import ScanResult
     from discrepancy.verdict import Row
+    from discrepancy.whitening import Whitener
 
 __all__ = ["Step", "bic_difference", "scan_preparation", "search_step"]
 
@@ -102,7 +103,7 @@ def search_step(
             tried.append((refit(effect), row))
         except RuntimeError as error:  # a simulation that fails is a bad explanation, not the end of the search
             progress(f"{effect} could not be simulated: {error}")
-    tried = [t for t in tried if bic_difference(t[0], stage) < 0.0]
+    tried = [t for t in tried if bic_difference(t[0], stage) < 0.0 and matters(t[0], stage)]
     if not tried:
         return Step(scans[0], None, None, tuple(refused))
     tried.sort(key=lambda t: bic_difference(t[0], stage))
@@ -114,7 +115,7 @@ def search_step(
 
 
 def _scans(
-    residual: Residual, sensitivities, candidates: Sequence[Candidate], level: float, seed: int,  # type: ignore[no-untyped-def]
+    residual: Residual, sensitivities: Sensitivities, candidates: Sequence[Candidate], level: float, seed: int,
     noise: Mapping[str, float],
 ) -> list[ScanResult]:
     """Scan plainly weighed, which effects that are only roughly known survive; then whitened, which sees small ones.
@@ -129,11 +130,14 @@ def _scans(
     sizes = np.maximum(np.sqrt(np.mean(stacked**2, axis=0)), 1e-300)
     floor = [noise[c] for c in residual.channels]
     plain = identity(list(sizes), residual.channels, residual.dt)
-    common = {"level": level / 2, "seed": seed, "noise_floor": floor}
-    first = scan(residual, sensitivities, candidates, whitener=plain, **common)
+
+    def scanned(whitener: Whitener | None) -> ScanResult:
+        return scan(residual, sensitivities, candidates, level=level / 2, seed=seed, noise_floor=floor, whitener=whitener)
+
+    first = scanned(plain)
     if any(r.verdict is Verdict.MISSING for r in first.rows):
         return [first]
-    return [first, scan(residual, sensitivities, candidates, **common)]
+    return [first, scanned(None)]
 
 
 def _finalists(scans: Sequence[ScanResult], level: float) -> list[Row]:
@@ -185,6 +189,16 @@ def bic_difference(richer: Stage, poorer: Stage) -> float:
 def _richer(kind: str, best: Stage) -> bool:
     """Tell whether a kind has more strengths than the accepted effect: then it may only be the same with more freedom."""
     return len(kind_named(kind).strengths) > len(best.effects[-1].strengths)
+
+
+def matters(richer: Stage, poorer: Stage) -> bool:
+    """Tell whether what an effect takes away reaches the noise floor of at least one output.
+
+    With enough samples anything is significant; an effect that calibration could all but replace is not worth a name.
+    """
+    before, after = poorer.rmse("identify"), richer.rmse("identify")
+    gained = {n: max(before[n] ** 2 - after[n] ** 2, 0.0) ** 0.5 for n in richer.outputs}
+    return any(gained[n] >= richer.noise.get(n, 0.0) for n in richer.outputs)
 
 
 def _rivals(

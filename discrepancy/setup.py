@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from estimation.signals import Preparation
 
 if TYPE_CHECKING:
     from multibody.model import Model
+    from multibody.system import System
 
 __all__ = ["Setup", "experiments_of", "from_file", "noise_floors"]
 
@@ -118,7 +119,7 @@ def from_file(path: str | Path, *, seed: int | None = None, max_effects: int | N
     if faults:
         raise StudyError(faults)
     records = study.read_records({**units["inputs"], **units["outputs"]})
-    common = {
+    common: dict[str, Any] = {
         "inputs": tuple(study.inputs), "outputs": tuple(study.outputs), "preparation": study.preparation,
         "start": study.initial.values, "free": study.initial.free or None, "offsets": study.offsets.outputs}
     uncertain = _uncertain(study, system)
@@ -133,7 +134,7 @@ def from_file(path: str | Path, *, seed: int | None = None, max_effects: int | N
         study.study.residual, study.path, (*study.warnings, *dict.fromkeys(warned)))
 
 
-def _uncertain(study: StudyFile, system) -> tuple[UncertainParameter, ...]:  # type: ignore[no-untyped-def]
+def _uncertain(study: StudyFile, system: System) -> tuple[UncertainParameter, ...]:
     found, faults = [], []
     for name, given in study.uncertain.items():
         q = system.parameters[system.index("parameter", name)]

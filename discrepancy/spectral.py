@@ -40,7 +40,7 @@ class Bands:
 
     layout: Layout
     edges: Array
-    index: tuple[Array, ...]
+    index: tuple[np.ndarray, ...]
     weight: tuple[Array, ...]
     count: Array
 

@@ -188,10 +188,11 @@ class Study:
         self._free_curves()
         return conclude(self)
 
-    def _accept(self, accepted: Accepted, trial: Stage) -> None:
+    def _accept(self, accepted: Accepted | None, trial: Stage) -> None:
         """Fit the accepted effect fully, from where its trial ended, and make that the latest stage."""
         stage = self._fitted(trial.name, trial.effects, trial, trial.noise)
-        self.stages.append(replace(stage, accepted=replace(accepted, effect=stage.effects[-1])))
+        told = replace(accepted, effect=stage.effects[-1]) if accepted is not None else None
+        self.stages.append(replace(stage, accepted=told))
 
     def _drop_idle(self) -> None:
         """Take out an earlier effect that a later one has made idle."""
@@ -242,7 +243,8 @@ class Study:
                     row[part, f"{name} [{stage.system.unit(name)}]"] = value
             rows[stage.name] = row
         frame = pandas.DataFrame.from_dict(rows, orient="index")
-        frame.columns = pandas.MultiIndex.from_tuples(frame.columns) if len(frame.columns) else frame.columns
+        if len(frame.columns):
+            frame.columns = pandas.MultiIndex.from_tuples(list(frame.columns))
         return frame
 
     def __repr__(self) -> str:

@@ -144,6 +144,7 @@ class StudyFile:
             measured_units={name: each.unit for name, each in signals.items() if each.unit is not None},
             rules=self.rules,
             may_be_constant=tuple(self.inputs),
+            defaults={name: each.default for name, each in self.inputs.items() if each.default is not None},
         )
         held_out = set(self.validate)
         return StudyRecords(
@@ -338,6 +339,8 @@ class _Reader:
                     self.fault(where, f"column '{each.column}' is the time column")
         by_column: dict[str, str] = {}
         for name, each in outputs.items():
+            if each.default is not None:
+                self.fault(f'[outputs] "{name}", default', "is for inputs: what was not measured is no output")
             if each.column and each.column in by_column:
                 other = by_column[each.column]
                 self.fault(f'[outputs] "{name}"', f"column '{each.column}' is used for '{other}' already")

@@ -15,6 +15,14 @@ from estimation.columns import nearest
 __all__ = ["FoundFiles", "find_files", "held_out_faults"]
 
 
+_WITH_DEFAULT = re.compile(r"\$\{(\w+):-([^}]*)\}")
+
+
+def _value(found: re.Match[str]) -> str:
+    """Return a variable's value; as in a shell, an empty one counts as not set."""
+    return os.environ.get(found[1]) or found[2]
+
+
 @dataclass(frozen=True)
 class FoundFiles:
     """Files behind a list of names and patterns, with what was wrong on the way."""
@@ -32,13 +40,13 @@ def find_files(folder: Path, patterns: Sequence[str]) -> FoundFiles:
     folder : Path
         Where relative names start.
     patterns : sequence of str
-        ``~`` and ``$VARIABLE`` are replaced; ``**`` matches folders.
+        ``~``, ``$VARIABLE`` and ``${VARIABLE:-value if it is not set}`` are replaced; ``**`` matches folders.
     """
     paths: dict[Path, None] = {}
     faults: list[str] = []
     warnings: list[str] = []
     for pattern in patterns:
-        full = os.path.expanduser(os.path.expandvars(pattern))
+        full = os.path.expanduser(os.path.expandvars(_WITH_DEFAULT.sub(_value, pattern)))
         if unset := re.search(r"\$\{?(\w+)", full):
             faults.append(f"'{pattern}': the environment variable {unset[1]} is not set")
             continue

@@ -46,12 +46,14 @@ class Uncertain(msgspec.Struct, frozen=True):
 class Column(msgspec.Struct, frozen=True):
     """An entry of ``[inputs]`` or ``[outputs]``.
 
-    ``unit`` is that of the numbers in the file, ``noise`` a standard deviation in SI.
+    ``unit`` is that of the numbers in the file, ``noise`` a standard deviation in SI, ``default`` the value in
+    SI that an input has in recordings without the column.
     """
 
     column: str
     noise: float | None = None
     unit: str | None = None
+    default: float | None = None
 
 
 class RecordsTable(msgspec.Struct, frozen=True):

@@ -81,7 +81,8 @@ def find_ties(
     eligible : sequence of bool
         Candidates that are significant on their own; others rival only if they are exactly collinear.
     """
-    same, other = [], []
+    same: list[Rival] = []
+    other: list[Rival] = []
     ref = bases[best]
     kind0, where0 = names[best]
     for i, (kind, where) in enumerate(names):

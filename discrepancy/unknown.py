@@ -82,7 +82,7 @@ def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Cand
                 blocks.append(experiment.respond(
                     facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors).derivatives)
             found.append(Candidate(
-                f"unknown_force over {over}", place.name, [blocks], [{"low": float(low), "high": float(high), "v_s": v_s}],
+                f"unknown_force over {over}", place.name, (tuple(blocks),), ({"low": float(low), "high": float(high), "v_s": v_s},),
                 amplitudes=tuple(f"curve.y[{k}]" for k in range(CURVE_POINTS)), info={"place": place, "over": over}))
     return found
 

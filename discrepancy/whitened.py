@@ -138,7 +138,7 @@ def raw_residual(
     """Residual in the outputs' units with calibration, nuisances and the given groups fitted and removed."""
     lay = w.projection.layout
     Z = [w.columns.Z[:, w.columns.groups[i].cols] @ w.columns.R[i] for i in groups]
-    amp = np.zeros(0)
+    amp: Array = np.zeros(0)
     e = w.e_raw.copy()
     raw_cols: list[tuple[Array, ...]] = []
     if groups:

@@ -159,7 +159,7 @@ def _fit_channel(series: Sequence[Array], max_order: int, longest: int) -> Chann
         n = len(y)
         if n < 4 * len(groups):
             continue
-        q = np.linalg.qr(np.column_stack([X, y]), mode="r")
+        q = np.asarray(np.linalg.qr(np.column_stack([X, y]), mode="r"))
         r = q[: len(groups), -1]
         rss = float(y @ y) - np.concatenate([[0.0], np.cumsum(r**2)])
         rss = np.maximum(rss, 1e-14 * float(y @ y))
@@ -175,7 +175,7 @@ def _fit_channel(series: Sequence[Array], max_order: int, longest: int) -> Chann
     if groups:
         # The start of the fit leaves out only what the chosen filter needs, so that no data are wasted.
         X, y = design(groups, groups[-1][1])
-        R = np.linalg.qr(np.column_stack([X, y]), mode="r")
+        R = np.asarray(np.linalg.qr(np.column_stack([X, y]), mode="r"))
         for j in range(1, len(groups) + 1):
             phi = np.linalg.lstsq(R[:j, :j], R[:j, -1], rcond=1e-12)[0]
             coefs.append(phi)

@@ -6,6 +6,7 @@ is slightly wrong, moves the outputs as time goes on.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -22,12 +23,13 @@ if TYPE_CHECKING:
 
 __all__ = ["FACTOR", "LEAST_SAMPLES", "Growth", "crop", "cut_windows", "divergence_time", "growth_from"]
 
-FACTOR = 30.0
+FACTOR = 12.0
 """A start or an input that is 1 % off may move the outputs by 30 % of their spread, not more, within one window: up to
 there the fit of a start from an ordinary guess has converged in every machine tried."""
 LEAST_SAMPLES = 20
 _STARTS = 6
 _RECORDS = 3
+_LONGEST = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ def sub_record(record: Record, part: slice, name: str) -> Record:
 
 def growth_from(
     experiment: Experiment, system: System, p: np.ndarray, followed: Followed, first: int, spread: np.ndarray,
-    scale: np.ndarray,
+    scale: np.ndarray, last: int | None = None,
 ) -> Growth:
     """Return how errors grow from a sample of a record to its end, or as far as the simulation gets.
 
@@ -107,12 +109,14 @@ def growth_from(
         Sample to begin at.
     spread, scale : ndarray, shapes (n_channels,) and (n,)
         Spread of the outputs and of the states: what 100 % is.
+    last : int, optional
+        Sample to stop before; default: the record's end.
     """
     from multibody.errors import SimulationError
 
     states = [n for n in system.state_names if not n.startswith("energy.")]
     pick = [system.index("state", n) for n in states]
-    last = len(experiment.record.time)
+    last = len(experiment.record.time) if last is None else last
     while True:
         record = sub_record(experiment.record, slice(first, last), experiment.record.name)
         part = replace(experiment, record=record, preparation=Preparation(), _cache={})
@@ -170,37 +174,52 @@ def samples_needed(preparation: Preparation, rate: float) -> int:
     return LEAST_SAMPLES * preparation.decimate + 2 * preparation.edge_samples(rate)
 
 
-def cut_windows(experiment: Experiment, system: System, followed: Followed, length: float) -> list[Experiment]:
-    """Return an experiment as experiments on windows of nearly equal length, each with a start of its own.
+def cut_windows(
+    experiment: Experiment, system: System, p: np.ndarray, followed: Followed, length: float, spread: np.ndarray,
+    scale: np.ndarray,
+) -> list[Experiment]:
+    """Return an experiment as experiments on windows, each with a start of its own.
+
+    Each window ends where errors of its own start have grown too far, so that windows are short where the machine
+    is wild and long where it is calm; never shorter than `samples_needed`, nor longer than three times ``length``.
 
     Parameters
     ----------
     experiment : Experiment
         Cropped.
     system : System
+    p : ndarray, shape (n_p,)
     followed : Followed
         States along the record: where the fit of each start begins.
     length : float, s
-        Longest window; never fewer samples than `samples_needed` are taken.
+        Usual length.
+    spread, scale : ndarray
+        As in `growth_from`.
     """
     record = experiment.record
-    n = len(record.time)
-    least = samples_needed(experiment.preparation, record.rate)
-    count = max(1, min(int(np.ceil(record.duration / length - 1e-9)), n // max(least, 1)))
-    bounds = np.linspace(0, n - 1, count + 1).round().astype(int)
+    n, rate = len(record.time), record.rate
+    least = samples_needed(experiment.preparation, rate)
+    most = max(least, int(_LONGEST * length * rate))
+    bounds = [0]
+    while n - 1 - bounds[-1] > least:
+        last = min(bounds[-1] + most, n - 1)
+        growth = growth_from(experiment, system, p, followed, bounds[-1], spread, scale, last + 1)
+        reach = min(growth.within, float(growth.time[-1]))
+        bounds.append(int(np.clip(bounds[-1] + reach * rate, bounds[-1] + least, last)))
+    if len(bounds) > 1 and n - 1 - bounds[-1] < least:
+        bounds.pop()  # what is left is too short for a window of its own
+    bounds.append(n - 1)
     everything = tuple(s for s in system.state_names if not s.startswith("energy."))
     found = []
-    for k in range(count):
-        part = slice(int(bounds[k]), int(bounds[k + 1]) + 1)
-        name = f"{record.name} [{record.time[part.start]:.4g}..{record.time[part.stop - 1]:.4g} s]"
-        x = followed.at(part.start)
+    for k, (a, b) in enumerate(itertools.pairwise(bounds)):
+        name = f"{record.name} [{record.time[a]:.4g}..{record.time[b]:.4g} s]" if len(bounds) > 2 else record.name
+        x = followed.at(a)
         if k == 0:
             free = experiment.free
             start = {**experiment.start, **{s: float(x[system.index("state", s)]) for s in free}}
         else:
             free = everything
             start = {s: float(v) for s, v in zip(system.state_names, x, strict=True)}
-        found.append(replace(
-            experiment, record=sub_record(record, part, name if count > 1 else record.name), start=start, free=free,
-            _cache={}))
+        part = sub_record(record, slice(a, b + 1), name)
+        found.append(replace(experiment, record=part, start=start, free=free, _cache={}))
     return found

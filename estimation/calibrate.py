@@ -5,19 +5,21 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from estimation.experiment import Experiment, Response, SensorError
-from estimation.least_squares import solve
 from estimation.correlation import correlation_time, cut_rows
+from estimation.experiment import Experiment, Response, SensorError
 from estimation.intervals import block_sandwich
+from estimation.least_squares import solve
 
 if TYPE_CHECKING:
     import pandas
 
     from multibody.system import System
+
+T = TypeVar("T")
 
 __all__ = ["Calibration", "Fit", "UncertainParameter", "calibrate", "evaluate"]
 
@@ -244,6 +246,10 @@ class _Problem:
     def prior_residual(self, theta: np.ndarray) -> np.ndarray:
         return np.array([(v - p.value) / p.std for p, v in zip(self.parameters, theta, strict=False) if np.isfinite(p.std)])
 
+    def rows_of(self, moving: np.ndarray) -> Callable[[np.ndarray], Iterator[tuple[np.ndarray, np.ndarray]]]:
+        """Return `rows` for what moves."""
+        return lambda theta: self.rows(theta, moving)
+
     def rows(self, theta: np.ndarray, moving: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield blocks of the Jacobian by what moves, and of the residual."""
         from multibody.errors import SimulationError
@@ -344,7 +350,7 @@ def calibrate(
 
         inside = theta[moving]
         solution = solve(
-            lambda part, f=full: problem.cost(f(part)), lambda part, f=full: problem.rows(f(part), moving), inside,
+            _after(full, problem.cost), _after(full, problem.rows_of(moving)), inside,
             low[moving], high[moving], tolerance=1e-4 if trial else 1e-7, max_evaluations=max_evaluations)
         theta = full(solution.x)
         message = solution.message
@@ -359,6 +365,10 @@ def calibrate(
         if settled:
             break
     return _result(problem, theta, moving, low, high, not_excited, message)
+
+
+def _after(first: Callable[[np.ndarray], np.ndarray], then: Callable[[np.ndarray], T]) -> Callable[[np.ndarray], T]:
+    return lambda x: then(first(x))
 
 
 def _weights(problem: _Problem, responses: Sequence[Response], floor: np.ndarray) -> np.ndarray:
@@ -401,7 +411,8 @@ def _result(
         rows.append(problem._rows(response, i)[:, moving])
         errors.append(((e.measured - response.outputs) / problem.scale).ravel())
     std = np.full(k, np.inf)
-    degrees, confounded = 1, ()
+    degrees = 1
+    confounded: tuple[tuple[str, ...], ...] = ()
     values = theta[:k].copy()
     at_bound = tuple(
         p.name for j, p in enumerate(problem.parameters)

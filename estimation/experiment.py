@@ -245,9 +245,9 @@ class Experiment:
                 assert shape is not None
                 shape[:, k] = item.values
             elif part.start + k < len(parameters):
-                p_dot[k, system.index("parameter", item)] = 1.0
+                p_dot[k, system.index("parameter", str(item))] = 1.0
             else:
-                x_dot[k, system.index("state", item)] = 1.0
+                x_dot[k, system.index("state", str(item))] = 1.0
         return Directions(x_dot, p_dot, channel, shape_t, shape)
 
 
@@ -273,9 +273,8 @@ def _integrate(
         delays = np.zeros((m, inputs.shape[1]))
         for name, k in system.input_delays.items():
             delays[:, system.index("input", name)] = -directions.p_dot[:, k]
-        shape = directions.shape if directions.channel is not None and directions.shape is not None else None
-        if shape is None or len(shape) != time.size:
-            shape = np.zeros((time.size, m))
+        given = directions.shape
+        shape = given if given is not None and len(given) == time.size else np.zeros((time.size, m))
     along = load_driver("multibody.solvers.kernels.along")
 
     def receive(first: int, times: np.ndarray, states: np.ndarray) -> None:
