@@ -16,6 +16,7 @@ from discrepancy.start_guess import Followed, follow
 from discrepancy.windows import (
     FACTOR,
     LEAST_SAMPLES,
+    WINDOW_FACTOR,
     Growth,
     crop,
     cut_windows,
@@ -164,7 +165,7 @@ def _inverse_instead(setup: Setup, length: float) -> Confronted | None:
         return None
     return Confronted(
         found.setup, "inverse",
-        f"errors grow {FACTOR:.0f} times within {length:.2g} s, too short a time for windows of {LEAST_SAMPLES} samples; {found.told}")
+        f"errors grow {WINDOW_FACTOR:.0f} times within {length:.2g} s, too short a time for windows of {LEAST_SAMPLES} samples; {found.told}")
 
 
 def _stays(growth: Growth) -> str:
