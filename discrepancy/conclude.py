@@ -10,6 +10,7 @@ from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
 from discrepancy.kinds import kind_named
 from discrepancy.stage import Accepted, Stage
 from discrepancy.verdict import Verdict
+from discrepancy.wording import quantity
 
 if TYPE_CHECKING:
     from discrepancy.study import Study
@@ -60,7 +61,8 @@ def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
         base = "Nothing was found that the model lacks"
         if not could:
             return f"{base}; every effect in the catalogue that would matter would have been seen."
-        return f"{base}. These records could still hide {len(could)} effects of a size that would matter, {could[0]} among them."
+        many = f"{len(could)} effects of a size that would matter, {could[0]} among them"
+        return f"{base}. These records could still hide {many}."
     names = [f"{_title(a.effect.kind)} at {a.effect.where}" for a in accepted]
     count = _NUMBER.get(len(names), f"{len(names)} effects")
     text = f"The model lacks {count}: {'; '.join(names)}."
@@ -78,14 +80,18 @@ def _fall(before: Stage, after: Stage, part: str) -> str:
     a, b = before.rmse(part), after.rmse(part)
     name = min(b, key=lambda n: b[n] / a[n] if a[n] > 0 else 1.0)
     held = "on records that were not used to find it" if part == "validate" else "on the records used to find it"
-    return f" With {'it' if len(after.effects) == 1 else 'them'} the error of {name} falls from {a[name]:.3g} to {b[name]:.3g} {after.system.unit(name)} {held}."
+    unit = after.system.unit(name)
+    them = "it" if len(after.effects) == 1 else "them"
+    return f" With {them} the error of {name} falls from {quantity(a[name], unit)} to {quantity(b[name], unit)} {held}."
 
 
 def _curve_words(entry: Accepted) -> str:
-    over = {"friction": "a dry friction whose level follows the position"}.get(entry.effect.over, f"a function of {entry.effect.over}")
+    level = "a dry friction whose level follows the position"
+    over = level if entry.effect.over == "friction" else f"a function of {entry.effect.over}"
     rivals = [r for r in entry.rivals if r.indistinguishable]
     alias = f" These records do not tell it from {rivals[0].kind}." if rivals else ""
-    return f"The missing force at {entry.effect.where} is best described as {over}; no law of the catalogue fits as well.{alias}"
+    where = entry.effect.where
+    return f"The missing force at {where} is best described as {over}; no law of the catalogue fits as well.{alias}"
 
 
 def _left_over(study: Study) -> tuple[tuple[tuple[str, str, str], ...], tuple[tuple[str, str, float, float, str], ...]]:
@@ -99,9 +105,10 @@ def _left_over(study: Study) -> tuple[tuple[tuple[str, str, str], ...], tuple[tu
         kind, _, where = name.partition("@")
         if (kind, where) not in present:
             refused.append((kind, where, why))
+    unseen = (Verdict.ABSENT, Verdict.CANNOT_TELL)
     hidden = [
         (r.kind, r.where, float(r.mde), float(r.delta), study.unit_of(r.kind, r.where))
-        for r in step.scan.rows if r.verdict in (Verdict.ABSENT, Verdict.CANNOT_TELL) and (r.kind, r.where) not in present]
+        for r in step.scan.rows if r.verdict in unseen and (r.kind, r.where) not in present]
     return tuple(refused), tuple(hidden)
 
 
@@ -112,19 +119,20 @@ def _next(
     for a in accepted:
         for r in a.rivals:
             if r.indistinguishable and r.kind != a.effect.kind:
+                other = kind_named(r.kind.split(" ")[0]).text.confirm
                 found.append(
                     f"To tell {_title(a.effect.kind)} at {a.effect.where} from {_title(r.kind)} at {r.where}: "
-                    f"{kind_named(a.effect.kind).text.confirm} For the other: {kind_named(r.kind.split(' ')[0]).text.confirm}")
+                    f"{kind_named(a.effect.kind).text.confirm} For the other: {other}")
             elif r.indistinguishable and r.where != a.effect.where:
                 found.append(
-                    f"{_title(a.effect.kind).capitalize()} at {a.effect.where} and at {r.where} look the same to these sensors: "
-                    "measure the force between the two places, or separate them and repeat.")
+                    f"{_title(a.effect.kind).capitalize()} at {a.effect.where} and at {r.where} look the same to these "
+                    "sensors: measure the force between the two places, or separate them and repeat.")
     weak = sorted((h for h in hidden if not h[2] < h[3]), key=lambda h: -h[2] / max(h[3], 1e-300))
     if weak and not accepted:
         kind, where, mde, delta, unit = weak[0]
         found.append(
-            f"To rule out {_title(kind)} at {where} (now only above {mde:.3g} {unit} would be seen, {delta:.3g} {unit} would "
-            f"matter): {kind_named(kind).text.confirm}")
+            f"To rule out {_title(kind)} at {where} (now it would be seen above {quantity(mde, unit)}, and would matter "
+            f"above {quantity(delta, unit)}): {kind_named(kind).text.confirm}")
     if study.stages[-1].validate is None:
         found.append("Hold a record back ([records] validate): without one nobody knows whether the improvement lasts.")
     return tuple(dict.fromkeys(found))[:6]

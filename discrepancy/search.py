@@ -213,7 +213,9 @@ def _rivals(
     for scan in scans:
         if scan.ties is not None and scan.ties.best == name:
             for tie in (*scan.ties.same_kind, *scan.ties.other_kind):
-                if tie.name not in found and tie.why == "exact" and not _richer(tie.kind, best):
+                # a part of the accepted effect lies in its span as well, but explains less
+                same = tie.why == "exact" and 2.0 * tie.gain_deficit < TIE
+                if tie.name not in found and same and not _richer(tie.kind, best):
                     found[tie.name] = Rival(tie.kind, tie.where, 2.0 * tie.gain_deficit, False, True)
     plain = scans[0]
     if name not in plain.refused:
