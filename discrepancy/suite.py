@@ -11,6 +11,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,7 @@ def null_trial(seed: int) -> Trial:
     return _diagnosed("null", seed, ())
 
 
+@lru_cache(maxsize=8)
 def _visible(seed: int) -> dict[str, float]:
     """Return the smallest visible strength of every candidate on the records of a seed, nothing being hidden."""
     from discrepancy.axis import axis_case
