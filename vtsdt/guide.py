@@ -10,7 +10,7 @@ import math
 from multibody.component import Component
 from multibody.declare import Energy, Frame, Input, Option, Output, Parameter, Power, Table
 
-__all__ = ["GuidingSystem", "face", "shoe"]
+__all__ = ["GuidingSystem", "face", "face_power", "shoe", "shoe_power"]
 
 
 def face(depth, rate, K, C, ramp):
@@ -24,28 +24,32 @@ def face(depth, rate, K, C, ramp):
 
 
 def shoe(way, x, y, v_x, v_y, v_z, delta_x, slope_x, delta_y, slope_y, K, C, L_g, ramp, mu, v_s):
-    """Return what a rail does to its shoe: f_x, f_y, f_z, normal force, energy, heat and work of the rail.
+    """Return the force of a rail on its shoe (x, y, z) and the sum of the normal forces of its flanges.
 
     ``way`` is +1 for a rail on the side of positive x.  The normal forces stay horizontal on a rail that is
-    not straight; the rail then does the work that is returned last.
+    not straight.
     """
-    d_1 = way * x + delta_x - L_g
-    d_2 = y - delta_y - L_g
-    d_3 = delta_y - y - L_g
-    r_1 = way * v_x + slope_x * v_z
-    r_2 = v_y - slope_y * v_z
-    n_1 = face(d_1, r_1, K, C, ramp)
-    n_2 = face(d_2, r_2, K, C, ramp)
-    n_3 = face(d_3, -r_2, K, C, ramp)
-    d_1 = max(d_1, 0.0)
-    d_2 = max(d_2, 0.0)
-    d_3 = max(d_3, 0.0)
+    rate_y = v_y - slope_y * v_z
+    n_1 = face(way * x + delta_x - L_g, way * v_x + slope_x * v_z, K, C, ramp)
+    n_2 = face(y - delta_y - L_g, rate_y, K, C, ramp)
+    n_3 = face(delta_y - y - L_g, -rate_y, K, C, ramp)
     normal = n_1 + n_2 + n_3
-    f_z = -mu * normal * math.tanh(v_z / v_s)
-    energy = 0.5 * K * (d_1 * d_1 + d_2 * d_2 + d_3 * d_3)
-    heat = (n_1 - K * d_1) * r_1 + (n_2 - K * d_2) * r_2 - (n_3 - K * d_3) * r_2
-    work = (n_1 * slope_x + (n_3 - n_2) * slope_y) * v_z
-    return -way * n_1, n_3 - n_2, f_z, normal, energy, heat, work
+    return -way * n_1, n_3 - n_2, -mu * normal * math.tanh(v_z / v_s), normal
+
+
+def face_power(depth, rate, K, C, ramp):
+    """Return energy and heat of one flange."""
+    s = max(depth, 0.0)
+    return 0.5 * K * s * s, (face(depth, rate, K, C, ramp) - K * s) * rate
+
+
+def shoe_power(way, x, y, v_x, v_y, v_z, delta_x, slope_x, delta_y, slope_y, K, C, L_g, ramp, f_x, f_y):
+    """Return energy and heat of a shoe's contacts, and the work that a rail that is not straight does."""
+    rate_y = v_y - slope_y * v_z
+    e_1, h_1 = face_power(way * x + delta_x - L_g, way * v_x + slope_x * v_z, K, C, ramp)
+    e_2, h_2 = face_power(y - delta_y - L_g, rate_y, K, C, ramp)
+    e_3, h_3 = face_power(delta_y - y - L_g, -rate_y, K, C, ramp)
+    return e_1 + e_2 + e_3, h_1 + h_2 + h_3, (f_y * slope_y - way * f_x * slope_x) * v_z
 
 
 class GuidingSystem(Component):
@@ -134,22 +138,38 @@ class GuidingSystem(Component):
                 l2_y_slope = 0.0
                 r1_y_slope = 0.0
                 r2_y_slope = 0.0
-            self.left_low.fx, self.left_low.fy, self.left_low.fz, n_1, e_1, h_1, w_1 = shoe(
+            self.left_low.fx, self.left_low.fy, self.left_low.fz, n_1 = shoe(
                 -1.0, self.left_low.px + self.half_gauge, self.left_low.py, self.left_low.vx,
                 self.left_low.vy, self.left_low.vz, l1, l1_slope, l1_y, l1_y_slope,
                 self.stiffness, self.damping, self.clearance, self.ramp, self.mu, self.v_s)
-            self.left_high.fx, self.left_high.fy, self.left_high.fz, n_2, e_2, h_2, w_2 = shoe(
+            e_1, h_1, w_1 = shoe_power(
+                -1.0, self.left_low.px + self.half_gauge, self.left_low.py, self.left_low.vx,
+                self.left_low.vy, self.left_low.vz, l1, l1_slope, l1_y, l1_y_slope,
+                self.stiffness, self.damping, self.clearance, self.ramp, self.left_low.fx, self.left_low.fy)
+            self.left_high.fx, self.left_high.fy, self.left_high.fz, n_2 = shoe(
                 -1.0, self.left_high.px + self.half_gauge, self.left_high.py, self.left_high.vx,
                 self.left_high.vy, self.left_high.vz, l2, l2_slope, l2_y, l2_y_slope,
                 self.stiffness, self.damping, self.clearance, self.ramp, self.mu, self.v_s)
-            self.right_low.fx, self.right_low.fy, self.right_low.fz, n_3, e_3, h_3, w_3 = shoe(
+            e_2, h_2, w_2 = shoe_power(
+                -1.0, self.left_high.px + self.half_gauge, self.left_high.py, self.left_high.vx,
+                self.left_high.vy, self.left_high.vz, l2, l2_slope, l2_y, l2_y_slope,
+                self.stiffness, self.damping, self.clearance, self.ramp, self.left_high.fx, self.left_high.fy)
+            self.right_low.fx, self.right_low.fy, self.right_low.fz, n_3 = shoe(
                 1.0, self.right_low.px - self.half_gauge, self.right_low.py, self.right_low.vx,
                 self.right_low.vy, self.right_low.vz, r1, r1_slope, r1_y, r1_y_slope,
                 self.stiffness, self.damping, self.clearance, self.ramp, self.mu, self.v_s)
-            self.right_high.fx, self.right_high.fy, self.right_high.fz, n_4, e_4, h_4, w_4 = shoe(
+            e_3, h_3, w_3 = shoe_power(
+                1.0, self.right_low.px - self.half_gauge, self.right_low.py, self.right_low.vx,
+                self.right_low.vy, self.right_low.vz, r1, r1_slope, r1_y, r1_y_slope,
+                self.stiffness, self.damping, self.clearance, self.ramp, self.right_low.fx, self.right_low.fy)
+            self.right_high.fx, self.right_high.fy, self.right_high.fz, n_4 = shoe(
                 1.0, self.right_high.px - self.half_gauge, self.right_high.py, self.right_high.vx,
                 self.right_high.vy, self.right_high.vz, r2, r2_slope, r2_y, r2_y_slope,
                 self.stiffness, self.damping, self.clearance, self.ramp, self.mu, self.v_s)
+            e_4, h_4, w_4 = shoe_power(
+                1.0, self.right_high.px - self.half_gauge, self.right_high.py, self.right_high.vx,
+                self.right_high.vy, self.right_high.vz, r2, r2_slope, r2_y, r2_y_slope,
+                self.stiffness, self.damping, self.clearance, self.ramp, self.right_high.fx, self.right_high.fy)
             self.friction = self.left_low.fz + self.left_high.fz + self.right_low.fz + self.right_high.fz
             self.normal = n_1 + n_2 + n_3 + n_4
             self.energy = e_1 + e_2 + e_3 + e_4

@@ -12,6 +12,7 @@ from vtsdt.reference import sampled_reference, trip_sign
 
 if TYPE_CHECKING:
     from multibody.equilibrium import Equilibrium
+    from multibody.system import System
     from multibody.trajectory import Trajectory
     from vtsdt.lift import Lift
 
@@ -45,15 +46,16 @@ def rest(lift: Lift, height: float | None = None, **options: Any) -> Equilibrium
     guess = dict(options.pop("guess", {}))
     inputs = dict(options.pop("inputs", {}))
     load = (lift.payload[0] if lift.payload else 0.0) + p.cabin.mass
-    if not lift.structure.drive:
-        inputs.setdefault("F_c", load * _G)
-        guess.setdefault("cabin.z", height)
-        return system.equilibrium(guess=guess, inputs=inputs, hold=("cabin.z",), **options)
     whole = p.ropes.EA * p.ropes.n
     moved = height - lift.start
     drop_c = load * _G * (p.ropes.L_0_c - height) / whole
     drop_cw = p.counterweight.mass * _G * (p.ropes.L_0_cw + height) / whole
     sunk = (load + p.counterweight.mass + p.support.mass) * _G / (4.0 * p.support.stiffness)
+    if not lift.structure.drive:
+        # a tension that is a little off must not be balanced by tilting the cabin: its fall is left free
+        inputs.setdefault("F_c", load * _G)
+        guess.setdefault("cabin.z", height - drop_c - sunk)
+        return system.equilibrium(guess=guess, inputs=inputs, hold=("cabin.z", "cabin.v_z"), **options)
     guesses = {
         "cabin.z": height - drop_c - sunk, "counterweight.z": p.hoistway.travel - height - drop_cw - sunk,
         "pulley.angle": -moved / p.pulley.R_p, "support.plate_position": -sunk, "support.position": -sunk,
@@ -100,7 +102,8 @@ def check_reference(lift: Lift, times: np.ndarray, omega: np.ndarray, height: fl
 
 def run(
     lift: Lift, direction: str = "up", *, inputs: Mapping[str, Any] | None = None, step: float = 1e-3,
-    height: float | None = None, **options: Any,
+    height: float | None = None, guess: Mapping[str, float] | None = None, system: System | None = None,
+    **options: Any,
 ) -> Trajectory:
     """Simulate a trip from rest.
 
@@ -115,6 +118,10 @@ def run(
         Of the record.
     height : float, m, optional
         Where the cabin starts; default: at the end from which the direction leads away.
+    guess : mapping, optional
+        States from which the state at rest is sought; the cabin model keeps the ``cabin.z`` given here.
+    system : System, optional
+        What is simulated; default: ``lift.system``.  With ``lift.build(energy=True)`` losses are integrated.
     options
         Further arguments of `multibody.simulate.simulate`.
 
@@ -131,15 +138,15 @@ def run(
         height = lift.start if not structure.drive or structure.profile else (0.0 if sign > 0 else travel)
     if structure.drive and not structure.profile:
         given.setdefault("omega_ref", sampled_reference(lift, direction))
-        times, omega = _as_arrays(given["omega_ref"], options.get("until", lift.parameters.trip.duration))
+        times, omega = _sampled(given["omega_ref"], options.get("until", lift.parameters.trip.duration))
         check_reference(lift, times, omega, height)
     until = options.pop("until", lift.parameters.trip.duration)
     first = {n: v for n, v in ((n, _first(v)) for n, v in given.items()) if n not in ("omega_ref", "tau_L")}
     values = {"parameters": options["parameters"]} if "parameters" in options else {}
     initial = options.pop("initial", None)
     if initial is None:
-        initial = rest(lift, height, inputs=first, **values).state
-    return lift.system.simulate(until, inputs=given, initial=initial, step=step, **options)
+        initial = rest(lift, height, inputs=first, guess=guess or {}, **values).to_dict()
+    return (system or lift.system).simulate(until, inputs=given, initial=initial, step=step, **options)
 
 
 def _first(value: Any) -> float:
@@ -148,10 +155,14 @@ def _first(value: Any) -> float:
     return float(value[1][0]) if isinstance(value, tuple | list) else float(value)
 
 
-def _as_arrays(omega: Any, until: float) -> tuple[np.ndarray, np.ndarray]:
+def _sampled(omega: Any, until: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a reference given as number, function or samples on a grid fine enough to say when something happens."""
+    times = np.arange(int(until / 1e-3) + 2) * 1e-3
     if callable(omega):
-        times = np.linspace(0.0, until, 2001)
         return times, np.array([omega(t) for t in times])
     if np.ndim(omega) == 0:
-        return np.array([0.0, until]), np.array([omega, omega], dtype=float)
-    return np.asarray(omega[0], dtype=float), np.asarray(omega[1], dtype=float)
+        return times, np.full(times.size, float(omega))
+    given, values = (np.asarray(part, dtype=float) for part in omega)
+    if given.ndim != 1 or given.shape != values.shape or given.size == 0 or np.any(np.diff(given) <= 0):
+        return times, np.zeros(times.size)  # refused with its reason when the simulation takes the input
+    return times, np.interp(times, given, values)
