@@ -104,7 +104,8 @@ def equilibrium(
             break
         jacobian = system.jacobian("x", 0.0, x, u, p)[np.ix_(kept, free)]
         # columns in comparable size, so that the least change is not ruled by units
-        size = np.maximum(np.abs(jacobian).max(axis=0, initial=0.0), 1e-300)
+        size = np.abs(jacobian).max(axis=0, initial=0.0)
+        size[size <= 1e-14 * size.max(initial=0.0)] = 1.0  # rounding only: such a state may stay where it is
         change = -np.linalg.lstsq(jacobian / size, f[kept], rcond=1e-13)[0] / size
         norm, factor = np.linalg.norm(f[kept]), 1.0
         while factor > 1e-6:
