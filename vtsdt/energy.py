@@ -86,7 +86,8 @@ class EnergyBalance:
         if axes is None:
             _, axes = plt.subplots(figsize=(7, 0.4 * len(shown) + 1), layout="constrained")
         colours = {"stored": "tab:blue", "lost": "tab:red", "supplied": "tab:green"}
-        axes.barh([f"{c}.{q}" for c, q, _, _ in shown], [e for *_, e in shown], color=[colours[k] for _, _, k, _ in shown])
+        names, shades = [f"{c}.{q}" for c, q, _, _ in shown], [colours[k] for _, _, k, _ in shown]
+        axes.barh(names, [e for *_, e in shown], color=shades)
         for kind, colour in colours.items():
             axes.barh([], [], color=colour, label=kind)
         axes.invert_yaxis()
@@ -117,7 +118,8 @@ def energy_balance(lift: Lift, direction: str = "up", **options: Any) -> EnergyB
             continue
         item = component.declarations.get(quantity)
         if isinstance(item, Power):
-            rows.append((owner, quantity, "lost" if item.kind == "loss" else "supplied", float(np.trapezoid(found[name], t))))
+            kind = "lost" if item.kind == "loss" else "supplied"
+            rows.append((owner, quantity, kind, float(np.trapezoid(found[name], t))))
         elif quantity.endswith("energy"):
             entry = (owner, quantity, "stored", float(found[name][-1] - found[name][0]))
             if entry not in rows:

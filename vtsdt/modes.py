@@ -62,7 +62,8 @@ class Modes:
         import pandas
 
         return pandas.DataFrame({
-            "frequency [Hz]": self.frequency, "damping ratio [1]": self.damping, "vertical share [1]": self.vertical_share,
+            "frequency [Hz]": self.frequency, "damping ratio [1]": self.damping,
+            "vertical share [1]": self.vertical_share,
             "strongest state": [self.states[int(k)] for k in np.argmax(self.participation, axis=1)],
         })
 
@@ -91,7 +92,8 @@ def modes_of(matrix: np.ndarray, states: tuple[str, ...], least: float = 0.5) ->
     swinging = share[:, mechanical].sum(axis=1) > 0.5
     chosen = [k for k, keep in zip(chosen, swinging, strict=True) if keep]
     picked = values[chosen]
-    return Modes(np.abs(picked) / (2 * np.pi), -picked.real / np.abs(picked), share[swinging], right[:, chosen].T, states)
+    size = np.abs(picked)
+    return Modes(size / (2 * np.pi), -picked.real / size, share[swinging], right[:, chosen].T, states)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +131,8 @@ class ModesAlong:
             points = [(length, f) for length, m in zip(self.cable_length, self.modes, strict=True)
                       for f in m.frequency[m.vertical == vertical] if f <= largest]
             if points:
-                kind = "vertical" if vertical else "lateral and rotational"
-                axes.plot(*zip(*points, strict=True), marker, markersize=4, linestyle="none", label=f"{self.name}: {kind}")
+                label = f"{self.name}: {'vertical' if vertical else 'lateral and rotational'}"
+                axes.plot(*zip(*points, strict=True), marker, markersize=4, linestyle="none", label=label)
         axes.set_xlabel("cable length at the cabin's side [m]")
         axes.set_ylabel("natural frequency [Hz]")
         axes.legend(fontsize="small")

@@ -6,7 +6,6 @@ The shipped bench (``bench.toml``) says where its numbers come from.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -14,7 +13,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from vtsdt.parameter_file import ParameterError, hint, section
+from vtsdt.profile import Profile
 
 __all__ = [
     "BENCH", "BodyParameters", "ControlParameters", "GuideParameters", "HoistwayParameters", "LiftParameters",
@@ -22,83 +22,19 @@ __all__ = [
     "TripParameters",
 ]  # fmt: skip
 
-_FINER = 8  # points for one between those given, where a profile is cut
-_KINK = 3e-4  # m, beside the places where it is cut
-
 #: The parameter file of the shipped bench.
 BENCH = Path(__file__).with_name("data") / "bench.toml"
 
 
-class ParameterError(ValueError):
-    """A parameter file has faults; the message lists all of them."""
-
-    def __init__(self, source: str, faults: list[str]):
-        self.faults = list(dict.fromkeys(faults))
-        super().__init__(f"{source} cannot be used:\n" + "\n".join(f"  - {f}" for f in self.faults))
-
-
-def _number(unit: str, meaning: str, *, above: float | None = None, least: float | None = None, default: Any = None) -> Any:
+def _number(
+    unit: str, meaning: str, *, above: float | None = None, least: float | None = None, default: Any = None
+) -> Any:
     data = {"unit": unit, "meaning": meaning, "above": above, "least": least}
     return field(metadata=data) if default is None else field(default=default, metadata=data)
 
 
 def _three(unit: str, meaning: str, *, above: float | None = None) -> Any:
     return field(metadata={"unit": unit, "meaning": meaning, "above": above, "size": 3})
-
-
-@dataclass(frozen=True)
-class Profile:
-    """A rail's deviation over height, shape-preserving cubic between points, constant beyond them.
-
-    Parameters
-    ----------
-    height, deviation : tuple of float, m
-    """
-
-    height: tuple[float, ...]
-    deviation: tuple[float, ...]
-
-    def clipped(self, largest: float) -> Profile:
-        """Return the profile with deviations above ``largest`` (m) straightened to it.
-
-        The curve itself is cut, not only its points, so the result has more of them.
-        """
-        if max(self.deviation) <= largest:
-            return self
-        known = np.array(self.height)
-        parts = [np.linspace(a, b, _FINER, endpoint=False) for a, b in zip(known[:-1], known[1:], strict=True)]
-        fine = np.concatenate([*parts, known[-1:]])
-        values = np.array([self.at(h) for h in fine])
-        passed = np.flatnonzero((values[1:] > largest) != (values[:-1] > largest))
-        crossings = [_crossing(self, fine[k], fine[k + 1], largest) for k in passed]
-        # the cut is a kink: points close to it keep the curve from rounding it off
-        heights = np.unique(np.concatenate([fine, *([c - _KINK, c, c + _KINK] for c in crossings)]))
-        return Profile(tuple(map(float, heights)), tuple(min(self.at(h), largest) for h in heights))
-
-    def at(self, height: float) -> float:
-        """Return the deviation at a height, m.
-
-        Examples
-        --------
-        >>> Profile((0.0, 1.0, 2.0), (0.0, 1e-3, 0.0)).at(1.0)
-        0.001
-        """
-        from multibody.tables import cubic, packed
-
-        points = packed(np.array(self.height), np.array(self.deviation), "cubic")
-        return float(cubic(points, 0, len(self.height), height))
-
-
-def _crossing(profile: Profile, low: float, high: float, level: float) -> float:
-    """Return where a profile passes a level between two heights on its two sides."""
-    rising = profile.at(high) > level
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if (profile.at(middle) > level) == rising:
-            high = middle
-        else:
-            low = middle
-    return 0.5 * (low + high)
 
 
 @dataclass(frozen=True)
@@ -139,7 +75,8 @@ class GuideParameters:
         """Return guides whose deviations above ``largest`` (m) are taken to it; None: all rails straight."""
         if largest is None:
             return dataclasses.replace(self, left_x=None, right_x=None, left_y=None, right_y=None)
-        return dataclasses.replace(self, **{n: p.clipped(largest) for n, p in self.profiles().items()})
+        clipped: dict[str, Any] = {n: p.clipped(largest) for n, p in self.profiles().items()}
+        return dataclasses.replace(self, **clipped)
 
 
 @dataclass(frozen=True)
@@ -328,7 +265,9 @@ def _profile_faults(name: str, profile: Profile, low: float, high: float, guide:
     if profile.height[0] > low:
         yield f"{name} begins at {profile.height[0]:g} m, but the shoes reach down to {low:g} m: extend it"
     if profile.height[-1] < high:
-        yield f"{name} ends at {profile.height[-1]:g} m, but the shoes reach {high:g} m: the rail is shorter than the travel"
+        yield (
+            f"{name} ends at {profile.height[-1]:g} m, but the shoes reach {high:g} m: the rail is shorter than "
+            "the travel")
     for h, d in zip(profile.height, profile.deviation, strict=True):
         if abs(d) > guide.gap:
             yield (
@@ -350,99 +289,20 @@ def _read(content: Mapping[str, Any], source: str) -> LiftParameters:
     name = content.pop("name", base.name if base else "lift")
     if not isinstance(name, str):
         faults.append("name must be a text")
-    faults += [f"[{k}] is not a section of a lift{_hint(k, sections)}" for k in content if k not in sections]
+    faults += [f"[{k}] is not a section of a lift{hint(k, sections)}" for k in content if k not in sections]
     parts: dict[str, Any] = {}
     for key, cls in sections.items():
         given = content.get(key, {})
         if not isinstance(given, Mapping):
             faults.append(f"'{key}' must be a section: [{key}]")
             continue
-        parts[key] = _section(cls, given, key, getattr(base, key) if base else None, faults)
+        parts[key] = section(cls, given, key, getattr(base, key) if base else None, faults)
     if faults:
         raise ParameterError(source, faults)
     lift = LiftParameters(name=name, **parts)
     if misfits := lift.faults():
         raise ParameterError(source, misfits)
     return lift
-
-
-def _section(cls: type, given: Mapping[str, Any], key: str, base: Any, faults: list[str]) -> Any:
-    values: dict[str, Any] = {}
-    fields = {f.name: f for f in dataclasses.fields(cls)}
-    faults += [f"[{key}] has no entry '{k}'{_hint(k, fields)}" for k in given if k not in fields]
-    for name, item in fields.items():
-        where = f"[{key}] {name}"
-        if name not in given:
-            if base is not None:
-                values[name] = getattr(base, name)
-            elif item.default is dataclasses.MISSING:
-                faults.append(f"{where} is missing: {item.metadata['meaning']} in {item.metadata['unit'] or '1'}")
-            continue
-        if not item.metadata:
-            values[name] = _profile(given[name], f"[{key}.{name}]", faults)
-        elif size := item.metadata.get("size"):
-            row = given[name]
-            if not isinstance(row, list) or len(row) != size:
-                faults.append(f"{where}: give {size} numbers, [x, y, z]")
-                continue
-            values[name] = tuple(_value(v, item.metadata, where, faults) for v in row)
-        else:
-            values[name] = _value(given[name], item.metadata, where, faults)
-    missing = [f for f in fields if f not in values and fields[f].default is dataclasses.MISSING]
-    return None if missing else cls(**values)
-
-
-def _value(value: Any, about: Mapping[str, Any], where: str, faults: list[str]) -> float:
-    from multibody.units import UnitError, quantity
-
-    unit = about["unit"] or "1"
-    try:
-        if isinstance(value, bool) or not isinstance(value, int | float | str):
-            raise TypeError(f"{value!r} is not a number")
-        number = float(quantity(value, about["unit"]))
-    except (UnitError, TypeError, ValueError) as error:
-        faults.append(f"{where}: {error}")
-        return float("nan")
-    above, least = about.get("above"), about.get("least")
-    if not np.isfinite(number):
-        faults.append(f"{where} is {number}: give a finite number in {unit}")
-    elif above is not None and number <= above:
-        faults.append(f"{where} is {number:g} {unit}, it must be above {above:g}: {about['meaning']}")
-    elif least is not None and number < least:
-        faults.append(f"{where} is {number:g} {unit}, it must be at least {least:g}: {about['meaning']}")
-    return number
-
-
-def _profile(given: Any, where: str, faults: list[str]) -> Profile | None:
-    from multibody.units import UnitError, convert
-
-    if given is False:  # a file that extends another one says that its rail is straight
-        return None
-    if not isinstance(given, Mapping) or not {"height", "deviation"} <= set(given):
-        faults.append(f"{where} needs 'height' and 'deviation' (two lists of the same length)")
-        return None
-    faults += [f"{where} has no entry '{k}'" for k in given if k not in ("height", "deviation", "unit")]
-    try:
-        height = np.array(given["height"], dtype=float)
-        deviation = np.array(given["deviation"], dtype=float) * convert(1.0, given.get("unit", "m"), "m")
-    except (TypeError, ValueError, UnitError) as error:
-        faults.append(f"{where}: {error}")
-        return None
-    if height.ndim != 1 or height.shape != deviation.shape or height.size < 2:
-        faults.append(f"{where} needs at least two points, as many heights as deviations")
-    elif not (np.all(np.isfinite(height)) and np.all(np.isfinite(deviation))):
-        faults.append(f"{where} has values that are not finite")
-    elif not np.all(np.diff(height) > 0):
-        k = int(np.argmax(np.diff(height) <= 0)) + 1
-        faults.append(f"{where}: heights must increase, but {height[k]:g} m follows {height[k - 1]:g} m")
-    else:
-        return Profile(tuple(map(float, height)), tuple(map(float, deviation)))
-    return None
-
-
-def _hint(word: str, known: Any) -> str:
-    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.55)
-    return f"; did you mean '{close[0]}'?" if close else ""
 
 
 _SECTIONS: dict[str, type] = {

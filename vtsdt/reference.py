@@ -32,8 +32,9 @@ def reference_component(lift: Lift) -> SCurveProfile:
     """Return the part that makes the speed reference of a trip from the lift's start to the other end."""
     p, r = lift.parameters, lift.parameters.pulley.R_p
     way = p.hoistway.travel if lift.start < 0.5 * p.hoistway.travel else -p.hoistway.travel
+    trip = p.trip
     return SCurveProfile(
-        distance=-way / r, v_max=p.trip.speed / r, a_max=p.trip.acceleration / r, j_max=p.trip.jerk / r, start=p.trip.start)
+        distance=-way / r, v_max=trip.speed / r, a_max=trip.acceleration / r, j_max=trip.jerk / r, start=trip.start)
 
 
 def sampled_reference(lift: Lift, direction: str = "up", step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:

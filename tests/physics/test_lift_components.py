@@ -67,9 +67,10 @@ def test_power_of_a_contact_is_stored_lost_or_done_by_the_rail():
         at = (d_x, s_x, d_y, s_y, *contact, f_x, f_y)
         _, heat, work = shoe_power(way, x, y, v_x, v_y, v_z, *at)
         step = 1e-8
-        stored = [
-            shoe_power(way, x + w * v_x, y + w * v_y, v_x, v_y, v_z, d_x + w * s_x * v_z, s_x, d_y + w * s_y * v_z, *at[3:])[0]
+        moved = [
+            (way, x + w * v_x, y + w * v_y, v_x, v_y, v_z, d_x + w * s_x * v_z, s_x, d_y + w * s_y * v_z)
             for w in (-step, step)]
+        stored = [shoe_power(*place, *at[3:])[0] for place in moved]
         rate = (stored[1] - stored[0]) / (2 * step)
         # central differences of an energy of 1e-2 J over 2e-8 s: rounding leaves 1e-10 W, its bend less
         assert -(f_x * v_x + f_y * v_y) + work == pytest.approx(rate + heat, abs=1e-8)
