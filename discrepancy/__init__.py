@@ -1,1 +1,25 @@
-"""discrepancy."""
+"""Finding the missing effect: compare, locate, explain, add, and watch the error fall.
+
+`Study` runs the loop on a study file; `Setup` is what it starts from when a program has the model and the records
+already.  `discrepancy.kinds` is the catalogue of effects and `register` adds a kind of one's own.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+__all__ = ["Effect", "Kind", "KindText", "Setup", "Study", "experiments_of", "register"]
+
+_WHERE = {
+    "Effect": "discrepancy.effects", "Kind": "discrepancy.kinds", "KindText": "discrepancy.kinds",
+    "Setup": "discrepancy.setup", "Study": "discrepancy.study", "experiments_of": "discrepancy.setup",
+    "register": "discrepancy.kinds",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first asked for, so that importing the package stays light."""
+    if name not in _WHERE:
+        raise AttributeError(f"module 'discrepancy' has no attribute '{name}'")
+    return getattr(import_module(_WHERE[name]), name)

@@ -8,18 +8,19 @@ laws are used here.
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 from multibody import Component, Input, Option, Output, Parameter, Power, Rotation, State, Table, Translation
 from multibody.domains import in_both_domains
 from multibody.library.laws import asymmetric, coulomb, one_sided, quadratic
 
-__all__ = ["CURVE_OVER", "CURVE_POINTS", "LAWS", "AddedInertia", "AddedMass"]
+__all__ = ["CURVE_OVER", "CURVE_POINTS", "LAWS", "AddedInertia", "AddedMass", "DryLaw", "Law", "add_law"]
 
 CURVE_OVER = ("position", "speed", "time", "friction")
 CURVE_POINTS = 9
 
 
-class _Law(Component):
+class Law(Component):
     """What all laws share: an equal and opposite force on the two sides."""
 
     force = Output("F", "what the effect exerts on the first side")
@@ -33,13 +34,13 @@ class _Law(Component):
         self.loss = -self.force * self.speed
 
 
-class _Dry(_Law):
+class DryLaw(Law):
     """What laws of dry friction share."""
 
     v_s = Parameter(1e-3, "V", "speed below which dry friction fades (regularisation)", min=1e-300)
 
 
-class _Viscous(_Law):
+class _Viscous(Law):
     """Friction proportional to speed: F = −viscous·v."""
 
     viscous = Parameter(0.0, "F/V", "friction per speed")
@@ -49,7 +50,7 @@ class _Viscous(_Law):
         self.force = -self.viscous * self.speed
 
 
-class _Coulomb(_Dry):
+class _Coulomb(DryLaw):
     """Dry friction: F = −coulomb·tanh(v / v_s)."""
 
     coulomb = Parameter(0.0, "F", "friction level")
@@ -59,7 +60,7 @@ class _Coulomb(_Dry):
         self.force = -coulomb(self.speed, self.coulomb, self.v_s)
 
 
-class _AsymmetricCoulomb(_Dry):
+class _AsymmetricCoulomb(DryLaw):
     """Dry friction that differs with direction: F = −(forward or backward)·tanh(v / v_s)."""
 
     forward = Parameter(0.0, "F", "friction level for v > 0")
@@ -70,7 +71,7 @@ class _AsymmetricCoulomb(_Dry):
         self.force = -asymmetric(self.speed, self.forward, self.backward, self.v_s)
 
 
-class _AsymmetricViscous(_Dry):
+class _AsymmetricViscous(DryLaw):
     """Friction proportional to speed, with a factor for each direction: F = −(forward or backward)·v."""
 
     forward = Parameter(0.0, "F/V", "friction per speed for v > 0")
@@ -81,7 +82,7 @@ class _AsymmetricViscous(_Dry):
         self.force = -one_sided(self.speed, self.forward, self.backward, self.v_s) * self.speed
 
 
-class _Stribeck(_Dry):
+class _Stribeck(DryLaw):
     """Extra friction at low speed: F = −breakaway·exp(−(v / v_stribeck)²)·tanh(v / v_s)."""
 
     breakaway = Parameter(0.0, "F", "friction above the level at speed")
@@ -93,7 +94,7 @@ class _Stribeck(_Dry):
         self.force = -coulomb(self.speed, self.breakaway * math.exp(-ratio * ratio), self.v_s)
 
 
-class _Drag(_Law):
+class _Drag(Law):
     """Drag that grows with the square of the speed: F = −drag·v·|v|."""
 
     drag = Parameter(0.0, "F/V**2", "drag per speed squared")
@@ -103,7 +104,7 @@ class _Drag(_Law):
         self.force = -quadratic(self.speed, self.drag)
 
 
-class _LoadFriction(_Dry):
+class _LoadFriction(DryLaw):
     """Friction proportional to the load that passes through: F = −share·|load|·tanh(v / v_s)."""
 
     load = Input("F", "force or torque that passes through")
@@ -114,7 +115,7 @@ class _LoadFriction(_Dry):
         self.force = -coulomb(self.speed, self.share * abs(self.load), self.v_s)
 
 
-class _PositionFriction(_Dry):
+class _PositionFriction(DryLaw):
     """Dry friction that changes along the way: F = −(slope·ξ + bow·(2ξ² − 1))·tanh(v / v_s), ξ = (x − centre)/half."""
 
     slope = Parameter(0.0, "F", "change of the friction level from the middle to the end")
@@ -128,7 +129,7 @@ class _PositionFriction(_Dry):
         self.force = -coulomb(self.speed, self.slope * xi + self.bow * (2.0 * xi * xi - 1.0), self.v_s)
 
 
-class _Constant(_Law):
+class _Constant(Law):
     """A constant force: F = push (weight, a pre-loaded cable, an offset of the drive)."""
 
     push = Parameter(0.0, "F", "force on the first side")
@@ -138,7 +139,7 @@ class _Constant(_Law):
         self.force = self.push
 
 
-class _Stiffness(_Law):
+class _Stiffness(Law):
     """A spring: F = −stiffness·(x − centre)."""
 
     stiffness = Parameter(0.0, "F/X", "force per displacement")
@@ -149,7 +150,7 @@ class _Stiffness(_Law):
         self.force = -self.stiffness * (self.a.position - self.b.position - self.centre)
 
 
-class _CubicStiffness(_Law):
+class _CubicStiffness(Law):
     """A hardening or softening spring: F = −stiffness·(x − centre)³."""
 
     stiffness = Parameter(0.0, "F/X**3", "force per displacement cubed")
@@ -161,7 +162,7 @@ class _CubicStiffness(_Law):
         self.force = -self.stiffness * s * s * s
 
 
-class _Backlash(_Law):
+class _Backlash(Law):
     """Play in an elastic connection: within ±gap/2 the spring that is there does not act.
 
     The law takes back what the spring does inside the gap: F = stiffness·clip(x − centre, ±gap/2).
@@ -178,7 +179,7 @@ class _Backlash(_Law):
         self.force = self.stiffness * max(min(s, h), -h)
 
 
-class _Hysteresis(_Law):
+class _Hysteresis(Law):
     """Friction with elastic displacement before sliding (Dahl 1968): F = −level·z, ż = (v − |v|·z)/x_s."""
 
     level = Parameter(0.0, "F", "friction level when sliding")
@@ -191,7 +192,7 @@ class _Hysteresis(_Law):
         self.force = -self.level * self.z
 
 
-class _PositionForce(_Law):
+class _PositionForce(Law):
     """A force that belongs to the position and not to the direction of travel, beyond a spring.
 
     F = bow·(2ξ² − 1) + wave·(4ξ³ − 3ξ), ξ = (x − centre)/half (Chebyshev polynomials of the travel).
@@ -208,13 +209,13 @@ class _PositionForce(_Law):
         self.force = self.bow * (2.0 * xi * xi - 1.0) + self.wave * xi * (4.0 * xi * xi - 3.0)
 
 
-class _Bump(_Dry):
+class _Bump(DryLaw):
     """A tight spot: dry friction at one place, F = −level·exp(−((x − place)/width)²)·tanh(v / v_s)."""
 
     level = Parameter(0.0, "F", "friction at the middle of the spot")
     place = Parameter(0.0, "X", "where the spot is")
     width = Parameter(1e-2, "X", "half width at 1/e of the height", min=1e-300)
-    features = {"width": "speed"}
+    features: ClassVar[dict[str, str]] = {"width": "speed"}
 
     def equations(self):
         super().equations()
@@ -222,7 +223,7 @@ class _Bump(_Dry):
         self.force = -coulomb(self.speed, self.level * math.exp(-s * s), self.v_s)
 
 
-class _Harmonic(_Law):
+class _Harmonic(Law):
     """A force that repeats along the way: F = cosine·cos(order·x) + sine·sin(order·x).
 
     For a shaft, ``order`` is the number of periods per turn; for a slide it is 2π over the wavelength in m.
@@ -238,7 +239,7 @@ class _Harmonic(_Law):
         self.force = self.cosine * math.cos(phase) + self.sine * math.sin(phase)
 
 
-class _Slip(_Law):
+class _Slip(Law):
     """Creep in an elastic connection: part of the stretch is given up at a rate proportional to the force.
 
     ż = creep·stiffness·(s − z); F = stiffness·z takes back what the spring does over the slipped part.
@@ -254,11 +255,11 @@ class _Slip(_Law):
         self.force = self.stiffness * self.z
 
 
-class _Curve(_Dry):
+class _Curve(DryLaw):
     """A force without a law, given by points over position, speed or time.
 
-    Over ``"position"``, ``"speed"`` and ``"time"`` the curve is the force itself; over ``"friction"`` it is the level of a
-    dry friction that changes along the way.
+    Over ``"position"``, ``"speed"`` and ``"time"`` the curve is the force itself; over ``"friction"`` it is the level
+    of a dry friction that changes along the way.
     """
 
     over = Option("position", "what the curve is a function of", choices=CURVE_OVER)
@@ -292,8 +293,8 @@ class AddedInertia(Component):
 
 def _versions() -> dict[str, tuple[type[Component], type[Component]]]:
     found: dict[str, tuple[type[Component], type[Component]]] = {}
-    for law in (*_Law.__subclasses__(), *_Dry.__subclasses__()):
-        if law is _Dry:
+    for law in (*Law.__subclasses__(), *DryLaw.__subclasses__()):
+        if law is DryLaw:
             continue
         name = law.__name__.lstrip("_")
         pair = in_both_domains(law, __name__, (f"{name}Effect", f"Rotary{name}Effect"))
@@ -302,6 +303,28 @@ def _versions() -> dict[str, tuple[type[Component], type[Component]]]:
         found[name] = pair
     found["AddedInertia"] = (AddedMass, AddedInertia)
     return found
+
+
+def add_law(name: str, law: type[Component], module: str) -> None:
+    """Offer a user's own law to the catalogue under a name.
+
+    Parameters
+    ----------
+    name : str
+        What `discrepancy.kinds.Kind.law` refers to.
+    law : type
+        Subclass of `Law` or `DryLaw`, written with the letters F, X and V in its units.
+    module : str
+        ``__name__`` of the module that holds it.
+
+    Raises
+    ------
+    ValueError
+        If the name is taken.
+    """
+    if name in LAWS:
+        raise ValueError(f"there is already a law '{name}': give yours another name")
+    LAWS[name] = in_both_domains(law, module, (f"{name}Effect", f"Rotary{name}Effect"))
 
 
 #: name of the law → its sliding and its turning version

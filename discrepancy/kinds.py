@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from multibody.component import Component
 
 __all__ = ["Kind", "KindText", "MotionRange", "kind_named", "kinds", "register"]
 
@@ -143,7 +147,7 @@ def _spots(m: MotionRange) -> Shapes:
 
 
 def _orders(m: MotionRange) -> Shapes:
-    """Whole orders per turn on a shaft; on a slide, wavelengths from half the travel downwards, one travel-period apart."""
+    """Whole orders per turn on a shaft; on a slide, wavelengths from half the travel downwards."""
     if m.turns and m.high - m.low > np.pi:
         return [{"order": float(k)} for k in (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 36, 48)]
     count = 40
@@ -159,22 +163,32 @@ def _spring(m: MotionRange) -> Shapes:
 
 
 def _spring_gap(m: MotionRange) -> Shapes:
-    return [
-        {"stiffness": m.scale, "centre": c, "secant": f * m.half} for c in (0.0, m.centre) for f in (0.05, 0.2, 0.5, 1.0)]
+    gaps = [f * m.half for f in (0.05, 0.2, 0.5, 1.0)]
+    return [{"stiffness": m.scale, "centre": c, "secant": gap} for c in (0.0, m.centre) for gap in gaps]
 
 
 _T = KindText
 _KINDS: dict[str, Kind] = {}
 
 
-def register(kind: Kind) -> Kind:
+def register(kind: Kind, law: type[Component] | None = None) -> Kind:
     """Add a kind to the catalogue; its name must be new.
+
+    Parameters
+    ----------
+    kind : Kind
+    law : type, optional
+        The law that ``kind.law`` names, if it is not one that ships: see `discrepancy.effect_laws.add_law`.
 
     Raises
     ------
     ValueError
-        If the name is taken.
+        If the name of the kind or of the law is taken.
     """
+    if law is not None:
+        from discrepancy.effect_laws import add_law
+
+        add_law(kind.law, law, law.__module__)
     if kind.name in _KINDS:
         raise ValueError(f"there is already a kind '{kind.name}': give yours another name")
     _KINDS[kind.name] = kind
