@@ -68,7 +68,7 @@ class Setup:
 def experiments_of(
     model: Model, records: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str], *,
     preparation: Preparation | None = None, start: Mapping[str, float | Literal["measured"]] | None = None,
-    free: Sequence[str] | None = None, offsets: Sequence[str] = (),
+    free: Sequence[str] | None = None, offsets: Sequence[str] = (), held: Sequence[str] = (),
 ) -> tuple[Experiment, ...]:
     """Return experiments of a model on records.
 
@@ -88,13 +88,17 @@ def experiments_of(
         States whose start is estimated; default: all that ``start`` does not fix with a number.
     offsets : sequence of str
         Outputs whose sensor may have an offset of its own in each record.
+    held : sequence of str
+        Inputs that keep their value until the next sample.
     """
     start = dict(start or {})
     if free is None or not free:
         fixed = {n for n, v in start.items() if not isinstance(v, str)}
         free = [n for n in model.build().state_names if n not in fixed and not n.startswith("energy.")]
     return tuple(
-        Experiment(record, tuple(inputs), tuple(outputs), preparation or Preparation(), start, tuple(free), tuple(offsets))
+        Experiment(
+            record, tuple(inputs), tuple(outputs), preparation or Preparation(), start, tuple(free), tuple(offsets),
+            held=tuple(held))
         for record in records)
 
 
@@ -121,7 +125,8 @@ def from_file(path: str | Path, *, seed: int | None = None, max_effects: int | N
     records = study.read_records({**units["inputs"], **units["outputs"]})
     common: dict[str, Any] = {
         "inputs": tuple(study.inputs), "outputs": tuple(study.outputs), "preparation": study.preparation,
-        "start": study.initial.values, "free": study.initial.free or None, "offsets": study.offsets.outputs}
+        "start": study.initial.values, "free": study.initial.free or None, "offsets": study.offsets.outputs,
+        "held": tuple(n for n, each in study.inputs.items() if each.interpolation == "hold")}
     uncertain = _uncertain(study, system)
     warned = [w for r in (*records.identify, *records.validate) for w in r.warnings]
     return Setup(

@@ -341,6 +341,8 @@ class _Reader:
         for name, each in outputs.items():
             if each.default is not None:
                 self.fault(f'[outputs] "{name}", default', "is for inputs: what was not measured is no output")
+            if each.interpolation != "linear":
+                self.fault(f'[outputs] "{name}", interpolation', "is for inputs: outputs are compared sample by sample")
             if each.column and each.column in by_column:
                 other = by_column[each.column]
                 self.fault(f'[outputs] "{name}"', f"column '{each.column}' is used for '{other}' already")

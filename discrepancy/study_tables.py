@@ -47,13 +47,14 @@ class Column(msgspec.Struct, frozen=True):
     """An entry of ``[inputs]`` or ``[outputs]``.
 
     ``unit`` is that of the numbers in the file, ``noise`` a standard deviation in SI, ``default`` the value in
-    SI that an input has in recordings without the column.
+    SI that an input has in recordings without the column, ``interpolation`` what an input does between samples.
     """
 
     column: str
     noise: float | None = None
     unit: str | None = None
     default: float | None = None
+    interpolation: Literal["linear", "hold"] = "linear"
 
 
 class RecordsTable(msgspec.Struct, frozen=True):

@@ -98,6 +98,8 @@ class Experiment:
         Outputs whose sensor may have an offset of its own in this record.
     rtol : float
         Relative tolerance of the integration.
+    held : tuple of str
+        Inputs that keep their value until the next sample; the others change in a straight line.
     """
 
     record: Record
@@ -108,6 +110,7 @@ class Experiment:
     free: tuple[str, ...] = ()
     offsets: tuple[str, ...] = ()
     rtol: float = 1e-6
+    held: tuple[str, ...] = ()
     _cache: dict[str, object] = field(default_factory=dict, repr=False)
 
     # ---------------------------------------------------------------- the measurement
@@ -145,7 +148,11 @@ class Experiment:
         key = f"table {id(system)}"
         if key not in self._cache:
             driven = {n: (self.record.time, self.record.signals[n].values) for n in self.inputs}
-            self._cache[key] = (system, input_table(system, driven))
+            table = input_table(system, driven)
+            if self.held:
+                kinds = ["hold" if n in self.held else k for n, k in zip(table.names, table.interpolation, strict=True)]
+                table = replace(table, interpolation=kinds)
+            self._cache[key] = (system, table)
         return self._cache[key][1]  # type: ignore[index]
 
     def start_vector(self, system: System) -> np.ndarray:
