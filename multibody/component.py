@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from multibody.declare import Declaration, Input, Option, Output, Parameter, Port, State, Table, Unit
+from multibody.sources import remember
 from multibody.units import UnitError, quantity, same_dimension
 
 __all__ = ["Component", "nearest"]
@@ -58,6 +59,7 @@ class Component:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        remember(cls.__module__)
         collected: dict[str, Declaration] = {}
         for base in reversed(cls.__mro__):
             for name, item in vars(base).items():

@@ -18,6 +18,7 @@ from multibody.component import Component, nearest
 from multibody.declare import Input, Option, Output, Parameter, Port, State, Table, Unknown
 from multibody.errors import EquationError
 from multibody.rewriter import Rewriter, constant
+from multibody.sources import function_lines
 from multibody.statements import Statement, merge_repeated, names_written, readable, variable
 
 __all__ = ["Scope", "method_statements", "parse_function"]
@@ -119,7 +120,7 @@ class Scope:
 def parse_function(function: Callable[..., Any]) -> tuple[ast.FunctionDef, str, int]:
     """Return a function's syntax tree, file name and first line."""
     try:
-        lines, first = inspect.getsourcelines(function)
+        lines, first = function_lines(function)
         tree = ast.parse(textwrap.dedent("".join(lines)))
     except (OSError, TypeError, SyntaxError) as error:
         raise EquationError(
