@@ -18,6 +18,7 @@ from discrepancy.windows import (
     LEAST_SAMPLES,
     WINDOW_FACTOR,
     Growth,
+    keeps_growing,
     crop,
     cut_windows,
     divergence_time,
@@ -187,5 +188,15 @@ def _runs_away(growth: Growth) -> str:
         most = next((f for f in (10.0 * FACTOR, FACTOR) if np.any(growth.start > f)), FACTOR)
         when = float(growth.time[np.argmax(growth.start > most)])
         return f"a start 1 % off grows {most:.0f} times within {when:.2g} s, so no simulation follows a whole record"
-    return (f"an error of 1 % of {growth.input_name} moves {growth.output_name} by {growth.input_change:.2g} (SI) within "
+    if _reaches(growth.inputs):
+        return (
+            f"an error of 1 % of {growth.input_name} moves {growth.output_name} by {growth.input_change:.2g} (SI) within "
             f"{growth.time[-1]:.2g} s and ever further, so no simulation follows a whole record")
+    name, output, size = growth.noisy
+    return (
+        f"the noise of {name} alone adds up to {size:.2g} (SI) in {output} within {growth.time[-1]:.2g} s, "
+        f"{growth.noise[-1]:.0f} times that output's own noise, so no simulation follows a whole record")
+
+
+def _reaches(influence: np.ndarray) -> bool:
+    return bool(np.any(influence > FACTOR)) and keeps_growing(influence)

@@ -38,6 +38,13 @@ class Followed:
     p: np.ndarray
     reading: Reading
 
+    @property
+    def input_noise(self) -> list[float]:
+        """Noise of each recorded input, SI."""
+        from estimation.metrics import noise_floor
+
+        return [float(noise_floor(self.experiment.record.signals[n].values).std) for n in self.experiment.inputs]
+
     def at(self, sample: int) -> np.ndarray:
         """Return the guess of the state at a sample, shape (n,)."""
         return self.reading.state(sample, self.states[sample])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,10 +28,14 @@ FACTOR = 30.0
 WINDOW_FACTOR = 6.0
 """Within a window errors may grow less far: the scan is linear, and on a tumbling arm windows with a factor of 12 or 30
 ended beside the true friction, those with 5 found it."""
+NOISE_FACTOR = 10.0
+"""An input whose mere noise adds up to ten times an output's noise makes a simulation of the whole record worthless."""
+WINDOW_NOISE = 3.0
 LEAST_SAMPLES = 20
 _STARTS = 6
 _RECORDS = 3
 _LONGEST = 3.0
+_DRAWS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +54,10 @@ class Growth:
         The pair with the largest such change.
     input_change : float
         What 1 % of that input moves that output by at most, in the output's unit.
+    noise : ndarray, shape (n,)
+        Largest deviation so far that the noise of the inputs brings about, over the noise of the output.
+    noisy : tuple of (str, str, float)
+        Input and output with the largest such deviation, and its size in the output's unit.
     """
 
     time: np.ndarray
@@ -58,23 +66,28 @@ class Growth:
     input_name: str = ""
     output_name: str = ""
     input_change: float = 0.0
+    noise: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    noisy: tuple[str, str, float] = ("", "", 0.0)
 
     @property
     def within(self) -> float:
-        """Time within which errors stay below `FACTOR`, s; infinite when they do to the end."""
-        return self.until(FACTOR)
+        """Time within which errors stay below `FACTOR` and `NOISE_FACTOR`, s; infinite when they do to the end."""
+        return self.until(FACTOR, NOISE_FACTOR)
 
-    def until(self, factor: float) -> float:
-        """Return the time at which errors have grown by a factor, s; infinite when they never do."""
-        beyond = (self.start > factor) | (self.inputs_run & (self.inputs > factor))
+    def until(self, factor: float, noise: float) -> float:
+        """Return the time at which errors have grown by a factor, or noise has added up, s; infinite when never."""
+        beyond = self.start > factor
+        if keeps_growing(self.inputs):
+            beyond = beyond | (self.inputs > factor)
+        if self.noise.size and keeps_growing(self.noise):
+            beyond = beyond | (self.noise > noise)
         return float(self.time[np.argmax(beyond)]) if np.any(beyond) else float("inf")
 
-    @property
-    def inputs_run(self) -> bool:
-        """True when the influence of an input keeps growing: one that settles is only a gain."""
-        half = self.inputs.size // 2
-        early = float(np.max(self.inputs[:half], initial=0.0))
-        return bool(np.max(self.inputs[half:], initial=0.0) > 1.8 * early)
+
+def keeps_growing(influence: np.ndarray) -> bool:
+    """Tell whether an influence grows to the end: one that settles is only a gain."""
+    half = influence.size // 2
+    return bool(np.max(influence[half:], initial=0.0) > 1.5 * np.max(influence[:half], initial=0.0))
 
 
 def crop(experiment: Experiment) -> Experiment:
@@ -126,7 +139,12 @@ def growth_from(
     while True:
         record = sub_record(experiment.record, slice(first, last), experiment.record.name)
         part = replace(experiment, record=record, preparation=Preparation(), _cache={})
-        pushes = [Push(n, np.array(record.signals[n].values)) for n in experiment.inputs]
+        values = [np.array(record.signals[n].values) for n in experiment.inputs]
+        pushes = [Push(n, v) for n, v in zip(experiment.inputs, values, strict=True)]
+        rng = np.random.default_rng(first)  # the same noise wherever one looks from the same sample
+        pushes += [
+            Push(n, s * rng.standard_normal(last - first))
+            for _ in range(_DRAWS) for n, s in zip(experiment.inputs, followed.input_noise, strict=True)]
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 found = part.respond(system, p, followed.at(first), states=states, pushes=pushes).derivatives
@@ -139,16 +157,22 @@ def growth_from(
     with np.errstate(over="ignore", invalid="ignore"):
         by_start = found[:, :, : len(states)] * scale[pick] / spread[:, None]
         by_start = np.nan_to_num(np.sqrt(np.sum(by_start**2, axis=2)), nan=np.inf, posinf=np.inf)
-        by_input = np.nan_to_num(np.abs(found[:, :, len(states) :]) / spread[:, None], nan=np.inf, posinf=np.inf)
+        n_s, n_i = len(states), len(experiment.inputs)
+        by_input = np.nan_to_num(np.abs(found[:, :, n_s : n_s + n_i]) / spread[:, None], nan=np.inf, posinf=np.inf)
+        by_noise = found[:, :, n_s + n_i :].reshape(*found.shape[:2], _DRAWS, n_i)
+        by_noise = np.sqrt(np.mean(by_noise**2, axis=2)) / followed.reading.noise[:, None]
+        by_noise = np.maximum.accumulate(np.nan_to_num(by_noise, nan=np.inf, posinf=np.inf), axis=0)
     early = np.maximum(np.max(by_start[:LEAST_SAMPLES], axis=0, where=np.isfinite(by_start[:LEAST_SAMPLES]), initial=0.0), 1.0)
     time = record.time - record.time[0]
     if not experiment.inputs:
         return Growth(time, np.max(by_start / early, axis=1), np.zeros(time.size))
+    d, j = np.unravel_index(int(np.argmax(by_noise[-1])), by_noise[-1].shape)
+    noisy = (experiment.inputs[j], experiment.outputs[d], float(by_noise[-1, d, j] * followed.reading.noise[d]))
     peak = np.max(by_input, axis=0)
     c, i = np.unravel_index(int(np.argmax(peak)), peak.shape)
     return Growth(
         time, np.max(by_start / early, axis=1), np.max(by_input, axis=(1, 2)), experiment.inputs[i],
-        experiment.outputs[c], 0.01 * float(peak[c, i] * spread[c]))
+        experiment.outputs[c], 0.01 * float(peak[c, i] * spread[c]), np.max(by_noise, axis=(1, 2)), noisy)
 
 
 def divergence_time(
@@ -169,7 +193,7 @@ def divergence_time(
             if n - first < 2 * LEAST_SAMPLES:
                 continue
             growth = growth_from(experiments[i], system, p, followed[i], int(first), spread, scale)
-            reach = growth.until(WINDOW_FACTOR)
+            reach = growth.until(WINDOW_FACTOR, WINDOW_NOISE)
             if np.isfinite(reach) or first == 0:
                 found.append(min(reach, experiments[i].record.duration))
     return float(np.quantile(found, 0.25)) if found else 0.0
@@ -210,7 +234,7 @@ def cut_windows(
     while n - 1 - bounds[-1] > least:
         last = min(bounds[-1] + most, n - 1)
         growth = growth_from(experiment, system, p, followed, bounds[-1], spread, scale, last + 1)
-        reach = min(growth.until(WINDOW_FACTOR), float(growth.time[-1]))
+        reach = min(growth.until(WINDOW_FACTOR, WINDOW_NOISE), float(growth.time[-1]))
         bounds.append(int(np.clip(bounds[-1] + reach * rate, bounds[-1] + least, last)))
     if len(bounds) > 1 and n - 1 - bounds[-1] < least:
         bounds.pop()  # what is left is too short for a window of its own
