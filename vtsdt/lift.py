@@ -263,6 +263,15 @@ class Lift(Model):
 
         return rest(self, height, **options)
 
+    def at_rest(self, height: float | None = None, **options: Any) -> Model:
+        """Return the lift as a plain model whose start values are the state at rest; see `vtsdt.trip.rest`."""
+        found = self.equilibrium(height, **options)
+        start = {}
+        for name, value in found.to_dict().items():
+            owner, _, state = name.partition(".")
+            start[f"{name}_start" if owner in ("cabin", "counterweight") else f"{owner}.{state}"] = value
+        return self.with_values(start)
+
     def trip(self, direction: str = "up", **options: Any) -> Trajectory:
         """Simulate a trip; see `vtsdt.trip.run`."""
         from vtsdt.trip import run
@@ -270,19 +279,19 @@ class Lift(Model):
         return run(self, direction, **options)
 
 
-def reference(parameters: str | None = None, **options: Any) -> Lift:
-    """Return `Lift.reference` for a parameter file, as ``build`` in a study file."""
-    return Lift.reference(_loaded(parameters), **options)
+def reference(parameters: str | None = None, height: float | None = None, **options: Any) -> Model:
+    """Return the reference model at rest for a parameter file: ``build = "vtsdt.lift:reference"`` in a study file."""
+    return Lift.reference(_loaded(parameters), **options).at_rest(height)
 
 
-def one_dimensional(parameters: str | None = None, **options: Any) -> Lift:
-    """Return `Lift.one_dimensional` for a parameter file, as ``build`` in a study file."""
-    return Lift.one_dimensional(_loaded(parameters), **options)
+def one_dimensional(parameters: str | None = None, height: float | None = None, **options: Any) -> Model:
+    """Return the 1D model at rest for a parameter file, as `reference` does."""
+    return Lift.one_dimensional(_loaded(parameters), **options).at_rest(height)
 
 
-def cabin(parameters: str | None = None, **options: Any) -> Lift:
-    """Return `Lift.cabin` for a parameter file, as ``build`` in a study file."""
-    return Lift.cabin(_loaded(parameters), **options)
+def cabin(parameters: str | None = None, height: float | None = None, **options: Any) -> Model:
+    """Return the cabin model at rest for a parameter file, as `reference` does."""
+    return Lift.cabin(_loaded(parameters), **options).at_rest(height)
 
 
 def _loaded(path: str | None) -> LiftParameters | None:

@@ -45,7 +45,7 @@ def test_state_counts_of_the_table():
     assert counts["Lift.cabin()"] == 12
 
 
-@pytest.mark.parametrize(("lateral", "rotation"), itertools.product([True, False], repeat=2))
+@pytest.mark.parametrize(("lateral", "rotation"), list(itertools.product([True, False], repeat=2)))
 @pytest.mark.parametrize(("vertical", "inclination"), [(True, True), (True, False), (False, False)])
 def test_structures_between_the_models_assemble(lateral, rotation, vertical, inclination):
     other, turning = rotation, not lateral  # the counterweight has another structure than the cabin
@@ -60,8 +60,20 @@ def test_a_lift_without_inclination_of_its_support_makes_a_trip():
     assert run["z_c"][-1] == pytest.approx(1.9, abs=5e-3)  # short of it by stretch and sag, about 3 mm
 
 
-def test_factories_for_study_files_return_models():
-    assert isinstance(reference(), Model)
+def test_factories_for_study_files_return_models_at_rest():
+    model = reference(height=0.5)
+    assert isinstance(model, Model)
+    system = model.build()
+    assert system.state_names == Lift.reference().system.state_names
+    # Newton's method leaves rates below 1e-9 of the largest at its guess
+    assert np.abs(system.rhs(0.0, system.start)).max() < 1e-6
+
+
+def test_a_lift_is_written_to_a_file_and_read_again(tmp_path):
+    lift = Lift.reference(profile=True)
+    again = Model.load(lift.save(tmp_path / "lift.json")).build()
+    x = lift.equilibrium().state
+    assert np.array_equal(again.rhs(1.0, x), lift.system.rhs(1.0, x))
 
 
 def test_the_speed_reference_as_input_and_as_part_of_the_model_give_the_same_trip():
