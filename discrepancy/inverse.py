@@ -51,7 +51,8 @@ class Motion:
     states : tuple of str
         The position and rate states that become given.
     force : str
-        Model input that acts at the same port as a force or torque, or empty.
+        Recorded force or torque that acts at the same place and nowhere else, or empty: it is then what the needed
+        force is compared with, and no input any more.
     """
 
     place: str
@@ -71,8 +72,13 @@ class Motion:
         return (f"motion.{self.place}.{words[0]}", f"motion.{self.place}.{words[1]}", f"motion.{self.place}.acceleration")
 
     @property
+    def compared(self) -> str:
+        """Name of the output that is compared: the recorded force, else what is needed, to be compared with zero."""
+        return self.force or self.needed
+
+    @property
     def needed(self) -> str:
-        """Name of the output that is compared."""
+        """Name of the force or torque that the motion takes."""
         return f"needed.{self.place}.{'force' if self.domain == 'translation' else 'torque'}"
 
 
@@ -112,16 +118,16 @@ def inverse_setup(setup: Setup, bandwidth: float | None = None) -> Inverse:
     """
     first = setup.identify[0]
     model, cut = _cut_loops(setup.model, first.outputs)
-    inputs = (*first.inputs, *cut)
-    inputs = tuple(n for n in inputs if n in model.inputs)
+    recorded = tuple(n for n in (*first.inputs, *cut) if n in model.inputs)
     outputs = tuple(n for n in first.outputs if n not in cut)
     system = model.build(outputs=outputs)
-    motions = _motions(model, system, outputs, setup)
+    motions = _motions(model, system, outputs, recorded, setup)
     if not motions:
         raise StudyError([
             "[study] residual = \"inverse\": none of the measured outputs "
             f"({', '.join(first.outputs)}) is the position, angle or speed of a free motion; measure one, or use "
             "\"simulation\" or \"prediction\""])
+    inputs = tuple(n for n in recorded if n not in {m.force for m in motions})
     shown = _shows_motion(system, outputs, motions)
     prescribed = _prescribed(model, motions)
     if bandwidth is None:
@@ -129,11 +135,11 @@ def inverse_setup(setup: Setup, bandwidth: float | None = None) -> Inverse:
         bandwidth = given if given is not None else max(
             signal_bandwidth(e.record.time, e.record.values(m.output)[:, 0]) for e in setup.identify for m in motions)
     compared = tuple(n for n in outputs if n not in shown)
-    built = prescribed.build(outputs=(*(m.needed for m in motions), *compared))
+    built = prescribed.build(outputs=(*(m.compared for m in motions), *compared))
     known = set(built.parameter_names)
     identify = tuple(_experiment(crop(e), motions, inputs, compared, built, bandwidth) for e in setup.identify)
     validate = tuple(_experiment(crop(e), motions, inputs, compared, built, bandwidth) for e in setup.validate)
-    excluded = (*setup.exclude, "sensor_*@needed.*", "input_*@motion.*", "input_*@measured.*")
+    excluded = (*setup.exclude, "sensor_*@needed.*", "input_*@motion.*")
     noise = {n: v for n, v in setup.noise.items() if n in compared}
     changed = replace(
         setup, model=prescribed, identify=identify, validate=validate, exclude=excluded, noise=noise,
@@ -238,7 +244,9 @@ def _outputs_of(model: Model, ends: Sequence[str], name: str) -> bool:
     return False
 
 
-def _motions(model: Model, system: System, outputs: Sequence[str], setup: Setup) -> list[Motion]:
+def _motions(
+    model: Model, system: System, outputs: Sequence[str], recorded: Sequence[str], setup: Setup
+) -> list[Motion]:
     """Return the free motions that an output shows by itself, one output for each, positions before rates."""
     labels = {}
     for place in model.places():
@@ -260,7 +268,7 @@ def _motions(model: Model, system: System, outputs: Sequence[str], setup: Setup)
                 continue
             for output, (state, factor, offset) in values.items():
                 if state == states[order]:
-                    force = _force_at(model, port, domain)
+                    force = _force_at(model, port, domain, recorded)
                     found[states] = Motion(place, port, domain, output, order, factor, offset, states, force)  # type: ignore[arg-type]
                     break
     return list(found.values())
@@ -301,16 +309,20 @@ def _shows_motion(system: System, outputs: Sequence[str], motions: Sequence[Moti
     return found
 
 
-def _force_at(model: Model, port: str, domain: str) -> str:
-    """Return the model input that acts as a force at a port's node by itself, or an empty text."""
+def _force_at(model: Model, port: str, domain: str, recorded: Sequence[str]) -> str:
+    """Return the recorded input that acts as a force at a port's node and nowhere else, or an empty text."""
+    from multibody.library import ForceSource, TorqueSource
+
     unit = _UNITS[domain][3]
     node = next(p.first for p in model.places() if p.second is None and p.first.label.name == port)
-    for other in node.ports:
-        for name, entry in model.inputs.items():
-            for target in entry.targets:
-                found = model.find(target)
-                if found is not None and found[0] == other.owner and getattr(found[1].declarations[found[2]], "unit", "") == unit:
-                    return name
+    owners = {p.owner: p.component for p in node.ports}
+    for name in recorded:
+        targets = [model.find(t) for t in model.inputs[name].targets]
+        if targets and all(
+            f is not None and f[0] in owners and getattr(f[1].declarations[f[2]], "unit", "") == unit
+            and isinstance(f[1], ForceSource | TorqueSource) for f in targets
+        ) and len(targets) == 1:
+            return name
     return ""
 
 
@@ -323,7 +335,10 @@ def _prescribed(model: Model, motions: Sequence[Motion]) -> Model:
         other.connect(f"{part}.flange", m.port)
         for name in m.quantities:
             other.input(name, f"{part}.{name.rpartition('.')[2]}")
-        other.input(f"measured.{m.needed[7:]}", f"{part}.measured", default=0.0)
+        if m.force:
+            entry = other._graph.inputs.pop(m.force)
+            other.input(f"idle.{m.force}", *entry.targets, default=0.0)
+            other.output(m.force, m.needed)
     states = {s for m in motions for s in m.states}
     other._graph.outputs = {n: s for n, s in other._graph.outputs.items() if s not in states}
     return other
@@ -360,10 +375,11 @@ def _experiment(
             smooth, rate, second = position + (start if isinstance(start, float | int) else 0.0), smooth, rate
         for name, values, unit in zip(m.quantities, (smooth, rate, second), units, strict=False):
             signals[name] = Signal(values[inside], unit, record.signals[m.output].column, unit)
-        force = signals[m.force].values if m.force in signals else np.zeros(time.size)[inside]
-        column = record.signals[m.force].column if m.force in signals else ""
-        for name in (m.needed, f"measured.{m.needed[7:]}"):
-            signals[name] = Signal(force, units[3], column, units[3])
+        if m.force:
+            given = record.signals[m.force]
+            signals[m.force] = replace(given, values=low_pass(time, given.values, cutoff)[inside])
+        else:
+            signals[m.needed] = Signal(np.zeros(time.size)[inside], units[3], "", units[3])
     log = (*record.log, f"zero-phase low-pass at {cutoff:.4g} Hz, motion differentiated, {edge} samples left out at each end")
     left = Record(record.name, record.path, time[inside], signals, log, record.warnings)
     factor = max(1, int(record.rate / (5.0 * cutoff)))
@@ -375,8 +391,8 @@ def _experiment(
         s in experiment.free or s not in experiment.start))
     start = {s: v for s, v in experiment.start.items() if s in remaining}
     return replace(
-        experiment, record=left, inputs=(*inputs, *(q for m in motions for q in m.quantities), *(f"measured.{m.needed[7:]}" for m in motions)),
-        outputs=(*(m.needed for m in motions), *compared), preparation=Preparation(decimate=factor), start=start,
+        experiment, record=left, inputs=(*inputs, *(q for m in motions for q in m.quantities)),
+        outputs=(*(m.compared for m in motions), *compared), preparation=Preparation(decimate=factor), start=start,
         free=free, offsets=tuple(o for o in experiment.offsets if o in compared), _cache={})
 
 
@@ -389,5 +405,5 @@ def _floors(setup: Setup, system: System, motions: Sequence[Motion]) -> dict[str
     for e in setup.identify:
         rest = e.measured - e.simulate(system, p)
         for c, m in enumerate(motions):
-            found.setdefault(m.needed, []).append(noise_floor(rest[:, c]).std)
+            found.setdefault(m.compared, []).append(noise_floor(rest[:, c]).std)
     return {n: float(np.median(v)) for n, v in found.items()}

@@ -11,14 +11,12 @@ __all__ = ["GivenAngle", "GivenPosition"]
 class GivenPosition(Component):
     """A flange that moves as recorded.
 
-    ``force`` is what the motion takes beyond all that acts in the model, plus the measured force that acts here
-    already; with the right model it equals the measured force.
+    ``force`` is what the motion takes beyond all that acts in the model: the recorded drive force, or zero.
     """
 
     position = Input("m", "recorded position")
     velocity = Input("m/s", "its rate")
     acceleration = Input("m/s**2", "the rate of that")
-    measured = Input("N", "measured force that acts here", default=0.0)
     flange = Translation("what is moved", prescribed=True)
     force = Output("N", "force that the motion takes here")
 
@@ -26,7 +24,7 @@ class GivenPosition(Component):
         self.flange.position = self.position
         self.flange.velocity = self.velocity
         self.flange.acceleration = self.acceleration
-        self.force = self.flange.reaction + self.measured
+        self.force = self.flange.reaction
 
 
 class GivenAngle(Component):
@@ -35,7 +33,6 @@ class GivenAngle(Component):
     angle = Input("rad", "recorded angle")
     speed = Input("rad/s", "its rate")
     acceleration = Input("rad/s**2", "the rate of that")
-    measured = Input("N*m", "measured torque that acts here", default=0.0)
     flange = Rotation("what is turned", prescribed=True)
     torque = Output("N*m", "torque that the motion takes here")
 
@@ -43,4 +40,4 @@ class GivenAngle(Component):
         self.flange.angle = self.angle
         self.flange.speed = self.speed
         self.flange.acceleration = self.acceleration
-        self.torque = self.flange.reaction + self.measured
+        self.torque = self.flange.reaction
