@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -79,19 +80,22 @@ class EnergyBalance:
         return pandas.DataFrame(self.rows, columns=["component", "quantity", "kind", "energy [J]"])
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw what was lost and supplied by component as bars; returns the figure."""
-        import matplotlib.pyplot as plt
+        """Draw what was stored, lost and supplied by component as bars; returns the figure.
 
-        shown = [r for r in self.rows if abs(r[3]) > 1e-3 * abs(self.trip.E_cb)]
+        Cabin and counterweight stand together: each alone is an order of magnitude above the rest.
+        """
+        import matplotlib.pyplot as plt
+        from matplotlib.patches import Patch
+
+        others = [r for r in self.rows if r[1] != "potential_energy" and abs(r[3]) > 1e-3 * abs(self.trip.E_cb)]
+        shown = [("cabin and counterweight", "potential_energy", "stored", -self.trip.E_cb), *others]
         if axes is None:
             _, axes = plt.subplots(figsize=(7, 0.4 * len(shown) + 1), layout="constrained")
         colours = {"stored": "tab:blue", "lost": "tab:red", "supplied": "tab:green"}
         names, shades = [f"{c}.{q}" for c, q, _, _ in shown], [colours[k] for _, _, k, _ in shown]
         axes.barh(names, [e for *_, e in shown], color=shades)
-        for kind, colour in colours.items():
-            axes.barh([], [], color=colour, label=kind)
         axes.invert_yaxis()
-        axes.legend(fontsize="small")
+        axes.legend(handles=[Patch(color=c, label=k) for k, c in colours.items()], fontsize="small")
         axes.set_xlabel("energy over the trip [J]")
         return axes.figure
 
@@ -148,6 +152,10 @@ def corrective_actions(
     """
     as_is = parameters if parameters is not None else LiftParameters.bench()
     straight = as_is.straightened(threshold)
+    # tables of the same size make one structure of all four cases, which is compiled once
+    as_is = dataclasses.replace(
+        as_is, cabin_guide=as_is.cabin_guide.resampled_as(straight.cabin_guide),
+        counterweight_guide=as_is.counterweight_guide.resampled_as(straight.counterweight_guide))
     cases = {
         "original": as_is, "straightened": straight, "lubrication": as_is.lubricated(lubrication),
         "both": straight.lubricated(lubrication),

@@ -122,17 +122,23 @@ class ModesAlong:
         return out
 
     def plot(self, axes: Any = None, *, largest: float = 60.0) -> Any:
-        """Draw all modes against the cable's length, vertical ones filled; returns the figure."""
+        """Draw all modes against the cable's length; returns the figure.
+
+        In axes that are given, for a second model, markers are hollow.
+        """
         import matplotlib.pyplot as plt
 
+        first = axes is None
         if axes is None:
             _, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
-        for vertical, marker in ((True, "o"), (False, "x")):
+        for vertical, marker in ((True, "." if first else "s"), (False, "x" if first else "+")):
             points = [(length, f) for length, m in zip(self.cable_length, self.modes, strict=True)
                       for f in m.frequency[m.vertical == vertical] if f <= largest]
             if points:
                 label = f"{self.name}: {'vertical' if vertical else 'lateral and rotational'}"
-                axes.plot(*zip(*points, strict=True), marker, markersize=4, linestyle="none", label=label)
+                axes.plot(
+                    *zip(*points, strict=True), marker, markersize=5, linestyle="none", label=label,
+                    markerfacecolor=None if first else "none")
         axes.set_xlabel("cable length at the cabin's side [m]")
         axes.set_ylabel("natural frequency [Hz]")
         axes.legend(fontsize="small")

@@ -71,6 +71,12 @@ class GuideParameters:
         names = ("left_x", "right_x", "left_y", "right_y")
         return {n: p for n in names if (p := getattr(self, n)) is not None}
 
+    def resampled_as(self, other: GuideParameters) -> GuideParameters:
+        """Return the same rails with their points at the heights of another's, where both have a profile."""
+        theirs = other.profiles()
+        finer: dict[str, Any] = {n: p.resampled(theirs[n].height) for n, p in self.profiles().items() if n in theirs}
+        return dataclasses.replace(self, **finer)
+
     def straightened(self, largest: float | None = None) -> GuideParameters:
         """Return guides whose deviations above ``largest`` (m) are taken to it; None: all rails straight."""
         if largest is None:

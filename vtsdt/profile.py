@@ -42,6 +42,10 @@ class Profile:
         heights = np.unique(np.concatenate([fine, *([c - _KINK, c, c + _KINK] for c in crossings)]))
         return Profile(tuple(map(float, heights)), tuple(min(self.at(h), largest) for h in heights))
 
+    def resampled(self, heights: tuple[float, ...]) -> Profile:
+        """Return the curve through its own values at other heights."""
+        return Profile(tuple(heights), tuple(self.at(h) for h in heights))
+
     def at(self, height: float) -> float:
         """Return the deviation at a height, m.
 

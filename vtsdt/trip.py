@@ -22,7 +22,7 @@ _G = 9.80665
 _SLACK = 0.02  # m by which a reference may pass the ends of the travel
 
 
-def rest(lift: Lift, height: float | None = None, **options: Any) -> Equilibrium:
+def rest(lift: Lift, height: float | None = None, *, system: System | None = None, **options: Any) -> Equilibrium:
     """Return the state at rest with the cabin at a height.
 
     Every model starts from its own equilibrium: the brake's place is that of the pulley, whose angle is held;
@@ -33,6 +33,8 @@ def rest(lift: Lift, height: float | None = None, **options: Any) -> Equilibrium
     lift : Lift
     height : float, m, optional
         Of the cabin's floor, without the ropes' stretch; default: the lift's start.
+    system : System, optional
+        The lift built with other options; default: ``lift.system``.
     options
         Further arguments of `multibody.equilibrium.equilibrium`, such as ``parameters``.
 
@@ -42,7 +44,7 @@ def rest(lift: Lift, height: float | None = None, **options: Any) -> Equilibrium
         If there is none near.
     """
     height = lift.start if height is None else float(height)
-    p, system = lift.parameters, lift.system
+    p, system = lift.parameters, system or lift.system
     guess = dict(options.pop("guess", {}))
     inputs = dict(options.pop("inputs", {}))
     load = (lift.payload[0] if lift.payload else 0.0) + p.cabin.mass
@@ -145,7 +147,7 @@ def run(
     values = {"parameters": options["parameters"]} if "parameters" in options else {}
     initial = options.pop("initial", None)
     if initial is None:
-        initial = rest(lift, height, inputs=first, guess=guess or {}, **values).to_dict()
+        initial = rest(lift, height, system=system, inputs=first, guess=guess or {}, **values).state
     return (system or lift.system).simulate(until, inputs=given, initial=initial, step=step, **options)
 
 
