@@ -17,7 +17,7 @@ from multibody.library.laws import asymmetric, coulomb, one_sided, quadratic
 __all__ = ["CURVE_OVER", "CURVE_POINTS", "LAWS", "AddedInertia", "AddedMass", "DryLaw", "Law", "add_law"]
 
 CURVE_OVER = ("position", "speed", "time", "friction")
-CURVE_POINTS = 9
+CURVE_POINTS = 17
 
 
 class Law(Component):

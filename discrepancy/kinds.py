@@ -345,7 +345,7 @@ _add([
         "Bus and computing time of the controller, filters, a digital hold.",
         "Record command and response of the amplifier together and compare the instants."),
         one_sided=True),
-    Kind("unknown_force", "connection", "Curve", tuple(f"curve.y[{k}]" for k in range(9)), _T(
+    Kind("unknown_force", "connection", "Curve", tuple(f"curve.y[{k}]" for k in range(17)), _T(
         "a force that no entry of the catalogue explains", "A force that follows position, speed or time in a way "
         "that no simple law does; its curve is given by points.",
         "Something that nobody has put into the catalogue yet; the curve's shape is the clue.",

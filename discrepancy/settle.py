@@ -49,9 +49,9 @@ def replace_by_curve(
 ) -> tuple[int, Stage] | None:
     """Try to put one free curve in the place of all laws found at a connection.
 
-    A law that is only near the truth leaves a pattern behind that further laws then chase.  Where one curve beats all
-    laws found at its connection by strong evidence, and takes clearly more of the error away, the honest answer is
-    the curve.
+    A law that is only near the truth leaves a pattern behind that further laws then chase.  Where one curve beats the
+    law found at its connection by strong evidence, and takes clearly more of the error away, the honest answer is the
+    curve; against several laws at one connection it is enough that the curve is the better model.
 
     Returns
     -------
@@ -68,17 +68,19 @@ def replace_by_curve(
             continue  # effects at several connections: a curve at one of them is no simpler story
         facts = Confrontation.of_stage(before, scan_preparation(before))
         offer = offer_curves(before, facts, level=level, seed=seed, where=[where], progress=progress)
-        curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress)
-        if curve is not None and _takes_more(curve, last, before):
+        several = sum(1 for e in found if e.where == where) > 1
+        least = 0.0 if several else CLEARLY
+        curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress, least)
+        if curve is not None and (several or _takes_more(curve, last, before)):
             return first, curve
     return None
 
 
 def _best_curve(
     before: Stage, rival: Stage, effects: Sequence[Effect], p_values: Sequence[float], fit: Fit,
-    progress: Callable[[str], None],
+    progress: Callable[[str], None], least: float = CLEARLY,
 ) -> Stage | None:
-    """Refit the offered curves and return the best if it beats ``rival`` clearly."""
+    """Refit the offered curves and return the best if its BIC is below that of ``rival`` by ``least``."""
     tried = []
     for effect, p in list(zip(effects, p_values, strict=False))[:2]:
         progress(f"refit with a free curve over {effect.over} at {effect.where}")
@@ -89,7 +91,7 @@ def _best_curve(
             continue
         tried.append((bic_difference(stage, rival), stage, p))
     tried.sort(key=lambda t: t[0])
-    if not tried or tried[0][0] > -CLEARLY:
+    if not tried or tried[0][0] > -least:
         return None
     difference, stage, p = tried[0]
     rivals = tuple(

@@ -185,6 +185,8 @@ class Study:
             self.progress(f"add {step.accepted.effect}")
             self._accept(step.accepted, step.stage)
             self._drop_idle()
+            if self._crowded() and self._swap_for_curve():
+                continue
         self._free_curves()
         return conclude(self)
 
@@ -212,19 +214,33 @@ class Study:
 
     def _free_curves(self) -> None:
         """Ask whether a curve tells the truth better than the laws found, or finds what no law did."""
-        from discrepancy.settle import free_curve, replace_by_curve
+        from discrepancy.settle import free_curve
 
         level, seed = self.setup.level, self.setup.seed
         if any(s.accepted is not None for s in self.stages):
-            swapped = replace_by_curve(self.stages, self._refit, level=level, seed=seed, progress=self.progress)
-            if swapped is not None:
-                kept, stage = swapped
-                self.stages[:] = self.stages[:kept]
-                self._accept(stage.accepted, stage)
+            self._swap_for_curve()
         elif len(self.stage.effects) < self.setup.max_effects:
             found = free_curve(self.stage, self._refit, level=level, seed=seed, progress=self.progress)
             if found is not None:
                 self._accept(found.accepted, found)
+
+    def _crowded(self) -> bool:
+        """Tell whether several laws stand at one connection, which one curve may tell more simply."""
+        laws = [e.where for e in self.stage.effects if e.definition.at == "connection" and not e.definition.free_form]
+        return len(laws) > len(set(laws))
+
+    def _swap_for_curve(self) -> bool:
+        """Put one free curve in the place of the laws found at a connection, if that is the better model."""
+        from discrepancy.settle import replace_by_curve
+
+        swapped = replace_by_curve(
+            self.stages, self._refit, level=self.setup.level, seed=self.setup.seed, progress=self.progress)
+        if swapped is None:
+            return False
+        kept, stage = swapped
+        self.stages[:] = self.stages[:kept]
+        self._accept(stage.accepted, stage)
+        return True
 
     def _refit(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
         return self._fitted(name, effects, start, start.noise, trial=True)
