@@ -7,7 +7,7 @@ to be compiled for it, and hundreds of candidates and shapes cost one integratio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -47,6 +47,10 @@ class Confrontation:
         Errors of sensors that the model already has, at their calibrated values.
     preparation : Preparation
         For the scan: at least as coarse as that of the experiments.
+    p : ndarray
+        Parameter vector.
+    noise : mapping of str to float
+        Noise floor of each output, SI.
     """
 
     system: System
@@ -55,12 +59,13 @@ class Confrontation:
     sensors: tuple[SensorError, ...]
     preparation: Preparation
     p: np.ndarray
+    noise: Mapping[str, float] = field(default_factory=dict)
     _cache: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of_stage(cls, stage: Stage, preparation: Preparation) -> Confrontation:
         """Return a stage's machine beside its identification records."""
-        return cls(stage.system, stage.slim, stage.identify, stage.sensors, preparation, stage.p)
+        return cls(stage.system, stage.slim, stage.identify, stage.sensors, preparation, stage.p, stage.noise)
 
     @property
     def experiments(self) -> list[Experiment]:
@@ -77,6 +82,19 @@ class Confrontation:
         for name in fit.experiment.free:
             x[self.system.index("state", name)] = fit.own[name]
         return x
+
+    def shaped(self, index: int, block: np.ndarray) -> np.ndarray:
+        """Return a block of an experiment weighed down where the noise of its recorded inputs acts."""
+        from discrepancy.input_noise import shaping_of
+
+        experiment = self.experiments[index]
+        if not experiment.input_noise:
+            return block
+        key = f"shaping {index}"
+        if key not in self._cache:
+            noise = np.array([self.noise.get(n, 0.0) for n in experiment.outputs])
+            self._cache[key] = shaping_of(experiment, self.slim, self.p, self.start(index), noise, self.sensors)
+        return self._cache[key](block)
 
     def motions(self, index: int) -> dict[str, np.ndarray]:
         """Return all outputs of the nominal run of an experiment on its full time grid, by name."""
@@ -100,7 +118,7 @@ class Confrontation:
             own = self.calibration.fits[i].own
             for c, name in enumerate(experiment.outputs):
                 y[:, c] += own.get(f"offset of {name}", 0.0)
-            blocks.append(experiment.measured - y)
+            blocks.append(self.shaped(i, experiment.measured - y))
         time = self.experiments[0].time
         return Residual(blocks, float(np.median(np.diff(time))), self.experiments[0].outputs)
 
@@ -113,14 +131,14 @@ class Confrontation:
             dy = experiment.respond(
                 self.slim, self.p, self.start(i), parameters=[p.name for p in parameters],
                 states=experiment.free, sensors=self.sensors).derivatives
-            blocks.append(dy[:, :, :k])
+            blocks.append(self.shaped(i, dy[:, :, :k]))
             own = [dy[:, :, k:]]
             for name in experiment.offsets:
                 one = np.zeros((dy.shape[0], dy.shape[1], 1))
                 one[:, experiment.outputs.index(name)] = 1.0
                 own.append(one)
             stacked = np.concatenate(own, axis=2)
-            nuisance.append(stacked if stacked.shape[2] else None)
+            nuisance.append(self.shaped(i, stacked) if stacked.shape[2] else None)
         values = np.array([self.calibration[p.name] for p in parameters])
         prior = np.array([p.std for p in parameters])
         offset = np.where(np.isfinite(prior), np.array([p.value for p in parameters]) - values, 0.0)
@@ -276,9 +294,9 @@ def _record_columns(
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])
     for key, group in parts.items():
-        columns.setdefault(key, []).append(np.stack(group, axis=2))
+        columns.setdefault(key, []).append(facts.shaped(index, np.stack(group, axis=2)))
     for key, column in sensors.items():
-        columns.setdefault(key, []).append(column)
+        columns.setdefault(key, []).append(facts.shaped(index, column))
 
 
 def _forces(

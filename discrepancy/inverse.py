@@ -16,7 +16,7 @@ import numpy as np
 
 from discrepancy.inverse_parts import GivenAngle, GivenPosition
 from discrepancy.setup import Setup
-from discrepancy.start_guess import signal_bandwidth
+from discrepancy.start_guess import follow, signal_bandwidth
 from discrepancy.study_file import StudyError
 from discrepancy.windows import crop
 from estimation.experiment import Experiment
@@ -131,14 +131,18 @@ def inverse_setup(setup: Setup, bandwidth: float | None = None) -> Inverse:
     shown = _shows_motion(system, outputs, motions)
     prescribed = _prescribed(model, motions)
     if bandwidth is None:
-        given = first.preparation.low_pass_hz
-        bandwidth = given if given is not None else max(
+        asked = first.preparation.low_pass_hz
+        bandwidth = asked if asked is not None else max(
             signal_bandwidth(e.record.time, e.record.values(m.output)[:, 0]) for e in setup.identify for m in motions)
     compared = tuple(n for n in outputs if n not in shown)
     built = prescribed.build(outputs=(*(m.compared for m in motions), *compared))
     known = set(built.parameter_names)
-    identify = tuple(_experiment(crop(e), motions, inputs, compared, built, bandwidth) for e in setup.identify)
-    validate = tuple(_experiment(crop(e), motions, inputs, compared, built, bandwidth) for e in setup.validate)
+    whole = setup.model.build(outputs=first.outputs)
+
+    def given(e: Experiment) -> Experiment:
+        return _experiment(crop(e), motions, inputs, compared, built, bandwidth, whole)
+
+    identify, validate = tuple(map(given, setup.identify)), tuple(map(given, setup.validate))
     excluded = (*setup.exclude, "sensor_*@needed.*", "input_*@motion.*")
     noise = {n: v for n, v in setup.noise.items() if n in compared}
     changed = replace(
@@ -349,8 +353,9 @@ def _prescribed(model: Model, motions: Sequence[Motion]) -> Model:
 
 def _experiment(
     experiment: Experiment, motions: Sequence[Motion], inputs: Sequence[str], compared: Sequence[str], system: System,
-    bandwidth: float,
+    bandwidth: float, whole: System,
 ) -> Experiment:
+    """Return an experiment whose record gives the motion; other states start where the whole machine was then."""
     record = experiment.record
     time = np.array(record.time)
     nyquist = 0.5 * record.rate
@@ -361,6 +366,7 @@ def _experiment(
             f"{record.name}: {time.size} samples are too few to differentiate a motion at {cutoff:.3g} Hz ({edge} samples "
             "are left out at each end): record longer, or use \"prediction\""])
     inside = slice(edge, time.size - edge)
+    inputs = tuple(n for n in inputs if n in record.signals)
     signals: dict[str, Signal] = {}
     for name in (*inputs, *compared):
         given = record.signals[name]
@@ -386,14 +392,15 @@ def _experiment(
     factor = max(1, min(factor, left.time.size // 200))
     given = experiment.preparation
     factor = max(factor, given.decimate if given.decimate * 200 <= left.time.size else 1)
-    remaining = set(system.state_names)
-    free = tuple(s for s in system.state_names if not s.startswith("energy.") and (
-        s in experiment.free or s not in experiment.start))
-    start = {s: v for s, v in experiment.start.items() if s in remaining}
+    free = tuple(n for n in system.state_names if not n.startswith("energy."))
+    start: dict[str, float] = {}
+    if free:
+        x = follow(experiment, whole, whole.p).at(edge)
+        start = {n: float(x[whole.index("state", n)]) for n in free if n in whole.state_names}
     return replace(
         experiment, record=left, inputs=(*inputs, *(q for m in motions for q in m.quantities)),
         outputs=(*(m.compared for m in motions), *compared), preparation=Preparation(decimate=factor), start=start,
-        free=free, offsets=tuple(o for o in experiment.offsets if o in compared), _cache={})
+        free=free, held=(), offsets=tuple(o for o in experiment.offsets if o in compared), _cache={})
 
 
 def _floors(setup: Setup, system: System, motions: Sequence[Motion]) -> dict[str, float]:

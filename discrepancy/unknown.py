@@ -79,8 +79,8 @@ def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Cand
                 if over == "friction":
                     basis = -basis * np.tanh(motions[i]["velocity"] / v_s)[:, None]
                 pushes = [Push(f"probe.{place.name}", basis[:, k]) for k in range(CURVE_POINTS)]
-                blocks.append(experiment.respond(
-                    facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors).derivatives)
+                blocks.append(facts.shaped(i, experiment.respond(
+                    facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors).derivatives))
             found.append(Candidate(
                 f"unknown_force over {over}", place.name, (tuple(blocks),), ({"low": float(low), "high": float(high), "v_s": v_s},),
                 amplitudes=tuple(f"curve.y[{k}]" for k in range(CURVE_POINTS)), info={"place": place, "over": over}))

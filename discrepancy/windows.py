@@ -240,6 +240,7 @@ def cut_windows(
         bounds.pop()  # what is left is too short for a window of its own
     bounds.append(n - 1)
     everything = tuple(s for s in system.state_names if not s.startswith("energy."))
+    noise = dict(zip(experiment.inputs, followed.input_noise, strict=True))
     found = []
     for k, (a, b) in enumerate(itertools.pairwise(bounds)):
         name = f"{record.name} [{record.time[a]:.4g}..{record.time[b]:.4g} s]" if len(bounds) > 2 else record.name
@@ -251,5 +252,6 @@ def cut_windows(
             free = everything
             start = {s: float(v) for s, v in zip(system.state_names, x, strict=True)}
         part = sub_record(record, slice(a, b + 1), name)
-        found.append(replace(experiment, record=part, start=start, free=free, _cache={}))
+        found.append(replace(
+            experiment, record=part, start=start, free=free, input_noise=noise, _cache={}))
     return found

@@ -100,6 +100,8 @@ class Experiment:
         Relative tolerance of the integration.
     held : tuple of str
         Inputs that keep their value until the next sample; the others change in a straight line.
+    input_noise : mapping of str to float
+        Noise of recorded inputs that a scan has to reckon with, SI; empty where it does not matter.
     """
 
     record: Record
@@ -111,6 +113,7 @@ class Experiment:
     offsets: tuple[str, ...] = ()
     rtol: float = 1e-6
     held: tuple[str, ...] = ()
+    input_noise: Mapping[str, float] = field(default_factory=dict)
     _cache: dict[str, object] = field(default_factory=dict, repr=False)
 
     # ---------------------------------------------------------------- the measurement

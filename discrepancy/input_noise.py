@@ -1,0 +1,92 @@
+"""Noise of recorded inputs, carried through the machine: what it adds to a residual, and how to weigh it down.
+
+Where an input is a sensor, its noise acts on the model as a real force would.  In a window it adds up to a smooth
+deviation that a curve with a few points can follow, and that no reshuffling of such deviations looks like.  Its
+covariance is known, though: the input's noise, sent through the exact linearisation.  Residual and sensitivities are
+multiplied by the inverse square root of (output noise + that), relative to the output noise; what is left is white.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimation.experiment import Experiment, Push
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimation.experiment import SensorError
+    from multibody.system import System
+
+__all__ = ["Shaping", "shaping_of"]
+
+_KNOTS = 40
+_SMALLEST = 0.1  # deviations below this share of the output's noise need no weighing
+
+
+@dataclass(frozen=True, eq=False)
+class Shaping:
+    """Multiplication by ``(I + B Bᵀ)^(−1/2)`` in units of each output's noise, with ``B`` of low rank.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (n_channels,)
+    basis : ndarray, shape (n · n_channels, r)
+        Orthonormal.
+    factor : ndarray, shape (r,)
+        What a direction of the basis is multiplied by.
+    """
+
+    noise: np.ndarray
+    basis: np.ndarray
+    factor: np.ndarray
+
+    def __call__(self, block: np.ndarray) -> np.ndarray:
+        """Return a block, shape (n, n_channels) or (n, n_channels, k), weighed down where inputs are noisy."""
+        n, c = block.shape[:2]
+        if not self.basis.shape[1]:
+            return block
+        scale = self.noise[:, None]
+        flat = (block.reshape(n, c, -1) / scale).reshape(n * c, -1)
+        flat = flat + self.basis @ ((self.factor - 1.0)[:, None] * (self.basis.T @ flat))
+        return (flat.reshape(n, c, -1) * scale).reshape(block.shape)
+
+
+def shaping_of(
+    experiment: Experiment, system: System, p: np.ndarray, x0: np.ndarray, noise: np.ndarray,
+    sensors: Sequence[SensorError] = (),
+) -> Shaping:
+    """Return how an experiment's residual is to be weighed, from ``experiment.input_noise``.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    system : System
+        With the measured outputs.
+    p, x0 : ndarray
+        Parameters and start.
+    noise : ndarray, shape (n_channels,)
+        Noise of the outputs as they are compared, SI.
+    sensors : sequence of SensorError
+    """
+    none = Shaping(noise, np.zeros((0, 0)), np.zeros(0))
+    time = np.array(experiment.record.time)
+    noisy = {n: s for n, s in experiment.input_noise.items() if s > 0.0}
+    if not noisy or time.size < 4 or not np.all(noise > 0.0):
+        return none
+    knots = min(_KNOTS, time.size // 2)
+    place = (time - time[0]) / (time[-1] - time[0]) * (knots - 1)
+    tents = np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(knots)))
+    # White noise of deviation s at the sampling rate has the same low-frequency density as tents of this deviation.
+    share = np.sqrt((knots - 1) / (time.size - 1))
+    pushes = [Push(n, s * share * tents[:, k]) for n, s in noisy.items() for k in range(knots)]
+    found = experiment.respond(system, p, x0, pushes=pushes, sensors=sensors).derivatives
+    b = (found / noise[:, None]).reshape(-1, len(pushes))
+    if not np.all(np.isfinite(b)):
+        return none
+    u, s, _ = np.linalg.svd(b, full_matrices=False)
+    kept = s > _SMALLEST
+    return Shaping(noise, u[:, kept], 1.0 / np.sqrt(1.0 + s[kept] ** 2))
