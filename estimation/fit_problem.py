@@ -1,0 +1,148 @@
+"""The least-squares problem of a calibration: all records stacked, priors and each record's own unknowns included."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimation.calibration import UncertainParameter
+from estimation.experiment import Experiment, Response, SensorError
+
+if TYPE_CHECKING:
+    from multibody.system import System
+
+__all__ = ["FitProblem"]
+
+
+@dataclass
+class FitProblem:
+    """The stacked least-squares problem over parameters and every record's own unknowns."""
+
+    system: System
+    experiments: Sequence[Experiment]
+    parameters: Sequence[UncertainParameter]
+    sensors: Sequence[SensorError]
+    base: np.ndarray
+    scale: np.ndarray = field(default_factory=lambda: np.ones(0))
+    evaluations: int = 0
+
+    def __post_init__(self) -> None:
+        self.k = len(self.parameters)
+        self._ran = False
+        self.own = [(e.free, e.offsets) for e in self.experiments]
+        sizes = [len(f) + len(o) for f, o in self.own]
+        self.first = self.k + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+
+    def start(self, given: Sequence[float] | None, own: Sequence[np.ndarray] | None) -> np.ndarray:
+        theta = [p.value for p in self.parameters] if given is None else [float(v) for v in given]
+        for i, e in enumerate(self.experiments):
+            if own is not None and own[i].size == len(e.free) + len(e.offsets):
+                theta += own[i].tolist()
+                continue
+            x = e.start_vector(self.system)
+            theta += [x[self.system.index("state", n)] for n in e.free] + [0.0] * len(e.offsets)
+        return np.array(theta, dtype=float)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        low = np.full(self.first[-1], -np.inf)
+        high = np.full(self.first[-1], np.inf)
+        low[: self.k] = [p.min for p in self.parameters]
+        high[: self.k] = [p.max for p in self.parameters]
+        return low, high
+
+    def respond(self, theta: np.ndarray, index: int, derivatives: bool) -> Response:
+        """Simulate one experiment at a point; derivatives by parameters, then by its own unknowns."""
+        experiment = self.experiments[index]
+        p, sensors = self.base.copy(), {s.name: s for s in self.sensors}
+        for parameter, value in zip(self.parameters, theta, strict=False):
+            if parameter.name.startswith("sensor."):
+                output, _, kind = parameter.name[7:].rpartition(".")
+                sensors[parameter.name] = SensorError(output, kind, float(value))
+            else:
+                p[self.system.index("parameter", parameter.name)] = value
+        x0 = experiment.start_vector(self.system)
+        mine = theta[self.first[index] : self.first[index + 1]]
+        for name, value in zip(experiment.free, mine, strict=False):
+            x0[self.system.index("state", name)] = value
+        wanted = [q.name for q in self.parameters] if derivatives else []
+        states = experiment.free if derivatives else ()
+        self.evaluations += 1
+        found = experiment.respond(
+            self.system, p, x0, parameters=wanted, states=states, sensors=tuple(sensors.values())
+        )
+        outputs = found.outputs.copy()
+        extra = []
+        for name, value in zip(experiment.offsets, mine[len(experiment.free) :], strict=True):
+            c = experiment.outputs.index(name)
+            outputs[:, c] += value
+            one = np.zeros_like(outputs)
+            one[:, c] = 1.0
+            extra.append(one)
+        dy = found.derivatives
+        if derivatives and extra:
+            dy = np.concatenate([dy, np.stack(extra, axis=2)], axis=2)
+        return Response(outputs, dy)
+
+    def respond_all(self, theta: np.ndarray, derivatives: bool) -> list[Response]:
+        """Simulate every experiment, two at a time: the compiled loops leave the interpreter free."""
+        count = len(self.experiments)
+        if count < 2:
+            return [self.respond(theta, i, derivatives) for i in range(count)]
+        from concurrent.futures import ThreadPoolExecutor
+
+        with ThreadPoolExecutor(min(count, os.cpu_count() or 1)) as pool:
+            return list(pool.map(lambda i: self.respond(theta, i, derivatives), range(count)))
+
+    def cost(self, theta: np.ndarray) -> float:
+        """Return half the weighted sum of squares, priors included; infinite where a simulation fails."""
+        from multibody.errors import SimulationError
+
+        try:
+            found = self.respond_all(theta, False)
+        except SimulationError:
+            if not self._ran:
+                raise
+            return np.inf
+        self._ran = True
+        parts = [
+            ((r.outputs - e.measured) / self.scale).ravel() for r, e in zip(found, self.experiments, strict=True)
+        ]
+        return 0.5 * (sum(float(e @ e) for e in parts) + float(np.sum(self.prior_residual(theta) ** 2)))
+
+    def prior_residual(self, theta: np.ndarray) -> np.ndarray:
+        return np.array(
+            [(v - p.value) / p.std for p, v in zip(self.parameters, theta, strict=False) if np.isfinite(p.std)]
+        )
+
+    def rows_of(self, moving: np.ndarray) -> Callable[[np.ndarray], Iterator[tuple[np.ndarray, np.ndarray]]]:
+        """Return `rows` for what moves."""
+        return lambda theta: self.rows(theta, moving)
+
+    def rows(self, theta: np.ndarray, moving: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield blocks of the Jacobian by what moves, and of the residual."""
+        from multibody.errors import SimulationError
+
+        for i, (e, response) in enumerate(zip(self.experiments, self.respond_all(theta, True), strict=True)):
+            jacobian = self.weighted(response, i)[:, moving]
+            if not np.all(np.isfinite(jacobian)) or np.max(np.abs(jacobian), initial=0.0) > 1e100:
+                raise SimulationError(
+                    f"'{self.system.name}' on record '{e.name}': the derivatives grow beyond all bounds; the machine "
+                    "runs away from these inputs, so its windows must be shorter"
+                )
+            yield jacobian, ((response.outputs - e.measured) / self.scale).ravel()
+        with_prior = [k for k, p in enumerate(self.parameters) if np.isfinite(p.std)]
+        prior = np.zeros((len(with_prior), theta.size))
+        prior[np.arange(len(with_prior)), with_prior] = [1.0 / self.parameters[k].std for k in with_prior]
+        yield prior[:, moving], self.prior_residual(theta)
+
+    def weighted(self, response: Response, index: int) -> np.ndarray:
+        dy = response.derivatives / self.scale[:, None]
+        full = np.zeros((dy.shape[0] * dy.shape[1], self.first[-1]))
+        flat = dy.reshape(full.shape[0], dy.shape[2])
+        full[:, : self.k] = flat[:, : self.k]
+        full[:, self.first[index] : self.first[index + 1]] = flat[:, self.k :]
+        return full
