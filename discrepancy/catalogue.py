@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from discrepancy.kinds import Kind, kinds
+from multibody.declare import Output
 
 if TYPE_CHECKING:
     from multibody.places import Place
@@ -106,6 +107,6 @@ def _load_at(place: Place, system: System) -> str:
         if port.owner == place.name or "_friction." in port.owner:
             continue
         for name, item in port.component.declarations.items():
-            if getattr(item, "unit", None) == unit and f"{port.owner}.{name}" in system.output_names:
+            if isinstance(item, Output) and item.unit == unit and f"{port.owner}.{name}" in system.output_names:
                 best = best or f"{port.owner}.{name}"
     return best

@@ -25,7 +25,7 @@ class Drive(Component):
     pulse = Input("V", "voltage added to what the controller asks for")
     carriage = Translation("what is driven")
     speed = State("m/s", "speed that the controller works with")
-    acting = State("N", "force of the motor on the carriage")
+    driving = State("N", "force of the motor on the carriage")
     voltage = Output("V", "what is sent to the motor")
     force = Output("N", "force that belongs to the voltage, as recorded")
 
@@ -35,8 +35,8 @@ class Drive(Component):
         asked = self.kv * (self.kp * behind - self.speed) + self.pulse
         self.voltage = max(-self.limit, min(self.limit, asked))
         self.force = self.gain * self.voltage
-        self.der.acting = (self.force - self.acting) / self.hold
-        self.carriage.force = self.acting
+        self.der.driving = (self.force - self.driving) / self.hold
+        self.carriage.force = self.driving
 
 
 class Guide(Sliding):
