@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from multibody.library.sensors import SensorChannel
 from multibody.library.spatial import RigidBody
 from multibody.model import Model
 from vtsdt.car import Accelerometer, Car, Hoist
@@ -46,6 +47,9 @@ class Structure:
         False leaves the cabin and its guides alone, with the rope's tension as input.
     profile : bool
         True makes the trip's speed reference inside the model instead of taking it as input.
+    sensors : bool
+        True adds measuring chains with a gain and an offset: outputs ``sensor_omega.output`` (encoder),
+        ``sensor_i_q.output``, ``sensor_F_c.output``, ``sensor_F_cw.output``.  The accelerometer is always there.
     """
 
     cabin_lateral: bool = True
@@ -56,6 +60,7 @@ class Structure:
     support_inclination: bool = True
     drive: bool = True
     profile: bool = False
+    sensors: bool = False
 
     def faults(self) -> list[str]:
         """Return what does not fit together."""
@@ -149,6 +154,12 @@ class Lift(Model):
             self.input("F_c", hoist.tension)
         accelerometer = self.add("accelerometer", Accelerometer())
         self.connect(accelerometer.frame, "cabin.accelerometer")
+        if s.sensors and s.drive:
+            chains = {"omega": ("machine.omega", "rad/s"), "i_q": ("machine.i_q_measured", "A"),
+                      "F_c": ("ropes.F_c", "N"), "F_cw": ("ropes.F_cw", "N")}
+            for name, (source, unit) in chains.items():
+                chain = self.add(f"sensor_{name}", SensorChannel(unit=unit))
+                self.connect(source, chain.input)
         if self.payload is not None:
             mass, x, y, z = self.payload
             locked = dict.fromkeys((*_LATERAL, "z", *_ROTATIONS), False)

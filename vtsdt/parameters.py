@@ -160,7 +160,7 @@ class TripParameters:
 
     speed: float = _number("m/s", "largest speed", above=0.0)
     acceleration: float = _number("m/s**2", "largest acceleration", above=0.0)
-    jerk: float = _number("m/s**3", "largest jerk", above=0.0)
+    jerk: float = _number("m/s**3", "largest jerk; 0 makes a trapezoidal speed without limit of jerk", least=0.0)
     start: float = _number("s", "when the reference begins to move", least=0.0, default=0.0)
     duration: float = _number("s", "how long the record lasts", above=0.0, default=6.0)
 

@@ -1,4 +1,4 @@
-"""Speed references of a trip: jerk-limited, made inside the model or sampled for its input."""
+"""Speed references of a trip, jerk-limited or trapezoidal, made inside the model or sampled for its input."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multibody.library.profiles import jerk_limited
-from multibody.library.sources import SCurveProfile
+from multibody.library.profiles import jerk_limited, trapezoidal
+from multibody.library.sources import SCurveProfile, TrapezoidalProfile
 
 if TYPE_CHECKING:
     from vtsdt.lift import Lift
@@ -28,13 +28,13 @@ def trip_sign(direction: str) -> float:
     return 1.0 if direction == "up" else -1.0
 
 
-def reference_component(lift: Lift) -> SCurveProfile:
+def reference_component(lift: Lift) -> SCurveProfile | TrapezoidalProfile:
     """Return the part that makes the speed reference of a trip from the lift's start to the other end."""
     p, r = lift.parameters, lift.parameters.pulley.R_p
     way = p.hoistway.travel if lift.start < 0.5 * p.hoistway.travel else -p.hoistway.travel
     trip = p.trip
-    return SCurveProfile(
-        distance=-way / r, v_max=trip.speed / r, a_max=trip.acceleration / r, j_max=trip.jerk / r, start=trip.start)
+    limits = {"distance": -way / r, "v_max": trip.speed / r, "a_max": trip.acceleration / r, "start": trip.start}
+    return SCurveProfile(**limits, j_max=trip.jerk / r) if trip.jerk > 0.0 else TrapezoidalProfile(**limits)
 
 
 def sampled_reference(lift: Lift, direction: str = "up", step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
@@ -45,6 +45,9 @@ def sampled_reference(lift: Lift, direction: str = "up", step: float = 1e-3) -> 
     p, r = lift.parameters, lift.parameters.pulley.R_p
     times = np.arange(round(p.trip.duration / step) + 1) * step
     way = -trip_sign(direction) * p.hoistway.travel
-    limits = (p.trip.speed, p.trip.acceleration, p.trip.jerk)
-    speed = np.array([jerk_limited(t - p.trip.start, way, *limits)[1] for t in times])
-    return times, speed / r
+    trip = p.trip
+    if trip.jerk > 0.0:
+        speed = [jerk_limited(t - trip.start, way, trip.speed, trip.acceleration, trip.jerk)[1] for t in times]
+    else:
+        speed = [trapezoidal(t - trip.start, way, trip.speed, trip.acceleration)[1] for t in times]
+    return times, np.array(speed) / r

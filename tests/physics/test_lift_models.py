@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -11,7 +12,10 @@ from multibody import Model
 from vtsdt.energy import energy_balance
 from vtsdt.lift import Lift, Structure, reference
 from vtsdt.modes import modes_along_run, modes_along_trip
+from vtsdt.parameters import LiftParameters
+from vtsdt.profile import Profile
 from vtsdt.reduction import cabin_against_reference, one_dimensional_against_reference
+from vtsdt.reference import sampled_reference
 from vtsdt.structures import structure_table
 
 BODY = [
@@ -104,8 +108,6 @@ def test_energy_of_a_trip_closes_for_both_directions():
 
 def test_energy_closes_with_a_loss_torque_and_in_the_1d_model():
     speed = Lift.one_dimensional()
-    from vtsdt.reference import sampled_reference
-
     t, omega = sampled_reference(speed)
     lost = (t, -0.8 * np.tanh(omega / 0.1))
     balance = energy_balance(speed, inputs={"friction_c": -3.0, "friction_cw": 2.0, "tau_L": lost})
@@ -113,6 +115,37 @@ def test_energy_closes_with_a_loss_torque_and_in_the_1d_model():
     # 0.8 N m along 19 rad; near standstill tanh takes a little off
     gear = next(e for c, q, _, e in balance.rows if (c, q) == ("pulley", "loss"))
     assert gear == pytest.approx(0.8 * 19.0, rel=0.01)
+
+
+def test_energy_closes_with_rails_that_are_bent_in_both_directions_and_with_a_payload():
+    base = LiftParameters.bench()
+    wave = Profile((-0.1, 0.4, 0.8, 1.3, 1.9, 2.6), (0.0, 1.1e-3, -0.7e-3, 0.9e-3, -0.4e-3, 0.3e-3))
+    bent = dataclasses.replace(base, cabin_guide=dataclasses.replace(base.cabin_guide, left_x=wave, left_y=wave))
+    balance = energy_balance(Lift.reference(bent, profile=True, payload=(5.0, 0.1, -0.05, 0.2)))
+    assert balance.closure < 1e-6
+    names = [f"{c}.{q}" for c, q, *_ in balance.rows]
+    assert "payload.potential_energy" in names
+
+
+def test_measuring_chains_have_gain_and_offset():
+    system = Lift.one_dimensional(sensors=True).system
+    p = system.parameter_vector({"sensor_F_c.gain": 1.02, "sensor_F_c.offset": -3.0})
+    x = system.state_vector({"cabin.z": -0.002})
+    y = system.outputs_at(0.0, x, system.u, p)
+    tension = y[system.index("output", "ropes.F_c")]
+    assert tension > 0.0
+    assert y[system.index("output", "sensor_F_c.output")] == pytest.approx(1.02 * tension - 3.0)
+
+
+def test_a_reference_without_limit_of_jerk_is_trapezoidal():
+    base = LiftParameters.bench()
+    lift = Lift.one_dimensional(dataclasses.replace(base, trip=dataclasses.replace(base.trip, jerk=0.0)))
+    times, omega = sampled_reference(lift)
+    assert np.trapezoid(omega, times) * base.pulley.R_p == pytest.approx(-1.9, abs=1e-6)
+    rates = np.unique(np.round(np.diff(omega) / np.diff(times), 6))
+    # straight pieces of ±0.45/0.1 rad/s², and one sample that is cut by each of the four corners
+    assert np.sum(np.isclose(np.abs(rates), 4.5) | np.isclose(rates, 0.0)) == 3
+    assert rates.size <= 3 + 4
 
 
 def test_vertical_modes_of_1d_and_reference_agree_within_one_percent_along_the_trip():
@@ -133,10 +166,6 @@ def test_modes_while_sliding_have_the_same_vertical_modes():
 
 def test_modes_of_the_1d_model_are_those_of_its_rope_masses_without_damping():
     """A body on its rope with pulley and support held: ω² = EA/(L m)."""
-    import dataclasses
-
-    from vtsdt.parameters import LiftParameters
-
     p = LiftParameters.bench()
     stiff = dataclasses.replace(
         p, ropes=dataclasses.replace(p.ropes, damping=0.0), pulley=dataclasses.replace(p.pulley, J_p=1e6))
