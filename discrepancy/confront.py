@@ -18,11 +18,11 @@ from discrepancy.windows import (
     LEAST_SAMPLES,
     WINDOW_FACTOR,
     Growth,
-    keeps_growing,
     crop,
     cut_windows,
     divergence_time,
     growth_from,
+    keeps_growing,
     samples_needed,
 )
 
@@ -150,10 +150,14 @@ class _Look:
         validate = self._cut(held, [follow(e, self.system, self.p) for e in held], length)
         return replace(self.setup, identify=identify, validate=validate), len(identify)
 
-    def _cut(self, experiments: Sequence[Experiment], followed: Sequence[Followed], length: float) -> tuple[Experiment, ...]:
+    def _cut(
+        self, experiments: Sequence[Experiment], followed: Sequence[Followed], length: float
+    ) -> tuple[Experiment, ...]:
         return tuple(
-            w for e, f in zip(experiments, followed, strict=True)
-            for w in cut_windows(e, self.system, self.p, f, length, self.spread, self.scale))
+            w
+            for e, f in zip(experiments, followed, strict=True)
+            for w in cut_windows(e, self.system, self.p, f, length, self.spread, self.scale)
+        )
 
 
 def _inverse_instead(setup: Setup, length: float) -> Confronted | None:
@@ -165,8 +169,11 @@ def _inverse_instead(setup: Setup, length: float) -> Confronted | None:
     except StudyError:
         return None
     return Confronted(
-        found.setup, "inverse",
-        f"errors grow {WINDOW_FACTOR:.0f} times within {length:.2g} s, too short a time for windows of {LEAST_SAMPLES} samples; {found.told}")
+        found.setup,
+        "inverse",
+        f"errors grow {WINDOW_FACTOR:.0f} times within {length:.2g} s, too short a time for windows of "
+        f"{LEAST_SAMPLES} samples; {found.told}",
+    )
 
 
 def _stays(growth: Growth) -> str:
@@ -175,8 +182,10 @@ def _stays(growth: Growth) -> str:
         told = "an error of the start does not grow"
     else:
         told = f"a start 1 % off moves no output by more than {most:.2g} % of its spread"
-    return (f"over {growth.time[-1]:.3g} s {told}: the machine stays where its inputs put it, so a simulation of "
-            "the whole record says most")
+    return (
+        f"over {growth.time[-1]:.3g} s {told}: the machine stays where its inputs put it, so a simulation of "
+        "the whole record says most"
+    )
 
 
 def _runs_away(growth: Growth) -> str:
@@ -190,12 +199,14 @@ def _runs_away(growth: Growth) -> str:
         return f"a start 1 % off grows {most:.0f} times within {when:.2g} s, so no simulation follows a whole record"
     if _reaches(growth.inputs):
         return (
-            f"an error of 1 % of {growth.input_name} moves {growth.output_name} by {growth.input_change:.2g} (SI) within "
-            f"{growth.time[-1]:.2g} s and ever further, so no simulation follows a whole record")
+            f"an error of 1 % of {growth.input_name} moves {growth.output_name} by {growth.input_change:.2g} (SI) "
+            f"within {growth.time[-1]:.2g} s and ever further, so no simulation follows a whole record"
+        )
     name, output, size = growth.noisy
     return (
         f"the noise of {name} alone adds up to {size:.2g} (SI) in {output} within {growth.time[-1]:.2g} s, "
-        f"{growth.noise[-1]:.0f} times that output's own noise, so no simulation follows a whole record")
+        f"{growth.noise[-1]:.0f} times that output's own noise, so no simulation follows a whole record"
+    )
 
 
 def _reaches(influence: np.ndarray) -> bool:

@@ -56,7 +56,11 @@ class Shaping:
 
 
 def shaping_of(
-    experiment: Experiment, system: System, p: np.ndarray, x0: np.ndarray, noise: np.ndarray,
+    experiment: Experiment,
+    system: System,
+    p: np.ndarray,
+    x0: np.ndarray,
+    noise: np.ndarray,
     sensors: Sequence[SensorError] = (),
 ) -> Shaping:
     """Return how an experiment's residual is to be weighed, from ``experiment.input_noise``.

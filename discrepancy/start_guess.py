@@ -75,11 +75,13 @@ class Reading:
             width = int(experiment.record.rate / (6.0 * signal_bandwidth(time, values[:, c])))
             half.append(int(np.clip(width, 3, max(3, time.size // 10))))
         noise = np.array([noise_floor(v).std for v in values.T])
-        noise = np.maximum(noise, 1e-4 * np.maximum(np.ptp(values, axis=0), 1e-300))
+        size = np.max(np.abs(values), axis=0)  # a channel that stands still has no spread to go by
+        noise = np.maximum(noise, np.maximum(1e-4 * np.ptp(values, axis=0), 1e-9 * np.where(size > 0.0, size, 1.0)))
         units = [system.unit(n) for n in experiment.outputs]
         inputs = np.ascontiguousarray(experiment.table(system)(time, p).reshape(time.size, -1))
         return cls(
-            experiment, system, p, inputs, values, tuple(half), noise, np.array([u in _POSITIONS for u in units]))
+            experiment, system, p, inputs, values, tuple(half), noise, np.array([u in _POSITIONS for u in units])
+        )
 
     def state(self, sample: int, prior: np.ndarray) -> np.ndarray:
         """Return the state nearest to a prior that agrees with the sensors at a sample, by a few Gauss–Newton steps."""
@@ -94,8 +96,10 @@ class Reading:
                 f = system.rhs(t, x, u, p)
                 a = system.jacobian("x", t, x, u, p)
                 rows = [c / y_std[:, None], (c @ a)[self.positions] / rate_std[self.positions, None]]
-                miss = [(y - system.outputs_at(t, x, u, p)[pick]) / y_std,
-                        (rate - c @ f)[self.positions] / rate_std[self.positions]]
+                miss = [
+                    (y - system.outputs_at(t, x, u, p)[pick]) / y_std,
+                    (rate - c @ f)[self.positions] / rate_std[self.positions],
+                ]
             jacobian, error = np.vstack(rows), np.concatenate(miss)
             if not (np.all(np.isfinite(jacobian)) and np.all(np.isfinite(error))):
                 return prior
@@ -157,8 +161,14 @@ def follow(experiment: Experiment, system: System, p: np.ndarray, pieces: int = 
             break
         try:
             run = simulate(
-                system, (float(time[first]), float(time[last])), inputs=experiment.table(system), parameters=p,
-                initial=x, times=time[first : last + 1], rtol=1e-5)
+                system,
+                (float(time[first]), float(time[last])),
+                inputs=experiment.table(system),
+                parameters=p,
+                initial=x,
+                times=time[first : last + 1],
+                rtol=1e-5,
+            )
             states[first : last + 1] = run.states
         except SimulationError:
             pass  # the piece keeps its beginning; the next is set right by the sensors again
@@ -180,7 +190,9 @@ def signal_bandwidth(time: np.ndarray, values: np.ndarray) -> float:
     frequency = np.arange(density.size) * rate / n
     neighbours = max(3, density.size // 200)
     smooth = np.convolve(density, np.ones(neighbours) / neighbours, mode="same")
-    noise = float(np.median(density[3 * density.size // 4 :])) / np.log(2.0)  # a periodogram's median is ln 2 of its mean
+    noise = float(np.median(density[3 * density.size // 4 :])) / np.log(
+        2.0
+    )  # a periodogram's median is ln 2 of its mean
     out = np.flatnonzero(smooth > 10.0 * noise)
     low, high = 4.0 * rate / n, 0.1 * rate
     return float(np.clip(frequency[out[-1]] if out.size else low, min(low, high), high))

@@ -21,7 +21,16 @@ from estimation.signals import Preparation
 if TYPE_CHECKING:
     from multibody.system import System
 
-__all__ = ["FACTOR", "WINDOW_FACTOR", "LEAST_SAMPLES", "Growth", "crop", "cut_windows", "divergence_time", "growth_from"]
+__all__ = [
+    "FACTOR",
+    "LEAST_SAMPLES",
+    "WINDOW_FACTOR",
+    "Growth",
+    "crop",
+    "cut_windows",
+    "divergence_time",
+    "growth_from",
+]
 
 FACTOR = 30.0
 """A machine whose start or input is 1 % off, and whose outputs are then off by 30 % of their spread, runs away."""
@@ -106,12 +115,20 @@ def sub_record(record: Record, part: slice, name: str) -> Record:
     """Return a part of a record under a name of its own."""
     time = record.time[part]
     signals = {k: replace(s, values=s.values[part]) for k, s in record.signals.items()}
-    return Record(name, record.path, time, signals, (*record.log, f"samples {part.start} to {part.stop}"), record.warnings)
+    return Record(
+        name, record.path, time, signals, (*record.log, f"samples {part.start} to {part.stop}"), record.warnings
+    )
 
 
 def growth_from(
-    experiment: Experiment, system: System, p: np.ndarray, followed: Followed, first: int, spread: np.ndarray,
-    scale: np.ndarray, last: int | None = None,
+    experiment: Experiment,
+    system: System,
+    p: np.ndarray,
+    followed: Followed,
+    first: int,
+    spread: np.ndarray,
+    scale: np.ndarray,
+    last: int | None = None,
 ) -> Growth:
     """Return how errors grow from a sample of a record to its end, or as far as the simulation gets.
 
@@ -144,7 +161,9 @@ def growth_from(
         rng = np.random.default_rng(first)  # the same noise wherever one looks from the same sample
         pushes += [
             Push(n, s * rng.standard_normal(last - first))
-            for _ in range(_DRAWS) for n, s in zip(experiment.inputs, followed.input_noise, strict=True)]
+            for _ in range(_DRAWS)
+            for n, s in zip(experiment.inputs, followed.input_noise, strict=True)
+        ]
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 found = part.respond(system, p, followed.at(first), states=states, pushes=pushes).derivatives
@@ -162,7 +181,9 @@ def growth_from(
         by_noise = found[:, :, n_s + n_i :].reshape(*found.shape[:2], _DRAWS, n_i)
         by_noise = np.sqrt(np.mean(by_noise**2, axis=2)) / followed.reading.noise[:, None]
         by_noise = np.maximum.accumulate(np.nan_to_num(by_noise, nan=np.inf, posinf=np.inf), axis=0)
-    early = np.maximum(np.max(by_start[:LEAST_SAMPLES], axis=0, where=np.isfinite(by_start[:LEAST_SAMPLES]), initial=0.0), 1.0)
+    early = np.maximum(
+        np.max(by_start[:LEAST_SAMPLES], axis=0, where=np.isfinite(by_start[:LEAST_SAMPLES]), initial=0.0), 1.0
+    )
     time = record.time - record.time[0]
     if not experiment.inputs:
         return Growth(time, np.max(by_start / early, axis=1), np.zeros(time.size))
@@ -171,12 +192,23 @@ def growth_from(
     peak = np.max(by_input, axis=0)
     c, i = np.unravel_index(int(np.argmax(peak)), peak.shape)
     return Growth(
-        time, np.max(by_start / early, axis=1), np.max(by_input, axis=(1, 2)), experiment.inputs[i],
-        experiment.outputs[c], 0.01 * float(peak[c, i] * spread[c]), np.max(by_noise, axis=(1, 2)), noisy)
+        time,
+        np.max(by_start / early, axis=1),
+        np.max(by_input, axis=(1, 2)),
+        experiment.inputs[i],
+        experiment.outputs[c],
+        0.01 * float(peak[c, i] * spread[c]),
+        np.max(by_noise, axis=(1, 2)),
+        noisy,
+    )
 
 
 def divergence_time(
-    experiments: Sequence[Experiment], system: System, p: np.ndarray, followed: Sequence[Followed], spread: np.ndarray,
+    experiments: Sequence[Experiment],
+    system: System,
+    p: np.ndarray,
+    followed: Sequence[Followed],
+    spread: np.ndarray,
     scale: np.ndarray,
 ) -> float:
     """Return the time within which errors stay below `WINDOW_FACTOR` from most starts of the records, s.
@@ -205,7 +237,12 @@ def samples_needed(preparation: Preparation, rate: float) -> int:
 
 
 def cut_windows(
-    experiment: Experiment, system: System, p: np.ndarray, followed: Followed, length: float, spread: np.ndarray,
+    experiment: Experiment,
+    system: System,
+    p: np.ndarray,
+    followed: Followed,
+    length: float,
+    spread: np.ndarray,
     scale: np.ndarray,
 ) -> list[Experiment]:
     """Return an experiment as experiments on windows, each with a start of its own.
@@ -252,6 +289,5 @@ def cut_windows(
             free = everything
             start = {s: float(v) for s, v in zip(system.state_names, x, strict=True)}
         part = sub_record(record, slice(a, b + 1), name)
-        found.append(replace(
-            experiment, record=part, start=start, free=free, input_noise=noise, _cache={}))
+        found.append(replace(experiment, record=part, start=start, free=free, input_noise=noise, _cache={}))
     return found

@@ -1,0 +1,295 @@
+"""How a study chooses its residual, cuts windows, and gives a machine its recorded motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from discrepancy.confront import confront
+from discrepancy.input_noise import shaping_of
+from discrepancy.inverse import derivatives, inverse_setup
+from discrepancy.setup import Setup, experiments_of
+from discrepancy.start_guess import follow, signal_bandwidth
+from discrepancy.study_file import StudyError
+from discrepancy.windows import WINDOW_FACTOR, cut_windows, growth_from
+from estimation.calibrate import UncertainParameter
+from estimation.experiment import Push
+from estimation.record import Record, Signal
+from estimation.signals import Preparation, low_pass
+from multibody import Model
+from multibody.library import (
+    ForceSource,
+    Inertia,
+    Mass,
+    Pendulum,
+    Spring,
+    TorqueSource,
+    TorsionDamper,
+    ViscousFriction,
+)
+
+DT = 0.005
+
+
+def record_of(name, time, **columns):
+    signals = {k.replace("__", "."): Signal(v, unit, k, unit) for k, (v, unit) in columns.items()}
+    return Record(name, Path(f"{name}.csv"), time, signals)
+
+
+def slide(stiffness=0.0):
+    model = Model("slide")
+    carriage, drive = model.add("carriage", Mass(m=20.0)), model.add("drive", ForceSource())
+    guide = model.add("guide", ViscousFriction(viscous=3.0))
+    model.connect(carriage.flange, drive.flange, guide.a)
+    model.connect(guide.b, model.ground)
+    if stiffness:
+        spring = model.add("spring", Spring(stiffness=stiffness))
+        model.connect(spring.a, carriage.flange)
+        model.connect(spring.b, model.ground)
+    model.input("drive.force", drive.force)
+    return model
+
+
+def slide_setup(stiffness=0.0, noise=0.0, residual="auto", duration=8.0):
+    model = slide(stiffness)
+    rng = np.random.default_rng(1)
+    time = np.arange(0.0, duration, DT)
+    force = 20.0 * np.sin(2 * np.pi * 0.5 * time)
+    run = model.build().simulate((0.0, time[-1]), inputs={"drive.force": (time, force)}, times=time, rtol=1e-9)
+    record = record_of(
+        "run",
+        time,
+        drive__force=(force + noise * rng.standard_normal(time.size), "N"),
+        carriage__position=(run["carriage.position"] + 1e-4 * rng.standard_normal(time.size), "m"),
+    )
+    experiments = experiments_of(model, [record], ("drive.force",), ("carriage.position",))
+    uncertain = (UncertainParameter("guide.viscous", 3.0, 3.0, 0.0),)
+    return Setup("slide", model, uncertain, experiments, experiments, residual=residual), run
+
+
+def standing_pendulum(residual="auto"):
+    """A pendulum that starts upright and is only just pushed: the textbook machine that runs away."""
+    model = Model("pendulum")
+    rod = model.add("rod", Pendulum(J=0.25, m=1.0, arm=0.5, angle=3.0))
+    drive = model.add("drive", TorqueSource())
+    model.connect(rod.flange, drive.flange)
+    model.input("drive.torque", drive.torque)
+    time = np.arange(0.0, 4.0, DT)
+    torque = 0.5 * np.sin(3.0 * time)
+    run = model.build().simulate((0.0, time[-1]), inputs={"drive.torque": (time, torque)}, times=time, rtol=1e-10)
+    rng = np.random.default_rng(2)
+    angle = run["rod.angle"] + 1e-4 * rng.standard_normal(time.size)
+    record = record_of("swing", time, drive__torque=(torque, "N*m"), rod__angle=(angle, "rad"))
+    experiments = experiments_of(model, [record], ("drive.torque",), ("rod.angle",))
+    return Setup("pendulum", model, (), experiments, residual=residual), run
+
+
+def test_machine_on_a_spring_is_simulated():
+    setup, _ = slide_setup(stiffness=2000.0, noise=0.05)
+    found = confront(setup)
+    assert (found.mode, found.setup) == ("simulation", setup)
+    assert "stays where its inputs put it" in found.reason
+
+
+def test_free_mass_with_a_noisy_force_is_cut_into_windows():
+    setup, _ = slide_setup(noise=0.1, duration=16.0)
+    found = confront(setup)
+    assert found.mode == "prediction"
+    assert "noise of drive.force" in found.reason
+    assert len(found.setup.identify) > 2
+
+
+def test_free_mass_with_an_exact_force_may_be_simulated():
+    setup, _ = slide_setup(noise=0.0)
+    assert confront(setup).mode == "simulation"
+
+
+def test_standing_pendulum_runs_away_at_its_known_rate():
+    setup, _ = standing_pendulum()
+    time = np.arange(0.0, 1.0, DT)
+    record = record_of(
+        "upright",
+        time,
+        drive__torque=(np.zeros(time.size), "N*m"),
+        rod__angle=(np.full(time.size, np.pi - 1e-3), "rad"),
+    )
+    e = experiments_of(setup.model, [record], ("drive.torque",), ("rod.angle",))[0]
+    system = setup.model.build(outputs=e.outputs)
+    growth = growth_from(e, system, system.p, follow(e, system, system.p), 0, np.ones(1), np.ones(2))
+    rate = np.sqrt(9.80665 / 0.5)
+    # d angle / d (angle, speed) at the start, linearised about upright; relative to the first 20 samples.  The rod
+    # has left upright by 0.04 rad in the end, where the linearisation is off by 0.04²/2.
+    size = np.hypot(np.cosh(rate * time), np.sinh(rate * time) / rate)
+    np.testing.assert_allclose(growth.start, size / size[19], rtol=2e-3)
+
+
+def test_windows_do_not_cross_records_and_cover_them():
+    setup, _ = standing_pendulum("prediction")
+    found = confront(setup)
+    record, windows = setup.identify[0].record, found.setup.identify
+    ends = [(w.record.time[0], w.record.time[-1]) for w in windows]
+    assert ends[0][0] == record.time[0]
+    assert ends[-1][1] == record.time[-1]
+    assert all(a[1] == b[0] for a, b in pairwise(ends))
+    assert all(w.name.startswith("swing [") for w in windows)
+    assert len({w.name for w in windows}) == len(windows)
+    assert found.reason.startswith("asked for by the study")
+
+
+def test_windows_start_where_the_machine_was():
+    setup, run = standing_pendulum("prediction")
+    for window in confront(setup).setup.identify:
+        k = int(np.argmin(np.abs(run.times - window.record.time[0])))
+        # The angle is known to its noise of 1e-4 rad; a parabola over half-width 3 samples at least gives its rate
+        # to 1e-4/(0.015 s·√2): 0.02 rad/s, three times that is allowed, and the same for its bias in fast motion.
+        assert window.start["rod.angle"] == pytest.approx(run["rod.angle"][k], abs=1e-3)
+        assert window.start["rod.speed"] == pytest.approx(run["rod.speed"][k], abs=0.12)
+
+
+def test_within_a_window_errors_grow_less_than_the_factor():
+    setup, _ = standing_pendulum()
+    e = setup.identify[0]
+    system = setup.model.build(outputs=e.outputs)
+    up = follow(e, system, system.p)
+    spread, scale = np.ones(1), np.array([1.0, 3.0])
+    for window in cut_windows(e, system, system.p, up, 1.0, spread, scale):
+        first = int(np.argmin(np.abs(e.record.time - window.record.time[0])))
+        growth = growth_from(e, system, system.p, up, first, spread, scale, first + len(window.record.time) - 1)
+        assert np.max(growth.start) <= WINDOW_FACTOR
+
+
+def test_a_window_of_the_preparation_is_kept():
+    setup, _ = slide_setup(noise=0.1)
+    narrow = [e.with_preparation(Preparation(start=1.0, stop=5.0)) for e in setup.identify]
+    windows = confront(Setup("slide", setup.model, (), tuple(narrow), residual="prediction")).setup.identify
+    assert windows[0].record.time[0] == pytest.approx(1.0)
+    assert windows[-1].record.time[-1] == pytest.approx(5.0)
+
+
+def test_derivatives_of_a_sine():
+    time = np.arange(0.0, 2.0, 0.01)
+    w = 2 * np.pi * 5.0  # a twentieth of the sampling rate
+    rate, second = derivatives(time, np.sin(w * time))
+    # (ωh)⁴/30 and (ωh)⁴/90 of the five-point formulas; the continued ends are worse and are left out anyway
+    inside = slice(4, -4)
+    assert np.max(np.abs(rate - w * np.cos(w * time))[inside]) < 1.1 * w * (w * 0.01) ** 4 / 30
+    assert np.max(np.abs(second + w * w * np.sin(w * time))[inside]) < 1.1 * w * w * (w * 0.01) ** 4 / 90
+
+
+def test_bandwidth_of_a_sine_in_noise():
+    time = np.arange(0.0, 20.0, 0.002)
+    values = np.sin(2 * np.pi * 7.0 * time) + 0.01 * np.random.default_rng(0).standard_normal(time.size)
+    # the smoothing over neighbours widens the line by a few bins of 0.05 Hz
+    assert signal_bandwidth(time, values) == pytest.approx(7.0, abs=2.0)
+
+
+def test_inverse_of_the_right_model_needs_the_recorded_torque():
+    setup, _ = standing_pendulum("inverse")
+    found = confront(setup)
+    assert found.mode == "inverse"
+    assert "rod.angle" in found.reason
+    e = found.setup.identify[0]
+    system = found.setup.model.build(outputs=e.outputs)
+    assert e.outputs == ("drive.torque",)
+    assert system.state_names == ()
+    needed = e.simulate(system, system.p)
+    # 1e-4 rad of noise, twice differentiated within the bandwidth, times the inertia, against 0.5 N·m of torque
+    bandwidth = inverse_setup(setup).bandwidth
+    noise = 0.25 * 1e-4 * (2 * np.pi * bandwidth) ** 2
+    assert np.std(e.measured - needed) < max(3.0 * noise, 0.02)
+    assert np.std(needed) > 0.2
+
+
+def test_inverse_keeps_places_and_treats_signals_alike():
+    setup, _ = slide_setup(noise=0.05, residual="inverse")
+    found = inverse_setup(setup, bandwidth=4.0)
+    assert {p.name for p in found.setup.model.places()} == {p.name for p in setup.model.places()}
+    record, whole = found.setup.identify[0].record, setup.identify[0].record
+    expected = low_pass(np.array(whole.time), whole.signals["drive.force"].values, 4.0)
+    k = int(np.argmin(np.abs(whole.time - record.time[0])))
+    np.testing.assert_array_equal(record.signals["drive.force"].values, expected[k : k + len(record.time)])
+    assert "sensor_*@needed.*" in found.setup.exclude
+
+
+def test_inverse_without_a_drive_force_is_compared_with_zero():
+    model = Model("free swing")
+    rotor, bearing = model.add("rotor", Inertia(J=0.1, speed=5.0)), model.add("bearing", TorsionDamper(damping=0.02))
+    model.connect(rotor.flange, bearing.a)
+    model.connect(bearing.b, model.ground)
+    time = np.arange(0.0, 4.0, DT)
+    run = model.build().simulate((0.0, time[-1]), times=time, rtol=1e-10)
+    record = record_of("spin", time, rotor__speed=(run["rotor.speed"], "rad/s"))
+    setup = Setup("spin", model, (), experiments_of(model, [record], (), ("rotor.speed",)), residual="inverse")
+    found = inverse_setup(setup, bandwidth=5.0)
+    e = found.setup.identify[0]
+    system = found.setup.model.build(outputs=e.outputs)
+    assert e.outputs == ("needed.bearing.torque",)
+    assert not np.any(e.measured)
+    # exact data: what is left is the five-point formula and the filter's edge, far below the 0.1 N·m that act
+    assert np.max(np.abs(e.simulate(system, system.p))) < 1e-4
+
+
+def test_inverse_takes_the_controller_out_when_its_output_is_measured():
+    from discrepancy.axis_model import build
+
+    model = build()
+    time = np.arange(0.0, 3.0, 0.002)
+    reference = 0.1 * np.sin(2 * np.pi * 0.5 * time)
+    run = model.build().simulate(
+        (0.0, time[-1]), inputs={"reference.position": (time, reference)}, times=time, rtol=1e-8
+    )
+    record = record_of(
+        "trip",
+        time,
+        reference__position=(reference, "m"),
+        motor__torque=(run["motor.torque"], "N*m"),
+        encoder__angle=(run["motor.angle"], "rad"),
+    )
+    uncertain = (UncertainParameter("carriage.m", 40.0, 4.0), UncertainParameter("controller.k_speed", 0.12, 0.01))
+    experiments = experiments_of(model, [record], ("reference.position",), ("motor.torque", "encoder.angle"))
+    assert confront(Setup("axis", model, uncertain, experiments)).mode == "simulation"
+    found = inverse_setup(Setup("axis", model, uncertain, experiments, residual="inverse"), bandwidth=20.0).setup
+    assert "controller" not in found.model.components
+    assert [q.name for q in found.uncertain] == ["carriage.m"]
+    e = found.identify[0]
+    system = found.model.build(outputs=e.outputs)
+    rest = e.measured - e.simulate(system, system.p)
+    # The elastic side starts from a guess, whose ringing dies away; of a torque of 0.5 N·m less than 2 % is left.
+    assert np.std(rest[rest.size // 2 :]) < 0.02 * np.std(e.measured)
+
+
+def test_inverse_refuses_a_machine_without_measured_motion():
+    setup, _ = slide_setup()
+    model = setup.model.copy()
+    model.output("guide.loss_shown", "guide.loss")
+    time = np.array(setup.identify[0].record.time)
+    record = record_of("run", time, drive__force=(np.ones(time.size), "N"), guide__loss=(np.ones(time.size), "W"))
+    wrong = Setup(
+        "slide", model, (), experiments_of(model, [record], ("drive.force",), ("guide.loss",)), residual="inverse"
+    )
+    with pytest.raises(StudyError, match=r"none of the measured outputs \(guide.loss\)"):
+        confront(wrong)
+
+
+def test_noise_of_a_force_is_weighed_down_to_white():
+    """A free mass pushed by white noise alone: after weighing, deviation and output noise together are white."""
+    setup, _ = slide_setup(noise=0.0, duration=4.0)
+    e = setup.identify[0]
+    system = setup.model.build(outputs=e.outputs)
+    x0, noise, sigma = system.start, np.array([1e-4]), 0.5
+    noisy = replace(e, input_noise={"drive.force": sigma}, _cache={})
+    weigh = shaping_of(noisy, system, system.p, x0, noise)
+    rng = np.random.default_rng(3)
+    n = len(e.record.time)
+    pushes = [Push("drive.force", sigma * rng.standard_normal(n)) for _ in range(60)]
+    deviation = e.respond(system, system.p, x0, pushes=pushes).derivatives
+    deviation = deviation + noise[:, None] * rng.standard_normal(deviation.shape)
+    before, after = deviation[-1, 0] / noise[0], weigh(deviation)[-1, 0] / noise[0]
+    assert np.std(before) > 5.0
+    # 60 draws: the standard deviation is known to 9 %, three of these around 1
+    assert np.sqrt(np.mean(weigh(deviation) ** 2)) / noise[0] == pytest.approx(1.0, abs=0.1)
+    assert np.std(after) < 1.4
