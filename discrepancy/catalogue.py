@@ -46,11 +46,17 @@ class Entry:
     def matches(self, pattern: str) -> bool:
         """Tell whether a shell pattern over ``kind`` or ``kind@where`` names this entry (other names of a place too)."""
         names = [self.where, *(self.place.also if self.place is not None else ())]
-        return fnmatchcase(self.kind.name, pattern) or any(fnmatchcase(f"{self.kind.name}@{w}", pattern) for w in names)
+        return fnmatchcase(self.kind.name, pattern) or any(
+            fnmatchcase(f"{self.kind.name}@{w}", pattern) for w in names
+        )
 
 
 def catalogue(
-    system: System, outputs: Sequence[str], inputs: Sequence[str], *, include: Sequence[str] = ("*",),
+    system: System,
+    outputs: Sequence[str],
+    inputs: Sequence[str],
+    *,
+    include: Sequence[str] = ("*",),
     exclude: Sequence[str] = (),
 ) -> list[Entry]:
     """Return every effect that fits the machine's topology and its measured signals.
@@ -74,10 +80,7 @@ def catalogue(
             found += [Entry(kind, name) for name in outputs]
         else:
             found += [Entry(kind, name) for name in inputs]
-    return [
-        e for e in found
-        if any(e.matches(p) for p in include) and not any(e.matches(p) for p in exclude)
-    ]
+    return [e for e in found if any(e.matches(p) for p in include) and not any(e.matches(p) for p in exclude)]
 
 
 def _at_place(kind: Kind, place: Place, system: System) -> Entry | None:

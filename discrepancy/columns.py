@@ -72,7 +72,8 @@ class Confrontation:
         """The experiments, prepared for the scan."""
         if "experiments" not in self._cache:
             self._cache["experiments"] = [
-                f.experiment.with_preparation(self.preparation) for f in self.calibration.fits]
+                f.experiment.with_preparation(self.preparation) for f in self.calibration.fits
+            ]
         return self._cache["experiments"]
 
     def start(self, index: int) -> np.ndarray:
@@ -104,9 +105,15 @@ class Confrontation:
 
             experiment = self.experiments[index]
             run = simulate(
-                self.system, (float(experiment.record.time[0]), float(experiment.record.time[-1])),
-                inputs=experiment.table(self.system), parameters=self.p, initial=self.start(index),
-                times=experiment.record.time, rtol=experiment.rtol, atol=experiment.rtol * 1e-3)
+                self.system,
+                (float(experiment.record.time[0]), float(experiment.record.time[-1])),
+                inputs=experiment.table(self.system),
+                parameters=self.p,
+                initial=self.start(index),
+                times=experiment.record.time,
+                rtol=experiment.rtol,
+                atol=experiment.rtol * 1e-3,
+            )
             self._cache[key] = {n: run.outputs[:, k] for k, n in enumerate(self.system.output_names)}
         return self._cache[key]
 
@@ -129,8 +136,13 @@ class Confrontation:
         k = len(parameters)
         for i, experiment in enumerate(self.experiments):
             dy = experiment.respond(
-                self.slim, self.p, self.start(i), parameters=[p.name for p in parameters],
-                states=experiment.free, sensors=self.sensors).derivatives
+                self.slim,
+                self.p,
+                self.start(i),
+                parameters=[p.name for p in parameters],
+                states=experiment.free,
+                sensors=self.sensors,
+            ).derivatives
             blocks.append(self.shaped(i, dy[:, :, :k]))
             own = [dy[:, :, k:]]
             for name in experiment.offsets:
@@ -153,8 +165,12 @@ class Confrontation:
         v = np.concatenate([r[f"place.{entry.where}.{names[1][0]}"] for r in runs])
         scale = self.p[self.system.index("parameter", entry.stiffness)] if entry.stiffness else 0.0
         return MotionRange(
-            float(x.min()), float(x.max()), float(np.quantile(np.abs(v), 0.95)), entry.place.domain == "rotation",
-            float(scale))
+            float(x.min()),
+            float(x.max()),
+            float(np.quantile(np.abs(v), 0.95)),
+            entry.place.domain == "rotation",
+            float(scale),
+        )
 
 
 @lru_cache(maxsize=128)
@@ -206,8 +222,13 @@ def law_force(
     if len(system.states):
         table = InputTable(time, inputs, system.input_names)
         solution = integrate(
-            native_problem(system, p, table), (float(time[0]), float(time[-1])), system.start, t_eval=time,
-            rtol=1e-5, atol=1e-9)
+            native_problem(system, p, table),
+            (float(time[0]), float(time[-1])),
+            system.start,
+            t_eval=time,
+            rtol=1e-5,
+            atol=1e-9,
+        )
         states = np.ascontiguousarray(solution.y.T)
     return system.outputs_along(time, states, inputs, p)[:, 0]
 
@@ -253,14 +274,24 @@ def candidate_columns(
             refused.append((entry, "it would not change any measured output of these records"))
             continue
         kept = [k for k, q in enumerate(quiet) if not q]
-        found.append(Candidate(
-            entry.kind.name, entry.where, tuple(tuple(cols[k]) for k in kept), tuple(shapes[k] for k in kept),
-            one_sided=entry.kind.one_sided, amplitudes=tuple(strengths), info={"entry": entry}))
+        found.append(
+            Candidate(
+                entry.kind.name,
+                entry.where,
+                tuple(tuple(cols[k]) for k in kept),
+                tuple(shapes[k] for k in kept),
+                one_sided=entry.kind.one_sided,
+                amplitudes=tuple(strengths),
+                info={"entry": entry},
+            )
+        )
     return found, refused
 
 
 def _record_columns(
-    facts: Confrontation, index: int, plans: Sequence[tuple[Entry, list[dict[str, float]], list[str]]],
+    facts: Confrontation,
+    index: int,
+    plans: Sequence[tuple[Entry, list[dict[str, float]], list[str]]],
     columns: dict[tuple[str, int], list[np.ndarray]],
 ) -> None:
     """Append one record's columns of every candidate."""
@@ -289,7 +320,9 @@ def _record_columns(
     start = facts.start(index)
     for first in range(0, len(pushes), batch):
         part = pushes[first : first + batch]
-        dy = experiment.respond(facts.slim, facts.p, start, pushes=part, sensors=facts.sensors, batch=batch).derivatives
+        dy = experiment.respond(
+            facts.slim, facts.p, start, pushes=part, sensors=facts.sensors, batch=batch
+        ).derivatives
         for key, k in wanted:
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])
@@ -300,14 +333,20 @@ def _record_columns(
 
 
 def _forces(
-    facts: Confrontation, entry: Entry, run: dict[str, np.ndarray], time: np.ndarray, shapes: list[dict[str, float]],
+    facts: Confrontation,
+    entry: Entry,
+    run: dict[str, np.ndarray],
+    time: np.ndarray,
+    shapes: list[dict[str, float]],
     strengths: list[str],
 ) -> list[list[np.ndarray]]:
     assert entry.place is not None
     names = [n for n, _ in entry.place.motion_names()]
     motion = {
         general: run[f"place.{entry.where}.{own}"]
-        for general, own in zip(MOTION, names, strict=True) if f"place.{entry.where}.{own}" in run}
+        for general, own in zip(MOTION, names, strict=True)
+        if f"place.{entry.where}.{own}" in run
+    }
     if entry.load:
         motion["load"] = run[entry.load]
     found = []
@@ -325,7 +364,9 @@ def _forces(
 
 def _sensor_column(experiment: Experiment, run: dict[str, np.ndarray], time: np.ndarray, entry: Entry) -> np.ndarray:
     y = run[entry.where]
-    shape = {"offset": np.ones_like(time), "gain": y, "drift": time - time[0], "delay": -np.gradient(y, time)}[entry.kind.law]
+    shape = {"offset": np.ones_like(time), "gain": y, "drift": time - time[0], "delay": -np.gradient(y, time)}[
+        entry.kind.law
+    ]
     full = np.zeros((time.size, len(experiment.outputs)))
     full[:, experiment.outputs.index(entry.where)] = shape
     return experiment.preparation.apply(time, full)[1][:, :, None]

@@ -30,15 +30,27 @@ def conclude(study: Study) -> Conclusion:
         entry = next(a for a in reversed(accepted) if a.effect.definition.free_form)
         effect = next(e for e in stages[-1].effects if e.component_name == entry.effect.component_name)
         unknown = UnknownCurve.of_effect(
-            effect, stages[-1].identify, _curve_words(entry), p_value=entry.p_value, delta_bic=entry.delta_bic)
+            effect, stages[-1].identify, _curve_words(entry), p_value=entry.p_value, delta_bic=entry.delta_bic
+        )
     refused, hidden = _left_over(study)
     paths = [str(setup.path)] if setup.path is not None else []
     paths += [str(e.record.path) for e in (*setup.identify, *setup.validate)]
     found = Conclusion(
-        verdict=verdict, sentence="", stages=stages, refused=refused, hidden=hidden,
-        next_measurement=_next(accepted, hidden, study), unknown=unknown, warnings=setup.warnings,
-        residual_mode=study.mode, residual_reason=study.mode_reason, seed=setup.seed, level=setup.level,
-        name=setup.name, paths=tuple(paths))
+        verdict=verdict,
+        sentence="",
+        stages=stages,
+        refused=refused,
+        hidden=hidden,
+        next_measurement=_next(accepted, hidden, study),
+        unknown=unknown,
+        warnings=setup.warnings,
+        residual_mode=study.mode,
+        residual_reason=study.mode_reason,
+        seed=setup.seed,
+        level=setup.level,
+        name=setup.name,
+        paths=tuple(paths),
+    )
     return replace(found, sentence=_sentence(found, accepted))
 
 
@@ -82,7 +94,9 @@ def _fall(before: Stage, after: Stage, part: str) -> str:
     held = "on records that were not used to find it" if part == "validate" else "on the records used to find it"
     unit = after.system.unit(name)
     them = "it" if len(after.effects) == 1 else "them"
-    return f" With {them} the error of {name} falls from {quantity(a[name], unit)} to {quantity(b[name], unit)} {held}."
+    return (
+        f" With {them} the error of {name} falls from {quantity(a[name], unit)} to {quantity(b[name], unit)} {held}."
+    )
 
 
 def _curve_words(entry: Accepted) -> str:
@@ -94,7 +108,9 @@ def _curve_words(entry: Accepted) -> str:
     return f"The missing force at {where} is best described as {over}; no law of the catalogue fits as well.{alias}"
 
 
-def _left_over(study: Study) -> tuple[tuple[tuple[str, str, str], ...], tuple[tuple[str, str, float, float, str], ...]]:
+def _left_over(
+    study: Study,
+) -> tuple[tuple[tuple[str, str, str], ...], tuple[tuple[str, str, float, float, str], ...]]:
     """Return what the last scan could not speak about, and what it looked for without finding it."""
     if not study.steps:
         return (), ()
@@ -108,7 +124,9 @@ def _left_over(study: Study) -> tuple[tuple[tuple[str, str, str], ...], tuple[tu
     unseen = (Verdict.ABSENT, Verdict.CANNOT_TELL)
     hidden = [
         (r.kind, r.where, float(r.mde), float(r.delta), study.unit_of(r.kind, r.where))
-        for r in step.scan.rows if r.verdict in unseen and (r.kind, r.where) not in present]
+        for r in step.scan.rows
+        if r.verdict in unseen and (r.kind, r.where) not in present
+    ]
     return tuple(refused), tuple(hidden)
 
 
@@ -122,17 +140,22 @@ def _next(
                 other = kind_named(r.kind.split(" ")[0]).text.confirm
                 found.append(
                     f"To tell {_title(a.effect.kind)} at {a.effect.where} from {_title(r.kind)} at {r.where}: "
-                    f"{kind_named(a.effect.kind).text.confirm} For the other: {other}")
+                    f"{kind_named(a.effect.kind).text.confirm} For the other: {other}"
+                )
             elif r.indistinguishable and r.where != a.effect.where:
                 found.append(
                     f"{_title(a.effect.kind).capitalize()} at {a.effect.where} and at {r.where} look the same to these "
-                    "sensors: measure the force between the two places, or separate them and repeat.")
+                    "sensors: measure the force between the two places, or separate them and repeat."
+                )
     weak = sorted((h for h in hidden if not h[2] < h[3]), key=lambda h: -h[2] / max(h[3], 1e-300))
     if weak and not accepted:
         kind, where, mde, delta, unit = weak[0]
         found.append(
             f"To rule out {_title(kind)} at {where} (now it would be seen above {quantity(mde, unit)}, and would matter "
-            f"above {quantity(delta, unit)}): {kind_named(kind).text.confirm}")
+            f"above {quantity(delta, unit)}): {kind_named(kind).text.confirm}"
+        )
     if study.stages[-1].validate is None:
-        found.append("Hold a record back ([records] validate): without one nobody knows whether the improvement lasts.")
+        found.append(
+            "Hold a record back ([records] validate): without one nobody knows whether the improvement lasts."
+        )
     return tuple(dict.fromkeys(found))[:6]

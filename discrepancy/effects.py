@@ -97,11 +97,16 @@ class Effect:
 
     def with_values(self, values: Mapping[str, float]) -> Effect:
         """Return the effect with parameters replaced, given by full name."""
-        mine = {k: float(values[self.parameter_name(k)]) for k in {**self.shape, **self.strengths}
-                if self.parameter_name(k) in values}
+        mine = {
+            k: float(values[self.parameter_name(k)])
+            for k in {**self.shape, **self.strengths}
+            if self.parameter_name(k) in values
+        }
         return replace(
-            self, strengths={k: mine.get(k, v) for k, v in self.strengths.items()},
-            shape={k: mine.get(k, v) for k, v in self.shape.items()})
+            self,
+            strengths={k: mine.get(k, v) for k, v in self.strengths.items()},
+            shape={k: mine.get(k, v) for k, v in self.shape.items()},
+        )
 
     def added_to(self, model: Model) -> Model:
         """Return a copy of the model with the effect in it; sensor errors leave the model as it is."""
@@ -159,7 +164,9 @@ class Effect:
             low, high = (0.1 * value, 10.0 * value) if positive else (value - reach, value + reach)
             if name == "order":
                 low, high = 0.9 * value, 1.1 * value
-            found.append(UncertainParameter(self.parameter_name(name), value, min=low, max=high, unit=self.unit(name)))
+            found.append(
+                UncertainParameter(self.parameter_name(name), value, min=low, max=high, unit=self.unit(name))
+            )
         return found
 
     def __str__(self) -> str:

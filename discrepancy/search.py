@@ -62,13 +62,26 @@ def scan_preparation(stage: Stage) -> Preparation:
     factor = min(factor, max(1, shortest // 200))
     if factor == 1:
         return given
-    return Preparation(given.start, given.stop, given.low_pass_hz if given.low_pass_hz is not None
-                       and given.low_pass_hz * 2 * factor * given.decimate < fits[0].experiment.record.rate else None,
-                       given.decimate * factor, given.edge)
+    return Preparation(
+        given.start,
+        given.stop,
+        given.low_pass_hz
+        if given.low_pass_hz is not None
+        and given.low_pass_hz * 2 * factor * given.decimate < fits[0].experiment.record.rate
+        else None,
+        given.decimate * factor,
+        given.edge,
+    )
 
 
 def search_step(
-    stage: Stage, refit: Refit, *, include: Sequence[str], exclude: Sequence[str], level: float, seed: int,
+    stage: Stage,
+    refit: Refit,
+    *,
+    include: Sequence[str],
+    exclude: Sequence[str],
+    level: float,
+    seed: int,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Step:
     """Score all candidates on a stage's residual and try the best of them.
@@ -115,7 +128,11 @@ def search_step(
 
 
 def _scans(
-    residual: Residual, sensitivities: Sensitivities, candidates: Sequence[Candidate], level: float, seed: int,
+    residual: Residual,
+    sensitivities: Sensitivities,
+    candidates: Sequence[Candidate],
+    level: float,
+    seed: int,
     noise: Mapping[str, float],
 ) -> list[ScanResult]:
     """Scan plainly weighed, which effects that are only roughly known survive; then whitened, which sees small ones.
@@ -132,7 +149,9 @@ def _scans(
     plain = identity(list(sizes), residual.channels, residual.dt)
 
     def scanned(whitener: Whitener | None) -> ScanResult:
-        return scan(residual, sensitivities, candidates, level=level / 2, seed=seed, noise_floor=floor, whitener=whitener)
+        return scan(
+            residual, sensitivities, candidates, level=level / 2, seed=seed, noise_floor=floor, whitener=whitener
+        )
 
     first = scanned(plain)
     if any(r.verdict is Verdict.MISSING for r in first.rows):
@@ -163,8 +182,13 @@ def _effect(candidate: Candidate, row: Row, stage: Stage) -> Effect:
     if entry.place is None:
         return Effect(kind.name, entry.where, strengths, number=number)
     return Effect.at_place(
-        kind.name, entry.place, strengths=strengths, shape={k: v for k, v in row.shape.items() if k != "secant"},
-        load=entry.load, number=number)
+        kind.name,
+        entry.place,
+        strengths=strengths,
+        shape={k: v for k, v in row.shape.items() if k != "secant"},
+        load=entry.load,
+        number=number,
+    )
 
 
 def bic_difference(richer: Stage, poorer: Stage) -> float:
@@ -209,7 +233,8 @@ def _rivals(
     for other, row in others:
         difference = bic_difference(other, stage) - bic_difference(best, stage)
         found[row.name] = Rival(
-            row.kind, row.where, float(difference), True, difference < TIE and not _richer(row.kind, best))
+            row.kind, row.where, float(difference), True, difference < TIE and not _richer(row.kind, best)
+        )
     for scan in scans:
         if scan.ties is not None and scan.ties.best == name:
             for tie in (*scan.ties.same_kind, *scan.ties.other_kind):

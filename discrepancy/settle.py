@@ -35,9 +35,7 @@ def drop_idle(stages: Sequence[Stage], fit: Fit, progress: Callable[[str], None]
     return None
 
 
-def free_curve(
-    stage: Stage, fit: Fit, *, level: float, seed: int, progress: Callable[[str], None]
-) -> Stage | None:
+def free_curve(stage: Stage, fit: Fit, *, level: float, seed: int, progress: Callable[[str], None]) -> Stage | None:
     """Add the best free curve to a stage in which no law of the catalogue is left, if it is significant."""
     facts = Confrontation.of_stage(stage, scan_preparation(stage))
     offer = offer_curves(stage, facts, level=level, seed=seed, progress=progress)
@@ -77,8 +75,13 @@ def replace_by_curve(
 
 
 def _best_curve(
-    before: Stage, rival: Stage, effects: Sequence[Effect], p_values: Sequence[float], fit: Fit,
-    progress: Callable[[str], None], least: float = CLEARLY,
+    before: Stage,
+    rival: Stage,
+    effects: Sequence[Effect],
+    p_values: Sequence[float],
+    fit: Fit,
+    progress: Callable[[str], None],
+    least: float = CLEARLY,
 ) -> Stage | None:
     """Refit the offered curves and return the best if its BIC is below that of ``rival`` by ``least``."""
     tried = []
@@ -95,9 +98,15 @@ def _best_curve(
         return None
     difference, stage, p = tried[0]
     rivals = tuple(
-        Rival(t[1].effects[-1].kind + f" over {t[1].effects[-1].over}", t[1].effects[-1].where, t[0] - difference, True,
-              t[0] - difference < CLEARLY)
-        for t in tried[1:])
+        Rival(
+            t[1].effects[-1].kind + f" over {t[1].effects[-1].over}",
+            t[1].effects[-1].where,
+            t[0] - difference,
+            True,
+            t[0] - difference < CLEARLY,
+        )
+        for t in tried[1:]
+    )
     return replace(stage, accepted=Accepted(stage.effects[-1], p, bic_difference(stage, before), rivals))
 
 

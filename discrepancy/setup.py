@@ -66,9 +66,16 @@ class Setup:
 
 
 def experiments_of(
-    model: Model, records: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str], *,
-    preparation: Preparation | None = None, start: Mapping[str, float | Literal["measured"]] | None = None,
-    free: Sequence[str] | None = None, offsets: Sequence[str] = (), held: Sequence[str] = (),
+    model: Model,
+    records: Sequence[Record],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    preparation: Preparation | None = None,
+    start: Mapping[str, float | Literal["measured"]] | None = None,
+    free: Sequence[str] | None = None,
+    offsets: Sequence[str] = (),
+    held: Sequence[str] = (),
 ) -> tuple[Experiment, ...]:
     """Return experiments of a model on records.
 
@@ -97,9 +104,17 @@ def experiments_of(
         free = [n for n in model.build().state_names if n not in fixed and not n.startswith("energy.")]
     return tuple(
         Experiment(
-            record, tuple(inputs), tuple(outputs), preparation or Preparation(), start, tuple(free), tuple(offsets),
-            held=tuple(held))
-        for record in records)
+            record,
+            tuple(inputs),
+            tuple(outputs),
+            preparation or Preparation(),
+            start,
+            tuple(free),
+            tuple(offsets),
+            held=tuple(held),
+        )
+        for record in records
+    )
 
 
 def from_file(path: str | Path, *, seed: int | None = None, max_effects: int | None = None) -> Setup:
@@ -117,26 +132,42 @@ def from_file(path: str | Path, *, seed: int | None = None, max_effects: int | N
     model = load_model(study, Model)
     system = model.build()
     units = {
-        "parameters": {q.name: q.unit for q in system.parameters}, "inputs": {q.name: q.unit for q in system.inputs},
-        "outputs": {q.name: q.unit for q in system.outputs}, "states": {q.name: q.unit for q in system.states}}
+        "parameters": {q.name: q.unit for q in system.parameters},
+        "inputs": {q.name: q.unit for q in system.inputs},
+        "outputs": {q.name: q.unit for q in system.outputs},
+        "states": {q.name: q.unit for q in system.states},
+    }
     faults = check_names(study, **units)
     if faults:
         raise StudyError(faults)
     records = study.read_records({**units["inputs"], **units["outputs"]})
     common: dict[str, Any] = {
-        "inputs": tuple(study.inputs), "outputs": tuple(study.outputs), "preparation": study.preparation,
-        "start": study.initial.values, "free": study.initial.free or None, "offsets": study.offsets.outputs,
-        "held": tuple(n for n, each in study.inputs.items() if each.interpolation == "hold")}
+        "inputs": tuple(study.inputs),
+        "outputs": tuple(study.outputs),
+        "preparation": study.preparation,
+        "start": study.initial.values,
+        "free": study.initial.free or None,
+        "offsets": study.offsets.outputs,
+        "held": tuple(n for n, each in study.inputs.items() if each.interpolation == "hold"),
+    }
     uncertain = _uncertain(study, system)
     warned = [w for r in (*records.identify, *records.validate) for w in r.warnings]
     return Setup(
-        study.path.stem if study.path.stem != "study" else study.path.parent.name, model, uncertain,
-        experiments_of(model, records.identify, **common), experiments_of(model, records.validate, **common),
+        study.path.stem if study.path.stem != "study" else study.path.parent.name,
+        model,
+        uncertain,
+        experiments_of(model, records.identify, **common),
+        experiments_of(model, records.validate, **common),
         {n: c.noise for n, c in study.outputs.items() if c.noise is not None},
-        tuple(study.candidates.include), tuple(study.candidates.exclude), study.study.level,
+        tuple(study.candidates.include),
+        tuple(study.candidates.exclude),
+        study.study.level,
         study.study.seed if seed is None else seed,
         study.study.max_effects if max_effects is None else max_effects,
-        study.study.residual, study.path, (*study.warnings, *dict.fromkeys(warned)))
+        study.study.residual,
+        study.path,
+        (*study.warnings, *dict.fromkeys(warned)),
+    )
 
 
 def _uncertain(study: StudyFile, system: System) -> tuple[UncertainParameter, ...]:
@@ -149,7 +180,9 @@ def _uncertain(study: StudyFile, system: System) -> tuple[UncertainParameter, ..
         low = low if given.min is None else max(low, given.min)
         high = high if given.max is None else min(high, given.max)
         if not low <= value <= high:
-            faults.append(f"[uncertain] '{name}': its value {value:g} {q.unit} lies outside its bounds [{low:g}, {high:g}]")
+            faults.append(
+                f"[uncertain] '{name}': its value {value:g} {q.unit} lies outside its bounds [{low:g}, {high:g}]"
+            )
             continue
         std = np.inf if given.std is None else given.std
         found.append(UncertainParameter(name, float(value), float(std), float(low), float(high), q.unit))

@@ -52,7 +52,11 @@ class Study:
 
     @classmethod
     def from_file(
-        cls, path: str | Path, *, seed: int | None = None, max_effects: int | None = None,
+        cls,
+        path: str | Path,
+        *,
+        seed: int | None = None,
+        max_effects: int | None = None,
         progress: Callable[[str], None] = _silent,
     ) -> Study:
         """Return the study that a study file describes; see `discrepancy.setup.from_file`."""
@@ -79,7 +83,13 @@ class Study:
         self.stages.append(self._fitted("recalibrated", (), None, noise))
 
     def _fitted(
-        self, name: str, effects: tuple[Effect, ...], start: Stage | None, noise: Any, *, move: bool = True,
+        self,
+        name: str,
+        effects: tuple[Effect, ...],
+        start: Stage | None,
+        noise: Any,
+        *,
+        move: bool = True,
         trial: bool = False,
     ) -> Stage:
         """Fit the model with some effects in it and lay it beside the held-out records."""
@@ -97,9 +107,18 @@ class Study:
             parameters += effect.uncertain()
         first = [begun.get(p.name, p.value) for p in parameters]
         found = calibrate(
-            slim, self.setup.identify, parameters, noise=noise, sensors=sensors, base=base,
-            start=first, own=_own(start), scale=start.identify.scale if trial and start is not None else None,
-            max_evaluations=12 if trial else 40, progress=None if trial else self.progress)
+            slim,
+            self.setup.identify,
+            parameters,
+            noise=noise,
+            sensors=sensors,
+            base=base,
+            start=first,
+            own=_own(start),
+            scale=start.identify.scale if trial and start is not None else None,
+            max_evaluations=12 if trial else 40,
+            progress=None if trial else self.progress,
+        )
         p = base.copy()
         for key, value in found.to_dict().items():
             if not key.startswith("sensor."):
@@ -112,7 +131,8 @@ class Study:
         values = {k: v for k, v in found.to_dict().items() if not k.startswith("sensor.")}
         given = {} if move else {q.name: q.value for q in self.setup.uncertain}
         return Stage(
-            name, model.with_values({**given, **values}), system, slim, fitted, None, found, held, sensors, p, noise)
+            name, model.with_values({**given, **values}), system, slim, fitted, None, found, held, sensors, p, noise
+        )
 
     def add(self, effect: Effect, accepted: Accepted | None = None) -> Stage:
         """Put an effect into the model, fit again, and make that the latest stage."""
@@ -168,8 +188,14 @@ class Study:
     def explain(self) -> Step:
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""
         step = search_step(
-            self.stage, lambda effect: self._with(effect, trial=True), include=self.setup.include, exclude=self.setup.exclude, level=self.setup.level,
-            seed=self.setup.seed + len(self.stages), progress=self.progress)
+            self.stage,
+            lambda effect: self._with(effect, trial=True),
+            include=self.setup.include,
+            exclude=self.setup.exclude,
+            level=self.setup.level,
+            seed=self.setup.seed + len(self.stages),
+            progress=self.progress,
+        )
         self.steps.append(step)
         self.stages[-1] = replace(self.stages[-1], scan=step.scan)
         return step
@@ -206,7 +232,11 @@ class Study:
         stage, effect = dropped
         note = f"{effect} was taken out again: the effect added after it explains it"
         self.progress(note)
-        kept = [s for s in self.stages[:-1] if s.accepted is None or s.accepted.effect.component_name != effect.component_name]
+        kept = [
+            s
+            for s in self.stages[:-1]
+            if s.accepted is None or s.accepted.effect.component_name != effect.component_name
+        ]
         accepted = self.stages[-1].accepted
         self.stages[:] = kept
         self._accept(accepted, stage)
@@ -234,7 +264,8 @@ class Study:
         from discrepancy.settle import replace_by_curve
 
         swapped = replace_by_curve(
-            self.stages, self._refit, level=self.setup.level, seed=self.setup.seed, progress=self.progress)
+            self.stages, self._refit, level=self.setup.level, seed=self.setup.seed, progress=self.progress
+        )
         if swapped is None:
             return False
         kept, stage = swapped
@@ -269,5 +300,3 @@ class Study:
 
 def _own(stage: Stage | None) -> list[np.ndarray] | None:
     return [np.array(list(f.own.values())) for f in stage.identify.fits] if stage is not None else None
-
-

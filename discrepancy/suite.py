@@ -130,7 +130,9 @@ def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds") -> Tria
     factors = []
     for effect in usual:
         name = f"{effect['kind']}@{effect['where']}"
-        size = math.sqrt(sum(v["value"] ** 2 for k, v in effect["parameters"].items() if k in _strengths(effect["kind"])))
+        size = math.sqrt(
+            sum(v["value"] ** 2 for k, v in effect["parameters"].items() if k in _strengths(effect["kind"]))
+        )
         if name not in visible or not math.isfinite(visible[name]) or size == 0.0:
             note = "no smallest visible strength: the effect is refused on these records"
             return Trial(suite, seed, tuple(hidden), "refused", (), note=note)
@@ -173,7 +175,12 @@ def _run(task: tuple[str, int, tuple[str, ...]]) -> Trial:
 
 
 def run_suite(
-    suite: str, trials: int, out: Path, *, first: int = 1000, workers: int = 2,
+    suite: str,
+    trials: int,
+    out: Path,
+    *,
+    first: int = 1000,
+    workers: int = 2,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[Trial]:
     """Run a suite, or what is left of it, and return all its trials.
@@ -203,8 +210,10 @@ def run_suite(
             stream.write(json.dumps(asdict(trial)) + "\n")
             stream.flush()
             done.append(trial)
-            progress(f"{suite} {count}/{len(left)}: seed {trial.seed} {' + '.join(trial.hidden) or 'nothing'} hidden, "
-                     f"{trial.verdict}: {', '.join(trial.found) or 'nothing'} ({trial.seconds:.0f} s)")
+            progress(
+                f"{suite} {count}/{len(left)}: seed {trial.seed} {' + '.join(trial.hidden) or 'nothing'} hidden, "
+                f"{trial.verdict}: {', '.join(trial.found) or 'nothing'} ({trial.seconds:.0f} s)"
+            )
     return done
 
 
@@ -213,7 +222,10 @@ def read_trials(path: Path) -> list[Trial]:
     if not path.exists():
         return []
     rows = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
-    return [Trial(**{**r, "hidden": tuple(r["hidden"]), "found": tuple(r["found"]), "ties": tuple(r["ties"])}) for r in rows]
+    return [
+        Trial(**{**r, "hidden": tuple(r["hidden"]), "found": tuple(r["found"]), "ties": tuple(r["ties"])})
+        for r in rows
+    ]
 
 
 def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
@@ -227,7 +239,8 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
     if suite == "unknown":
         return [
             ("verdict 'unknown effect'", sum(t.verdict == "unknown effect" for t in trials), n),
-            ("a wrong name", sum(t.verdict in ("effect found", "ambiguous") for t in trials), n)]
+            ("a wrong name", sum(t.verdict in ("effect found", "ambiguous") for t in trials), n),
+        ]
     if suite == "pairs":
         return [("both found", sum(set(t.hidden) <= set(t.found) for t in trials), n)]
     counted = [t for t in trials if t.verdict != "refused"]
@@ -235,7 +248,12 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
         ("found (something is named)", sum(bool(t.found) for t in counted), len(counted)),
         ("truth named first", sum(t.first for t in counted), len(counted)),
         ("truth in the tie set", sum(t.in_tie for t in counted), len(counted)),
-        ("strength within 20 %", sum(abs(t.ratio - 1) <= 0.2 for t in counted if t.first), sum(t.first for t in counted))]
+        (
+            "strength within 20 %",
+            sum(abs(t.ratio - 1) <= 0.2 for t in counted if t.first),
+            sum(t.first for t in counted),
+        ),
+    ]
     for name in dict.fromkeys(t.hidden[0] for t in counted):
         of = [t for t in counted if t.hidden[0] == name]
         rows.append((f"{name}: truth in the tie set", sum(t.in_tie for t in of), len(of)))
@@ -244,14 +262,25 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
 
 def page(out: Path, date: str) -> str:
     """Return the results page (Markdown) of all suites in a folder."""
-    lines = ["# How often the search is right", "", f"Made by `vtsdt validate discrepancy` on {date}; virtual axis.", ""]
+    lines = [
+        "# How often the search is right",
+        "",
+        f"Made by `vtsdt validate discrepancy` on {date}; virtual axis.",
+        "",
+    ]
     for suite in SUITES:
         trials = read_trials(out / f"{suite}.jsonl")
         if not trials:
             continue
         seeds = sorted({t.seed for t in trials})
-        lines += [f"## {suite}", "", f"Seeds {seeds[0]} to {seeds[-1]}.", "", "| | hits | trials | rate | 95 % interval |",
-                  "|---|---|---|---|---|"]
+        lines += [
+            f"## {suite}",
+            "",
+            f"Seeds {seeds[0]} to {seeds[-1]}.",
+            "",
+            "| | hits | trials | rate | 95 % interval |",
+            "|---|---|---|---|---|",
+        ]
         for what, hits, n in rates(trials):
             low, high = wilson(hits, n)
             lines.append(f"| {what} | {hits} | {n} | {hits / max(n, 1):.1%} | {low:.1%} to {high:.1%} |")
@@ -260,7 +289,9 @@ def page(out: Path, date: str) -> str:
             missed = bool(t.found) if suite == "null" else not t.in_tie
             if missed:
                 said = ", ".join(t.found) or "nothing"
-                lines.append(f"- seed {t.seed}, {' + '.join(t.hidden) or 'nothing'} hidden: {t.verdict}, named {said}. {t.note}")
+                lines.append(
+                    f"- seed {t.seed}, {' + '.join(t.hidden) or 'nothing'} hidden: {t.verdict}, named {said}. {t.note}"
+                )
         lines.append("")
     return "\n".join(lines)
 
@@ -271,9 +302,15 @@ def main(arguments: Sequence[str]) -> int:
     from datetime import date
 
     parser = argparse.ArgumentParser(
-        prog="vtsdt validate discrepancy", description="How often the search for a missing effect is right, on the virtual axis.")
-    parser.add_argument("suites", nargs="*", default=["null", "kinds"], metavar="SUITE", help=f"of {', '.join(SUITES)}")
-    parser.add_argument("--out", required=True, type=Path, help="folder of the trials and the results; a run goes on there")
+        prog="vtsdt validate discrepancy",
+        description="How often the search for a missing effect is right, on the virtual axis.",
+    )
+    parser.add_argument(
+        "suites", nargs="*", default=["null", "kinds"], metavar="SUITE", help=f"of {', '.join(SUITES)}"
+    )
+    parser.add_argument(
+        "--out", required=True, type=Path, help="folder of the trials and the results; a run goes on there"
+    )
     parser.add_argument("--trials", type=int, default=100, help="seeds (of each kind, for 'kinds'); default 100")
     parser.add_argument("--seed", type=int, default=1000, help="first seed; default 1000")
     parser.add_argument("--workers", type=int, default=2, help="processes; default 2")
@@ -281,11 +318,20 @@ def main(arguments: Sequence[str]) -> int:
     args = parser.parse_args(list(arguments))
     unknown = [s for s in args.suites if s not in SUITES]
     if unknown or args.trials < 1:
-        parser.error(f"there is no suite '{unknown[0]}': take {', '.join(SUITES)}" if unknown else "--trials must be at least 1")
+        parser.error(
+            f"there is no suite '{unknown[0]}': take {', '.join(SUITES)}"
+            if unknown
+            else "--trials must be at least 1"
+        )
     for suite in args.suites:
         run_suite(
-            suite, args.trials, args.out, first=args.seed, workers=args.workers,
-            progress=(lambda text: None) if args.quiet else _tell)
+            suite,
+            args.trials,
+            args.out,
+            first=args.seed,
+            workers=args.workers,
+            progress=(lambda text: None) if args.quiet else _tell,
+        )
     text = page(args.out, date.today().isoformat())
     (args.out / "results.md").write_text(text + "\n")
     found = {s: [list(r) for r in rates(read_trials(args.out / f"{s}.jsonl"))] for s in SUITES}

@@ -54,7 +54,12 @@ def _tents(x: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _argument(over: str, motion: dict[str, np.ndarray], time: np.ndarray) -> np.ndarray:
-    return {"position": motion["position"], "friction": motion["position"], "speed": motion["velocity"], "time": time}[over]
+    return {
+        "position": motion["position"],
+        "friction": motion["position"],
+        "speed": motion["velocity"],
+        "time": time,
+    }[over]
 
 
 def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Candidate]:
@@ -64,12 +69,18 @@ def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Cand
     for place in places:
         names = [n for n, _ in place.motion_names()]
         motions = [
-            {g: run[f"place.{place.name}.{n}"] for g, n in zip(MOTION, names, strict=True) if f"place.{place.name}.{n}" in run}
-            for run in runs]
+            {
+                g: run[f"place.{place.name}.{n}"]
+                for g, n in zip(MOTION, names, strict=True)
+                if f"place.{place.name}.{n}" in run
+            }
+            for run in runs
+        ]
         v_s = max(0.01 * float(np.quantile(np.abs(np.concatenate([m["velocity"] for m in motions])), 0.95)), 1e-12)
         for over in CURVE_OVER:
             arguments = [
-                _argument(over, m, np.array(e.record.time)) for m, e in zip(motions, facts.experiments, strict=True)]
+                _argument(over, m, np.array(e.record.time)) for m, e in zip(motions, facts.experiments, strict=True)
+            ]
             low, high = min(a.min() for a in arguments), max(a.max() for a in arguments)
             if high - low < 1e-9:
                 continue
@@ -79,11 +90,24 @@ def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Cand
                 if over == "friction":
                     basis = -basis * np.tanh(motions[i]["velocity"] / v_s)[:, None]
                 pushes = [Push(f"probe.{place.name}", basis[:, k]) for k in range(CURVE_POINTS)]
-                blocks.append(facts.shaped(i, experiment.respond(
-                    facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors).derivatives))
-            found.append(Candidate(
-                f"unknown_force over {over}", place.name, (tuple(blocks),), ({"low": float(low), "high": float(high), "v_s": v_s},),
-                amplitudes=tuple(f"curve.y[{k}]" for k in range(CURVE_POINTS)), info={"place": place, "over": over}))
+                blocks.append(
+                    facts.shaped(
+                        i,
+                        experiment.respond(
+                            facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors
+                        ).derivatives,
+                    )
+                )
+            found.append(
+                Candidate(
+                    f"unknown_force over {over}",
+                    place.name,
+                    (tuple(blocks),),
+                    ({"low": float(low), "high": float(high), "v_s": v_s},),
+                    amplitudes=tuple(f"curve.y[{k}]" for k in range(CURVE_POINTS)),
+                    info={"place": place, "over": over},
+                )
+            )
     return found
 
 
@@ -93,12 +117,22 @@ def curve_effect(candidate: Candidate, amplitude: np.ndarray, shape: dict[str, f
     number = 1 + sum(1 for e in stage.effects if e.kind == kind.name and e.where == candidate.where)
     kept = {k: v for k, v in shape.items() if k != "v_s" or candidate.info["over"] == "friction"}
     return Effect.at_place(
-        kind.name, candidate.info["place"], strengths=dict(zip(kind.strengths, map(float, amplitude), strict=True)),
-        shape=kept, number=number, over=candidate.info["over"])
+        kind.name,
+        candidate.info["place"],
+        strengths=dict(zip(kind.strengths, map(float, amplitude), strict=True)),
+        shape=kept,
+        number=number,
+        over=candidate.info["over"],
+    )
 
 
 def offer_curves(
-    stage: Stage, facts: Confrontation, *, level: float, seed: int, where: Sequence[str] | None = None,
+    stage: Stage,
+    facts: Confrontation,
+    *,
+    level: float,
+    seed: int,
+    where: Sequence[str] | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> CurveOffer:
     """Score free curves on a stage's residual.
@@ -123,9 +157,14 @@ def offer_curves(
     residual = facts.residual()
     sizes = np.maximum(np.sqrt(np.mean(np.concatenate(residual.blocks) ** 2, axis=0)), 1e-300)
     found = scan(
-        residual, facts.sensitivities(), candidates, level=level, seed=seed,
+        residual,
+        facts.sensitivities(),
+        candidates,
+        level=level,
+        seed=seed,
         whitener=identity(list(sizes), residual.channels, residual.dt),
-        noise_floor=[stage.noise[c] for c in residual.channels])
+        noise_floor=[stage.noise[c] for c in residual.channels],
+    )
     by_name = {c.name: c for c in candidates}
     rows = sorted((r for r in found.rows if r.verdict is Verdict.MISSING), key=lambda r: r.delta_bic)
     effects = tuple(curve_effect(by_name[r.name], np.atleast_1d(r.amplitude), dict(r.shape), stage) for r in rows)

@@ -2,7 +2,19 @@
 
 from multibody.component import Component
 from multibody.declare import (
-    Energy, Frame, Input, Option, Output, Parameter, Pin, Power, Rotation, State, Table, Translation, Unknown,
+    Energy,
+    Frame,
+    Input,
+    Option,
+    Output,
+    Parameter,
+    Pin,
+    Power,
+    Rotation,
+    State,
+    Table,
+    Translation,
+    Unknown,
 )
 from multibody.errors import EquationError, ModelError, SimulationError
 from multibody.model import Model

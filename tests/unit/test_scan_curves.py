@@ -5,8 +5,8 @@ import pytest
 
 from discrepancy import synthetic as sy
 from discrepancy.curves import explain_force, find_period, split_directions
-from estimation.intervals import block_sandwich, measure_coverage, split_blocks
 from discrepancy.laws import suggest_laws
+from estimation.intervals import block_sandwich, measure_coverage, split_blocks
 
 
 @pytest.fixture(scope="module")
