@@ -44,7 +44,7 @@ class Entry:
         return f"{self.kind.name}@{self.where}"
 
     def matches(self, pattern: str) -> bool:
-        """Tell whether a shell pattern over ``kind`` or ``kind@where`` names this entry (other names of a place too)."""
+        """Tell whether a shell pattern over ``kind`` or ``kind@where`` names this entry (or other names of a place)."""
         names = [self.where, *(self.place.also if self.place is not None else ())]
         return fnmatchcase(self.kind.name, pattern) or any(
             fnmatchcase(f"{self.kind.name}@{w}", pattern) for w in names

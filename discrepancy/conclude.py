@@ -151,7 +151,7 @@ def _next(
     if weak and not accepted:
         kind, where, mde, delta, unit = weak[0]
         found.append(
-            f"To rule out {_title(kind)} at {where} (now it would be seen above {quantity(mde, unit)}, and would matter "
+            f"To rule out {_title(kind)} at {where} (now seen above {quantity(mde, unit)}, and it would matter "
             f"above {quantity(delta, unit)}): {kind_named(kind).text.confirm}"
         )
     if study.stages[-1].validate is None:

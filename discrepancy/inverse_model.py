@@ -230,6 +230,7 @@ def _force_at(model: Model, port: str, domain: str, recorded: Sequence[str]) -> 
 
 
 def prescribed(model: Model, motions: Sequence[Motion]) -> Model:
+    """Return a copy of the model in which these motions are given and the force that they need is an output."""
     other = model.copy()
     for m in motions:
         part = f"needed.{m.place}"

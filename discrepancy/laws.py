@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from discrepancy.blocks import Array
-from discrepancy.curves import Curve, _pieces
+from discrepancy.curves import Curve
+from discrepancy.periods import pieces
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ def suggest_laws(
     """
     f, x = np.asarray(force, float), np.asarray(x, float)
     turn = direction if curve.parity == "odd" and direction is not None else np.ones_like(f)
-    spans = _pieces(len(f), blocks)
+    spans = pieces(len(f), blocks)
     knots = curve.grid
 
     def held_out(columns: Array) -> float:

@@ -211,7 +211,7 @@ def bic_difference(richer: Stage, poorer: Stage) -> float:
 
 
 def _richer(kind: str, best: Stage) -> bool:
-    """Tell whether a kind has more strengths than the accepted effect: then it may only be the same with more freedom."""
+    """Tell whether a kind has more strengths than the accepted effect: it may be the same with more freedom."""
     return len(kind_named(kind).strengths) > len(best.effects[-1].strengths)
 
 

@@ -22,7 +22,7 @@ Fit = Callable[[str, tuple[Effect, ...], Stage], Stage]
 
 
 def drop_idle(stages: Sequence[Stage], fit: Fit, progress: Callable[[str], None]) -> tuple[Stage, Effect] | None:
-    """Return the last stage without an effect that later ones have made idle, and that effect; None when all earn it."""
+    """Return the last stage without an effect that later ones made idle, and that effect; None when all are needed."""
     last = stages[-1]
     if len(last.effects) < 2:
         return None

@@ -289,13 +289,14 @@ class Study:
                 for name, value in stage.rmse(part).items():
                     row[part, f"{name} [{stage.system.unit(name)}]"] = value
             rows[stage.name] = row
-        frame = pandas.DataFrame.from_dict(rows, orient="index")
-        if len(frame.columns):
-            frame.columns = pandas.MultiIndex.from_tuples(list(frame.columns))
-        return frame
+        names = list(dict.fromkeys(name for row in rows.values() for name in row))
+        columns = pandas.MultiIndex.from_tuples(names) if names else None
+        cells = [[row.get(name, np.nan) for name in names] for row in rows.values()]
+        return pandas.DataFrame(cells, index=list(rows), columns=columns)
 
     def __repr__(self) -> str:
-        return f"Study({self.setup.name!r}: {len(self.setup.identify)} + {len(self.setup.validate)} records, {len(self.stages)} stages)"
+        records = f"{len(self.setup.identify)} + {len(self.setup.validate)} records"
+        return f"Study({self.setup.name!r}: {records}, {len(self.stages)} stages)"
 
 
 def _own(stage: Stage | None) -> list[np.ndarray] | None:

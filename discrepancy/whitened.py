@@ -37,6 +37,7 @@ class Whitened:
 def whiten_all(
     whitener: Whitener, residual: Residual, sens: Sensitivities, candidates: Sequence[Candidate]
 ) -> Whitened:
+    """Whiten and project residual, sensitivities and candidates."""
     has_prior = np.isfinite(sens.prior_std)
     layout = Layout(tuple(len(b) for b in residual.blocks), len(residual.channels), int(has_prior.sum()))
     proj = project(whitener, sens, layout)
@@ -142,7 +143,7 @@ def raw_residual(
     e = w.e_raw.copy()
     raw_cols: list[tuple[Array, ...]] = []
     if groups:
-        amp = np.linalg.lstsq(np.concatenate(Z, axis=1), w.e, rcond=1e-10)[0]
+        amp = np.asarray(np.linalg.lstsq(np.concatenate(Z, axis=1), w.e, rcond=1e-10)[0], dtype=float)
         at = 0
         for i in groups:
             g = w.columns.groups[i]
@@ -183,6 +184,7 @@ def fit_whitened(
     rounds: int,
     clean: int,
 ) -> Whitened:
+    """Fit the whitening on what is left without calibration and the best candidates, and whiten everything with it."""
     if whitener is not None:
         return whiten_all(whitener, residual, sens, candidates)
     w = whiten_all(start_whitener(residual, sens), residual, sens, candidates)

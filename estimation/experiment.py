@@ -262,7 +262,8 @@ class Experiment:
 
 
 def _integrate(
-    system: System, experiment: Experiment, p: np.ndarray, x0: np.ndarray, directions: Directions | None, pick: np.ndarray
+    system: System, experiment: Experiment, p: np.ndarray, x0: np.ndarray, directions: Directions | None,
+    pick: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return outputs (nt, n_channels) and their derivatives (nt, n_channels, m) on the record's grid."""
     from multibody.errors import SimulationError
@@ -298,7 +299,8 @@ def _integrate(
                 out = np.empty((b - a, m, n_y))
                 part = slice(first + a, first + b)
                 along.observe_along(
-                    system.outputs_tangent.address, np.require(times[a:b], float, ["C", "W"]), np.ascontiguousarray(states[a:b]),
+                    system.outputs_tangent.address, np.require(times[a:b], float, ["C", "W"]),
+                    np.ascontiguousarray(states[a:b]),
                     inputs[part], rates[part], p, directions.p_dot, np.ascontiguousarray(shape[part]),
                     directions.channel, delays, out)
                 dy[part] = out[:, :, pick].transpose(0, 2, 1)

@@ -38,6 +38,7 @@ class FitProblem:
         self.first = self.k + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
 
     def start(self, given: Sequence[float] | None, own: Sequence[np.ndarray] | None) -> np.ndarray:
+        """Return where to begin: what is given, else the priors' means and what the sensors read first."""
         theta = [p.value for p in self.parameters] if given is None else [float(v) for v in given]
         for i, e in enumerate(self.experiments):
             if own is not None and own[i].size == len(e.free) + len(e.offsets):
@@ -48,6 +49,7 @@ class FitProblem:
         return np.array(theta, dtype=float)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds of all unknowns; each record's own have none."""
         low = np.full(self.first[-1], -np.inf)
         high = np.full(self.first[-1], np.inf)
         low[: self.k] = [p.min for p in self.parameters]
@@ -114,6 +116,7 @@ class FitProblem:
         return 0.5 * (sum(float(e @ e) for e in parts) + float(np.sum(self.prior_residual(theta) ** 2)))
 
     def prior_residual(self, theta: np.ndarray) -> np.ndarray:
+        """Return how far each parameter with a prior is from its mean, in standard deviations."""
         return np.array(
             [(v - p.value) / p.std for p, v in zip(self.parameters, theta, strict=False) if np.isfinite(p.std)]
         )
@@ -140,6 +143,7 @@ class FitProblem:
         yield prior[:, moving], self.prior_residual(theta)
 
     def weighted(self, response: Response, index: int) -> np.ndarray:
+        """Return one record's derivatives by all unknowns, each output divided by its scale."""
         dy = response.derivatives / self.scale[:, None]
         full = np.zeros((dy.shape[0] * dy.shape[1], self.first[-1]))
         flat = dy.reshape(full.shape[0], dy.shape[2])

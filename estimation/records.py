@@ -134,9 +134,7 @@ def read_records(
     return tuple(record.warned(*(fault.text for fault in common)) for record in records)
 
 
-def _never_recorded(
-    records: Sequence[Record], columns: Mapping[str, str], defaults: Mapping[str, float]
-) -> list[str]:
+def _never_recorded(records: Sequence[Record], columns: Mapping[str, str], defaults: Mapping[str, float]) -> list[str]:
     """Find columns with a default that no file has."""
     return [
         f"no recording has the column '{columns[key]}': name one that exists, or leave '{key}' out"
@@ -150,9 +148,7 @@ def _absent(column: str, value: float) -> str:
 
 
 def _stem(path: Path) -> str:
-    return next(
-        (path.name[: -len(end)] for end in reversed(FORMATS) if path.name.lower().endswith(end)), path.stem
-    )
+    return next((path.name[: -len(e)] for e in reversed(FORMATS) if path.name.lower().endswith(e)), path.stem)
 
 
 def _unique_names(paths: Sequence[Path]) -> list[str]:

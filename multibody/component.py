@@ -178,7 +178,9 @@ class Component:
             self.tables[item.name] = (x, y)
 
     def _take_option(self, item: Option, value: Any) -> None:
-        allowed = item.choices if item.choices is not None else ((True, False) if isinstance(item.default, bool) else None)
+        allowed = item.choices
+        if allowed is None and isinstance(item.default, bool):
+            allowed = (True, False)
         if type(value) is not type(item.default) or (allowed is not None and value not in allowed):
             hint = f"one of {', '.join(map(repr, allowed))}" if allowed else f"a {type(item.default).__name__}"
             self.faults.append(f"option '{item.name}' is {value!r}: give {hint} ({item.meaning})")
@@ -243,7 +245,8 @@ def out_of_bounds(item: Parameter, number: float) -> str | None:
     if item.min is not None and number < item.min:
         return f"parameter '{item.name}' is {number:g} {item.unit}, below its least value {item.min:g}: {item.meaning}"
     if item.max is not None and number > item.max:
-        return f"parameter '{item.name}' is {number:g} {item.unit}, above its largest value {item.max:g}: {item.meaning}"
+        most = f"above its largest value {item.max:g}"
+        return f"parameter '{item.name}' is {number:g} {item.unit}, {most}: {item.meaning}"
     return None
 
 

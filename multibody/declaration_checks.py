@@ -16,7 +16,9 @@ __all__ = ["declaration_faults", "name_fault"]
 _RESERVED = frozenset(vars(Component)) | frozenset(
     ("der", "zero", "time", "values", "tables", "options", "starts", "faults", "units", "declarations", "assemble")
 )
-_COHERENT = frozenset(["m", "kg", "s", "A", "K", "rad", "N", "J", "W", "V", "C", "F", "H", "ohm", "S", "T", "Wb", "Pa", "Hz", "mol", "cd"])
+_COHERENT = frozenset([
+    "m", "kg", "s", "A", "K", "rad", "N", "J", "W", "V", "C", "F", "H", "ohm", "S", "T", "Wb", "Pa", "Hz", "mol", "cd",
+])
 
 
 def name_fault(name: str) -> str | None:
@@ -35,7 +37,8 @@ def declaration_faults(component: Component) -> list[str]:
         if (why := name_fault(name)) is not None:
             faults.append(f"'{name}' cannot be the name of a {type(item).__name__}: {why}")
         elif name in _RESERVED:
-            faults.append(f"'{name}' means something else in every component: give the {type(item).__name__} another name")
+            what = type(item).__name__
+            faults.append(f"'{name}' means something else in every component: give the {what} another name")
         for unit in (getattr(item, key, None) for key in ("unit", "x_unit")):
             if unit is not None and "{" not in unit and (fault := _unit_fault(unit)):
                 faults.append(f"{type(item).__name__} '{name}': {fault}")

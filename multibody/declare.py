@@ -309,7 +309,8 @@ class Frame(Port):
 
     def _names(self, entries: tuple[float | str | None, ...], kinds: tuple[str, ...]) -> tuple[str | None, ...]:
         return tuple(
-            e if e is None or isinstance(e, str) else f"{self.name}_{kind}" for e, kind in zip(entries, kinds, strict=True))
+            e if e is None or isinstance(e, str) else f"{self.name}_{kind}"
+            for e, kind in zip(entries, kinds, strict=True))
 
     def brings(self) -> dict[str, Declaration]:
         """Return the parameters that give the frame its place on the body."""

@@ -19,7 +19,9 @@ _LETTERS = {"translation": {"F": "N", "X": "m", "V": "(m/s)"}, "rotation": {"F":
 _PORTS: dict[str, type[Any]] = {"translation": Translation, "rotation": Rotation}
 
 
-def in_both_domains(law: type[Component], module: str, names: tuple[str, str]) -> tuple[type[Component], type[Component]]:
+def in_both_domains(
+    law: type[Component], module: str, names: tuple[str, str]
+) -> tuple[type[Component], type[Component]]:
     """Return the sliding and the turning version of a law between two flanges ``a`` and ``b``.
 
     Parameters

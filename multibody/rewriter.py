@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["ARITY", "Rewriter", "as_list", "constant", "simplified"]
 
 ARITY = {
-    **dict.fromkeys(["sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "fabs", "floor"], 1),
+    **dict.fromkeys(["sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"], 1),
+    **dict.fromkeys(["exp", "log", "sqrt", "fabs", "floor"], 1),
     **dict.fromkeys(["atan2", "hypot", "copysign", "pow"], 2),
 }
 BUILTIN_FUNCTIONS = frozenset({"abs", "min", "max"})

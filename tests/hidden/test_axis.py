@@ -30,7 +30,10 @@ def test_nothing_hidden_nothing_named(seed):
 
 @pytest.mark.parametrize(
     ("hidden", "seed"),
-    [("coulomb_friction@guide", 1), ("local_bump@guide", 6), ("constant_force@guide", 9), ("input_delay@reference.position", 8)],
+    [
+        ("coulomb_friction@guide", 1), ("local_bump@guide", 6), ("constant_force@guide", 9),
+        ("input_delay@reference.position", 8),
+    ],
 )
 def test_one_effect_is_named_first_and_its_size_is_right(hidden, seed):
     case, study, conclusion = diagnosed(seed, [hidden])

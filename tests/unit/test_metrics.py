@@ -122,3 +122,13 @@ def test_printed_decimals_are_no_quantisation():
     assert quantisation_step(np.array([0.0, 5.0] * 10)) == 0.0
     with pytest.raises(ValueError, match="too few"):
         noise_floor(np.ones(7))
+
+
+def test_a_motion_that_repeats_is_no_noise():
+    """A spacing near the period makes differences of the motion flat or falling, as those of noise are."""
+    time = np.arange(2000) * 0.004
+    motion = 15.0 * np.sign(np.sin(2.0 * np.pi * 3.0 * time)) * np.exp(-20.0 * np.mod(time, 1.0 / 6.0))
+    ringing = motion * np.cos(2.0 * np.pi * 7.1 * time)
+    noisy = ringing + np.random.default_rng(0).normal(0.0, 0.5, time.size)
+    # 2000 samples give the median to 4 %; the motion itself may add a few per cent at the smallest spacing.
+    assert noise_floor(noisy).std == pytest.approx(0.5, rel=0.2)

@@ -31,7 +31,8 @@ system = model.build(probes=True)
 entry = next(e for e in catalogue(system, (), ()) if e.kind.name == "exponential_force")
 absent = Effect.at_place("exponential_force", entry.place, strengths={{"level": 0.0}}, shape={{"reach": 0.1}})
 present = Effect.at_place("exponential_force", entry.place, strengths={{"level": 1.0}}, shape={{"reach": 0.1}})
-runs = [m.build().simulate(1.0, inputs={{"force": 5.0}}) for m in (model, absent.added_to(model), present.added_to(model))]
+models = (model, absent.added_to(model), present.added_to(model))
+runs = [m.build().simulate(1.0, inputs={{"force": 5.0}}) for m in models]
 way = [float(r["body.position"][-1]) for r in runs]
 assert abs(way[0] - way[1]) < 1e-12, way
 assert way[2] < 0.9 * way[0], way

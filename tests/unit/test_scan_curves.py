@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from discrepancy import synthetic as sy
-from discrepancy.curves import explain_force, find_period, split_directions
+from discrepancy.curves import explain_force
 from discrepancy.laws import suggest_laws
+from discrepancy.periods import find_period, split_directions
 from estimation.intervals import block_sandwich, measure_coverage, split_blocks
 
 
