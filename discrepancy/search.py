@@ -26,6 +26,7 @@ __all__ = ["Step", "bic_difference", "scan_preparation", "search_step"]
 
 SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 FINALISTS = 3
+LOOKS = 3  # plain scan, whitened scan, free curves: each may raise a false alarm, so each gets its share of the level
 TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
 
 Refit = Callable[[Effect], Stage]
@@ -120,8 +121,9 @@ def search_step(
     if not tried:
         return Step(scans[0], None, None, tuple(refused))
     tried.sort(key=lambda t: bic_difference(t[0], stage))
+    tried = _simplest_first(tried, stage)
     best, row = tried[0]
-    p_value = min(1.0, 2.0 * row.p)
+    p_value = min(1.0, LOOKS * row.p)
     rivals = _rivals(best, stage, tried[1:], scans, row.name)
     accepted = Accepted(best.effects[-1], p_value, bic_difference(best, stage), rivals)
     return Step(scans[0], accepted, best, tuple(refused))
@@ -137,7 +139,7 @@ def _scans(
 ) -> list[ScanResult]:
     """Scan plainly weighed, which effects that are only roughly known survive; then whitened, which sees small ones.
 
-    Each scan gets half of the level, so that both together keep it.
+    Each scan gets a third of the level, and the free curves another third, so that all together keep it.
     """
     from discrepancy.scan import scan
     from discrepancy.verdict import Verdict
@@ -150,7 +152,7 @@ def _scans(
 
     def scanned(whitener: Whitener | None) -> ScanResult:
         return scan(
-            residual, sensitivities, candidates, level=level / 2, seed=seed, noise_floor=floor, whitener=whitener
+            residual, sensitivities, candidates, level=level / LOOKS, seed=seed, noise_floor=floor, whitener=whitener
         )
 
     first = scanned(plain)
@@ -213,6 +215,14 @@ def bic_difference(richer: Stage, poorer: Stage) -> float:
 def _richer(kind: str, best: Stage) -> bool:
     """Tell whether a kind has more strengths than the accepted effect: it may be the same with more freedom."""
     return len(kind_named(kind).strengths) > len(best.effects[-1].strengths)
+
+
+def _simplest_first(tried: list[tuple[Stage, Row]], stage: Stage) -> list[tuple[Stage, Row]]:
+    """Put the explanation with the fewest strengths first, of those that the records do not tell from the best."""
+    least = bic_difference(tried[0][0], stage)
+    close = [t for t in tried if bic_difference(t[0], stage) - least < TIE]
+    simplest = min(close, key=lambda t: len(t[0].effects[-1].strengths))
+    return [simplest, *(t for t in tried if t is not simplest)]
 
 
 def matters(richer: Stage, poorer: Stage) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from discrepancy.columns import Confrontation
 from discrepancy.effects import Effect
-from discrepancy.search import bic_difference, scan_preparation
+from discrepancy.search import LOOKS, bic_difference, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.unknown import offer_curves
 
@@ -38,7 +38,7 @@ def drop_idle(stages: Sequence[Stage], fit: Fit, progress: Callable[[str], None]
 def free_curve(stage: Stage, fit: Fit, *, level: float, seed: int, progress: Callable[[str], None]) -> Stage | None:
     """Add the best free curve to a stage in which no law of the catalogue is left, if it is significant."""
     facts = Confrontation.of_stage(stage, scan_preparation(stage))
-    offer = offer_curves(stage, facts, level=level, seed=seed, progress=progress)
+    offer = offer_curves(stage, facts, level=level / LOOKS, seed=seed, progress=progress)
     return _best_curve(stage, stage, offer.effects, offer.p_values, fit, progress)
 
 
