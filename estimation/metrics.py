@@ -207,6 +207,8 @@ _ONSET = 5.0
 """A resolved signal's third difference grows eightfold when the spacing is doubled, noise hardly at all."""
 _FLAT = 1.5
 """Growth per doubling up to which a level counts as noise; white noise scatters up to 1.2."""
+_FALL = 0.5
+"""A fall per doubling below which the level before was a motion that repeats in about the larger spacing."""
 
 
 def _difference_levels(values: np.ndarray) -> np.ndarray:
@@ -239,13 +241,13 @@ def noise_floor(values: np.ndarray) -> NoiseFloor:
     Assumed is a signal that a parabola follows over a few samples, and noise that is white from some
     spacing on: then the third difference has the variance 20 σ² there.  At the sampling rate itself many
     channels are smoother than white (averaging, anti-aliasing), so the spacing is doubled until the signal
-    shows (growth by more than 5 per doubling), and the beginning of the last flat stretch before that is
-    taken. Medians are used, so that jumps do not count.  Vibration that is not resolved, or a disturbance
-    that looks like noise, is counted as noise: give the noise in the study where it is known.  A quantised
-    channel has at least step/√12, the deviation of an even rounding error.
+    shows (growth by more than 5 per doubling, or a fall to less than half, as of a motion that repeats), and
+    the beginning of the last flat stretch before that is taken. Medians are used, so that jumps do not count.
+    Vibration that is not resolved, or a disturbance that looks like noise, is counted as noise: give the noise
+    in the study where it is known.  A quantised channel has at least step/√12, the deviation of an even
+    rounding error.
 
-    The two growth limits were set by looking at real channels (EMPS force and position, lead-screw
-    torque, lift
+    The limits of growth were set by looking at real channels (EMPS force and position, lead-screw torque, lift
     acceleration); beyond these and synthetic signals they are untested.
     """
     values = np.asarray(values, dtype=float)
@@ -261,7 +263,8 @@ def noise_floor(values: np.ndarray) -> NoiseFloor:
     else:
         tiny = np.finfo(float).tiny
         growth = levels[1:] / np.maximum(levels[:-1], tiny)
-        onset = int(np.argmax(growth > _ONSET)) if (growth > _ONSET).any() else len(growth)
+        shows = (growth > _ONSET) | (growth < _FALL)
+        onset = int(np.argmax(shows)) if shows.any() else len(growth)
         flat = np.flatnonzero(growth[:onset] < _FLAT)
         place = 0
         if len(flat):
