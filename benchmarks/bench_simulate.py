@@ -1,4 +1,4 @@
-"""One trip of the virtual axis (6 s, samples at 1 kHz) through `solve_ivp`, by method, and the compilation of a model."""
+"""One trip of the virtual axis (6 s at 1 kHz) through `solve_ivp`, by method, and the compilation of a model."""
 
 from __future__ import annotations
 
