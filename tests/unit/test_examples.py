@@ -11,8 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from discrepancy.setup import experiments_of
 from discrepancy.study_file import StudyError, read_study
 from discrepancy.study_model import check_names, load_model
+from estimation import Record
+from estimation.record import Signal
 from multibody import Model
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -116,3 +119,26 @@ def test_tutorial_finds_the_friction(tutorial):
     assert float(found[1]) == pytest.approx(12.0, rel=0.03)
     for row in ("as given", "recalibrated", "+ coulomb_friction@guide"):
         assert row in told
+
+
+def test_a_held_input_keeps_its_value_until_the_next_sample():
+    """Half-way between two samples a held pulse is the earlier one, and the reference lies between."""
+    time = np.arange(5) * 1e-3
+    steps = np.array([0.0, 0.0, 5.0, 5.0, 0.0])
+    signals = {
+        "reference.position": Signal(steps, "m", "r", "m"),
+        "added.pulse": Signal(steps, "V", "p", "V"),
+        "motor.force": Signal(np.arange(5.0), "N", "F", "N"),
+    }
+    model = load_model_of("emps/emps.py")
+    (experiment,) = experiments_of(
+        model,
+        [Record("made", Path("made.csv"), time, signals)],
+        ["reference.position", "added.pulse"],
+        ["motor.force"],
+        held=["added.pulse"],
+    )
+    system = model.build()
+    between = experiment.table(system)(np.array([1.5e-3, 3.5e-3]), system.p)
+    assert between[:, system.index("input", "added.pulse")].tolist() == [0.0, 5.0]
+    assert between[:, system.index("input", "reference.position")].tolist() == pytest.approx([2.5, 2.5])

@@ -183,6 +183,8 @@ BROKEN = {
     "negative noise": ("noise = 1e-6", "noise = -1.0", ['"carriage.position", noise: must be above zero']),
     "time as output": ('"motor_force_N"', '"time_s"', ["column 'time_s' is the time column"]),
     "input is output": ('"position_ref_m"', '"position_mm"', ["which would be compared with itself"]),
+    "default of an output": ('"motor_force_N" }', '"motor_force_N", default = 0.0 }', ["default: is for inputs"]),
+    "held output": ('"motor_force_N" }', '"motor_force_N", interpolation = "hold" }', ["interpolation: is for inputs"]),
     "column twice": ('"motor_force_N"', '"position_mm"', ["is used for 'motor.force' already"]),
     "name twice": ('"reference.position" =', '"motor.force" =', ["is an output as well"]),
     "no such recording": ('"a*.csv"', '"a3.csv"', ["'a3.csv': there is no such file; nearest: 'a"]),
@@ -258,6 +260,40 @@ def test_places_may_come_from_the_environment(folder, monkeypatch):
     monkeypatch.setenv("RIG_DATA", str(folder / "held_out"))
     read = study(folder, SOUND.replace("held_out/b.csv", "${RIG_DATA}/b.csv"))
     assert read.validate == (folder / "held_out/b.csv",)
+
+
+def test_places_may_have_a_default(folder, monkeypatch):
+    text = SOUND.replace("held_out/b.csv", "${RIG_DATA:-held_out}/b.csv")
+    monkeypatch.delenv("RIG_DATA", raising=False)
+    assert study(folder, text).validate == (folder / "held_out/b.csv",)
+    monkeypatch.setenv("RIG_DATA", "")
+    assert study(folder, text).validate == (folder / "held_out/b.csv",)
+    monkeypatch.setenv("RIG_DATA", str(folder / "elsewhere"))
+    assert "b.csv': there is no such file; its folder is missing or empty" in "\n".join(faults(folder, text))
+
+
+PULSE = SOUND.replace(
+    "[outputs]", '"added.pulse" = { column = "pulse_V", default = 0.5, interpolation = "hold" }\n[outputs]'
+)
+
+
+def test_an_input_may_be_missing_in_some_recordings(folder):
+    rows = recording(3).splitlines()
+    with_pulse = [f"{row},{k % 2}" if k else f"{row},pulse_V" for k, row in enumerate(rows)]
+    (folder / "held_out/b.csv").write_text("\n".join(with_pulse) + "\n")
+    read = study(folder, PULSE)
+    assert read.inputs["added.pulse"].interpolation == "hold"
+    records = read.read_records({"added.pulse": "V"})
+    for record in records.identify:
+        assert set(record.signals["added.pulse"].values) == {0.5}
+        assert "pulse_V: not in the file, taken as 0.5 throughout" in record.log
+    (held,) = records.validate
+    assert set(held.signals["added.pulse"].values) == {0.0, 1.0}
+
+
+def test_an_input_that_is_in_no_recording_is_refused(folder):
+    with pytest.raises(RecordError, match="no recording has the column 'pulse_V'"):
+        study(folder, PULSE).read_records()
 
 
 def test_builder_is_called_with_its_arguments(folder):
