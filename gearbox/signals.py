@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -251,7 +252,7 @@ def band_pass(signal: Signal, low: float, high: float, order: int = _ORDER) -> S
     ...
     estimation.signals.SignalError: band-pass from 300 to 1200 Hz: ...
     """
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
     if not 0.0 < low < high < signal.nyquist:
         raise SignalError(
@@ -264,8 +265,16 @@ def band_pass(signal: Signal, low: float, high: float, order: int = _ORDER) -> S
             f"signal '{signal.name}' has {len(signal)} samples; a band-pass from {low:g} to {high:g} Hz needs more "
             f"than {2 * pad} at {signal.rate:g} Hz"
         )
-    sos = butter(order, (low / signal.nyquist, high / signal.nyquist), btype="bandpass", output="sos")
+    sos = _design(order, low / signal.nyquist, high / signal.nyquist)
     return signal.with_values(sosfiltfilt(sos, signal.values, padtype="odd", padlen=pad))
+
+
+@lru_cache(maxsize=32)
+def _design(order: int, low: float, high: float) -> Array:
+    """Butterworth band-pass with edges in shares of the Nyquist frequency; designing it costs more than using it."""
+    from scipy.signal import butter
+
+    return np.asarray(butter(order, (low, high), btype="bandpass", output="sos"))
 
 
 @dataclass(frozen=True)

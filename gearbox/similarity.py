@@ -111,14 +111,20 @@ def cosine_over_lags(measured: Signal, virtual: Signal, max_lag: float) -> tuple
     x = measured.values[reach:-reach]
     padded = np.pad(virtual.values, _EDGE, mode="reflect", reflect_type="odd")
     fine = resample_poly(padded, _FINE, 1, window=("kaiser", 9.0))
-    steps = np.arange(
-        -int(np.floor(max_lag * measured.rate * _FINE)), int(np.floor(max_lag * measured.rate * _FINE)) + 1
-    )
+    furthest = int(np.floor(max_lag * measured.rate * _FINE))
+    steps = np.arange(-furthest, furthest + 1)
+    begins = (reach + _EDGE) * _FINE + steps
+    size = float(np.sqrt(x @ x))
     found = np.empty(steps.size)
-    for index, step in enumerate(steps):
-        begin = (reach + _EDGE) * _FINE + step
-        y = fine[begin : begin + (x.size - 1) * _FINE + 1 : _FINE]
-        found[index] = x @ y / np.sqrt((x @ x) * (y @ y))
+    for phase in range(_FINE):
+        here = begins % _FINE == phase
+        if not here.any():
+            continue
+        first = begins[here] // _FINE
+        row = np.ascontiguousarray(fine[phase::_FINE][first[0] : first[-1] + x.size])
+        power = np.concatenate([[0.0], np.cumsum(row**2)])
+        left = power[x.size :] - power[: -x.size]
+        found[here] = np.correlate(row, x, "valid") / (size * np.sqrt(left))
     return steps / (measured.rate * _FINE), found
 
 
@@ -261,6 +267,7 @@ def similarity(
     rule: LagRule = "best",
     lag: float | None = None,
     max_lag: float | None = None,
+    bound: tuple[float, float] | None = None,
 ) -> Similarity:
     """Compare two processed signals by cosine similarity (Eq. 8).
 
@@ -281,6 +288,8 @@ def similarity(
     max_lag : float, optional, s
         Search range to both sides; by default half a mesh period, within which a signal that repeats with the mesh
         shows all its cosines.  A longer range lets noise choose among more lags.
+    bound : (float, float), optional
+        What :func:`upper_bound` gave for the same measurement before, to spare its computation.
 
     Returns
     -------
@@ -319,13 +328,13 @@ def similarity(
         assert lag is not None
         chosen = float(lag)
         value = _cosine_at(measured, virtual, chosen, _longest_lag(measured, max(abs(chosen), max_lag)))
-    bound, share = float("nan"), float("nan")
-    if mesh_frequency is not None:
+    if bound is None and mesh_frequency is not None:
         reach = _longest_lag(measured, max_lag)
         compared = measured.with_values(measured.values[reach:-reach])
-        bound, share = upper_bound(compared, mesh_frequency, band or (0.0, 0.999 * measured.nyquist))
+        bound = upper_bound(compared, mesh_frequency, band or (0.0, 0.999 * measured.nyquist))
+    highest, share = bound or (float("nan"), float("nan"))
     above = float(np.mean(cosines > 0.6))
-    return Similarity(value, chosen, rule, max_lag, as_they_stand, float(cosines.min()), above, ratio, bound, share)
+    return Similarity(value, chosen, rule, max_lag, as_they_stand, float(cosines.min()), above, ratio, highest, share)
 
 
 def _mesh_lag(measured: Signal, virtual: Signal, mesh: float, band: Sequence[float] | None) -> float:
