@@ -19,6 +19,7 @@ from discrepancy.catalogue import Entry
 from discrepancy.effects import law_class
 from discrepancy.kinds import Kind, MotionRange
 from estimation.experiment import Experiment, Push, SensorError
+from estimation.push_response import forget
 
 if TYPE_CHECKING:
     from discrepancy.stage import Stage
@@ -64,8 +65,13 @@ class Confrontation:
 
     @classmethod
     def of_stage(cls, stage: Stage, preparation: Preparation) -> Confrontation:
-        """Return a stage's machine beside its identification records."""
-        return cls(stage.system, stage.slim, stage.identify, stage.sensors, preparation, stage.p, stage.noise)
+        """Return a stage's machine beside its identification records; what was worked out for it before is kept."""
+        key = ("facts", preparation)
+        if key not in stage.worked_out:
+            stage.worked_out[key] = cls(
+                stage.system, stage.slim, stage.identify, stage.sensors, preparation, stage.p, stage.noise
+            )
+        return stage.worked_out[key]
 
     @property
     def experiments(self) -> list[Experiment]:
@@ -119,6 +125,8 @@ class Confrontation:
 
     def residual(self) -> Residual:
         """Return measured minus modelled outputs at the calibrated values, prepared for the scan."""
+        if "residual" in self._cache:
+            return self._cache["residual"]
         blocks = []
         for i, experiment in enumerate(self.experiments):
             y = experiment.simulate(self.slim, self.p, self.start(i), self.sensors)
@@ -127,10 +135,13 @@ class Confrontation:
                 y[:, c] += own.get(f"offset of {name}", 0.0)
             blocks.append(self.shaped(i, experiment.measured - y))
         time = self.experiments[0].time
-        return Residual(blocks, float(np.median(np.diff(time))), self.experiments[0].outputs)
+        self._cache["residual"] = Residual(blocks, float(np.median(np.diff(time))), self.experiments[0].outputs)
+        return self._cache["residual"]
 
     def sensitivities(self) -> Sensitivities:
         """Return the derivatives by what calibration may move, and by each record's own unknowns."""
+        if "sensitivities" in self._cache:
+            return self._cache["sensitivities"]
         parameters = [p for p in self.calibration.parameters if p.name not in self.calibration.not_excited]
         blocks, nuisance = [], []
         k = len(parameters)
@@ -154,7 +165,8 @@ class Confrontation:
         values = np.array([self.calibration[p.name] for p in parameters])
         prior = np.array([p.std for p in parameters])
         offset = np.where(np.isfinite(prior), np.array([p.value for p in parameters]) - values, 0.0)
-        return Sensitivities([p.name for p in parameters], blocks, prior, offset, nuisance)
+        self._cache["sensitivities"] = Sensitivities([p.name for p in parameters], blocks, prior, offset, nuisance)
+        return self._cache["sensitivities"]
 
     def range_of(self, entry: Entry) -> MotionRange:
         """Return how far and fast a connection moved."""
@@ -316,7 +328,7 @@ def _record_columns(
         else:
             sensors[entry.name, 0] = _sensor_column(experiment, run, time, entry)
     parts: dict[tuple[str, int], list[np.ndarray]] = {}
-    batch = 96
+    batch = 192  # limits memory
     start = facts.start(index)
     for first in range(0, len(pushes), batch):
         part = pushes[first : first + batch]
@@ -326,6 +338,7 @@ def _record_columns(
         for key, k in wanted:
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])
+    forget(experiment)
     for key, group in parts.items():
         columns.setdefault(key, []).append(facts.shaped(index, np.stack(group, axis=2)))
     for key, column in sensors.items():

@@ -116,7 +116,7 @@ class Study:
             start=first,
             own=_own(start),
             scale=start.identify.scale if trial and start is not None else None,
-            max_evaluations=12 if trial else 40,
+            max_evaluations=20 if trial else 40,
             progress=None if trial else self.progress,
         )
         p = base.copy()
@@ -274,7 +274,11 @@ class Study:
         return True
 
     def _refit(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
-        return self._fitted(name, effects, start, start.noise, trial=True)
+        """Fit on trial; a fit that was asked for before from the same stage is not done again."""
+        key = ("refit", name, tuple(str(e.parameters()) + e.over for e in effects))
+        if key not in start.worked_out:
+            start.worked_out[key] = self._fitted(name, effects, start, start.noise, trial=True)
+        return start.worked_out[key]
 
     # ---------------------------------------------------------------- showing
 
