@@ -19,7 +19,7 @@ from discrepancy.catalogue import Entry
 from discrepancy.effects import law_class
 from discrepancy.kinds import Kind, MotionRange
 from estimation.experiment import Experiment, Push, SensorError
-from estimation.push_response import forget
+from estimation.push_response import forget, response_of, worth_it
 
 if TYPE_CHECKING:
     from discrepancy.stage import Stage
@@ -330,6 +330,8 @@ def _record_columns(
     parts: dict[tuple[str, int], list[np.ndarray]] = {}
     batch = 192  # limits memory
     start = facts.start(index)
+    if worth_it(facts.slim, pushes):  # for all batches at once
+        response_of(experiment, facts.slim, facts.p, start, pushes)
     for first in range(0, len(pushes), batch):
         part = pushes[first : first + batch]
         dy = experiment.respond(

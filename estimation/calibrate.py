@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Calibration", "Fit", "UncertainParameter", "calibrate", "evaluate"]
 
+#: Fall of the weighted cost, relative, that a further step must promise.  The cost is of the order of the effective
+#: number of samples, so that what is left moves no parameter by more than a few hundredths of its deviation.
+SETTLED, TRIAL = 1e-6, 1e-4
+
 
 def calibrate(
     system: System,
@@ -100,7 +104,7 @@ def calibrate(
             theta[moving],
             low[moving],
             high[moving],
-            tolerance=1e-4 if trial else 1e-7,
+            tolerance=TRIAL if trial else SETTLED,
             max_evaluations=max_evaluations,
             confirm=not trial,
         )

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Experiment", "Push", "Response", "SensorError"]
 
+FEW_DIRECTIONS = 6  # fewer are not worth a second thread, which must simulate the machine as well
 SENSOR_KINDS = ("offset", "gain", "drift", "delay")
 
 
@@ -195,6 +196,7 @@ class Experiment:
         pushes: Sequence[Push] = (),
         sensors: Sequence[SensorError] = (),
         batch: int = 48,
+        workers: int = 1,
     ) -> Response:
         """Simulate the record and differentiate the outputs along directions, all in compiled code.
 
@@ -212,6 +214,8 @@ class Experiment:
             Errors of the sensors.
         batch : int
             Directions integrated together; limits memory.
+        workers : int
+            Threads among which the directions are divided; the compiled loops leave the interpreter free.
 
         Returns
         -------
@@ -227,14 +231,24 @@ class Experiment:
         physical = [n for n in parameters if not n.startswith("sensor.")]
         total = len(physical) + len(states) + len(pushes)
         pick = np.array([system.index("output", n) for n in self.outputs])
-        raw, parts = None, []
-        for first in range(0, max(total, 1), batch):
+        if workers > 1 and total >= FEW_DIRECTIONS:
+            batch = min(batch, -(-total // workers))
+
+        def part(first: int) -> tuple[np.ndarray, np.ndarray]:
             directions = self._directions(system, physical, states, pushes, slice(first, min(first + batch, total)))
-            y, dy = _integrate(system, self, p, x0, directions, pick)
-            raw = y if raw is None else raw
-            parts.append(dy)
-        assert raw is not None
-        return self._prepared(raw, np.concatenate(parts, axis=2), sensors, parameters, physical)
+            return _integrate(system, self, p, x0, directions, pick)
+
+        firsts = range(0, max(total, 1), batch)
+        if workers > 1 and len(firsts) > 1:
+            from concurrent.futures import ThreadPoolExecutor
+
+            self.table(system)  # made once, before the threads ask for it
+            with ThreadPoolExecutor(workers) as pool:
+                parts = list(pool.map(part, firsts))
+        else:
+            parts = [part(first) for first in firsts]
+        dy = np.concatenate([d for _, d in parts], axis=2)
+        return self._prepared(parts[0][0], dy, sensors, parameters, physical)
 
     def _prepared(
         self,

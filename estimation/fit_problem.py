@@ -76,7 +76,13 @@ class FitProblem:
         states = experiment.free if derivatives else ()
         self.evaluations += 1
         found = experiment.respond(
-            self.system, p, x0, parameters=wanted, states=states, sensors=tuple(sensors.values())
+            self.system,
+            p,
+            x0,
+            parameters=wanted,
+            states=states,
+            sensors=tuple(sensors.values()),
+            workers=max(1, (os.cpu_count() or 1) // len(self.experiments)),
         )
         outputs = found.outputs.copy()
         extra = []
