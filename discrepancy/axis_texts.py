@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
+from discrepancy import rig_texts
 
 if TYPE_CHECKING:
     from discrepancy.axis import AxisRig
@@ -14,35 +14,15 @@ __all__ = ["readme", "study"]
 
 
 def study(case: Case, coulomb: float | None = None) -> str:
-    """Return the study file of a case; it depends on nothing that is hidden and on no drawn number."""
-    column = {c.signal: c.column for c in case.channels}
-    lines = [
-        "# A linear axis and recordings of it. The recordings are synthetic, see README.md.", "", "[model]",
-        'build = "axis.py:build"']
-    if coulomb is not None:
-        lines.append(f"arguments = {{ coulomb = {coulomb} }}")
-    lines += ["", "[uncertain]"]
-    for each in case.uncertain:
-        low = f", min = {each.min:g}" if np.isfinite(each.min) else ""
-        lines.append(f'"{each.name}" = {{ value = {each.value:g}, std = {each.std:g}{low} }}  # {each.unit}')
-    lines += ["", "[inputs]", *(f'"{name}" = "{column[name]}"' for name in case.inputs)]
-    lines += ["", "[outputs]", *(f'"{name}" = "{column[name]}"' for name in case.outputs)]
-    lines += ["", "[initial]  # the control has settled before a record begins"]
-    lines += [f'"{name}" = 0.0' for name in case.rest]
-    lines.append(f"free = [{', '.join(f'{chr(34)}{name}{chr(34)}' for name in case.free)}]")
-    lines += ["", "[records]", 'time = "time_s"']
-    for key, records in (("identify", case.identify), ("validate", case.validate)):
-        lines += [f"{key} = [", *(f'    "{r.path.name}",' for r in records), "]"]
-    return "\n".join(lines) + "\n"
+    """Return the study file of a case."""
+    arguments = [] if coulomb is None else [f"arguments = {{ coulomb = {coulomb} }}"]
+    note = ["the control has settled before a record begins"]
+    return rig_texts.study(case, "a linear axis", "axis.py:build", arguments, start=note)
 
 
 def readme(rig: AxisRig, case: Case) -> str:
     """Return the README of a case: that the data are synthetic and how they were made."""
-    logger, disturbance = rig.logger, rig.disturbance
-    rows = "\n".join(
-        f"| `{c.column}` | {c.signal} | {f'{c.noise:g} {c.unit}' if c.noise else 'none'} | "
-        f"{c.resolution:g} {c.measured_unit} | {'yes' if c.analogue else 'no'} |" for c in case.channels)
-    priors = "\n".join(f"| `{u.name}` | {u.value:g} | {u.std:g} | {u.unit} |" for u in case.uncertain)
+    logger = rig.logger
     return f"""# Recordings of a virtual axis
 
 **These data are synthetic.** They come from a simulation and not from a machine. They were made by
@@ -67,22 +47,14 @@ several moves of different length, speed (0.06 to 0.6 m/s) and direction, with h
 - It may have effects that the model lacks, or none; `truth.json` says which.
 - Its parameters were drawn from the priors in the study:
 
-| parameter | nominal | standard deviation | unit |
-| --- | --- | --- | --- |
-{priors}
+{rig_texts.prior_table(case.uncertain)}
 
-- A coloured force of {disturbance.size:g} N root mean square disturbs the carriage: in equal parts a
-  resonance at {disturbance.frequency:g} Hz (damping ratio {disturbance.damping:g}) and a drift
-  with a correlation time of {disturbance.time:g} s.
-- It is integrated with {rig.method} at a relative tolerance of {rig.rtol:g}. Dry friction fades at
-  {rig.regularisation:g} times the speed at which it does in the model.
+{rig_texts.how_it_ran(rig, "carriage")}
 - The reference reaches its controller every millisecond; the logger writes {logger.rate:g} rows a second.
   Time stamps are even, and the true instants lie about them with a standard deviation of
   {1e6 * logger.jitter:g} µs.
 
-| column | model signal | noise (standard deviation) | resolution | anti-alias filter |
-| --- | --- | --- | --- | --- |
-{rows}
+{rig_texts.channel_table(case.channels)}
 
 The anti-alias filter cuts at {logger.cutoff * logger.rate / 2:g} Hz (−6 dB) with linear phase; the logger
 takes its delay out.

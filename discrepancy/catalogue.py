@@ -84,8 +84,9 @@ def catalogue(
 
 
 def _at_place(kind: Kind, place: Place, system: System) -> Entry | None:
-    component = system.model.components[place.name]
-    stiffness = f"{place.name}.stiffness" if "stiffness" in component.values else ""
+    # a motion that is named by a body's axis or port is no connection with a stiffness of its own
+    component = system.model.components.get(place.name)
+    stiffness = f"{place.name}.stiffness" if component is not None and "stiffness" in component.values else ""
     if kind.elastic is not None and kind.elastic != bool(stiffness):
         return None
     if kind.needs == "stiffness" and not stiffness:

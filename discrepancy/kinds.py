@@ -92,6 +92,8 @@ class Kind:
         What the connection must have: a spring of its own, a force that passes through, or the ground on one side.
     elastic : bool or None
         True: only where the connection has a spring; False: only where it has none; None: anywhere.
+    contains : tuple of str
+        Simpler kinds that this one becomes in a limit of its parameters: they are asked first.
     """
 
     name: str
@@ -105,6 +107,7 @@ class Kind:
     linear: bool = True
     needs: str = ""
     elastic: bool | None = None
+    contains: tuple[str, ...] = ()
     aliases: tuple[str, ...] = field(default=())
 
     @property
@@ -240,17 +243,17 @@ _add([
         "dry friction that differs with direction", "A constant resistance, of another size in each direction.",
         "Worn or tilted guides, a one-sided preload, a screw worn on one flank, a cable chain, weight on an incline.",
         "Move at the same constant speed forwards and backwards: the drive force differs by more than its sign."),
-        _smooth_sign, ("v_s",), one_sided=True),
+        _smooth_sign, ("v_s",), one_sided=True, contains=("coulomb_friction",)),
     Kind("asymmetric_viscous_friction", "connection", "AsymmetricViscous", ("forward", "backward"), _T(
         "viscous friction that differs with direction", "A resistance proportional to speed, steeper one way.",
         "A ball screw or nut worn on one flank, seals with a lip, one-sided lubrication.",
         "Plot the drive force against constant speed in both directions: the two slopes differ."),
-        one_sided=True, elastic=False),
+        one_sided=True, elastic=False, contains=("viscous_friction",)),
     Kind("stribeck_friction", "connection", "Stribeck", ("breakaway",), _T(
         "Stribeck friction (more friction at low speed)", "Friction that falls while the motion gathers speed.",
         "Lubricated sliding contacts, in which the oil film builds up only with speed; guides that stood for a while.",
         "Move at very low constant speeds: the drive force falls with rising speed; stick-slip may show."),
-        _low_speeds, ("v_stribeck", "v_s"), one_sided=True),
+        _low_speeds, ("v_stribeck", "v_s"), one_sided=True, contains=("coulomb_friction",)),
     Kind("quadratic_drag", "connection", "Drag", ("drag",), _T(
         "drag that grows with the square of the speed", "A resistance proportional to speed squared.",
         "Air or fluid that is pushed aside, ventilation of rotors, displaced oil.",
@@ -289,7 +292,7 @@ _add([
         "friction with elastic displacement (hysteresis)", "Friction that first yields like a spring, then slides.",
         "Rolling guides and ball screws (presliding), rope strands, rubber, clamped joints.",
         "Reverse after a very short stroke: force against position draws a closed loop."),
-        _displacements, ("x_s",), one_sided=True),
+        _displacements, ("x_s",), one_sided=True, contains=("coulomb_friction",)),
     Kind("position_dependent_force", "connection", "PositionForce", ("bow", "wave"), _T(
         "a force that belongs to the position", "A force that depends on position but not on direction of travel.",
         "A rail that is not level, magnetic attraction, cable carriers, cams, an uneven counterbalance.",

@@ -28,6 +28,7 @@ SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in colour
 FINALISTS = 3
 LOOKS = 3  # plain scan, whitened scan, free curves: each may raise a false alarm, so each gets its share of the level
 TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
+MOST = 0.8  # share of a richer law's gain that makes the simpler law in it the first answer
 
 Refit = Callable[[Effect], Stage]
 
@@ -105,7 +106,7 @@ def search_step(
     residual, sensitivities = facts.residual(), facts.sensitivities()
     progress(f"scores of {len(candidates)} candidates")
     scans = _scans(residual, sensitivities, candidates, level, seed, stage.noise)
-    rows = _finalists(scans, level)
+    rows = _finalists(scans, [c.name for c in candidates])
     if not rows:
         return Step(scans[0], None, None, tuple(refused))
     by_name = {c.name: c for c in candidates}
@@ -161,15 +162,19 @@ def _scans(
     return [first, scanned(None)]
 
 
-def _finalists(scans: Sequence[ScanResult], level: float) -> list[Row]:
-    """Return the significant candidates worth a refit, best first."""
+def _finalists(scans: Sequence[ScanResult], known: Sequence[str]) -> list[Row]:
+    """Return the significant candidates worth a refit, best first, each with the simpler kinds that it contains."""
     from discrepancy.verdict import Verdict
 
-    significant = sorted((r for r in scans[-1].rows if r.verdict is Verdict.MISSING), key=lambda r: r.delta_bic)
+    scan = scans[-1]
+    significant = sorted((r for r in scan.rows if r.verdict is Verdict.MISSING), key=lambda r: r.delta_bic)
     if not significant:
         return []
-    worth = [r for r in significant if r.error_drop > 0.5 * significant[0].error_drop]
-    return worth[:FINALISTS]
+    worth = [r for r in significant if r.error_drop > 0.5 * significant[0].error_drop][:FINALISTS]
+    simpler = [f"{kind}@{r.where}" for r in worth for kind in kind_named(r.kind).contains]
+    names = [r.name for r in worth]
+    names += [n for n in dict.fromkeys(simpler) if n not in names and n in known and n not in scan.refused]
+    return [scan[n] for n in names]
 
 
 def _effect(candidate: Candidate, row: Row, stage: Stage) -> Effect:
@@ -213,16 +218,38 @@ def bic_difference(richer: Stage, poorer: Stage) -> float:
 
 
 def _richer(kind: str, best: Stage) -> bool:
-    """Tell whether a kind has more strengths than the accepted effect: it may be the same with more freedom."""
-    return len(kind_named(kind).strengths) > len(best.effects[-1].strengths)
+    """Tell whether a kind has the accepted effect in it, or more strengths: it may be the same with more freedom."""
+    simple = best.effects[-1]
+    return simple.kind in kind_named(kind).contains or len(kind_named(kind).strengths) > len(simple.strengths)
 
 
 def _simplest_first(tried: list[tuple[Stage, Row]], stage: Stage) -> list[tuple[Stage, Row]]:
-    """Put the explanation with the fewest strengths first, of those that the records do not tell from the best."""
-    least = bic_difference(tried[0][0], stage)
+    """Put first the simplest explanation that the records do not tell from the best, or that does most of its work.
+
+    A law with more freedom always fits a little better, because no law is exact.  Where a simpler law that it contains
+    takes nearly as much of the error away, that one is the answer to this step; if the rest matters, the next step
+    finds it, and what has become idle is then taken out.
+    """
+    best = tried[0][0]
+    least = bic_difference(best, stage)
     close = [t for t in tried if bic_difference(t[0], stage) - least < TIE]
-    simplest = min(close, key=lambda t: len(t[0].effects[-1].strengths))
-    return [simplest, *(t for t in tried if t is not simplest)]
+    first = min(close, key=lambda t: (len(t[0].effects[-1].strengths), len(t[0].effects[-1].definition.contains)))
+    inside = [
+        t
+        for t in tried
+        if t[1].kind in first[0].effects[-1].definition.contains
+        and t[1].where == first[1].where
+        and _taken(t[0], stage) >= MOST * _taken(first[0], stage)
+    ]
+    first = inside[0] if inside else first
+    return [first, *(t for t in tried if t is not first)]
+
+
+def _taken(richer: Stage, poorer: Stage) -> float:
+    """Return the share of the mean square error that an effect takes away, averaged over the outputs."""
+    before, after = poorer.rmse("identify"), richer.rmse("identify")
+    shares = [1.0 - (after[n] / before[n]) ** 2 for n in richer.outputs if before[n] > 0.0]
+    return float(np.mean(shares)) if shares else 0.0
 
 
 def matters(richer: Stage, poorer: Stage) -> bool:

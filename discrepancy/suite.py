@@ -20,6 +20,7 @@ __all__ = ["Trial", "hidden_trial", "main", "null_trial", "page", "rates", "run_
 TIMES_VISIBLE = 3.0
 NOT_FOUND_ALONE = ("unknown_force",)
 SUITES = ("null", "kinds", "pairs", "unknown")
+BESIDES = ("peers",)  # comparisons, which have pages of their own
 
 
 @dataclass(frozen=True)
@@ -306,7 +307,7 @@ def main(arguments: Sequence[str]) -> int:
         description="How often the search for a missing effect is right, on the virtual axis.",
     )
     parser.add_argument(
-        "suites", nargs="*", default=["null", "kinds"], metavar="SUITE", help=f"of {', '.join(SUITES)}"
+        "suites", nargs="*", default=["null", "kinds"], metavar="SUITE", help=f"of {', '.join((*SUITES, *BESIDES))}"
     )
     parser.add_argument(
         "--out", required=True, type=Path, help="folder of the trials and the results; a run goes on there"
@@ -316,14 +317,22 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--workers", type=int, default=2, help="processes; default 2")
     parser.add_argument("--quiet", action="store_true", help="no progress")
     args = parser.parse_args(list(arguments))
-    unknown = [s for s in args.suites if s not in SUITES]
+    unknown = [s for s in args.suites if s not in (*SUITES, *BESIDES)]
     if unknown or args.trials < 1:
         parser.error(
-            f"there is no suite '{unknown[0]}': take {', '.join(SUITES)}"
+            f"there is no suite '{unknown[0]}': take {', '.join((*SUITES, *BESIDES))}"
             if unknown
             else "--trials must be at least 1"
         )
+    if "peers" in args.suites:
+        from discrepancy.peers import missing_peers
+
+        if lacking := missing_peers():
+            parser.error(f"{' and '.join(lacking)} not installed: the comparison needs pip install 'vtsdt[peers]'")
     for suite in args.suites:
+        if suite == "peers":
+            _peers(args)
+            continue
         run_suite(
             suite,
             args.trials,
@@ -332,6 +341,8 @@ def main(arguments: Sequence[str]) -> int:
             workers=args.workers,
             progress=(lambda text: None) if args.quiet else _tell,
         )
+    if set(args.suites) <= set(BESIDES):
+        return 0
     text = page(args.out, date.today().isoformat())
     (args.out / "results.md").write_text(text + "\n")
     found = {s: [list(r) for r in rates(read_trials(args.out / f"{s}.jsonl"))] for s in SUITES}
@@ -341,6 +352,27 @@ def main(arguments: Sequence[str]) -> int:
 
     Console().print(Markdown(text))
     return 0
+
+
+def _peers(args: Any) -> None:
+    """Run the comparison with other methods and write and show its page."""
+    from datetime import date
+
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    from discrepancy.peers import peer_page, run_peers
+
+    trials = run_peers(
+        args.trials,
+        args.out,
+        first=args.seed,
+        workers=args.workers,
+        progress=(lambda text: None) if args.quiet else _tell,
+    )
+    text = peer_page(trials, date.today().isoformat())
+    (args.out / "peers.md").write_text(text + "\n")
+    Console().print(Markdown(text))
 
 
 def _tell(text: str) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from multibody.declare import Rotation, Translation
@@ -22,7 +23,8 @@ class Place:
     Parameters
     ----------
     name : str
-        The component that joins the two sides, or, for motion against the ground, the component that moves.
+        The component that joins the two sides, or, for motion against the ground, the component that moves; its
+        port where one name would stand for several motions.
     domain : {"translation", "rotation"}
         Kind of motion.
     first_port, second_port : str
@@ -88,4 +90,16 @@ def places_of(model: Model, net: Network, kinematics: Kinematics) -> list[Place]
         name, first, second, node, other = entries[0]
         also = tuple(dict.fromkeys(e[0] for e in entries[1:] if e[0] != name))
         places.append(Place(name, node.domain, first, second, node, other, also))
-    return places
+    return _told_apart(places)
+
+
+def _told_apart(places: list[Place]) -> list[Place]:
+    """Return places with a name of their own each: a part with several motions has them named by its ports.
+
+    Two sides that a part joins keep the part's name.
+    """
+    count = Counter(p.name for p in places)
+    return [
+        replace(p, name=p.first_port) if count[p.name] > 1 and p.second is None else p
+        for p in places
+    ]

@@ -1,0 +1,393 @@
+"""Spectra of a gear stage: its mesh lines and sidebands found and named, and main components against theory.
+
+A line counts as found when noise as strong as its neighbourhood would give one so high with a small probability.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gearbox.signals import Signal, SignalError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "ACCEPTED_ERROR",
+    "Line",
+    "LineTable",
+    "MainComponents",
+    "Spectrum",
+    "main_components",
+    "name_lines",
+    "shaft_frequencies",
+    "spectrum",
+]
+
+Array = NDArray[np.float64]
+
+#: The paper's acceptance limit for main components against theory (section 3.2).
+ACCEPTED_ERROR = 0.05
+#: Highest mesh order that the 5 % limit can judge: beyond it every frequency is within 5 % of some harmonic.
+_HIGHEST_ORDER = 9
+#: Probability that noise alone gives a line as high, over all lines looked for.
+_LUCK = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """One-sided amplitude spectrum.
+
+    Parameters
+    ----------
+    frequencies : ndarray, shape (m,), Hz
+        Or orders, for a tracked signal.
+    amplitudes : ndarray, shape (m,)
+        Peak value of a sine at that frequency, in the signal's unit.
+    resolution : float, Hz
+        Width of a line at half its height.
+    unit, name : str
+    """
+
+    frequencies: Array
+    amplitudes: Array
+    resolution: float
+    unit: str = ""
+    name: str = ""
+
+    @property
+    def step(self) -> float:
+        """Distance of two frequencies, Hz."""
+        return float(self.frequencies[1] - self.frequencies[0])
+
+    def to_frame(self) -> pd.DataFrame:
+        """Frequencies and amplitudes as a table."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {"frequency [Hz]": self.frequencies, f"amplitude, peak [{self.unit or '-'}]": self.amplitudes}
+        )
+
+    def noise(self, frequency: float, width: float = 40.0) -> float:
+        """Noise around a frequency: the Rayleigh parameter σ of the amplitudes, from their median.
+
+        Parameters
+        ----------
+        frequency : float, Hz
+        width : float
+            Half the neighbourhood, in resolutions; three resolutions at the frequency itself are left out.
+        """
+        distance = np.abs(self.frequencies - frequency)
+        around = (distance <= width * self.resolution) & (distance > 3.0 * self.resolution)
+        if not around.any():
+            return 0.0
+        # The median of a Rayleigh distribution is σ √(2 ln 2); other lines nearby hardly move a median.
+        return float(np.median(self.amplitudes[around]) / np.sqrt(2.0 * np.log(2.0)))
+
+    def plot(self, lines: LineTable | None = None, **options: Any) -> Any:
+        """The spectrum with lines marked; returns the figure."""
+        from gearbox.spectrum_figures import plot_spectrum
+
+        return plot_spectrum(self, lines, **options)
+
+
+def spectrum(signal: Signal, window: str = "hann") -> Spectrum:
+    """Amplitude spectrum of a signal without its mean.
+
+    Parameters
+    ----------
+    signal : Signal
+    window : str
+        Any window of ``scipy.signal.get_window``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> s = spectrum(Signal(3.0 * np.sin(2 * np.pi * 50.0 * np.arange(1000) / 1000.0), 1000.0))
+    >>> float(s.frequencies[s.amplitudes.argmax()]), round(float(s.amplitudes.max()), 6)
+    (50.0, 3.0)
+    """
+    from scipy.signal import get_window
+
+    w = get_window(window, len(signal), fftbins=True)
+    values = (signal.values - signal.values.mean()) * w
+    amplitudes = 2.0 * np.abs(np.fft.rfft(values)) / w.sum()
+    width = len(signal) * float((w**2).sum() / w.sum() ** 2) / signal.duration
+    return Spectrum(np.fft.rfftfreq(len(signal), 1.0 / signal.rate), amplitudes, width, signal.unit, signal.name)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line that was looked for.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"2 × mesh − 1 × output shaft"``.
+    frequency : float, Hz
+        Where theory puts it.
+    mesh_order : int
+        Multiple of the mesh frequency; 0 for a line of a shaft alone.
+    shaft : str
+        Whose sideband it is; ``""`` for a mesh line.
+    sideband : int
+        Its number, with sign; 0 for a mesh line.
+    also : tuple of str
+        Other names of the same frequency.
+    amplitude : float
+        Largest amplitude within one resolution, peak.
+    noise : float
+        Rayleigh parameter of the neighbourhood.
+    found : bool
+    """
+
+    name: str
+    frequency: float
+    mesh_order: int
+    shaft: str
+    sideband: int
+    also: tuple[str, ...]
+    amplitude: float
+    noise: float
+    found: bool
+
+
+@dataclass(frozen=True)
+class LineTable:
+    """Mesh lines and sidebands of a signal.
+
+    Parameters
+    ----------
+    lines : tuple of Line
+    mesh_frequency : float, Hz
+    shafts : mapping of str to float
+        Rotation frequencies, Hz.
+    unit : str
+    """
+
+    lines: tuple[Line, ...]
+    mesh_frequency: float
+    shafts: Mapping[str, float]
+    unit: str = ""
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each line."""
+        import pandas as pd
+
+        rows = [
+            {
+                "line": each.name,
+                "also": ", ".join(each.also),
+                "frequency [Hz]": each.frequency,
+                f"amplitude, peak [{self.unit or '-'}]": each.amplitude,
+                "over noise": each.amplitude / each.noise if each.noise > 0.0 else np.inf,
+                "found": each.found,
+            }
+            for each in self.lines
+        ]
+        return pd.DataFrame(rows)
+
+    @property
+    def mesh(self) -> tuple[Line, ...]:
+        """The mesh lines."""
+        return tuple(line for line in self.lines if line.shaft == "" and line.mesh_order)
+
+    def sidebands(self, shaft: str, *, own: bool = False) -> tuple[Line, ...]:
+        """Sidebands of a shaft; with ``own`` only those that no other shaft explains."""
+        return tuple(line for line in self.lines if line.shaft == shaft and not (own and line.also))
+
+    def modulation(self) -> dict[str, dict[str, float]]:
+        """How strongly each shaft modulates the mesh, judged by sidebands that no other shaft explains.
+
+        Returns
+        -------
+        dict
+            For each shaft ``found`` and ``looked_for`` (numbers of own sidebands), ``amplitude`` (root sum of squares of
+            the found ones) and ``share`` (of the mesh lines' root sum of squares).
+        """
+        carrier = float(np.sqrt(sum(line.amplitude**2 for line in self.mesh)))
+        table = {}
+        for shaft in self.shafts:
+            own = [line for line in self.sidebands(shaft, own=True) if line.mesh_order]
+            size = float(np.sqrt(sum(line.amplitude**2 for line in own if line.found)))
+            table[shaft] = {
+                "found": sum(line.found for line in own),
+                "looked_for": len(own),
+                "amplitude": size,
+                "share": size / carrier if carrier > 0.0 else float("nan"),
+            }
+        return table
+
+    def modulating_shaft(self) -> str:
+        """The shaft whose own sidebands stand out most, or ``""`` if fewer than a third of any shaft's were found."""
+        table = self.modulation()
+        seen = {s: row for s, row in table.items() if row["found"] >= max(1, row["looked_for"] / 3)}
+        return max(seen, key=lambda s: seen[s]["share"]) if seen else ""
+
+
+def name_lines(
+    signal: Signal,
+    mesh_frequency: float,
+    shafts: Mapping[str, float],
+    *,
+    harmonics: int = 5,
+    sidebands: int = 2,
+) -> LineTable:
+    """Look for mesh lines and sidebands, and name them.
+
+    Parameters
+    ----------
+    signal : Signal
+        Long enough to resolve the slowest shaft: at least four of its turns.
+    mesh_frequency : float, Hz
+    shafts : mapping of str to float
+        Rotation frequencies, Hz.
+    harmonics : int
+        Mesh orders looked at, as far as the Nyquist frequency allows.
+    sidebands : int
+        On each side of each mesh line; 0 for none.
+
+    Raises
+    ------
+    SignalError
+        If the signal is too short to tell sidebands from mesh lines.
+    """
+    whole = spectrum(signal)
+    slowest = min(shafts.values(), default=mesh_frequency)
+    if sidebands and slowest < 4.0 * whole.resolution:
+        raise SignalError(
+            f"'{signal.name}' of {signal.duration:.3g} s resolves {whole.resolution:.3g} Hz, too little for sidebands "
+            f"{slowest:.3g} Hz apart: take at least {6.0 / slowest:.2g} s"
+        )
+    wanted: list[tuple[str, float, int, str, int]] = []
+    for k in range(1, harmonics + 1):
+        wanted.append((f"{k} × mesh", k * mesh_frequency, k, "", 0))
+        for shaft, f in shafts.items():
+            for n in [*range(-sidebands, 0), *range(1, sidebands + 1)]:
+                sign = "+" if n > 0 else "−"
+                name = f"{k} × mesh {sign} {abs(n)} × {shaft}"
+                wanted.append((name, k * mesh_frequency + n * f, k, shaft, n))
+    wanted = [w for w in wanted if whole.resolution < w[1] < signal.nyquist - whole.resolution]
+    # A slower shaft's higher sideband may coincide with a faster one's first: the lower number names the line.
+    wanted.sort(key=lambda w: (abs(w[4]), w[1]))
+    kept: list[tuple[tuple[str, float, int, str, int], list[str]]] = []
+    for each in wanted:
+        same = next((k for k in kept if abs(k[0][1] - each[1]) < whole.resolution), None)
+        if same is None:
+            kept.append((each, []))
+        else:
+            same[1].append(each[0])
+    threshold = np.sqrt(-2.0 * np.log(_LUCK / len(kept) / 3.0))  # three bins are looked at for each line
+    lines = []
+    for (name, f, k, shaft, n), also in sorted(kept, key=lambda k: k[0][1]):
+        near = np.abs(whole.frequencies - f) <= whole.resolution
+        amplitude, noise = (
+            float(whole.amplitudes[near].max()),
+            whole.noise(f, min(40.0, 3.0 * slowest / whole.resolution)),
+        )
+        lines.append(Line(name, f, k, shaft, n, tuple(also), amplitude, noise, amplitude > threshold * noise))
+    return LineTable(tuple(lines), mesh_frequency, dict(shafts), signal.unit)
+
+
+@dataclass(frozen=True)
+class MainComponents:
+    """The highest peaks of a spectrum against multiples of the mesh frequency (Eq. 3).
+
+    Parameters
+    ----------
+    mesh_frequency : float, Hz
+        From theory.
+    frequencies, amplitudes : tuple of float
+        Of the peaks, highest first: Hz, and peak value in the signal's unit.
+    orders : tuple of int
+        Nearest multiple of the mesh frequency.
+    errors : tuple of float
+        Relative to that multiple.
+    """
+
+    mesh_frequency: float
+    frequencies: tuple[float, ...]
+    amplitudes: tuple[float, ...]
+    orders: tuple[int, ...]
+    errors: tuple[float, ...]
+
+    @property
+    def worst(self) -> float:
+        """Largest relative error."""
+        return max(abs(e) for e in self.errors)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether every main component is within 5 % of a multiple of the mesh frequency (section 3.2)."""
+        return self.worst <= ACCEPTED_ERROR
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each component, by frequency."""
+        import pandas as pd
+
+        rows = zip(self.frequencies, self.orders, self.errors, self.amplitudes, strict=True)
+        return pd.DataFrame(
+            [
+                {
+                    "theory [Hz]": k * self.mesh_frequency,
+                    "found [Hz]": f,
+                    "order": k,
+                    "relative error": e,
+                    "amplitude": a,
+                }
+                for f, k, e, a in sorted(rows)
+            ]
+        )
+
+
+def main_components(signal: Signal, mesh_frequency: float, count: int = 3) -> MainComponents:
+    """Compare the highest peaks with theory.
+
+    Parameters
+    ----------
+    signal : Signal
+    mesh_frequency : float, Hz
+        z₁ f_n1 of the operating condition (Eq. 3).
+    count : int
+        How many peaks.  They are looked for up to the ninth mesh order: beyond it every frequency lies within 5 % of
+        some multiple.
+
+    Raises
+    ------
+    SignalError
+        If the spectrum has fewer peaks.
+    """
+    from scipy.signal import find_peaks
+
+    whole = spectrum(signal)
+    inside = whole.frequencies <= (_HIGHEST_ORDER + 0.5) * mesh_frequency
+    a, f = whole.amplitudes[inside], whole.frequencies[inside]
+    apart = max(1, round(0.25 * mesh_frequency / whole.step))
+    peaks, _ = find_peaks(a, distance=apart)
+    peaks = peaks[np.argsort(-a[peaks])][:count]
+    if peaks.size < count:
+        raise SignalError(
+            f"'{signal.name}' has {peaks.size} peaks below {f[-1]:.5g} Hz, fewer than the {count} asked for"
+        )
+    frequencies = [_between(a, f, int(i)) for i in peaks]
+    orders = [max(1, round(each / mesh_frequency)) for each in frequencies]
+    errors = [each / (k * mesh_frequency) - 1.0 for each, k in zip(frequencies, orders, strict=True)]
+    return MainComponents(mesh_frequency, tuple(frequencies), tuple(a[peaks].tolist()), tuple(orders), tuple(errors))
+
+
+def _between(a: Array, f: Array, i: int) -> float:
+    """Frequency of a peak between two bins, by a parabola through the logarithms (exact for a Gaussian window)."""
+    if i in (0, a.size - 1) or min(a[i - 1], a[i + 1]) <= 0.0:
+        return float(f[i])
+    left, centre, right = np.log(a[i - 1 : i + 2])
+    return float(f[i] + 0.5 * (left - right) / (left - 2.0 * centre + right) * (f[1] - f[0]))
+
+
+def shaft_frequencies(mesh_frequency: float, teeth: Sequence[int], names: Sequence[str]) -> dict[str, float]:
+    """Rotation frequency of each shaft from the mesh frequency and its gear's tooth number, Hz (Eq. 3)."""
+    return {name: mesh_frequency / z for name, z in zip(names, teeth, strict=True)}

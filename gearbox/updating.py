@@ -1,0 +1,187 @@
+"""``vtsdt update-gearbox``: update a gear stage model from recordings, as section 3.4 of the gearbox paper.
+
+The steps are in :mod:`gearbox.updating_chain`; here is the command and the way from a study file to them.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gearbox.updating_result import UpdatingResult
+
+__all__ = ["STORE", "main", "update"]
+
+#: File with the simulations, in the folder that is written to.
+STORE = "simulations.jsonl"
+
+Progress = Callable[[str], None]
+
+
+def _silent(text: str) -> None:
+    """Swallow progress."""
+
+
+def update(
+    study: str | Path,
+    out: str | Path | None = None,
+    *,
+    processes: int | None = None,
+    progress: Progress = _silent,
+    **changes: Any,
+) -> UpdatingResult:
+    """Update the model of a study file.
+
+    Parameters
+    ----------
+    study : path
+    out : path, optional
+        Folder for the simulations (so that an interrupted run goes on where it stopped), ``updating.json``,
+        ``report.html`` and the figures; nothing is written without it.
+    processes : int, optional
+        By default one for each processor, at most the number of processors this process may use.
+    progress : callable
+        Gets a line of text for each step and simulation.
+    **changes
+        Settings that take the place of the study's, such as ``seed`` and ``objective``.
+
+    Raises
+    ------
+    StudyError, RecordError, SignalError
+        For bad input, with every fault told at once.
+    """
+    from gearbox.updating_chain import UpdatingChain
+    from gearbox.updating_runs import Runs
+    from gearbox.updating_study import read_updating_study
+
+    found = read_updating_study(study)
+    settings = found.settings(**changes)
+    progress("reading the recordings")
+    identify, validate = found.recordings()
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    store = None if folder is None else folder / STORE
+    count = processes if processes is not None else len(os.sched_getaffinity(0))
+    with Runs(found.source(), found.virtual(), store=store, processes=count, progress=progress) as runs:
+        result = UpdatingChain(settings, runs, identify, validate, progress=progress).run()
+    if folder is not None:
+        progress("writing the report")
+        result.write(folder)
+    return result
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command; ``arguments`` are the words after ``vtsdt update-gearbox``."""
+    import argparse
+
+    parser = argparse.ArgumentParser(
+        prog="vtsdt update-gearbox",
+        description=(
+            "Update a gear stage model from recordings: sensitivity, designs, response surfaces, fireflies; the result "
+            "is simulated again and checked under conditions that were not used."
+        ),
+    )
+    parser.add_argument("study", metavar="STUDY.toml", help="study file with a table [updating]")
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write into; made if it is not there")
+    parser.add_argument("--seed", metavar="N", type=int, help="of all random numbers; default: the study's")
+    parser.add_argument(
+        "--objective",
+        choices=("similarity", "amplitudes"),
+        help="cosine similarity at the first recording, or amplitudes and phases over all; default: the study's",
+    )
+    parser.add_argument("--processes", metavar="N", type=int, help="simulations at a time; default: one per processor")
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    given = parser.parse_args(arguments)
+    for name, least in (("seed", 0), ("processes", 1)):
+        value = getattr(given, name)
+        if value is not None and value < least:
+            parser.error(f"--{name} {value}: give a whole number, {least} or more")
+    _check_out(Path(given.out))
+    with _Teller(given.quiet) as progress:
+        result = update(
+            given.study, given.out, processes=given.processes, progress=progress, seed=given.seed,
+            objective=given.objective)  # fmt: skip
+    if not given.quiet:
+        _show(result, Path(given.out))
+    return 0
+
+
+def _check_out(out: Path) -> None:
+    """Refuse a folder that cannot be one before work begins."""
+    if out.exists() and not out.is_dir():
+        raise NotADirectoryError(20, "is a file: name a folder to write into", str(out))
+
+
+def _show(result: UpdatingResult, out: Path) -> None:
+    """Print the outcome, the parameters and the similarities."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    table = Table(title="Parameters (Table 4)")
+    for name in ("parameter", "unit", "before", "updated", "range"):
+        table.add_column(name, justify="left" if name in ("parameter", "unit") else "right")
+    for name, row in result.parameters().iterrows():
+        changed = f"{row['updated']:.5g}" if row["selected"] else "not selected"
+        table.add_row(
+            str(name), row["unit"], f"{row['start']:.5g}", changed, f"{row['lower']:.4g} … {row['upper']:.4g}"
+        )
+    console.print(table)
+    table = Table(title="Cosine similarity, before and after")
+    for name in ("condition", "speed [r/min]", "load [N·m]", "used", "before", "after", "upper bound", "lag [ms]"):
+        table.add_column(name, justify="left" if name in ("condition", "used") else "right")
+    for _, row in result.to_frame().iterrows():
+        table.add_row(
+            row["condition"], f"{row['speed [r/min]']:.2f}", f"{row['load [N·m]']:.4g}",
+            "yes" if row["used for updating"] else "held out", f"{row['before']:.4f}", f"{row['after']:.4f}",
+            f"{row['upper bound']:.4f}", f"{row['lag [ms]']:+.4f}")  # fmt: skip
+    console.print(table)
+    start = result.start.similarity
+    if start is not None:
+        console.print(f"before: {start.describe()}", soft_wrap=True)
+    console.print(result.sentence(), soft_wrap=True)
+    for each in result.directions:
+        console.print(each.describe(), soft_wrap=True)
+    console.print(f"report: {out / 'report.html'}", soft_wrap=True)
+
+
+class _Teller(AbstractContextManager["_Teller"]):
+    """A line that moves on a terminal, now and then a plain line elsewhere, or nothing."""
+
+    def __init__(self, quiet: bool) -> None:
+        self.quiet, self._status = quiet, None
+        self._begun = self._told = time.monotonic()
+        self._last = ""
+
+    def __call__(self, text: str) -> None:
+        if self.quiet:
+            return
+        now = time.monotonic()
+        if sys.stderr.isatty():
+            from rich.console import Console
+            from rich.text import Text
+
+            if self._status is None:
+                self._status: Any = Console(stderr=True, highlight=False).status("")
+                self._status.start()
+            self._status.update(Text(f"{now - self._begun:6.1f} s  {text}"))
+            return
+        # Runs of one kind follow each other fast: one line every few seconds is enough in a log.
+        kind = text.partition(":")[0]
+        if kind != self._last or now - self._told > 5.0:
+            sys.stderr.write(f"{now - self._begun:6.1f} s  {text}\n")
+            sys.stderr.flush()
+            self._last, self._told = kind, now
+
+    def __exit__(self, *error: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+            self._status = None
