@@ -51,11 +51,18 @@ def test_arithmetic_and_conditions_are_those_of_python(a, b):
     np.testing.assert_allclose(compiled, plain, rtol=4e-15, atol=1e-300)
 
 
-@given(st.integers(-20, 20), st.sampled_from([1, 2, 3, 7]))
+@given(st.integers(-20, 20), st.sampled_from([1, 2, 3, 7, -1, -3]))
 @settings(max_examples=40, deadline=None)
 def test_whole_numbers_divide_as_in_python(a, b):
-    text = rhs(f"k = int(x[0])\n    dx[0] = k // {b}", f"dx[1] = k % {b}", "dx[2] = k / 4", "dx[3] = 2 * k - 1")
-    compiled, plain = both(text, [float(a)], 4)
+    text = rhs(
+        f"k = int(x[0])\n    dx[0] = k // {b}",
+        f"dx[1] = k % {b}",
+        "dx[2] = k / 4",
+        "dx[3] = 2 * k - 1",
+        "m = int(x[1])\n    dx[4] = k // m",
+        "dx[5] = k % m",
+    )
+    compiled, plain = both(text, [float(a), float(b)], 6)
     np.testing.assert_array_equal(compiled, plain)
 
 
