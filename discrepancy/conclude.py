@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
 from discrepancy.kinds import kind_named
+from discrepancy.next_measurement import next_measurements
 from discrepancy.stage import Accepted, Stage
 from discrepancy.verdict import Verdict
 from discrepancy.wording import quantity
@@ -33,6 +34,7 @@ def conclude(study: Study) -> Conclusion:
             effect, stages[-1].identify, _curve_words(entry), p_value=entry.p_value, delta_bic=entry.delta_bic
         )
     refused, hidden = _left_over(study)
+    separating = next_measurements(study)
     paths = [str(setup.path)] if setup.path is not None else []
     paths += [str(e.record.path) for e in (*setup.identify, *setup.validate)]
     found = Conclusion(
@@ -41,7 +43,7 @@ def conclude(study: Study) -> Conclusion:
         stages=stages,
         refused=refused,
         hidden=hidden,
-        next_measurement=_next(accepted, hidden, study),
+        next_measurement=(*(s.sentence for s in separating), *_next(accepted, hidden, study)),
         unknown=unknown,
         warnings=setup.warnings,
         residual_mode=study.mode,
@@ -50,6 +52,7 @@ def conclude(study: Study) -> Conclusion:
         level=setup.level,
         name=setup.name,
         paths=tuple(paths),
+        extra={"separating_trips": [s.to_dict() for s in separating]},
     )
     return replace(found, sentence=_sentence(found, accepted))
 
