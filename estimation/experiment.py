@@ -262,11 +262,7 @@ class Experiment:
 
 
 def _integrate(
-    system: System,
-    experiment: Experiment,
-    p: np.ndarray,
-    x0: np.ndarray,
-    directions: Directions | None,
+    system: System, experiment: Experiment, p: np.ndarray, x0: np.ndarray, directions: Directions | None,
     pick: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return outputs (nt, n_channels) and their derivatives (nt, n_channels, m) on the record's grid."""
@@ -303,44 +299,25 @@ def _integrate(
                 out = np.empty((b - a, m, n_y))
                 part = slice(first + a, first + b)
                 along.observe_along(
-                    system.outputs_tangent.address,
-                    np.require(times[a:b], float, ["C", "W"]),
+                    system.outputs_tangent.address, np.require(times[a:b], float, ["C", "W"]),
                     np.ascontiguousarray(states[a:b]),
-                    inputs[part],
-                    rates[part],
-                    p,
-                    directions.p_dot,
-                    np.ascontiguousarray(shape[part]),
-                    directions.channel,
-                    delays,
-                    np.empty(inputs.shape[1]),
-                    out,
-                )
+                    inputs[part], rates[part], p, directions.p_dot, np.ascontiguousarray(shape[part]),
+                    directions.channel, delays, np.empty(inputs.shape[1]), out)
                 dy[part] = out[:, :, pick].transpose(0, 2, 1)
 
     if n == 0:  # the motion is given: nothing to integrate
         receive(0, time, np.zeros((time.size, 0)))
         return y, dy
     solution = integrate(
-        problem,
-        (float(time[0]), float(time[-1])),
-        x0,
-        samples=Samples(time, receive),
-        rtol=experiment.rtol,
-        atol=experiment.rtol * 1e-3,
-        max_step=np.inf,
-    )
+        problem, (float(time[0]), float(time[-1])), x0, samples=Samples(time, receive), rtol=experiment.rtol,
+        atol=experiment.rtol * 1e-3, max_step=np.inf)
     if solution.status < 0 or not np.all(np.isfinite(y)):
         raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
     return y, dy
 
 
 def _apply_sensors(
-    outputs: Sequence[str],
-    time: np.ndarray,
-    y: np.ndarray,
-    dy: np.ndarray,
-    sensors: Sequence[SensorError],
+    outputs: Sequence[str], time: np.ndarray, y: np.ndarray, dy: np.ndarray, sensors: Sequence[SensorError],
     wanted: Sequence[str],
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Send outputs and derivatives through the sensors, and differentiate by the sensors' own parameters."""
@@ -356,12 +333,8 @@ def _apply_sensors(
             y[:, c] = np.interp(late, time, y[:, c])
             for k in range(dy.shape[2]):
                 dy[:, c, k] = np.interp(late, time, dy[:, c, k])
-        parts = {
-            "offset": np.ones_like(time),
-            "gain": y[:, c],
-            "drift": since,
-            "delay": -(1.0 + gain) * rate if rate is not None else None,
-        }
+        parts = {"offset": np.ones_like(time), "gain": y[:, c], "drift": since,
+                 "delay": -(1.0 + gain) * rate if rate is not None else None}
         for kind, part in parts.items():
             if part is not None and f"sensor.{output}.{kind}" in own:
                 own[f"sensor.{output}.{kind}"][:, c] = part

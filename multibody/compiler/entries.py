@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import importlib.util
+import logging
 import os
 import re
 import sys
@@ -15,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from multibody.compiler.kinds import FLOAT, INT, NOTHING, TRUTH, Array, Kind, kind_of_argument
+from multibody.compiler.kinds import FLOAT, INT, NOTHING, TRUTH, Array, Kind, Outside, kind_of_argument
 
 __all__ = ["Entry", "Inner", "Instruction", "module_texts"]
 
+_log = logging.getLogger("multibody.native")
 _C: dict[Kind, Any] = {FLOAT: ctypes.c_double, INT: ctypes.c_int64, TRUTH: ctypes.c_bool, NOTHING: None}
 _IMPORT = re.compile(r"^\s*(?:from\s+([\w.]+)\s+import|import\s+([\w.]+))", re.MULTILINE)
 
@@ -65,7 +67,7 @@ class Entry(Inner):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self._prototypes: dict[tuple[Kind, ...], Callable[..., Any]] = {}
+        self._native: dict[tuple[Kind, ...], Callable[..., Any]] = {}
 
     def __call__(self, *arguments: Any) -> Any:
         return self.bound(*arguments)()
@@ -75,7 +77,9 @@ class Entry(Inner):
         if not jit_enabled():
             return functools.partial(self.py_func, *arguments)
         kinds = tuple(map(kind_of_argument, arguments))
-        native = self._prototypes.get(kinds) or self._compile(kinds)
+        native = self._native.get(kinds) or self._compile(kinds)
+        if not hasattr(native, "argtypes"):
+            return functools.partial(native, *arguments)
         given: list[Any] = []
         for value in arguments:
             if isinstance(value, np.ndarray):
@@ -89,29 +93,36 @@ class Entry(Inner):
 
     def _compile(self, kinds: tuple[Kind, ...]) -> Callable[..., Any]:
         from multibody.compiler.build import build
-        from multibody.compiler.units import unit_of_function
 
         module, name = self.py_func.__module__, self.py_func.__name__
-        address, returns = build(
-            f"{module.replace('.', '_')}_{name}",
-            module_texts(module),
-            functools.partial(_unit, unit_of_function, self.py_func),
-            name,
-            kinds,
-        )
+        try:
+            address, returns = build(
+                f"{module.replace('.', '_')}_{name}",
+                module_texts(module),
+                functools.partial(_unit, self.py_func),
+                name,
+                kinds,
+            )
+        except Outside as error:
+            from multibody.numba_code import dispatcher
+
+            _log.warning("%s.%s goes through numba, anew in every process: %s", module, name, error)
+            self._native[kinds] = dispatcher(self)
+            return self._native[kinds]
         types: list[Any] = []
         for kind in kinds:
             if isinstance(kind, Array):
                 types += [ctypes.c_void_p, *[ctypes.c_int64] * kind.dimensions]
             else:
                 types.append(_C[kind])
-        native = ctypes.CFUNCTYPE(_C[returns], *types)(address)
-        self._prototypes[kinds] = native
-        return native
+        self._native[kinds] = ctypes.CFUNCTYPE(_C[returns], *types)(address)
+        return self._native[kinds]
 
 
-def _unit(find: Callable[..., Any], function: Callable[..., Any]) -> Any:
-    return find(function)[0]
+def _unit(function: Callable[..., Any]) -> Any:
+    from multibody.compiler.units import unit_of_function
+
+    return unit_of_function(function)[0]
 
 
 @lru_cache(maxsize=256)

@@ -160,6 +160,21 @@ def test_entries_take_arrays_and_say_what_they_cannot_take():
         mean_of_rows(values.astype(np.float32), out, 0)
 
 
+@entry
+def gamma_of(values, out):
+    """The gamma function, which the subset does not have."""
+    for i in range(values.size):
+        out[i] = math.gamma(values[i]) + total(pointer(values), 1)
+
+
+def test_an_entry_outside_the_subset_goes_through_numba_and_says_so(caplog):
+    out = np.zeros(2)
+    with caplog.at_level("WARNING", logger="multibody.native"):
+        gamma_of(np.array([5.0, 4.0]), out)
+    np.testing.assert_allclose(out, [29.0, 11.0], rtol=1e-14)
+    assert "gamma_of goes through numba" in caplog.text
+
+
 def test_numba_may_call_entries_and_their_instructions():
     numba = pytest.importorskip("numba")
 
