@@ -127,8 +127,8 @@ def direction_error(n, size, y, y_new, raw, rtol, atol, largest):
     compare.  A component that stays far below the others of its direction need not be relatively exact.
     """
     found = 0.0
-    for first in range(n, size, n):
-        most = 0.0
+    for j in range(1, size // n):
+        first, most = j * n, 0.0
         for i in range(n):
             own = max(largest[first + i], abs(y_new[first + i]))
             most = max(most, own / (atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i]))))
