@@ -104,12 +104,14 @@ def extended(
     tall = max(3 * n, len(model.system.outputs)) + m + 8
     space = np.zeros(8 * n * ld + tall * ld + 16 * n + 4 * samples.inputs.shape[1] + 2 * m)
     covariance = padded(root_of(p) if square_root else p, ld)
-    likelihood, refused, bad = load_driver("estimation.filters.kernels.extended").extended(
+    verdict = np.zeros(3)
+    load_driver("estimation.filters.kernels.extended").extended(
         bundle.numbers, samples.times, samples.inputs, samples.readings, r, padded(q, ld), padded(root_of(q), ld),
         x, covariance, settings, 0.0 if gate is None else float(gate), out, covariances, predicted, carried, rows,
-        innovations, space,
+        innovations, space, verdict,
     )  # fmt: skip
     bundle.check()
+    likelihood, refused, bad = float(verdict[0]), int(verdict[1]), int(verdict[2])
     if bad >= 0:
         raise diverged(model, samples, out[: bad + 1].reshape(-1, 3, n))
     every = {"predicted": predicted, "transitions": carried, "rows": rows} if kept == EVERYTHING else {}
@@ -126,8 +128,8 @@ def extended(
         innovations=told[:, 0],
         innovation_variances=told[:, 1],
         normalised=told[:, 2],
-        log_likelihood=float(likelihood),
-        refused=int(refused),
+        log_likelihood=likelihood,
+        refused=refused,
         kept=every,
         method=f"extended Kalman filter, {discretisation}{', square root' if square_root else ''}",
     )

@@ -38,6 +38,10 @@ class FilterModel:
     steps : mapping of str to float, optional
         Steps of the central differences by state; default: 6e-6 of the state's size at the start, at least
         6e-6 of one unit.
+    bounds : mapping of str to (float, float), optional
+        Range that the estimate of a state may not leave: it is set back onto it after a reading.  For where a
+        machine no longer reacts to a quantity, so that no reading would bring it back.  A latent parameter's
+        bounds are those of its value.
 
     Raises
     ------
@@ -67,6 +71,7 @@ class FilterModel:
         parameters: Mapping[str, float] | np.ndarray | None = None,
         jacobian: Literal["exact", "central"] = "exact",
         steps: Mapping[str, float] | None = None,
+        bounds: Mapping[str, tuple[float, float]] | None = None,
     ):
         from multibody.component import nearest
 
@@ -88,9 +93,9 @@ class FilterModel:
         if len(set(self.state_names)) < len(self.state_names):
             twice = sorted({n for n in self.state_names if self.state_names.count(n) > 1})
             faults.append(f"several states are called {', '.join(twice)}: give the latent quantities names")
-        for name in steps or {}:
+        for name in [*(steps or {}), *(bounds or {})]:
             if name not in self.state_names:
-                faults.append(f"there is no state '{name}' to step{nearest(name, self.state_names)}")
+                faults.append(f"there is no state '{name}'{nearest(name, self.state_names)}")
         if jacobian not in ("exact", "central"):
             faults.append(f"jacobian is '{jacobian}': take exact or central")
         if faults:
@@ -99,6 +104,9 @@ class FilterModel:
         self.steps = _CUBE_ROOT_OF_ROUNDING * np.maximum(1.0, np.abs(start))
         for name, value in (steps or {}).items():
             self.steps[self.state_names.index(name)] = value
+        self.bounds = np.tile([-np.inf, np.inf], (self.n, 1))
+        for name, ends in (bounds or {}).items():
+            self.bounds[self.state_names.index(name)] = np.array(ends, dtype=float) - self.nominal(name)
 
     @property
     def n(self) -> int:
@@ -230,6 +238,8 @@ class Bundle:
             at.A: np.zeros(column),
             at.B: np.zeros(column),
             at.BALANCE: np.ones(n),
+            at.LOW: model.bounds[:, 0].copy(),
+            at.HIGH: model.bounds[:, 1].copy(),
         }
         functions = {at.RHS: system.rhs_function}
         if exact:

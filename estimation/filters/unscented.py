@@ -69,11 +69,13 @@ def unscented(
     out, innovations = np.empty((count, 3 * n)), np.full((count, 3 * m), np.nan)
     settings = np.array([_NOISE[noise.kind], int(covariances), hold, substeps], dtype=np.int64)
     size = n * ld + (2 * n + 1) * (n + m) + 8 * n + 4 * samples.inputs.shape[1] + m + m * m + n * m + n
-    likelihood, bad = load_driver("estimation.filters.kernels.unscented").unscented(
+    verdict = np.zeros(2)
+    load_driver("estimation.filters.kernels.unscented").unscented(
         bundle.numbers, samples.times, samples.inputs, samples.readings, r, padded(q, ld), x, padded(p, ld), settings,
-        float(np.sqrt(whole)), weights, out, kept, innovations, np.zeros(size + 8),
+        float(np.sqrt(whole)), weights, out, kept, innovations, np.zeros(size + 8), verdict,
     )  # fmt: skip
     bundle.check()
+    likelihood, bad = float(verdict[0]), int(verdict[1])
     if bad >= 0:
         raise diverged(model, samples, out[: bad + 1].reshape(-1, 3, n))
     states, told = out.reshape(count, 3, n), innovations.reshape(count, 3, m)
@@ -88,6 +90,6 @@ def unscented(
         innovations=told[:, 0],
         innovation_variances=told[:, 1],
         normalised=told[:, 2],
-        log_likelihood=float(likelihood),
+        log_likelihood=likelihood,
         method="unscented Kalman filter",
     )

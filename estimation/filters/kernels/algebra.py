@@ -7,14 +7,8 @@ Matrices are stored row by row with rows of ``ld`` elements, of which the first 
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from numba import njit
-
-from multibody.solvers.kernels.calls import shift
-
-# Products may be fused with sums; nothing is reordered.
-small: Any = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath={"contract"})
+from multibody.solvers.kernels.calls import inner, shift
 
 _ROOT = math.sqrt(177.0)
 # Bader, Blanes and Casas (2019), "Computing the matrix exponential with an optimized Taylor polynomial
@@ -29,28 +23,29 @@ X_7 = (89.0 - _ROOT) / (5040.0 * X_3 * X_3)
 Y_2 = (857.0 - 58.0 * _ROOT) / 630.0
 # The remainder of degree 9 is then below 2e-13.
 NORM = 0.15
+ROOT_2 = math.sqrt(2.0)
 
 
-@small
+@inner
 def clear(a, count):
     """Set elements to zero."""
     for i in range(count):
         a[i] = 0.0
 
 
-@small
+@inner
 def copy(a, b, count):
     """Write a into b."""
     for i in range(count):
         b[i] = a[i]
 
 
-@small
+@inner
 def product(a, b, out, n, ld):
     """Write a b into out."""
     for i in range(n):
         for j in range(0, ld, 8):
-            s_0 = s_1 = s_2 = s_3 = s_4 = s_5 = s_6 = s_7 = 0.0
+            s_0, s_1, s_2, s_3, s_4, s_5, s_6, s_7 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(n):
                 f = a[i * ld + k]
                 q = k * ld + j
@@ -73,7 +68,7 @@ def product(a, b, out, n, ld):
             out[q + 7] = s_7
 
 
-@small
+@inner
 def balance(a, scale, n, ld):
     """Adapt sizes of the states, powers of two, until rows and columns of a are alike (Osborne 1960)."""
     for _ in range(4):
@@ -92,11 +87,17 @@ def balance(a, scale, n, ld):
                 factor = 1.0 / column
             elif row > 0.0:
                 factor = row
-            if factor > 0.0 and math.isfinite(factor):
-                scale[i] *= 2.0 ** round(math.log2(factor))
+            if not (factor > 0.0 and math.isfinite(factor)):
+                factor = 1.0
+            while factor > ROOT_2:
+                factor *= 0.5
+                scale[i] *= 2.0
+            while factor < 1.0 / ROOT_2:
+                factor *= 2.0
+                scale[i] *= 0.5
 
 
-@small
+@inner
 def transpose(a, out, n, ld):
     """Write the transpose of a into out."""
     for i in range(n):
@@ -104,7 +105,7 @@ def transpose(a, out, n, ld):
             out[j * ld + i] = a[i * ld + j]
 
 
-@small
+@inner
 def symmetrise(a, n, ld):
     """Replace a by the mean of itself and its transpose."""
     for i in range(n):
@@ -114,7 +115,7 @@ def symmetrise(a, n, ld):
             a[j * ld + i] = mean
 
 
-@small
+@inner
 def exponential(a, h, scale, out, work, n, ld):
     """Write exp(h a) into out; work holds four matrices; ``scale`` are sizes of the states that balance a."""
     size = n * ld
@@ -160,7 +161,7 @@ def exponential(a, h, scale, out, work, n, ld):
             out[i * ld + j] *= scale[i] / scale[j]
 
 
-@small
+@inner
 def project(p, h, r, w, n, ld):
     """Write p h into w for a symmetric p; return the variance h p hᵀ + r of a reading."""
     for j in range(n):
@@ -177,7 +178,7 @@ def project(p, h, r, w, n, ld):
     return s
 
 
-@small
+@inner
 def joseph(p, w, s, gain, n, ld):
     """Take a scalar reading into the covariance p; w and s are what `project` found.
 
@@ -194,7 +195,7 @@ def joseph(p, w, s, gain, n, ld):
     mirror(p, n, ld)
 
 
-@small
+@inner
 def mirror(a, n, ld):
     """Copy the lower triangle of a onto the upper one."""
     for i in range(n):
@@ -202,7 +203,7 @@ def mirror(a, n, ld):
             a[j * ld + i] = a[i * ld + j]
 
 
-@small
+@inner
 def project_root(root, h, r, w, n, ld):
     """Write rootᵀ h into w; return the variance of a reading."""
     for j in range(n):
@@ -219,7 +220,7 @@ def project_root(root, h, r, w, n, ld):
     return s
 
 
-@small
+@inner
 def potter(root, w, s, r, gain, n, ld):
     """Take a scalar reading into the square root of a covariance, p = root rootᵀ (Potter 1963)."""
     if s <= 0.0:
@@ -237,7 +238,7 @@ def potter(root, w, s, r, gain, n, ld):
             row[j] -= shrink * gain[i] * w[j]
 
 
-@small
+@inner
 def square(root, out, n, ld):
     """Write root rootᵀ into out."""
     for i in range(n):
@@ -249,7 +250,7 @@ def square(root, out, n, ld):
             out[j * ld + i] = total
 
 
-@small
+@inner
 def triangle(a, rows, columns, out, ld):
     """Write the lower triangle whose square is aᵀa into out, by Householder reflections; a is used up.
 
@@ -281,7 +282,7 @@ def triangle(a, rows, columns, out, ld):
             out[i * ld + j] = a[j * ld + i]
 
 
-@small
+@inner
 def cholesky(a, out, n, ld):
     """Write the lower triangle whose square is a into out; a zero pivot leaves its column zero.
 

@@ -15,7 +15,6 @@ from estimation.filters.kernels.algebra import (
     product,
     project,
     project_root,
-    small,
     square,
     transpose,
     triangle,
@@ -35,8 +34,10 @@ from estimation.filters.kernels.layout import (
     COVARIANCES,
     EVERYTHING,
     EXPONENTIAL,
+    HIGH,
     INTEGRATED,
     LD,
+    LOW,
     N_U,
     N_Y,
     TIMES_STEP,
@@ -90,7 +91,7 @@ def variational(c, t, h, z, before, after, hold, substeps, u, f, jac, work):
             begun[i] = z[i]
 
 
-@small
+@inner
 def spread(f, p, q, half, work, n, ld):
     """Replace p by f (p + half q) fᵀ + half q, or with half = 0 by f p fᵀ + q; work holds two matrices."""
     size = n * ld
@@ -106,7 +107,7 @@ def spread(f, p, q, half, work, n, ld):
     mirror(p, n, ld)
 
 
-@small
+@inner
 def spread_root(f, root, q_root, weight, integrated, tall, work, n, ld):
     """Replace the square root of the covariance as `spread` does; tall holds 3 n rows."""
     product(f, root, work, n, ld)
@@ -124,7 +125,7 @@ def spread_root(f, root, q_root, weight, integrated, tall, work, n, ld):
     triangle(tall, rows, n, root, ld)
 
 
-@small
+@inner
 def inner_product(a, b, n):
     """Return the sum of the products of two rows."""
     total = 0.0
@@ -135,8 +136,8 @@ def inner_product(a, b, n):
 
 @entry
 def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, gate, out, covariances, predicted,
-             carried, rows_kept, innovations, space):  # fmt: skip
-    """Filter all samples; returns the log likelihood, readings refused, and the row that was not finite or −1.
+             carried, rows_kept, innovations, space, verdict):  # fmt: skip
+    """Filter all samples; verdict (3,) takes the log likelihood, readings refused, and the row not finite or −1.
 
     x (n,), p (n, ld) and their roots are prior and end; out (samples, 3 n) takes states before and after the
     reading and the variances after it; innovations (samples, 3 m) takes them, their variances, and the
@@ -161,9 +162,10 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
     r = pointer(noise)
     keep_p, keep_pred, keep_f, keep_h = pointer(covariances), pointer(predicted), pointer(carried), pointer(rows_kept)
     result, told = pointer(out), pointer(innovations)
-    sizes = floats(c[BALANCE])
+    sizes, lowest, highest = floats(c[BALANCE]), floats(c[LOW]), floats(c[HIGH])
     rated = has_rates(c)
     likelihood, refused = 0.0, 0
+    verdict[2] = -1.0
     for s in range(times.size):
         t = times[s]
         row = shift(table, s * width)
@@ -254,6 +256,7 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
         for i in range(n):
             if seen:
                 z[i] += moved[i]
+                z[i] = min(max(z[i], lowest[i]), highest[i])
             variance = full[i * ld + i] if root_form else cov[i * ld + i]
             result[(s * 3 + 1) * n + i] = z[i]
             result[(s * 3 + 2) * n + i] = variance
@@ -267,5 +270,6 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
                 for i in range(n):
                     keep_h[(s * m + j) * n + i] = rows[j * ld + i] if seen else 0.0
         if not good:
-            return likelihood, refused, s
-    return likelihood, refused, -1
+            verdict[2] = s
+            break
+    verdict[0], verdict[1] = likelihood, refused

@@ -9,9 +9,10 @@ RHS, RHS_T, OUT, OUT_T, N, ALL, N_U, N_P, N_Y, M, N_READ, LD, EXACT, GENERIC = r
 # readout its latent state, kind (0 input, 1 parameter), index and weight; for each channel its kind (0 state,
 # 1 rate of a state, 2 output) and index;
 P_0, P, U, DRIFT, READ_STATE, READ_KIND, READ_INDEX, READ_WEIGHT, CHANNEL_KIND, CHANNEL_INDEX = range(14, 24)
-# directions; outputs; steps of the central differences; two columns; sizes that balance the Jacobian.
-X_DOT, U_DOT, P_DOT, Y, STEPS, A, B, BALANCE = range(24, 32)
-SIZE = 32
+# directions; outputs; steps of the central differences; two columns; sizes that balance the Jacobian; bounds of
+# all states.
+X_DOT, U_DOT, P_DOT, Y, STEPS, A, B, BALANCE, LOW, HIGH = range(24, 34)
+SIZE = 34
 
 #: How F follows from the Jacobian.
 EXPONENTIAL, EULER, VARIATIONAL = 0, 1, 2

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 
-from estimation.filters.kernels.algebra import cholesky, clear, small, symmetrise
+from estimation.filters.kernels.algebra import cholesky, clear, symmetrise
 from estimation.filters.kernels.equations import carry, has_rates, rates, read
-from estimation.filters.kernels.layout import ALL, COVARIANCES, INTEGRATED, LD, N_U, PER_STEP, M
-from multibody.solvers.kernels.calls import entry, pointer, shift
+from estimation.filters.kernels.layout import ALL, COVARIANCES, HIGH, INTEGRATED, LD, LOW, N_U, PER_STEP, M
+from multibody.solvers.kernels.calls import entry, floats, inner, pointer, shift
 
 # Settings by index.
 NOISE, KEEP, HOLD, SUBSTEPS = range(4)
 
 
-@small
+@inner
 def spread_points(x, root, reach, points, n, ld):
     """Write 2 n + 1 points about x, along the columns of a root of its covariance."""
     for i in range(n):
@@ -26,7 +26,7 @@ def spread_points(x, root, reach, points, n, ld):
             down[i] = x[i] - away
 
 
-@small
+@inner
 def mean_of(points, width, count, first, rest, out):
     """Write the weighted mean of the points."""
     for i in range(width):
@@ -38,8 +38,8 @@ def mean_of(points, width, count, first, rest, out):
 
 @entry
 def unscented(numbers, times, inputs, values, noise, q, x, p, settings, reach, weights, out, covariances,
-              innovations, space):  # fmt: skip
-    """Filter all samples; returns the log likelihood and the row that failed or −1; arrays as in `extended`."""
+              innovations, space, verdict):  # fmt: skip
+    """Filter all samples; arrays as in `extended`; verdict (2,) takes log likelihood and the row that failed or −1."""
     c = pointer(numbers)
     n, m, ld, width = c[ALL], c[M], c[LD], c[N_U]
     count = 2 * n + 1
@@ -59,8 +59,10 @@ def unscented(numbers, times, inputs, values, noise, q, x, p, settings, reach, w
     z, cov, qq = pointer(x), pointer(p), pointer(q)
     table, given, r = pointer(inputs), pointer(values), pointer(noise)
     keep_p, result, told = pointer(covariances), pointer(out), pointer(innovations)
+    lowest, highest = floats(c[LOW]), floats(c[HIGH])
     rated = has_rates(c)
     likelihood = 0.0
+    verdict[1] = -1.0
     good = True
     for s in range(times.size):
         t = times[s]
@@ -138,6 +140,8 @@ def unscented(numbers, times, inputs, values, noise, q, x, p, settings, reach, w
                     for d in range(a + 1, m):
                         pyy[b * m + d] -= pyy[b * m + a] * pyy[a * m + d] / v
             symmetrise(cov, n, ld)
+            for i in range(n):
+                z[i] = min(max(z[i], lowest[i]), highest[i])
         for i in range(n):
             result[(s * 3 + 1) * n + i] = z[i]
             result[(s * 3 + 2) * n + i] = cov[i * ld + i]
@@ -147,5 +151,6 @@ def unscented(numbers, times, inputs, values, noise, q, x, p, settings, reach, w
                 for j in range(n):
                     keep_p[(s * n + i) * n + j] = cov[i * ld + j]
         if not good:
-            return likelihood, s
-    return likelihood, -1
+            verdict[1] = s
+            break
+    verdict[0] = likelihood
