@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -21,7 +21,9 @@ from discrepancy.bench import Case, Channel, Disturbance, check_folder
 from discrepancy.catalogue import Entry
 from discrepancy.hidden import Hidden
 from discrepancy.rig import Progress, Rig, Run, silent, write_case
+from discrepancy.trip_plan import TripPlan
 from estimation.calibrate import UncertainParameter
+from multibody.component import nearest
 from multibody.model import Model
 
 if TYPE_CHECKING:
@@ -34,6 +36,9 @@ __all__ = ["AxisRig", "axis_case", "build", "entries_of", "hidden_in", "list_axi
 BEFORE = 1.5
 #: Dry friction of the guide, N, where the axis has it.
 DRY = 15.0
+#: Mass of the carriage, kg, and white noise of a sensor that is added, by its unit, SI.
+MASS = 40.0
+ADDED = {"N": 0.1, "N*m": 4e-3, "m": 5e-7, "rad": 1e-5, "m/s": 1e-4, "rad/s": 0.03}
 INPUTS, OUTPUTS = ("reference.position",), ("motor.torque", "carriage.position", "motor.speed")
 CHANNELS = (
     Channel("reference.position", "position_ref_mm", "m", "mm", resolution=1e-4, exact=True),
@@ -51,9 +56,12 @@ class AxisRig(Rig):
     ----------
     dry : bool
         The guide has dry friction, which the model knows, instead of viscous friction alone.
+    plan : TripPlan
+        How the trips differ from the usual ones; other than the usual plan gives new trips of the same machine.
     """
 
     dry: bool = False
+    plan: TripPlan = field(default_factory=TripPlan)
 
     machine: ClassVar[str] = "axis"
     prefer: ClassVar[tuple[str, ...]] = ("guide", "coupling", "carriage.position")
@@ -78,7 +86,11 @@ class AxisRig(Rig):
     @property
     def channels(self) -> tuple[Channel, ...]:
         """What is recorded."""
-        return CHANNELS
+        name = self.plan.sensor
+        if not name or name in OUTPUTS:
+            return CHANNELS
+        unit = self.model.build().unit(name)
+        return (*CHANNELS, Channel(name, name.replace(".", "_"), unit, unit, noise=ADDED.get(unit, 0.0), analogue=True))
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -88,13 +100,21 @@ class AxisRig(Rig):
     @property
     def outputs(self) -> tuple[str, ...]:
         """Measured outputs."""
-        return OUTPUTS
+        return tuple(c.signal for c in self.channels if c.signal not in INPUTS)
+
+    def faults(self) -> list[str]:
+        """Return what is wrong with the settings."""
+        faults = super().faults()
+        known = self.model.build().output_names if self.plan.sensor else ()
+        if self.plan.sensor and self.plan.sensor not in known:
+            faults.append(f"the axis has no output '{self.plan.sensor}' to measure{nearest(self.plan.sensor, known)}")
+        return faults
 
     @property
     def uncertain(self) -> tuple[UncertainParameter, ...]:
         """What calibration may move, with the priors from which the true values are drawn."""
         rows = [
-            ("carriage.m", 40.0, 1.2, 1.0, "kg"),
+            ("carriage.m", MASS, 1.2, 1.0, "kg"),
             ("motor.J", 5e-4, 1.5e-5, 1e-6, "kg*m**2"),
             ("guide.viscous", 60.0, 12.0, 0.0, "N*s/m"),
             ("coupling.stiffness", 30.0, 2.4, 1.0, "N*m/rad"),
@@ -124,7 +144,9 @@ class AxisRig(Rig):
         """Return the true axis, and a run of it for each name."""
         from multibody.library import ForceSource
 
-        true_model = self.model.with_values(dict(perturbed))
+        values = dict(perturbed)
+        values["carriage.m"] += MASS * (self.plan.load - 1.0)
+        true_model = self.model.with_values(values)
         for each in hidden:
             true_model = each.added_to(true_model)
         model = true_model.copy()
@@ -134,14 +156,17 @@ class AxisRig(Rig):
         if self.dry:
             fades = model.components["dry_friction"].values["v_s"]
             model = model.with_values({"dry_friction.v_s": fades * self.regularisation})
-        system = model.build(outputs=OUTPUTS)
-        stamps, fine = self.logger.stamps(self.duration), self.logger.fine_grid(self.duration, BEFORE)
+        system = model.build(outputs=self.outputs)
         found: list[Run] = []
+        new = 0 if self.plan == TripPlan(sensor=self.plan.sensor) else 1000
         for k, name in enumerate(names):
             progress(f"trip {k + 1} of {len(names)}")
-            time, place = trip(self.stream(100 + k), self.duration)
+            time, changed = self.plan.apply(*_named(trip(self.stream(new + 100 + k), self.duration)))
+            place = changed[INPUTS[0]]
+            duration = float(np.round(time[-1] - 1.0 / self.plan.speed, 3))
+            stamps, fine = self.logger.stamps(duration), self.logger.fine_grid(duration, BEFORE)
             pushed = np.arange(-round(BEFORE / CYCLE), time.size) * CYCLE
-            force = self.disturbance.draw(pushed.size, CYCLE, self.stream(200 + k))
+            force = self.disturbance.draw(pushed.size, CYCLE, self.stream(new + 200 + k))
             run = system.simulate(
                 (float(fine[0]), float(fine[-1])),
                 inputs={INPUTS[0]: (time, place), "disturbance.force": (pushed, force)},
@@ -150,13 +175,28 @@ class AxisRig(Rig):
                 rtol=self.rtol,
                 atol=self.rtol * 1e-3,
             )
-            rng = self.stream(300 + k)
+            rng = self.stream(new + 300 + k)
             columns = {}
-            for channel in CHANNELS:
+            for channel in self.channels:
                 values = np.interp(fine, time, place) if channel.signal in INPUTS else run[channel.signal]
                 columns[channel.column] = self.logger.read(channel, fine, values, stamps, rng, errors)
             found.append((name, stamps, columns))
         return true_model, found
+
+    def case(self, hide: Sequence[str] = (), progress: Progress = silent) -> Case:
+        """Return the model under test, recordings, and the truth; a load is known to the model."""
+        case = super().case(hide, progress)
+        if self.plan.load == 1.0:
+            return case
+        more = MASS * (self.plan.load - 1.0)
+        model = case.model.with_values({"carriage.m": MASS + more})
+        loaded = [replace(u, value=u.value + more) if u.name == "carriage.m" else u for u in case.uncertain]
+        case.truth["load"] = {"value": more, "unit": "kg"}
+        return replace(case, model=model, uncertain=tuple(loaded))
+
+
+def _named(run: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    return run[0], {INPUTS[0]: run[1]}
 
 
 def entries_of(rig: AxisRig) -> list[Entry]:
@@ -219,6 +259,7 @@ def make_axis(
     *,
     dry: bool = False,
     over: str = "position",
+    plan: TripPlan | None = None,
     progress: Progress = silent,
 ) -> Path:
     """Write recordings of the virtual axis into a folder, with the study file, the model and the truth.
@@ -229,7 +270,7 @@ def make_axis(
         Folder; made if it is not there.
     hide : sequence of str
         ``KIND`` or ``KIND@WHERE``.
-    seed, trips, strength, dry, over
+    seed, trips, strength, dry, over, plan
         See `AxisRig`.
     disturbance : float, N
         Root mean square of the force that disturbs the carriage.
@@ -244,13 +285,23 @@ def make_axis(
     BenchError
         With everything that is not possible.
     """
-    rig = AxisRig(seed=seed, trips=trips, strength=strength, disturbance=Disturbance(disturbance), dry=dry, over=over)
+    rig = AxisRig(
+        seed=seed,
+        trips=trips,
+        strength=strength,
+        disturbance=Disturbance(disturbance),
+        dry=dry,
+        over=over,
+        plan=plan or TripPlan(),
+    )
     if Path(out).is_file():
         check_folder(out)
     case = rig.case(hide, progress)
     texts = {
         "axis.py": Path(axis_model.__file__).read_text(encoding="utf-8"),
-        "study.toml": axis_texts.study(case, DRY if dry else None),
+        "study.toml": axis_texts.study(
+            case, DRY if dry else None, MASS * rig.plan.load if rig.plan.load != 1.0 else None
+        ),
         "README.md": axis_texts.readme(rig, case),
     }
     return write_case(out, case, texts)

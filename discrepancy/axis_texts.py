@@ -13,9 +13,10 @@ if TYPE_CHECKING:
 __all__ = ["readme", "study"]
 
 
-def study(case: Case, coulomb: float | None = None) -> str:
-    """Return the study file of a case."""
-    arguments = [] if coulomb is None else [f"arguments = {{ coulomb = {coulomb} }}"]
+def study(case: Case, coulomb: float | None = None, mass: float | None = None) -> str:
+    """Return the study file of a case, with the arguments of its model that are not the usual ones."""
+    given = [f"{n} = {v:g}" for n, v in (("mass", mass), ("coulomb", coulomb)) if v is not None]
+    arguments = [f"arguments = {{ {', '.join(given)} }}"] if given else []
     note = ["the control has settled before a record begins"]
     return rig_texts.study(case, "a linear axis", "axis.py:build", arguments, start=note)
 
@@ -23,6 +24,8 @@ def study(case: Case, coulomb: float | None = None) -> str:
 def readme(rig: AxisRig, case: Case) -> str:
     """Return the README of a case: that the data are synthetic and how they were made."""
     logger = rig.logger
+    words = rig.plan.words
+    planned = "" if words == "as recorded" else f"\nThese trips were asked for ({rig.plan}): {words}.\n"
     return f"""# Recordings of a virtual axis
 
 **These data are synthetic.** They come from a simulation and not from a machine. They were made by
@@ -41,7 +44,7 @@ guide. A position loop around a speed loop, both on the motor's encoder, follows
 
 Each trip lasts {rig.duration:g} s and starts from home, where the control has already settled. It has
 several moves of different length, speed (0.06 to 0.6 m/s) and direction, with holds between them.
-
+{planned}
 ## How the rig differs from the model
 
 - It may have effects that the model lacks, or none; `truth.json` says which.

@@ -66,6 +66,8 @@ def _show(study: Any, conclusion: Any, files: list[Path]) -> None:
     console.print(table)
     if conclusion.sentence:
         console.print(f"[bold]{conclusion.verdict}[/bold]: {conclusion.sentence}", soft_wrap=True)
+    for text in conclusion.next_measurement if conclusion.sentence else ():
+        console.print(f"[bold]next measurement[/bold]: {text}", soft_wrap=True)
     report = next((f for f in files if f.name == "report.html"), None)
     if report is not None:
         console.print(f"report: {report}", soft_wrap=True)

@@ -6,8 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from discrepancy.describe_unknown import describe_unknown
 from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
 from discrepancy.kinds import kind_named
+from discrepancy.next_measurement import next_measurements
+from discrepancy.omnibus import omnibus_of_stage
 from discrepancy.stage import Accepted, Stage
 from discrepancy.verdict import Verdict
 from discrepancy.wording import quantity
@@ -25,14 +28,21 @@ def conclude(study: Study) -> Conclusion:
     setup, stages = study.setup, tuple(study.stages)
     accepted = [s.accepted for s in stages if s.accepted is not None]
     verdict = _verdict(accepted)
-    unknown = None
+    unknown = described = None
     if any(a.effect.definition.free_form for a in accepted):
         entry = next(a for a in reversed(accepted) if a.effect.definition.free_form)
         effect = next(e for e in stages[-1].effects if e.component_name == entry.effect.component_name)
+        described = describe_unknown(study)
+        statement = " ".join([_curve_words(entry), *([described.sentence] if described is not None else [])])
         unknown = UnknownCurve.of_effect(
-            effect, stages[-1].identify, _curve_words(entry), p_value=entry.p_value, delta_bic=entry.delta_bic
+            effect, stages[-1].identify, statement, p_value=entry.p_value, delta_bic=entry.delta_bic
         )
     refused, hidden = _left_over(study)
+    separating = next_measurements(study)
+    still = None
+    if study.steps and not accepted:
+        study.progress("does anything that is left follow the inputs?")
+        still = omnibus_of_stage(stages[-1], level=setup.level, seed=setup.seed)
     paths = [str(setup.path)] if setup.path is not None else []
     paths += [str(e.record.path) for e in (*setup.identify, *setup.validate)]
     found = Conclusion(
@@ -41,7 +51,7 @@ def conclude(study: Study) -> Conclusion:
         stages=stages,
         refused=refused,
         hidden=hidden,
-        next_measurement=_next(accepted, hidden, study),
+        next_measurement=(*(s.sentence for s in separating), *_next(accepted, hidden, study)),
         unknown=unknown,
         warnings=setup.warnings,
         residual_mode=study.mode,
@@ -50,8 +60,14 @@ def conclude(study: Study) -> Conclusion:
         level=setup.level,
         name=setup.name,
         paths=tuple(paths),
+        extra={
+            "separating_trips": [s.to_dict() for s in separating],
+            **({"unknown": described.to_dict()} if described is not None else {}),
+            **({"follows_inputs": {"p": still.p, "rejects": still.rejects, "most": still.leading}} if still else {}),
+        },
     )
-    return replace(found, sentence=_sentence(found, accepted))
+    sentence = _sentence(found, accepted)
+    return replace(found, sentence=f"{sentence} {still.sentence}" if still is not None else sentence)
 
 
 def _verdict(accepted: Sequence[Accepted]) -> str:
@@ -94,9 +110,7 @@ def _fall(before: Stage, after: Stage, part: str) -> str:
     held = "on records that were not used to find it" if part == "validate" else "on the records used to find it"
     unit = after.system.unit(name)
     them = "it" if len(after.effects) == 1 else "them"
-    return (
-        f" With {them} the error of {name} falls from {quantity(a[name], unit)} to {quantity(b[name], unit)} {held}."
-    )
+    return f" With {them} the error of {name} falls from {quantity(a[name], unit)} to {quantity(b[name], unit)} {held}."
 
 
 def _curve_words(entry: Accepted) -> str:
@@ -155,7 +169,5 @@ def _next(
             f"above {quantity(delta, unit)}): {kind_named(kind).text.confirm}"
         )
     if study.stages[-1].validate is None:
-        found.append(
-            "Hold a record back ([records] validate): without one nobody knows whether the improvement lasts."
-        )
+        found.append("Hold a record back ([records] validate): without one nobody knows whether the improvement lasts.")
     return tuple(dict.fromkeys(found))[:6]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from discrepancy.blocks import Array, Candidate, Residual, Sensitivities
 from discrepancy.null import cut, shuffled
 from discrepancy.result import ScanResult
 from discrepancy.scan import scan
+
+if TYPE_CHECKING:
+    from discrepancy.stage import Stage
 
 LAGS_S = (0.0, 0.01, 0.03, 0.1, 0.3)
 N_TENTS = 7
@@ -46,6 +50,16 @@ class Omnibus:
     leading: str
     symptoms: dict[str, tuple[float, float, str]]
     scan: ScanResult
+
+    @property
+    def sentence(self) -> str:
+        """What it says beside a search that named nothing."""
+        if not self.rejects:
+            return "Nothing that is left follows the machine's inputs either."
+        return (
+            f"But what is left still follows the machine's inputs ({self.leading}, p = {self.p:.2g}): something is "
+            "missing or wrong that neither an effect of the catalogue nor a force at a connection explains."
+        )
 
     def __repr__(self) -> str:
         word = "something is missing" if self.rejects else "nothing follows the machine's own motion"
@@ -138,6 +152,25 @@ def generic_candidates(residual: Residual, drivers: Mapping[str, Sequence[Array]
                     cols = tuple(place(tents(s, knots)[:, 1:], c) for s in signal)
                     out.append(Candidate(f"{kind} of {name}", channel, (cols,)))
     return out
+
+
+def omnibus_of_stage(stage: Stage, *, level: float, draws: int = 200, seed: int = 0) -> Omnibus | None:
+    """Test a stage of a study against its recorded inputs and their rates; None if the inputs do not change."""
+    from discrepancy.columns import Confrontation
+    from discrepancy.search import scan_preparation
+
+    facts = Confrontation.of_stage(stage, scan_preparation(stage))
+    drivers: dict[str, list[Array]] = {}
+    for experiment in facts.experiments:
+        time = np.asarray(experiment.record.time)
+        for name in experiment.inputs:
+            u = np.asarray(experiment.record.signals[name].values)
+            for told, x in ((name, u), (f"rate of {name}", np.gradient(u, time))):
+                drivers.setdefault(told, []).append(np.interp(experiment.time, time, x))
+    drivers = {n: x for n, x in drivers.items() if np.ptp(np.concatenate(x)) > 0.0}
+    if not drivers:
+        return None
+    return omnibus(facts.residual(), facts.sensitivities(), drivers, level=level, draws=draws, seed=seed)
 
 
 def omnibus(

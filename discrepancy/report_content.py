@@ -64,6 +64,7 @@ def content(conclusion: Conclusion, evidence: Evidence) -> Entry:
         "hidden": _hidden(conclusion),
         "refused": _refused(conclusion),
         "next": list(conclusion.next_measurement),
+        "separating": list(conclusion.extra.get("separating_trips", ())),
         "parameters": _parameters(conclusion),
         "confounded": [", ".join(g) for g in conclusion.final.identify.confounded],
         "records": records(conclusion),

@@ -46,6 +46,10 @@ Progress = Callable[[str], None]
 Run = tuple[str, np.ndarray, dict[str, np.ndarray]]
 
 
+#: Share of the widest motion of its kind below which a place counts as trembling.
+_TREMBLES = 1e-3
+
+
 def silent(text: str) -> None:
     """Swallow progress."""
 
@@ -151,6 +155,11 @@ class Rig:
         """What calibration may move, with the priors from which the true values are drawn."""
         raise NotImplementedError
 
+    @property
+    def starts(self) -> tuple[str, ...]:
+        """States of the model under test that start at an unknown value."""
+        return self.free
+
     def nominal_runs(self, system: System, stamps: np.ndarray) -> list[Trajectory]:
         """Return a few trips of the nominal model, whatever the seed, from which sizes follow."""
         raise NotImplementedError
@@ -183,8 +192,12 @@ class Rig:
         # What passes a spring by, such as a damper beside it, is no load of the spring.
         return [e for e in entries if not (e.kind.needs == "load" and e.stiffness)]
 
-    def scales(self, entries: Sequence[Entry]) -> dict[str, Scale | SignalScale]:
-        """Return what is large at each place and signal of the nominal model, whatever the seed."""
+    def scales(self, entries: Sequence[Entry]) -> tuple[dict[str, Scale], dict[str, SignalScale]]:
+        """Return what is large at each place, and in each signal, of the nominal model, whatever the seed.
+
+        A place that does no more than tremble beside the others, as a machine's support does, is left out: what a
+        force there would have to be in order to be seen is no effect that one would look for.
+        """
         places: dict[str, Place] = {e.where: e.place for e in entries if e.place is not None}
         loads = {e.where: e.load for e in entries if e.load}
         motion = {w: [f"place.{w}.{n}" for n, _ in p.motion_names()] for w, p in places.items()}
@@ -200,39 +213,52 @@ class Rig:
         def rate_of(name: str) -> float:
             return float(np.quantile(np.abs(np.concatenate([np.gradient(r[name], stamps) for r in runs])), 0.95))
 
-        found: dict[str, Scale | SignalScale] = {}
+        found: dict[str, Scale] = {}
+        signals: dict[str, SignalScale] = {}
         for n in (*self.outputs, *self.inputs):
             floor = self.visible[n]  # a signal that stands still in these trips gets errors of its own size
             span, rate = max(float(np.ptp(all_of(n))), floor), max(rate_of(n), floor)
-            found[n] = SignalScale(floor, span, rate, self.duration)
+            signals[n] = SignalScale(floor, span, rate, self.duration)
         usual = _fast(all_of(motion[self.at][1]))
+        reach = {w: float(np.ptp(all_of(motion[w][0]))) for w in places}
+        widest: dict[str, float] = {}
+        for where, place in places.items():
+            widest[place.domain] = max(widest.get(place.domain, 0.0), reach[where])
         for where, place in places.items():
             x, v, a = (all_of(n) for n in motion[where])
             fast, hard = _fast(v), _fast(a)
             key = next((e.stiffness for e in entries if e.where == where and e.stiffness), "")
+            if not key and reach[where] < _TREMBLES * widest[place.domain]:
+                continue
             stiffness = float(system.p[system.index("parameter", key)]) if key else 0.0
             span_ = MotionRange(float(x.min()), float(x.max()), fast, place.domain == "rotation", stiffness)
             # The same power shows equally well wherever it is taken; in a spring, a share of its load does.
-            force = 0.25 * stiffness * span_.half if key else self.force * usual / max(fast, 1e-12)
+            force = 0.25 * stiffness * span_.half if key else self.force * usual / fast
             load = _fast(all_of(loads[where])) if where in loads else 0.0
             found[where] = Scale(span_, hard, force, load, self.duration)
-        return found
+        return found, signals
+
+    def shown(self) -> tuple[list[Entry], dict[str, Scale], dict[str, SignalScale]]:
+        """Return every effect that can be hidden, and what is large at its place or in its signal."""
+        entries = self.entries()
+        places, signals = self.scales(entries)
+        return [e for e in entries if e.where in (places if e.place is not None else signals)], places, signals
 
     def hidden(self, hide: Sequence[str], spread: float = 0.2) -> list[Hidden]:
         """Return the effects that the rig gets, with sizes drawn within a share ``spread`` of the usual ones."""
-        entries = self.entries() if hide else []
-        chosen = choose(hide, entries, self.machine, prefer=self.prefer)
-        if not chosen:
+        if not hide:
             return []
-        scales = self.scales(entries)
+        entries, places, signals = self.shown()
+        chosen = choose(hide, entries, self.machine, prefer=self.prefer)
         found = []
         for each in chosen:
             where = each if isinstance(each, str) else each.where
-            scale: Any = scales[where]
+            at_place = isinstance(each, str) or each.place is not None
+            scale: Any = places[where] if at_place else signals[where]
             named = f"{UNKNOWN}@{where}" if isinstance(each, str) else each.name
             rng = np.random.default_rng([int(self.seed), 5, *named.encode()])
             if isinstance(each, str):
-                entry = next(e for e in entries if e.where == where)
+                entry = next(e for e in entries if e.where == where and e.place is not None)
                 found.append(unknown_effect(entry, self.over, scale, rng, strength=self.strength, spread=spread))
             else:
                 effect = draw_effect(
@@ -248,7 +274,7 @@ class Rig:
 
     def list(self) -> list[dict[str, Any]]:
         """Return everything that can be hidden, as ``truth.json`` would hold it, at its usual size."""
-        entries = self.entries()
+        entries = self.shown()[0]
         names = [e.name for e in entries]
         names += [f"{UNKNOWN}@{w}" for w in dict.fromkeys(e.where for e in entries if e.kind.at == "connection")]
         return [h.truth(self.units) for h in self.hidden(names, spread=0.0)]
@@ -297,7 +323,7 @@ class Rig:
             self.outputs,
             tuple(records[:split]),
             tuple(records[split:]),
-            self.free,
+            self.starts,
             self.still,
             truth,
             true_model,

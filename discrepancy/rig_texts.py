@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from discrepancy.rig import Rig
     from estimation.calibrate import UncertainParameter
 
-__all__ = ["channel_table", "how_it_ran", "prior_table", "study"]
+__all__ = ["channel_table", "how_it_ran", "list_table", "prior_table", "study"]
 
 
 def study(
@@ -100,3 +100,15 @@ def how_it_ran(rig: Rig, body: str) -> str:
   with a correlation time of {d.time:g} s.
 - It is integrated with {rig.method} at a relative tolerance of {rig.rtol:g}. Dry friction fades at
   {rig.regularisation:g} times the speed at which it does in the model."""
+
+
+def list_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return what can be hidden, as `discrepancy.rig.Rig.list` gives it, as lines of text."""
+    from discrepancy.hidden import strengths_of
+
+    table = [("KIND", "WHERE", "USUAL SIZE")]
+    for row in rows:
+        told = ", ".join(f"{n} {abs(v['value']):.3g} {v['unit']}".rstrip() for n, v in strengths_of(row).items())
+        table.append((row["kind"], row["where"], told))
+    wide = [max(len(r[k]) for r in table) for k in (0, 1)]
+    return "\n".join(f"{kind:<{wide[0]}}  {where:<{wide[1]}}  {told}" for kind, where, told in table)

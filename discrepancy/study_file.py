@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["StudyError", "StudyFile", "StudyRecords", "read_study"]
 
 _TABLES = ("model", "uncertain", "inputs", "outputs", "records", "candidates", "study", "initial", "offsets")
+#: Tables that another command reads from the same file, and checks itself.
+_OF_OTHERS = ("updating",)
 
 
 class StudyError(ValueError):
@@ -209,7 +211,7 @@ class _Reader:
 
     def read(self) -> StudyFile:
         for name in self.content:
-            if name not in _TABLES:
+            if name not in (*_TABLES, *_OF_OTHERS):
                 self.fault(f"[{name}]", f"there is no such table{nearest(name, _TABLES)}")
         model = self.struct(ModelTable, "model", 'say where the model comes from: build = "file.py:name"')
         uncertain = self.named("uncertain", Uncertain)

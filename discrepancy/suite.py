@@ -41,6 +41,10 @@ class Trial:
     ratio : float
         Fitted strength over the true one, where kind and place are right.
     seconds : float
+    note : str
+        Why it was refused or failed.
+    over, curve_over, depends_on : str
+        What an unknown force is a function of: in truth, as the curve that was added, and by the estimate over time.
     """
 
     suite: str
@@ -52,6 +56,9 @@ class Trial:
     ratio: float = math.nan
     seconds: float = math.nan
     note: str = field(default="")
+    over: str = ""
+    curve_over: str = ""
+    depends_on: str = ""
 
     @property
     def first(self) -> bool:
@@ -103,7 +110,20 @@ def _diagnosed(suite: str, seed: int, hidden: Sequence[str], **rig: Any) -> Tria
             true = {k: v.get("value") for k, v in truth["parameters"].items() if k in last.strengths}
             size = math.sqrt(sum(v * v for v in true.values()))
             ratio = math.sqrt(sum(last.strengths[k] ** 2 for k in true)) / size if size else math.nan
-    return Trial(suite, seed, tuple(hidden), conclusion.verdict, names, ties, ratio, time.perf_counter() - begun)
+    unknown = conclusion.extra.get("unknown", {})
+    return Trial(
+        suite,
+        seed,
+        tuple(hidden),
+        conclusion.verdict,
+        names,
+        ties,
+        ratio,
+        time.perf_counter() - begun,
+        over=str((truth or {}).get("over", "")),
+        curve_over=conclusion.unknown.regressor if conclusion.unknown is not None else "",
+        depends_on=str(unknown.get("depends_on") or ""),
+    )
 
 
 def null_trial(seed: int) -> Trial:
@@ -169,7 +189,9 @@ def _run(task: tuple[str, int, tuple[str, ...]]) -> Trial:
         if suite == "null":
             return null_trial(seed)
         if suite == "unknown":
-            return _diagnosed("unknown", seed, hidden)
+            from discrepancy.unknown_laws import OVER
+
+            return _diagnosed("unknown", seed, hidden, over=OVER[seed % len(OVER)])
         return hidden_trial(seed, hidden, suite)
     except Exception as error:  # one case that fails is a result too, and must not lose the others
         return Trial(suite, seed, hidden, "failed", (), note=f"{type(error).__name__}: {error}"[:300])
@@ -224,8 +246,7 @@ def read_trials(path: Path) -> list[Trial]:
         return []
     rows = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
     return [
-        Trial(**{**r, "hidden": tuple(r["hidden"]), "found": tuple(r["found"]), "ties": tuple(r["ties"])})
-        for r in rows
+        Trial(**{**r, "hidden": tuple(r["hidden"]), "found": tuple(r["found"]), "ties": tuple(r["ties"])}) for r in rows
     ]
 
 
@@ -241,6 +262,7 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
         return [
             ("verdict 'unknown effect'", sum(t.verdict == "unknown effect" for t in trials), n),
             ("a wrong name", sum(t.verdict in ("effect found", "ambiguous") for t in trials), n),
+            *_right_axis(trials),
         ]
     if suite == "pairs":
         return [("both found", sum(set(t.hidden) <= set(t.found) for t in trials), n)]
@@ -258,6 +280,21 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
     for name in dict.fromkeys(t.hidden[0] for t in counted):
         of = [t for t in counted if t.hidden[0] == name]
         rows.append((f"{name}: truth in the tie set", sum(t.in_tie for t in of), len(of)))
+    return rows
+
+
+def _right_axis(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
+    """Return how often an unknown force is said to depend on what it does depend on."""
+    from discrepancy.unknown_laws import OVER
+
+    rows = []
+    for over in OVER:
+        called = [t for t in trials if t.over == over and t.verdict == "unknown effect"]
+        rows += [
+            (f"over {over}: verdict", len(called), sum(t.over == over for t in trials)),
+            (f"over {over}: curve over {over}", sum(t.curve_over == over for t in called), len(called)),
+            (f"over {over}: estimate depends on {over}", sum(t.depends_on == over for t in called), len(called)),
+        ]
     return rows
 
 
@@ -288,10 +325,13 @@ def page(out: Path, date: str) -> str:
         lines += ["", "Misses:", ""]
         for t in trials:
             missed = bool(t.found) if suite == "null" else not t.in_tie
+            if suite == "unknown":
+                missed = t.verdict != "unknown effect" or t.over not in (t.curve_over, t.depends_on)
             if missed:
                 said = ", ".join(t.found) or "nothing"
                 lines.append(
                     f"- seed {t.seed}, {' + '.join(t.hidden) or 'nothing'} hidden: {t.verdict}, named {said}. {t.note}"
+                    + (f" True over {t.over}, curve over {t.curve_over or 'nothing'}." if t.over else "")
                 )
         lines.append("")
     return "\n".join(lines)

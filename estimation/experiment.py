@@ -335,7 +335,7 @@ def _integrate(
                     system.outputs_tangent.address, np.require(times[a:b], float, ["C", "W"]),
                     np.ascontiguousarray(states[a:b]),
                     inputs[part], rates[part], p, directions.p_dot, np.ascontiguousarray(shape[part]),
-                    directions.channel, delays, out)
+                    directions.channel, delays, np.empty(inputs.shape[1]), out)
                 dy[part] = out[:, :, pick].transpose(0, 2, 1)
 
     if n == 0:  # the motion is given: nothing to integrate

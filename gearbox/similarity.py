@@ -1,8 +1,8 @@
 """Cosine similarity of two vibration signals (gearbox paper, Eq. 8), with its alignment in time made explicit.
 
 Two recordings have no common zero of time, so a lag has to be chosen, and the choice is part of the score: over all
-lags the cosine runs from about −1 to its maximum.  Every :class:`Similarity` therefore says by which rule the lag was
-chosen, how large it is, how the speeds were matched, and which value no healthy model could exceed.
+lags the cosine runs far below zero and up to its maximum.  Every :class:`Similarity` therefore says by which rule the
+lag was chosen, how large it is, how the speeds were matched, and which value no healthy model could exceed.
 """
 
 from __future__ import annotations

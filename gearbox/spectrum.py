@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,8 @@ ACCEPTED_ERROR = 0.05
 _HIGHEST_ORDER = 9
 #: Probability that noise alone gives a line as high, over all lines looked for.
 _LUCK = 1e-3
+#: Sidebands of other shafts up to this number may be what is seen at a line.
+_ALSO = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +209,8 @@ class LineTable:
         Returns
         -------
         dict
-            For each shaft ``found`` and ``looked_for`` (numbers of own sidebands), ``amplitude`` (root sum of squares of
-            the found ones) and ``share`` (of the mesh lines' root sum of squares).
+            For each shaft ``found`` and ``looked_for`` (numbers of own sidebands), ``amplitude`` (root sum of squares
+            of the found ones) and ``share`` (of the mesh lines' root sum of squares).
         """
         carrier = float(np.sqrt(sum(line.amplitude**2 for line in self.mesh)))
         table = {}
@@ -264,34 +266,53 @@ def name_lines(
             f"'{signal.name}' of {signal.duration:.3g} s resolves {whole.resolution:.3g} Hz, too little for sidebands "
             f"{slowest:.3g} Hz apart: take at least {6.0 / slowest:.2g} s"
         )
-    wanted: list[tuple[str, float, int, str, int]] = []
+    wanted = _wanted(mesh_frequency, shafts, harmonics, sidebands)
+    wanted = [w for w in wanted if whole.resolution < w.frequency < signal.nyquist - whole.resolution]
+    named: list[_Wanted] = []
+    # Where two shafts' sidebands fall together, the lower number names the line.
+    for each in sorted(wanted, key=lambda w: (abs(w.sideband), w.frequency)):
+        if all(abs(each.frequency - other.frequency) >= whole.resolution for other in named):
+            named.append(each)
+    far = _wanted(mesh_frequency, shafts, harmonics, max(sidebands, _ALSO)) if sidebands else []
+    threshold = np.sqrt(-2.0 * np.log(_LUCK / max(len(named), 1) / 3.0))  # three bins are looked at for each line
+    width = min(40.0, 3.0 * slowest / whole.resolution)
+    lines = []
+    for w in sorted(named, key=lambda w: w.frequency):
+        near = np.abs(whole.frequencies - w.frequency) <= whole.resolution
+        amplitude, noise = float(whole.amplitudes[near].max()), whole.noise(w.frequency, width)
+        also = tuple(
+            other.name
+            for other in far
+            if other.mesh_order == w.mesh_order
+            and other.shaft not in ("", w.shaft)
+            and abs(other.frequency - w.frequency) < whole.resolution
+        )
+        lines.append(
+            Line(w.name, w.frequency, w.mesh_order, w.shaft, w.sideband, also, amplitude, noise,
+                 amplitude > threshold * noise)
+        )  # fmt: skip
+    return LineTable(tuple(lines), mesh_frequency, dict(shafts), signal.unit)
+
+
+class _Wanted(NamedTuple):
+    """A line to look for."""
+
+    name: str
+    frequency: float
+    mesh_order: int
+    shaft: str
+    sideband: int
+
+
+def _wanted(mesh: float, shafts: Mapping[str, float], harmonics: int, sidebands: int) -> list[_Wanted]:
+    found = []
     for k in range(1, harmonics + 1):
-        wanted.append((f"{k} × mesh", k * mesh_frequency, k, "", 0))
+        found.append(_Wanted(f"{k} × mesh", k * mesh, k, "", 0))
         for shaft, f in shafts.items():
             for n in [*range(-sidebands, 0), *range(1, sidebands + 1)]:
                 sign = "+" if n > 0 else "−"
-                name = f"{k} × mesh {sign} {abs(n)} × {shaft}"
-                wanted.append((name, k * mesh_frequency + n * f, k, shaft, n))
-    wanted = [w for w in wanted if whole.resolution < w[1] < signal.nyquist - whole.resolution]
-    # A slower shaft's higher sideband may coincide with a faster one's first: the lower number names the line.
-    wanted.sort(key=lambda w: (abs(w[4]), w[1]))
-    kept: list[tuple[tuple[str, float, int, str, int], list[str]]] = []
-    for each in wanted:
-        same = next((k for k in kept if abs(k[0][1] - each[1]) < whole.resolution), None)
-        if same is None:
-            kept.append((each, []))
-        else:
-            same[1].append(each[0])
-    threshold = np.sqrt(-2.0 * np.log(_LUCK / len(kept) / 3.0))  # three bins are looked at for each line
-    lines = []
-    for (name, f, k, shaft, n), also in sorted(kept, key=lambda k: k[0][1]):
-        near = np.abs(whole.frequencies - f) <= whole.resolution
-        amplitude, noise = (
-            float(whole.amplitudes[near].max()),
-            whole.noise(f, min(40.0, 3.0 * slowest / whole.resolution)),
-        )
-        lines.append(Line(name, f, k, shaft, n, tuple(also), amplitude, noise, amplitude > threshold * noise))
-    return LineTable(tuple(lines), mesh_frequency, dict(shafts), signal.unit)
+                found.append(_Wanted(f"{k} × mesh {sign} {abs(n)} × {shaft}", k * mesh + n * f, k, shaft, n))
+    return found
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,7 @@ The steps are in :mod:`gearbox.updating_chain`; here is the command and the way 
 from __future__ import annotations
 
 import os
-import sys
-import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,7 +102,12 @@ def main(arguments: list[str]) -> int:
         if value is not None and value < least:
             parser.error(f"--{name} {value}: give a whole number, {least} or more")
     _check_out(Path(given.out))
-    with _Teller(given.quiet) as progress:
+    # Simulations run side by side: threads of linear algebra in each would only stand in each other's way.
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    from gearbox.telling import Teller
+
+    with Teller(given.quiet) as progress:
         result = update(
             given.study, given.out, processes=given.processes, progress=progress, seed=given.seed,
             objective=given.objective)  # fmt: skip
@@ -151,37 +153,3 @@ def _show(result: UpdatingResult, out: Path) -> None:
     for each in result.directions:
         console.print(each.describe(), soft_wrap=True)
     console.print(f"report: {out / 'report.html'}", soft_wrap=True)
-
-
-class _Teller(AbstractContextManager["_Teller"]):
-    """A line that moves on a terminal, now and then a plain line elsewhere, or nothing."""
-
-    def __init__(self, quiet: bool) -> None:
-        self.quiet, self._status = quiet, None
-        self._begun = self._told = time.monotonic()
-        self._last = ""
-
-    def __call__(self, text: str) -> None:
-        if self.quiet:
-            return
-        now = time.monotonic()
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.text import Text
-
-            if self._status is None:
-                self._status: Any = Console(stderr=True, highlight=False).status("")
-                self._status.start()
-            self._status.update(Text(f"{now - self._begun:6.1f} s  {text}"))
-            return
-        # Runs of one kind follow each other fast: one line every few seconds is enough in a log.
-        kind = text.partition(":")[0]
-        if kind != self._last or now - self._told > 5.0:
-            sys.stderr.write(f"{now - self._begun:6.1f} s  {text}\n")
-            sys.stderr.flush()
-            self._last, self._told = kind, now
-
-    def __exit__(self, *error: object) -> None:
-        if self._status is not None:
-            self._status.stop()
-            self._status = None

@@ -254,7 +254,7 @@ class UpdatingChain:
             seed=np.random.default_rng([s.seed, 7]),
         )
         return best, local_maxima(
-            choice.surface, choice.surface.space, starts=60, seed=np.random.default_rng([s.seed, 8])
+            choice.surface, choice.surface.space, starts=30, seed=np.random.default_rng([s.seed, 8])
         )
 
     def candidate(self, origin: str, values: Mapping[str, float], predicted: float = float("nan")) -> Candidate:

@@ -102,7 +102,7 @@ def surface(result: UpdatingResult) -> Figure:
         axis.plot([best.values[fitted.space.names[i]]], [best.predicted], "*", color="#000000", markersize=9)
         axis.set_xlabel(name)
         axis.ticklabel_format(axis="x", style="sci", scilimits=(-3, 4))
-        axis.set_title("through the optimum", fontsize=9)
+    axes[0, 1].set_title("cuts through the optimum", fontsize=9)
     return figure
 
 

@@ -116,15 +116,17 @@ def _components(model: Model, work: Assembly) -> None:
                 Unknown(f"{owner}.{name}", variable(owner, name), variable(owner, "_zero", name))
             )
             work.output(f"{owner}.{name}", item.unit, item.meaning, variable(owner, name))
+        before = len(work.statements)
         try:
-            statements = method_statements(scope, "equations")
-            work.statements += statements
-            work.faults += _without_equation(owner, component, statements)
+            work.statements += method_statements(scope, "equations")
         except EquationError as error:
             work.faults += str(error).splitlines()
+            before = -1
         hook = getattr(component, "assemble", None)
         if hook is not None and not component.faults:
-            hook(owner, work)
+            hook(owner, work)  # equations whose number depends on options
+        if before >= 0 and (hook is None or not component.faults):
+            work.faults += _without_equation(owner, component, work.statements[before:])
     for entry in model.inputs.values():
         _model_input(work, entry)
 

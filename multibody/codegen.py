@@ -19,7 +19,7 @@ from multibody.ordering import Block, Item, dependencies, ordered
 
 __all__ = ["Source", "generate"]
 
-_HEADER = "import math\n\nfrom numba import njit\n"
+_HEADER = "import math\n"
 _NEWTON_STEPS = 40
 
 
@@ -63,10 +63,6 @@ def generate(work: Assembly) -> Source:
         text = _function(work, "rhs", "dx", unknown_items, unknowns, tangent=False)
         if faults := unsolvable(work, blocks, text, [*kernel_texts, *tangent_texts]):
             raise ModelError(work.name, faults)
-    kernels, tangents = (
-        [f"@njit(cache=True, error_model='numpy')\n{text}" for text in part]
-        for part in (kernel_texts, tangent_texts)
-    )
     texts = {
         "rhs": _function(work, "rhs", "dx", rate_items, rates, tangent=False),
         "outputs": _function(work, "outputs", "y", output_items, shown, tangent=False),
@@ -74,7 +70,7 @@ def generate(work: Assembly) -> Source:
         "outputs_tangent": _function(work, "outputs_tangent", "out", output_items, shown, tangent=True),
     }
     texts = {
-        name: "\n\n".join([_HEADER, *kernels, *(tangents if "_tangent(" in body else ()), body]) + "\n"
+        name: "\n\n".join([_HEADER, *kernel_texts, *(tangent_texts if "_tangent(" in body else ()), body]) + "\n"
         for name, body in texts.items()
     }
     deps = dependencies(rate_items, [q.variable for q in work.states])
@@ -82,9 +78,7 @@ def generate(work: Assembly) -> Source:
     return Source(texts, sparsity.reshape(len(rates), len(rates)))
 
 
-def _function(
-    work: Assembly, name: str, result: str, items: list[Item], wanted: list[str], *, tangent: bool
-) -> str:
+def _function(work: Assembly, name: str, result: str, items: list[Item], wanted: list[str], *, tangent: bool) -> str:
     used = {n for item in items for n in item.reads} | set(wanted)
     lines: list[str] = []
     seeds: set[str] = set()

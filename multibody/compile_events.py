@@ -20,7 +20,6 @@ def on_compile(callback: Callable[[str, float | None], None]) -> Callable[[], No
     ``seconds`` is None when it begins and the time taken when it ends.  Returns a function that ends the
     subscription.
     """
-    listen_to_numba()
     _listeners.append(callback)
     return lambda: _listeners.remove(callback)
 

@@ -10,17 +10,12 @@ With ``NUMBA_DISABLE_JIT=1`` the same text runs as plain Python everywhere.
 
 from __future__ import annotations
 
-import ast
 import ctypes
-import hashlib
 import importlib
 import importlib.util
-import os
 import sys
-import tempfile
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -29,13 +24,17 @@ from typing import Any
 
 import numpy as np
 
-from multibody.compile_events import listen_to_numba, on_compile, tell
+from multibody.cache import cache_dir, digest_of, fingerprint, write_once
+from multibody.compile_events import listen_to_numba, on_compile
+from multibody.compiler.entries import jit_enabled, module_texts
+from multibody.compiler.kinds import FLOAT, FLOATS, Outside
 
 __all__ = [
     "NativeFunction",
     "cache_dir",
     "compile_rhs",
     "compile_tangent",
+    "compile_text",
     "fingerprint",
     "jit_enabled",
     "load_driver",
@@ -45,78 +44,6 @@ __all__ = [
 
 RHS_ARRAYS = 4
 TANGENT_ARRAYS = 7
-
-
-def cache_dir() -> Path:
-    """Return the folder of generated sources and compiled code, and create it.
-
-    It is the environment variable ``VTSDT_CACHE`` if that is set, else the user's cache folder for ``vtsdt``.
-    """
-    named = os.environ.get("VTSDT_CACHE")
-    if named:
-        folder = Path(named).expanduser()
-    else:
-        from platformdirs import user_cache_path
-
-        folder = user_cache_path("vtsdt")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OSError(
-            f"the cache folder '{folder}' cannot be made ({error}): set VTSDT_CACHE to a writable folder"
-        ) from error
-    if not os.access(folder, os.W_OK):
-        raise OSError(f"the cache folder '{folder}' cannot be written to: set VTSDT_CACHE to a writable folder")
-    return folder
-
-
-def jit_enabled() -> bool:
-    """Tell whether functions are compiled (``NUMBA_DISABLE_JIT=1`` turns that off)."""
-    import numba
-
-    config: Any = numba.config
-    return not config.DISABLE_JIT
-
-
-@lru_cache(maxsize=1)
-def _platform() -> str:
-    import llvmlite
-    import numba
-    from llvmlite import binding
-
-    features = binding.get_host_cpu_features().flatten()
-    versions = (numba.__version__, llvmlite.__version__, sys.version, binding.get_host_cpu_name(), features)
-    return "\n".join(versions)
-
-
-def fingerprint(*texts: str) -> str:
-    """Return 16 hexadecimal digits that change with the texts, the compiler's version and the processor."""
-    digest = hashlib.sha256(_platform().encode())
-    for text in texts:
-        digest.update(len(text).to_bytes(8, "little"))
-        digest.update(text.encode())
-    return digest.hexdigest()[:16]
-
-
-def _write_once(path: Path, text: str) -> None:
-    """Put ``text`` at ``path`` unless it is there: its time stamp is part of the compiled code's key."""
-    if path.exists() and path.read_text(encoding="utf-8") == text:
-        return
-    handle, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
-    with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-        stream.write(text)
-    try:
-        if path.exists():
-            os.replace(draft, path)
-        else:
-            # A link fails where another process was first; a rename would give its file a new time stamp.
-            os.link(draft, path)
-    except FileExistsError:
-        pass
-    except OSError:
-        os.replace(draft, path)
-    finally:
-        Path(draft).unlink(missing_ok=True)
 
 
 #: A module stands in ``sys.modules`` while it is executed; another thread must not take it half made.
@@ -144,12 +71,12 @@ def load_source(text: str, stem: str) -> ModuleType:
 
 
 def _load(text: str, stem: str) -> ModuleType:
-    name = f"{stem}_{fingerprint(text)}"
+    name = f"{stem}_{digest_of(text)}"
     module_name = f"vtsdt_native_{name}"
     if module_name in sys.modules:
         return sys.modules[module_name]
     path = cache_dir() / f"{name}.py"
-    _write_once(path, text)
+    write_once(path, text)
     spec = importlib.util.spec_from_file_location(module_name, path)
     if spec is None or spec.loader is None:
         raise ImportError(f"'{path}' cannot be loaded as a Python module")
@@ -163,29 +90,14 @@ def _load(text: str, stem: str) -> ModuleType:
     return module
 
 
-def _module_text(name: str) -> tuple[str, Path]:
-    spec = importlib.util.find_spec(name)
-    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-        raise ImportError(f"driver module '{name}' has no source file")
-    path = Path(spec.origin)
-    return path.read_text(encoding="utf-8"), path
-
-
-def _dependencies(text: str, own: set[str]) -> Iterator[str]:
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in own:
-            yield node.module
-        elif isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if alias.name.split(".")[0] in own)
-
-
 @lru_cache(maxsize=64)
 def load_driver(name: str) -> ModuleType:
     """Load a module of compiled drivers so that its cache never serves code from before an edit.
 
-    numba looks only at the file of the cached function, not at the files of the functions that it calls.  So
-    the driver is loaded from a copy whose name holds the hash of its text and of every project module that it
-    imports, directly or not.
+    Drivers written in the compiler's subset (`multibody.solvers.kernels.calls`) are imported as they are: the key of
+    their machine code holds the texts of every project module that they import.  A driver that imports numba is
+    loaded from a copy whose name holds the hash of those texts, because numba looks only at the file of the
+    cached function, not at the files of the functions that it calls.
 
     Parameters
     ----------
@@ -195,19 +107,18 @@ def load_driver(name: str) -> ModuleType:
     """
     if not jit_enabled():
         return importlib.import_module(name)
-    text, path = _module_text(name)
-    own = {name.split(".")[0], "multibody"}
-    texts: dict[str, str] = {}
-    waiting = list(_dependencies(text, own))
-    while waiting:
-        other = waiting.pop()
-        if other not in texts:
-            texts[other] = _module_text(other)[0]
-            waiting.extend(_dependencies(texts[other], own))
-    ordered = [part for key in sorted(texts) for part in (key, texts[key])]
-    seal = f"\n# Copy of {path.name}; the modules that it calls have the hash {fingerprint(*ordered)}.\n"
+    spec = importlib.util.find_spec(name)
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        raise ImportError(f"driver module '{name}' has no source file")
+    text = Path(spec.origin).read_text(encoding="utf-8")
+    if "from numba" not in text and "import numba" not in text:
+        return importlib.import_module(name)
+    from multibody.numba_code import platform
+
+    seal = digest_of(platform(), *module_texts(name))
+    text += f"\n# Copy of {Path(spec.origin).name}; it and the modules that it calls have the hash {seal}.\n"
     listen_to_numba()
-    return load_source(text + seal, name.replace(".", "_"))
+    return load_source(text, name.replace(".", "_"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,9 +154,7 @@ class NativeFunction:
             raise TypeError(f"{self.name} takes t and {self.arrays} arrays, {len(arrays)} arrays were given")
         out = arrays[-1]
         if not (isinstance(out, np.ndarray) and out.dtype == np.float64 and out.flags.c_contiguous):
-            raise TypeError(
-                f"{self.name} writes into its last argument: a contiguous float64 array is needed"
-            )
+            raise TypeError(f"{self.name} writes into its last argument: a contiguous float64 array is needed")
         inputs = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays[:-1]]
         self._native(float(t), *(a.ctypes.data for a in inputs), out.ctypes.data)
         self.check()
@@ -266,34 +175,7 @@ class NativeFunction:
 
 
 def _rebuild(text: str, stem: str, name: str, arrays: int, compiled: bool) -> NativeFunction:
-    return _compile(load_source(text, stem), name, arrays, compiled)
-
-
-def _signature(arrays: int) -> Any:
-    from numba import types
-
-    return types.void(types.float64, *([types.CPointer(types.float64)] * arrays))
-
-
-def _compile_native(python: Callable[..., None], arrays: int) -> Any:
-    from numba.core import sigutils
-    from numba.core.ccallback import CFunc
-
-    class Announced(CFunc):
-        def _compile_uncached(self) -> Any:
-            begun = time.perf_counter()
-            tell(python.__name__, None)
-            result = super()._compile_uncached()  # type: ignore[misc]
-            tell(python.__name__, time.perf_counter() - begun)
-            return result
-
-    # Division by zero gives inf or nan as in C, which the step control handles; an exception could not leave.
-    native = Announced(
-        python, sigutils.normalize_signature(_signature(arrays)), locals={}, options={"error_model": "numpy"}
-    )
-    native.enable_caching()
-    native.compile()
-    return native
+    return compile_text(text, stem, name, arrays, compiled)
 
 
 def _guard(python: Callable[..., None], faults: list[BaseException]) -> Callable[..., None]:
@@ -314,28 +196,50 @@ def _guard(python: Callable[..., None], faults: list[BaseException]) -> Callable
     return guarded
 
 
-def _plain(module: ModuleType, name: str) -> tuple[Callable[..., None], Callable[..., None]]:
-    """Return the undecorated function twice: for the compiler, and with its helpers undecorated too."""
+class _Plain:
+    """A function of a text in plain Python, with its helpers undecorated; the text is run when it is called."""
+
+    def __init__(self, text: str, stem: str, name: str) -> None:
+        self._text, self._stem, self.__name__ = text, stem, name
+        self._function: Callable[..., None] | None = None
+
+    def __call__(self, t: float, *arrays: Any) -> None:
+        if self._function is None:
+            self._function = _undecorated(load_source(self._text, self._stem), self.__name__)
+        self._function(t, *arrays)
+
+
+def _undecorated(module: ModuleType, name: str) -> Callable[..., None]:
     plain = dict(vars(module))
     for key, value in vars(module).items():
         inner = getattr(value, "py_func", value)
         if isinstance(inner, FunctionType) and inner.__module__ == module.__name__:
             plain[key] = FunctionType(inner.__code__, plain, key, inner.__defaults__, inner.__closure__)
-    function = getattr(module, name)
-    return getattr(function, "py_func", function), plain[name]
+    return plain[name]
 
 
-def _compile(module: ModuleType, name: str, arrays: int, compiled: bool) -> NativeFunction:
-    function, python = _plain(module, name)
-    path = Path(str(module.__file__))
-    stem = path.stem.rpartition("_")[0] or path.stem
-    origin = (path.read_text(encoding="utf-8"), stem) if path.exists() else ("", "")
+def compile_text(text: str, stem: str, name: str, arrays: int, compiled: bool = True) -> NativeFunction:
+    """Return the function ``name(t, *arrays)`` of a source text with a C address.
+
+    Parameters
+    ----------
+    text : str
+        Python source in the compiler's subset; what is outside it is compiled by numba.
+    stem : str
+        Beginning of the names of its files in the cache.
+    name : str
+        The function.
+    arrays : int
+        Number of its array arguments.
+    compiled : bool
+        False keeps it plain Python behind a C address, so that a debugger can step through it.
+    """
+    python = _Plain(text, stem, name)
     if compiled and jit_enabled():
-        native = _compile_native(function, arrays)
-        prototype = ctypes.CFUNCTYPE(None, ctypes.c_double, *([ctypes.c_void_p] * arrays))
-        entry = prototype(native.address)
-        entry.keep = native  # type: ignore[attr-defined]
-        return NativeFunction(name, native.address, python, arrays, True, origin, [], entry)
+        address, keep = _address(text, stem, name, arrays)
+        entry = _prototype(arrays)(address)
+        entry.keep = keep  # type: ignore[attr-defined]
+        return NativeFunction(name, address, python, arrays, True, (text, stem), [], entry)
 
     from multibody.solvers.kernels.calls import register_python
 
@@ -345,10 +249,40 @@ def _compile(module: ModuleType, name: str, arrays: int, compiled: bool) -> Nati
     back = ctypes.CFUNCTYPE(None, ctypes.c_double, *([pointer] * arrays))(guarded)
     address = ctypes.cast(back, ctypes.c_void_p).value or 0
     register_python(address, guarded)
-    prototype = ctypes.CFUNCTYPE(None, ctypes.c_double, *([ctypes.c_void_p] * arrays))
-    entry = prototype(address)
+    entry = _prototype(arrays)(address)
     entry.keep = back  # type: ignore[attr-defined]
-    return NativeFunction(name, address, python, arrays, False, origin, faults, entry)
+    return NativeFunction(name, address, python, arrays, False, (text, stem), faults, entry)
+
+
+@lru_cache(maxsize=8)
+def _prototype(arrays: int) -> Any:
+    return ctypes.CFUNCTYPE(None, ctypes.c_double, *([ctypes.c_void_p] * arrays))
+
+
+def _address(text: str, stem: str, name: str, arrays: int) -> tuple[int, Any]:
+    from multibody.compiler.build import build
+
+    def unit() -> Any:
+        from multibody.compiler.units import unit_of_text
+
+        path = cache_dir() / f"{stem}_{digest_of(text)}.py"
+        write_once(path, text)  # to read, and to step through
+        return unit_of_text(text, str(path))
+
+    try:
+        return build(stem, (text,), unit, name, (FLOAT, *[FLOATS] * arrays))[0], None
+    except Outside:
+        from multibody.numba_code import compile_function, with_helpers_compiled
+
+        module = load_source(with_helpers_compiled(text, name), f"{stem}_numba")
+        function = getattr(module, name)
+        native = compile_function(getattr(function, "py_func", function), arrays)
+        return native.address, native
+
+
+def _text_of(module: ModuleType) -> tuple[str, str]:
+    path = Path(str(module.__file__))
+    return path.read_text(encoding="utf-8"), path.stem.rpartition("_")[0] or path.stem
 
 
 def compile_rhs(module: ModuleType, name: str = "rhs", compile: bool = True) -> NativeFunction:
@@ -357,19 +291,20 @@ def compile_rhs(module: ModuleType, name: str = "rhs", compile: bool = True) -> 
     Parameters
     ----------
     module : ModuleType
-        May hold helpers decorated with ``@njit(cache=True, error_model="numpy")`` (without signatures: they
-        are called with pointers, which are indexed like arrays but have no length).
+        Its helpers are called with pointers, which are indexed like arrays but have no length.
     name : str
         Name of the function.
     compile : bool
         False keeps it plain Python behind a C address, so that a debugger can step through it.
     """
-    return _compile(module, name, RHS_ARRAYS, compile)
+    text, stem = _text_of(module)
+    return compile_text(text, stem, name, RHS_ARRAYS, compile)
 
 
 def compile_tangent(module: ModuleType, name: str = "rhs_tangent", compile: bool = True) -> NativeFunction:
     """Compile ``name(t, x, u, p, x_dot, u_dot, p_dot, out)``; otherwise as `compile_rhs`."""
-    return _compile(module, name, TANGENT_ARRAYS, compile)
+    text, stem = _text_of(module)
+    return compile_text(text, stem, name, TANGENT_ARRAYS, compile)
 
 
 def __getattr__(name: str) -> Any:

@@ -79,12 +79,12 @@ def places_of(model: Model, net: Network, kinematics: Kinematics) -> list[Place]
                 first, second, a, b = second, first, b, a
             note(owner, f"{owner}.{first}", "ground" if still(b) else f"{owner}.{second}", a, None if still(b) else b)
     for node in net.nodes:
-        if node.domain in ("translation", "rotation") and node.inertial and kinematics.moves(node):
-            port = node.inertial[0]
-            note(port.owner, port.name, "ground", node, None)
         if node.axes and kinematics.moves(node):
             port = node.axes[0]
             note(f"{port.owner}.{port.coordinate}", port.name, "ground", node, None)
+        if node.domain in ("translation", "rotation") and node.inertial and kinematics.moves(node):
+            port = node.inertial[0]
+            note(port.owner, port.name, "ground", node, None)
     places = []
     for entries in found.values():
         name, first, second, node, other = entries[0]

@@ -192,19 +192,17 @@ class System:
     # ---------------------------------------------------------------- functions
 
     def _native(self, name: str) -> NativeFunction:
-        from multibody.native import compile_rhs, compile_tangent, compiling, load_source
+        from multibody.native import RHS_ARRAYS, TANGENT_ARRAYS, compile_text, compiling
 
-        compile_ = compile_tangent if name.endswith("tangent") else compile_rhs
-        module = load_source(self.texts[name], name)
+        arrays = TANGENT_ARRAYS if name.endswith("tangent") else RHS_ARRAYS
+        text = self.texts[name]
         try:
             with compiling:  # two threads that ask at once would compile twice
-                return compile_(module, name, self.compiled)
+                return compile_text(text, name, name, arrays, self.compiled)
         except Exception as error:
             if not type(error).__module__.startswith("numba"):
                 raise
-            raise EquationError(
-                f"'{self.name}': the equations in {module.__file__} could not be compiled: {error}"
-            ) from error
+            raise EquationError(f"'{self.name}': the equations could not be compiled: {error}") from error
 
     @cached_property
     def rhs_function(self) -> NativeFunction:

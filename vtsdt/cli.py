@@ -13,7 +13,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from vtsdt.cli_arguments import ELSEWHERE, CommandError, parser
 from vtsdt.progress import Progress
@@ -63,7 +62,12 @@ def _run_axis(args: argparse.Namespace) -> int:
     with Progress(args.quiet) as progress:
         progress("prepare the model of the axis")
         from discrepancy.axis import list_axis, make_axis
+        from discrepancy.trip_plan import TripPlan
 
+        try:
+            plan = TripPlan.parse(args.trip)
+        except ValueError as error:
+            raise CommandError(f"--trip {args.trip}: {error}") from error
         if args.list:
             rows = list_axis(strength=args.strength, dry=args.dry_friction)
         else:
@@ -76,27 +80,17 @@ def _run_axis(args: argparse.Namespace) -> int:
                 args.disturbance,
                 dry=args.dry_friction,
                 over=args.unknown_over,
+                plan=plan,
                 progress=progress,
             )
     if args.list:
-        _print_list(rows)
+        from discrepancy.rig_texts import list_table
+
+        print(list_table(rows))
     elif not args.quiet:
         print(f"{args.trips} synthetic recordings of a virtual axis are in {study.parent}")
         print(f"next: vtsdt diagnose {study} --out {study.parent / 'diagnosis'}")
     return 0
-
-
-def _print_list(rows: Sequence[dict[str, Any]]) -> None:
-    from discrepancy.hidden import strengths_of
-
-    table = [("KIND", "WHERE", "USUAL SIZE")]
-    for row in rows:
-        sizes = strengths_of(row)
-        told = ", ".join(f"{n} {abs(v['value']):.3g} {v['unit']}".rstrip() for n, v in sizes.items())
-        table.append((row["kind"], row["where"], told))
-    wide = [max(len(r[k]) for r in table) for k in (0, 1)]
-    for kind, where, told in table:
-        print(f"{kind:<{wide[0]}}  {where:<{wide[1]}}  {told}")
 
 
 def _function(target: str, command: str) -> Callable[..., int | None]:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-__all__ = ["ELSEWHERE", "CommandError", "Elsewhere", "parser"]
+__all__ = ["ELSEWHERE", "CommandError", "Elsewhere", "Parser", "common", "number", "parser", "whole"]
 
 
 class CommandError(ValueError):
@@ -37,7 +37,9 @@ ELSEWHERE = {
 }
 
 
-class _Parser(argparse.ArgumentParser):
+class Parser(argparse.ArgumentParser):
+    """A parser that raises `CommandError` instead of ending the process."""
+
     def error(self, message: str) -> NoReturn:
         found = re.match(r"argument (\w+): invalid choice: '([^']*)' \(choose from (.*)\)", message)
         if found:
@@ -50,7 +52,9 @@ class _Parser(argparse.ArgumentParser):
         raise CommandError(f"{message}\n{self.format_usage().strip()}")
 
 
-def _whole(least: int, what: str) -> Callable[[str], int]:
+def whole(least: int, what: str) -> Callable[[str], int]:
+    """Return a reader of whole numbers of at least ``least``."""
+
     def read(text: str) -> int:
         try:
             number = int(text)
@@ -63,7 +67,9 @@ def _whole(least: int, what: str) -> Callable[[str], int]:
     return read
 
 
-def _number(above: bool, what: str) -> Callable[[str], float]:
+def number(above: bool, what: str) -> Callable[[str], float]:
+    """Return a reader of numbers above zero (``above``) or of zero and more."""
+
     def read(text: str) -> float:
         try:
             number = float(text)
@@ -77,7 +83,8 @@ def _number(above: bool, what: str) -> Callable[[str], float]:
     return read
 
 
-def _common(parser: argparse.ArgumentParser, out: bool = True) -> None:
+def common(parser: argparse.ArgumentParser, out: bool = True) -> None:
+    """Add ``--out``, ``--quiet`` and ``--debug``."""
     parser.add_argument(
         "--out", metavar="DIR", required=out, help="folder to write into; made if it is not there"
     )
@@ -89,7 +96,7 @@ def _study(commands: Any, name: str, help_text: str, description: str) -> argpar
     parser: argparse.ArgumentParser = commands.add_parser(name, help=help_text, description=description)
     parser.add_argument("study", metavar="STUDY.toml", help="the study file")
     parser.add_argument(
-        "--seed", metavar="N", type=_whole(0, "seed"), help="of all random numbers; default: the study's"
+        "--seed", metavar="N", type=whole(0, "seed"), help="of all random numbers; default: the study's"
     )
     parser.set_defaults(run="study", command=name)
     return parser
@@ -97,7 +104,7 @@ def _study(commands: Any, name: str, help_text: str, description: str) -> argpar
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
-    top = _Parser(
+    top = Parser(
         prog="vtsdt",
         description=(
             "Lay a physics model of a machine beside its recordings and learn which effect is missing."),
@@ -118,11 +125,11 @@ def parser() -> argparse.ArgumentParser:
     diagnose.add_argument(
         "--max-effects",
         metavar="N",
-        type=_whole(0, "number of effects"),
+        type=whole(0, "number of effects"),
         help="effects added at most; default: the study's",
     )
-    _common(diagnose)
-    _common(
+    common(diagnose)
+    common(
         _study(
             commands,
             "compare",
@@ -172,22 +179,22 @@ def _axis(machines: Any) -> None:
         "--list", action="store_true", help="print what can be hidden, where, and its usual size"
     )
     axis.add_argument(
-        "--seed", metavar="N", type=_whole(0, "seed"), default=0, help="of all random numbers (default 0)"
+        "--seed", metavar="N", type=whole(0, "seed"), default=0, help="of all random numbers (default 0)"
     )
     axis.add_argument(
-        "--trips", metavar="N", type=_whole(2, "number of trips"), default=8, help="recordings (default 8)"
+        "--trips", metavar="N", type=whole(2, "number of trips"), default=8, help="recordings (default 8)"
     )
     axis.add_argument(
         "--strength",
         metavar="FACTOR",
-        type=_number(True, "factor"),
+        type=number(True, "factor"),
         default=1.0,
         help="factor on the usual size of what is hidden (default 1)",
     )
     axis.add_argument(
         "--disturbance",
         metavar="N",
-        type=_number(False, "force"),
+        type=number(False, "force"),
         default=3.0,
         help="root mean square of the force that disturbs the carriage, N (default 3)",
     )
@@ -195,10 +202,17 @@ def _axis(machines: Any) -> None:
         "--dry-friction", action="store_true", help="the guide has dry friction, which the model knows"
     )
     axis.add_argument(
+        "--trip",
+        metavar="PLAN",
+        default="",
+        help="other trips of the same machine, as diagnose proposes them: speed=0.5,amplitude=1.5,mirror,stops=3,"
+        "load=1.5,sensor=OUTPUT, any of these",
+    )
+    axis.add_argument(
         "--unknown-over",
         metavar="WHAT",
         default="position",
         help="what unknown_force depends on: position, speed or time (default position)",
     )
-    _common(axis, out=False)
+    common(axis, out=False)
     axis.set_defaults(run="axis")

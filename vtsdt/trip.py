@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["check_reference", "rest", "run"]
 
 _G = 9.80665
+_SETTLING, _SETTLINGS = 2.0, 3  # s of standstill, and how often, in which shoes find their place between the rails
 _SLACK = 0.02  # m by which a reference may pass the ends of the travel
 
 
@@ -26,7 +27,9 @@ def rest(lift: Lift, height: float | None = None, *, system: System | None = Non
     """Return the state at rest with the cabin at a height.
 
     Every model starts from its own equilibrium: the brake's place is that of the pulley, whose angle is held;
-    the motor current that keeps it there is found with the rest.
+    the motor current that keeps it there is found with the rest.  Shoes that have play between bent rails can leave
+    Newton's method without a way; the lift is then simulated at a standstill until it hangs still, and the search
+    goes on from there.
 
     Parameters
     ----------
@@ -57,13 +60,29 @@ def rest(lift: Lift, height: float | None = None, *, system: System | None = Non
         # a tension that is a little off must not be balanced by tilting the cabin: its fall is left free
         inputs.setdefault("F_c", load * _G)
         guess.setdefault("cabin.z", height - drop_c - sunk)
-        return system.equilibrium(guess=guess, inputs=inputs, hold=("cabin.z", "cabin.v_z"), **options)
+        return _still(system, guess, inputs, ("cabin.z", "cabin.v_z"), options)
     guesses = {
         "cabin.z": height - drop_c - sunk, "counterweight.z": p.hoistway.travel - height - drop_cw - sunk,
         "pulley.angle": -moved / p.pulley.R_p, "support.plate_position": -sunk, "support.position": -sunk,
     }
     guess = {**{k: v for k, v in guesses.items() if k in system.state_names}, **guess}
-    return system.equilibrium(guess=guess, inputs=inputs, hold=("pulley.angle",), **options)
+    return _still(system, guess, inputs, ("pulley.angle",), options)
+
+
+def _still(
+    system: System, guess: Mapping[str, float], inputs: Mapping[str, float], hold: tuple[str, ...], options: Any
+) -> Equilibrium:
+    """Return the state at rest, by simulating until all hangs still where the guess alone does not lead to it."""
+    known = dict(guess)
+    for _ in range(_SETTLINGS):
+        try:
+            return system.equilibrium(guess=known, inputs=inputs, hold=hold, **options)
+        except SimulationError:
+            values = {"parameters": options["parameters"]} if options.get("parameters") is not None else {}
+            run = system.simulate(_SETTLING, inputs=inputs, initial=known, times=[_SETTLING], **values)
+            known = {**dict(zip(system.state_names, map(float, run.states[-1]), strict=True)),
+                     **{n: known.get(n, 0.0) for n in hold}}
+    return system.equilibrium(guess=known, inputs=inputs, hold=hold, **options)
 
 
 def check_reference(lift: Lift, times: np.ndarray, omega: np.ndarray, height: float) -> None:

@@ -135,7 +135,11 @@ class NativeSolver(OdeSolver):
         Write the states at these times and do without dense output, which is faster than ``t_eval``
         (`integrate` does that).
     control_directions : bool
-        Let the error of the directions limit the step as well.
+        Count the components of the directions among those of the state, with the same tolerances.
+    direction_rtol : float
+        Otherwise the error of a step in a direction is at most about this share of the direction's own size.  A
+        direction can need smaller steps than the state: where the state rests and the direction grows or stiffly
+        decays, the state's error says nothing.  Infinity leaves the directions without control.
     """
 
     ORDER: ClassVar[int] = 5
@@ -157,6 +161,7 @@ class NativeSolver(OdeSolver):
         internal_steps: int | None = None,
         samples: Samples | None = None,
         control_directions: bool = False,
+        direction_rtol: float = 1e-3,
         **extraneous: Any,
     ) -> None:
         if problem is None:
@@ -181,6 +186,10 @@ class NativeSolver(OdeSolver):
         self.max_step = max_step
         self.rtol = np.maximum(_tolerance("rtol", rtol, problem), 100 * np.finfo(float).eps)
         self.atol = _tolerance("atol", atol, problem)
+        if not direction_rtol > 0.0:
+            raise ProblemError(f"direction_rtol must be positive, it is {direction_rtol}")
+        if not control_directions and np.shape(rtol) != (problem.size,):
+            self.rtol[problem.n :] = min(direction_rtol, 1e300)
         self.field = problem.field()
         self._driver = load_driver(self.DRIVER)
         self._count = problem.size if control_directions else problem.n
@@ -194,7 +203,7 @@ class NativeSolver(OdeSolver):
             self._steps = internal_steps or int(np.clip(fitting, 1, 64))
             slots = self._steps
         self._store = (np.empty((slots, 2)), np.empty((slots, size)), np.empty((slots, self.STAGES, size)))
-        self._work = np.empty(2 * size)
+        self._work = np.zeros(3 * size)
         self._state = self.y.copy()
         self._clock = np.zeros(8)
         self._tally = np.zeros(11, dtype=np.int64)

@@ -38,6 +38,7 @@ class Rodas5P(NativeSolver):
         self._work = np.zeros(vectors)
         self._owner = np.ascontiguousarray(self.problem.owners(), dtype=np.int64)
         self._pivots = np.zeros(n, dtype=np.int64)
+        self._largest = np.zeros(size)
 
     def _extra(self) -> tuple[Any, ...]:
-        return self._owner, self._pivots
+        return self._owner, self._pivots, self._largest

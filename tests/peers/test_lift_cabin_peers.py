@@ -2,7 +2,7 @@
 
 MuJoCo does the rigid body: places and speeds of the shoes, and the acceleration that their forces give.  Its own
 contacts are another law (soft constraints), so the forces of Eqs. 3 and 4 are computed here, with SciPy's PCHIP for
-the rails, and applied at the sites.  Exudyn is not compared.
+the rails, and applied at the sites.  Exudyn integrates a motion in `test_lift_cabin_exudyn`.
 """
 
 from __future__ import annotations

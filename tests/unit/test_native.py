@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from multibody import native
+from multibody.cache import write_once
 
 PENDULUM = """
 import math
@@ -51,9 +52,7 @@ def cache(tmp_path, monkeypatch):
 def run(code: str, cache: Path, **environment: str) -> str:
     """Run code in a fresh interpreter and return what it writes."""
     env = {**os.environ, "VTSDT_CACHE": str(cache), **environment}
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)], env=env, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], env=env, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
@@ -99,7 +98,7 @@ def test_many_writers_leave_one_whole_file(cache):
     seen = []
 
     def write():
-        native._write_once(path, text)
+        write_once(path, text)
         seen.append(path.read_text())
 
     threads = [threading.Thread(target=write) for _ in range(16)]
@@ -195,8 +194,7 @@ def test_an_edited_helper_of_a_driver_is_never_served_stale(cache, tmp_path):
         "@njit(cache=True)\ndef drive(x):\n    return middle(x)\n"
     )
     (package / "middle.py").write_text(
-        "from numba import njit\nfrom edited.helper import helper\n\n\n"
-        "@njit\ndef middle(x):\n    return helper(x)\n"
+        "from numba import njit\nfrom edited.helper import helper\n\n\n@njit\ndef middle(x):\n    return helper(x)\n"
     )
     code = """
         from multibody import native
@@ -210,7 +208,14 @@ def test_an_edited_helper_of_a_driver_is_never_served_stale(cache, tmp_path):
         if not helper.exists() or f"{factor} *" not in helper.read_text():
             helper.write_text(f"from numba import njit\n\n\n@njit\ndef helper(x):\n    return {factor} * x\n")
             os.utime(helper, (1.0, 1.0))  # the time stamp says nothing
-        results.append(run(code, cache, PYTHONPATH=str(tmp_path), PYTHONDONTWRITEBYTECODE="1"))
+        results.append(
+            run(
+                code,
+                cache,
+                PYTHONPATH=os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]),
+                PYTHONDONTWRITEBYTECODE="1",
+            )
+        )
     assert results == ["2.0 compiled", "2.0 cached", "3.0 compiled"]
 
 

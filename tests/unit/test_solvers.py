@@ -385,6 +385,20 @@ def test_controlling_directions_costs_steps_and_follows_their_scale():
     assert evaluations(control_directions=True, scale=1e4) > 1.5 * evaluations()
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_directions_are_right_where_the_state_is_at_rest(method):
+    """An oscillator at rest: its own error is zero whatever the step, the derivative swings with cos(20 t)."""
+    t = np.linspace(0.0, 3.0, 31)
+    prob = problem("oscillator", (400.0, 0.0), directions=Directions([[1.0, 0.0]], [[0.0, 0.0]]))
+
+    def error(**options):
+        return np.max(np.abs(integrate(prob, (0.0, 3.0), [0.0, 0.0], t, method, **options).y[2] - np.cos(20.0 * t)))
+
+    assert error() < 0.05
+    assert error(direction_rtol=1e-5) < 1e-3
+    assert not error(direction_rtol=np.inf) < 0.5
+
+
 def test_shared_colours_give_the_same_jacobian():
     whole = problem("oscillator", (400.0, 1.0))
     shared = problem(

@@ -2,44 +2,63 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit, types
-
-from multibody.solvers.kernels.calls import call_rhs, call_tangent
-
-V = types.float64[::1]
-M = types.float64[:, ::1]
-T = types.float64[:, :, ::1]
-U = types.uintp
+from multibody.solvers.kernels.calls import call_rhs, call_tangent, entry, pointer, shift
 
 
-@njit(types.void(U, V, M, M, V, M), cache=True)
+@entry
 def rhs_along(address, times, states, inputs, p, out):
     """Evaluate ``f(t, x, u, p)`` at every row; out has one row for each."""
+    n, n_u, rows = states.shape[1], inputs.shape[1], out.shape[1]
+    x, u, y, values = pointer(states), pointer(inputs), pointer(out), pointer(p)
     for k in range(times.size):
-        call_rhs(address, times[k], states[k], inputs[k], p, out[k])
+        call_rhs(address, times[k], shift(x, k * n), shift(u, k * n_u), values, shift(y, k * rows))
 
 
-@njit(types.void(U, V, M, M, V, M, M, M, T), cache=True)
+@entry
 def tangents_along(address, times, states, inputs, p, x_dot, u_dot, p_dot, out):
     """Evaluate m directional derivatives at every row; x_dot (m, n), u_dot (m, n_u), p_dot (m, n_p), out (nt, m, ·)."""
-    for k in range(times.size):
-        for j in range(x_dot.shape[0]):
-            call_tangent(address, times[k], states[k], inputs[k], p, x_dot[j], u_dot[j], p_dot[j], out[k, j])
-
-
-@njit(types.void(U, V, M, M, M, V, M, M, types.int64[::1], M, T), cache=True)
-def observe_along(address, times, states, inputs, input_rates, p, p_dot, shape, channel, delays, out):
-    """Derivative of the outputs along directions, from states [x, S_0, S_1, …] row by row; out is (nt, m, n_y)."""
-    m = p_dot.shape[0]
-    n = states.shape[1] // (m + 1)
-    u_dot = np.zeros(inputs.shape[1])
+    n, n_u, n_p, m, rows = x_dot.shape[1], u_dot.shape[1], p_dot.shape[1], out.shape[1], out.shape[2]
+    x, u, values, y = pointer(states), pointer(inputs), pointer(p), pointer(out)
+    dx, du, dp = pointer(x_dot), pointer(u_dot), pointer(p_dot)
     for k in range(times.size):
         for j in range(m):
-            for c in range(u_dot.size):
+            call_tangent(
+                address,
+                times[k],
+                shift(x, k * n),
+                shift(u, k * n_u),
+                values,
+                shift(dx, j * n),
+                shift(du, j * n_u),
+                shift(dp, j * n_p),
+                shift(y, (k * m + j) * rows),
+            )
+
+
+@entry
+def observe_along(address, times, states, inputs, input_rates, p, p_dot, shape, channel, delays, u_dot, out):
+    """Derivative of the outputs along directions, from states [x, S_0, S_1, …] row by row; out is (nt, m, n_y).
+
+    ``u_dot``, shape (n_u,), is room for the inputs' tangent.
+    """
+    m, width, n_u, n_p, rows = out.shape[1], states.shape[1], inputs.shape[1], p_dot.shape[1], out.shape[2]
+    n = width // (m + 1)
+    u, values, dp, du, y = pointer(inputs), pointer(p), pointer(p_dot), pointer(u_dot), pointer(out)
+    for k in range(times.size):
+        x = shift(pointer(states), k * width)
+        for j in range(m):
+            for c in range(n_u):
                 u_dot[c] = delays[j, c] * input_rates[k, c]
             if channel[j] >= 0:
                 u_dot[channel[j]] += shape[k, j]
             call_tangent(
-                address, times[k], states[k, :n], inputs[k], p, states[k, n * (j + 1) : n * (j + 2)], u_dot, p_dot[j],
-                out[k, j])
+                address,
+                times[k],
+                x,
+                shift(u, k * n_u),
+                values,
+                shift(x, n * (j + 1)),
+                du,
+                shift(dp, j * n_p),
+                shift(y, (k * m + j) * rows),
+            )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from multibody.solvers.kernels.bundle import N
 from multibody.solvers.kernels.calls import entry, inner, pointer, shift
 from multibody.solvers.kernels.field import evaluate
 from multibody.solvers.kernels.stepping import (
@@ -32,9 +33,11 @@ from multibody.solvers.kernels.stepping import (
     WANTED,
     WORST,
     T,
+    direction_error,
     first_step,
     mean_error,
     plan,
+    remember_largest,
     settle,
     worst,
 )
@@ -142,7 +145,7 @@ def write_samples(clock, tally, size, y, k, count, sample_t, rows, sample_y):
 
 
 @inner
-def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors):
+def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, largest):
     """Take one step with error control from y; return False if it would have to be too small."""
     t = clock[T]
     if clock[STEP] == 0.0:
@@ -160,14 +163,18 @@ def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors):
             tally[KNOWN] = 1
         stages(c, t, t_new - t, size, y, k, y_new)
         tally[EVALUATIONS] += 6
-        raw_errors(t_new - t, size, count, k, errors)
+        raw_errors(t_new - t, size, size, k, errors)
         error = mean_error(count, y, y_new, errors, rtol, atol, errors)
+        if count < size:
+            error = max(error, direction_error(c[N], size, y, y_new, errors, rtol, atol, largest))
         if error <= 1.0:
             break
         limit = h
         tally[REJECTED] += 1
         tally[WORST] = worst(count, errors)
         proposal = h * max(0.2, 0.9 * error**-0.17) if math.isfinite(error) else 0.2 * h
+    if count < size:
+        remember_largest(c[N], size, y_new, largest)
     # 0.17 = 1/5 - 0.75 * 0.04
     settle(clock, h, t_new, error, 0.17, 0.04, proposal if clipped else 0.0, limit)
     tally[KNOWN] = 0 if jump else 2
@@ -186,7 +193,7 @@ def advance(numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, ato
     ticks, counts, times, samples = pointer(clock), pointer(tally), pointer(sample_t), pointer(sample_y)
     states, derivatives = pointer(store_y), pointer(store_k)
     relative, absolute = pointer(rtol), pointer(atol)
-    y_new, errors = pointer(work), shift(pointer(work), size)
+    y_new, errors, largest = pointer(work), shift(pointer(work), size), shift(pointer(work), 2 * size)
     tally[DONE] = 0
     while True:
         slot = tally[SLOT]
@@ -209,7 +216,7 @@ def advance(numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, ato
             tally[KNOWN] = 1
         for i in range(size):
             start[i] = y[i]
-        if not one_step(c, ticks, counts, size, count, start, k, y_new, relative, absolute, errors):
+        if not one_step(c, ticks, counts, size, count, start, k, y_new, relative, absolute, errors, largest):
             return TOO_SMALL
         store_t[slot, 0] = clock[T_OLD]
         store_t[slot, 1] = clock[STEP_OLD]

@@ -37,9 +37,11 @@ from multibody.solvers.kernels.stepping import (
     WANTED,
     WORST,
     T,
+    direction_error,
     first_step,
     mean_error,
     plan,
+    remember_largest,
     settle,
     worst,
 )
@@ -236,7 +238,7 @@ def linearize(c, t, direction, size, y, f, f_t, shifted, owner, colours, zero, m
 
 
 @inner
-def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol, atol):
+def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol, atol, largest):
     """Take one step with error control from y; return False if it would have to be too small."""
     n, t, direction = c[N], clock[T], clock[DIRECTION]
     y_new, errors, f, f_t = work, shift(work, size), shift(work, 2 * size), shift(work, 3 * size)
@@ -269,6 +271,9 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
             stages(c, t, signed, size, y, f, f_t, factors, pivots, k, y_new, shifted, result)
             tally[EVALUATIONS] += 7
             error = mean_error(count, y, y_new, shift(k, 7 * size), rtol, atol, errors)
+            if count < size:
+                last = shift(k, 7 * size)
+                error = max(error, direction_error(n, size, y, y_new, last, rtol, atol, largest))
             if error <= 1.0:
                 break
             tally[WORST] = worst(count, errors)
@@ -278,6 +283,8 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
         limit = h
         tally[REJECTED] += 1
         proposal = h * max(0.2, 0.9 * error**-0.2) if math.isfinite(error) else 0.2 * h
+    if count < size:
+        remember_largest(n, size, y_new, largest)
     settle(clock, h, t_new, error, 0.2, 0.0, proposal if clipped else 0.0, limit)
     return True
 
@@ -299,6 +306,7 @@ def advance(
     sample_y,
     owner,
     pivots,
+    largest,
 ):
     """Take many steps; as `dormand_prince.advance`, with four vectors for the interpolant of each step."""
     size, c = y.size, pointer(numbers)
@@ -323,7 +331,19 @@ def advance(
         for i in range(size):
             start[i] = y[i]
         if not one_step(
-            c, ticks, counts, size, count, start, space, rows, columns, owner.shape[0], relative, absolute
+            c,
+            ticks,
+            counts,
+            size,
+            count,
+            start,
+            space,
+            rows,
+            columns,
+            owner.shape[0],
+            relative,
+            absolute,
+            pointer(largest),
         ):
             return TOO_SMALL
         store_interpolant(size, shift(space, 6 * size), space, k)

@@ -18,6 +18,7 @@ from multibody.solvers.kernels.field import evaluate, hold_at, next_break
 T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
 WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
 MORE, FINISHED, BUFFER_FULL, TOO_SMALL = 0, 1, 2, -1
+NEGLIGIBLE = 1e-4  # share of a direction's largest component below which a component needs no relative accuracy
 
 
 @inner
@@ -115,6 +116,40 @@ def mean_error(count, y, y_new, raw, rtol, atol, errors):
         errors[i] = e
         total += e * e
     return math.sqrt(total / count)
+
+
+@inner
+def direction_error(n, size, y, y_new, raw, rtol, atol, largest):
+    """Return the largest error of a direction: a root mean square over its components, in tolerances.
+
+    What a direction may be off by follows its own size: the relative tolerance of a component times the largest that
+    the component has been (``largest``), where the states' tolerances are the units in which components of a direction
+    compare.  A component that stays far below the others of its direction need not be relatively exact.
+    """
+    found = 0.0
+    for j in range(1, size // n):
+        first, most = j * n, 0.0
+        for i in range(n):
+            own = max(largest[first + i], abs(y_new[first + i]))
+            most = max(most, own / (atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i]))))
+        total = 0.0
+        for i in range(n):
+            unit = atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i]))
+            own = max(largest[first + i], abs(y_new[first + i]))
+            allowed = rtol[first + i] * max(own, NEGLIGIBLE * most * unit)
+            if allowed > 0.0:
+                total += (raw[first + i] / allowed) ** 2
+        if not math.isfinite(total):
+            return math.inf
+        found = max(found, total / n)
+    return math.sqrt(found)
+
+
+@inner
+def remember_largest(n, size, y_new, largest):
+    """Raise the largest size of every component of the directions to that at the end of a step."""
+    for i in range(n, size):
+        largest[i] = max(largest[i], abs(y_new[i]))
 
 
 @inner

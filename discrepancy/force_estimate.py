@@ -1,0 +1,210 @@
+"""The missing force itself, over time, at one connection: what the records say of it before anyone gives it a law.
+
+The force at the connection is a Gaussian process with an exponential memory, given by values at evenly spaced times and
+straight lines between them.  Its effect on the outputs goes through the exact linearisation of the machine along the
+calibrated motion, so that the posterior mean of the values, with what calibration may move and each record's own
+unknowns integrated out, is what a smoother of the same model gives.  Memory and size have the largest marginal
+likelihood (Rasmussen and Williams: Gaussian Processes for Machine Learning, 2006, chapter 5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.columns import MOTION, Confrontation
+from estimation.correlation import correlation_time
+from estimation.experiment import Push
+
+if TYPE_CHECKING:
+    from discrepancy.stage import Stage
+    from multibody.places import Place
+
+__all__ = ["ForceEstimate", "estimate_force"]
+
+#: Values of the force in a record, and in all records together.
+MOST, MOST_TOGETHER = 120, 720
+MEMORIES = (2.0, 5.0, 15.0, 50.0)
+SIZES = tuple(np.geomspace(0.1, 30.0, 10))
+KNOWN = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class ForceEstimate:
+    """A force at a connection over time.
+
+    Parameters
+    ----------
+    where, unit : str
+    time, force, std : ndarray, shape (n,)
+        Records one after another.
+    record : ndarray of int, shape (n,)
+    motion : dict of str to ndarray, shape (n,)
+        ``position`` and ``speed`` of the connection, ``time``, and ``load`` where a force passes through.
+    units : dict of str to str
+    memory : float, s
+    known : float
+        Share of the force's variance that the records determine, 0 to 1.
+    log_likelihood : float
+        Marginal, above that of no force at all.
+    """
+
+    where: str
+    unit: str
+    time: np.ndarray
+    force: np.ndarray
+    std: np.ndarray
+    record: np.ndarray
+    motion: dict[str, np.ndarray]
+    units: dict[str, str]
+    memory: float
+    known: float
+    log_likelihood: float
+
+    @property
+    def reconstructable(self) -> bool:
+        """True if the sensors determine at least half of the force's variance."""
+        return self.known >= KNOWN
+
+
+def _knots(time: np.ndarray, records: int) -> np.ndarray:
+    count = int(min(MOST, MOST_TOGETHER // max(records, 1), time.size // 4))
+    return np.linspace(time[0], time[-1], max(count, 8))
+
+
+def _between(time: np.ndarray, knots: np.ndarray) -> np.ndarray:
+    s = np.clip((time - knots[0]) / (knots[1] - knots[0]), 0.0, len(knots) - 1.0)
+    return np.maximum(0.0, 1.0 - np.abs(s[:, None] - np.arange(len(knots))))
+
+
+def estimate_force(stage: Stage, facts: Confrontation, place: Place, scale_of: Stage | None = None) -> ForceEstimate:
+    """Estimate the force that a stage's model lacks at a place.
+
+    Parameters
+    ----------
+    stage : Stage
+        Without the force.
+    facts : Confrontation
+        Of that stage.
+    place : Place
+    scale_of : Stage, optional
+        Whose residual says how noisy each output is; default: the stage itself.
+    """
+    noisy = scale_of or stage
+    scale = []
+    for c, name in enumerate(stage.outputs):
+        parts = [f.residual[:, c] for f in noisy.identify.fits]
+        rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+        memory = float(np.mean([correlation_time(p) for p in parts]))
+        coarser = parts[0].size / max(len(facts.experiments[0].time), 1)
+        scale.append(max(rms, noisy.noise.get(name, 0.0), 1e-300) * np.sqrt(max(1.0, memory / coarser)))
+    weight = 1.0 / np.array(scale)
+    residual, sens = facts.residual(), facts.sensitivities()
+    names = [n for n, _ in place.motion_names()]
+    load = _load(stage, place)
+    k = len(sens.names)
+    given = np.isfinite(sens.prior_std)
+    G = np.diag(np.where(given, 1.0 / np.where(given, sens.prior_std, 1.0) ** 2, 0.0))
+    g = np.where(given, sens.prior_offset / np.where(given, sens.prior_std, 1.0) ** 2, 0.0)
+    parts_A, parts_b, parts_C, times, records = [], [], [], [], []
+    motion: dict[str, list[np.ndarray]] = {}
+    for i, experiment in enumerate(facts.experiments):
+        time = np.array(experiment.record.time)
+        knots = _knots(time, len(facts.experiments))
+        basis = _between(time, knots)
+        pushes = [Push(f"probe.{place.name}", np.ascontiguousarray(column)) for column in basis.T]
+        response = experiment.respond(
+            facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors, batch=96
+        ).derivatives
+        Z = (facts.shaped(i, response) * weight[:, None]).reshape(-1, len(knots))
+        F = (sens.blocks[i] * weight[:, None]).reshape(Z.shape[0], k)
+        e = (residual.blocks[i] * weight).reshape(-1)
+        own = sens.nuisance[i]
+        if own is not None:
+            q, _ = np.linalg.qr((own * weight[:, None]).reshape(Z.shape[0], -1))
+            Z, F, e = (m - q @ (q.T @ m) for m in (Z, F, e))
+        G += F.T @ F
+        g += F.T @ e
+        parts_A.append(Z.T @ Z)
+        parts_b.append(Z.T @ e)
+        parts_C.append(Z.T @ F)
+        times.append(knots)
+        records.append(np.full(len(knots), i))
+        run = facts.motions(i)
+        for general, own_name in zip(MOTION[:2], names[:2], strict=True):
+            values = run[f"place.{place.name}.{own_name}"]
+            motion.setdefault("speed" if general == "velocity" else general, []).append(np.interp(knots, time, values))
+        motion.setdefault("time", []).append(knots - knots[0])
+        if load:
+            motion.setdefault("load", []).append(np.interp(knots, time, run[load]))
+    n = sum(len(t) for t in times)
+    A, C, b = np.zeros((n, n)), np.concatenate(parts_C), np.concatenate(parts_b)
+    at = 0
+    for part in parts_A:
+        A[at : at + len(part), at : at + len(part)] = part
+        at += len(part)
+    if k:
+        solved = np.linalg.lstsq(G, np.column_stack([C.T, g]), rcond=1e-12)[0]
+        A, b = A - C @ solved[:, :-1], b - C @ solved[:, -1]
+    mean, std, step, known, likelihood = _posterior(A, b, times)
+    turns = place.domain == "rotation"
+    units = {
+        "position": "rad" if turns else "m",
+        "speed": "rad/s" if turns else "m/s",
+        "time": "s",
+        "load": "N*m" if turns else "N",
+    }
+    stacked = {n: np.concatenate(v) for n, v in motion.items()}
+    return ForceEstimate(
+        place.name,
+        units["load"],
+        np.concatenate(times),
+        mean,
+        std,
+        np.concatenate(records),
+        stacked,
+        {n: units[n] for n in stacked},
+        step,
+        known,
+        likelihood,
+    )
+
+
+def _load(stage: Stage, place: Place) -> str:
+    from discrepancy.catalogue import catalogue
+
+    experiment = stage.identify.fits[0].experiment
+    entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=[f"*@{place.name}"])
+    return next((e.load for e in entries if e.load), "")
+
+
+def _posterior(
+    A: np.ndarray, b: np.ndarray, times: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, float, float, float]:
+    """Return mean, deviation, memory, share known and marginal likelihood of the best memory and size."""
+    step = float(np.median([t[1] - t[0] for t in times]))
+    # b is A times the force: its root mean square, were all values determined equally well
+    usual = np.sqrt(max(float(b @ b), 1e-300)) / max(float(np.trace(A @ A)) ** 0.5, 1e-300)
+    best: tuple[float, float, np.ndarray, float] | None = None
+    for memory in MEMORIES:
+        K = np.zeros_like(A)
+        at = 0
+        for t in times:
+            K[at : at + len(t), at : at + len(t)] = np.exp(-np.abs(t[:, None] - t) / (memory * step))
+            at += len(t)
+        L = np.linalg.cholesky(K + 1e-9 * np.eye(len(K)))
+        values, vectors = np.linalg.eigh(L.T @ A @ L)
+        values = np.maximum(values, 0.0)
+        beta = vectors.T @ (L.T @ b)
+        for size in SIZES:
+            s2 = (size * usual) ** 2
+            gain = -0.5 * float(np.sum(np.log1p(s2 * values))) + 0.5 * float(np.sum(beta**2 * s2 / (1 + s2 * values)))
+            if best is None or gain > best[0]:
+                best = (gain, memory, L @ vectors * np.sqrt(s2 / (1 + s2 * values)), s2)
+    assert best is not None
+    gain, memory, root, s2 = best
+    mean = root @ (root.T @ b)
+    variance = np.sum(root**2, axis=1)
+    return mean, np.sqrt(variance), memory * step, float(1.0 - np.mean(variance) / s2), gain

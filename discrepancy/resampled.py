@@ -1,0 +1,218 @@
+"""False alarms on the residual of a real machine: the residual of the best model, resampled onto that model.
+
+Nothing more is missing from data that are made of the best model and its own residual in another order.  The residual
+keeps its colour, its bursts and its tails, and loses its tie to the motion.  Whatever a scan then finds is a false
+alarm.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.blocks import Array, Residual
+
+if TYPE_CHECKING:
+    from discrepancy.stage import Stage
+
+__all__ = ["SCHEMES", "Resampled", "read_resampled", "resample", "resampled_alarms", "resampled_page"]
+
+SCHEMES = ("block bootstrap", "circular shift and sign", "pieces shuffled and turned")
+#: Mean length of a block as a multiple of the residual's correlation time, and its least share of a record.
+MEMORIES, LEAST = 5.0, 0.01
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """One resampled residual and what was found in it.
+
+    Parameters
+    ----------
+    number : int
+        Seed of the resampling.
+    scheme : str
+        One of `SCHEMES`.
+    plain, whitened, curves : str
+        What the plain scan, the whitened scan and the scan of free curves declare missing; empty for nothing.
+    p : float
+        Smallest family-wise p of the three.
+    """
+
+    number: int
+    scheme: str
+    plain: str
+    whitened: str
+    curves: str
+    p: float
+
+    @property
+    def alarm(self) -> bool:
+        """True if any of the three scans declares anything missing."""
+        return bool(self.plain or self.whitened or self.curves)
+
+
+def resample(blocks: Sequence[Array], scheme: str, memory: float, rng: np.random.Generator) -> list[Array]:
+    """Return residuals of the same lengths, made of pieces of the given ones; outputs stay together.
+
+    Parameters
+    ----------
+    blocks : sequence of ndarray, shape (n_t, n_channels)
+    scheme : str
+        ``"block bootstrap"``: blocks of random length, drawn with replacement (Politis and Romano 1994);
+        ``"circular shift and sign"``: each record shifted as a whole; ``"pieces shuffled and turned"``: pieces of
+        random length, each with a random sign and half of them backwards in time.
+    memory : float
+        Correlation length of the residual, samples.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> made = resample([np.arange(200.0)[:, None]], "circular shift and sign", 3.0, rng)
+    >>> sorted(np.abs(made[0][:, 0])) == list(range(200))
+    True
+    """
+    made = []
+    for block in blocks:
+        n = len(block)
+        mean = max(MEMORIES * memory, LEAST * n, 8.0)
+        if scheme == "circular shift and sign":
+            made.append(np.roll(block, int(rng.integers(n)), axis=0) * rng.choice([-1.0, 1.0]))
+            continue
+        parts: list[Array] = []
+        filled = 0
+        while filled < n:
+            size = min(1 + int(rng.geometric(1.0 / mean)), n - filled)
+            source = blocks[int(rng.integers(len(blocks)))]
+            part = source[(int(rng.integers(len(source))) + np.arange(size)) % len(source)]
+            if scheme == "pieces shuffled and turned":
+                part = (part if rng.random() < 0.5 else part[::-1]) * rng.choice([-1.0, 1.0])
+            parts.append(part)
+            filled += size
+        made.append(np.concatenate(parts))
+    return made
+
+
+def resampled_alarms(
+    stage: Stage,
+    trials: int,
+    out: Path,
+    *,
+    level: float,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda text: None,
+) -> list[Resampled]:
+    """Scan resampled residuals of a stage; an interrupted run goes on.
+
+    Repeated for every trial: the weights, the whitening filters, the projection, all scores and all shuffled nulls of
+    the three scans.  Done once: the simulation, its sensitivities and the candidates' columns; recalibration is what
+    the projection does to first order.  Left out: the refit in full simulation with its demand that BIC falls and that
+    the change reaches the noise, which can only take alarms away.
+
+    Parameters
+    ----------
+    stage : Stage
+        The best model.
+    trials : int
+    out : Path
+        Folder of ``resampled.jsonl``.
+    level : float
+        Of the study; each of the three scans has its share.
+    seed : int
+        First number.
+    """
+    from discrepancy.catalogue import catalogue
+    from discrepancy.columns import Confrontation, candidate_columns
+    from discrepancy.null import correlation_length
+    from discrepancy.scan import scan
+    from discrepancy.search import LOOKS, scan_preparation
+    from discrepancy.unknown import curve_candidates
+    from discrepancy.verdict import Verdict
+    from discrepancy.whitened import raw_residual, whiten_all
+    from discrepancy.whitening import Whitener, identity
+
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "resampled.jsonl"
+    done = read_resampled(path)
+    left = sorted(set(range(seed, seed + trials)) - {t.number for t in done})
+    if not left:
+        return done
+    progress("columns of all candidates")
+    facts = Confrontation.of_stage(stage, scan_preparation(stage))
+    experiment = stage.identify.fits[0].experiment
+    candidates, _ = candidate_columns(facts, catalogue(stage.system, experiment.outputs, experiment.inputs))
+    curves = curve_candidates(facts, stage.system.places)
+    residual, sens = facts.residual(), facts.sensitivities()
+    floor = [stage.noise[c] for c in residual.channels]
+
+    def plain_of(blocks: Sequence[Array]) -> Whitener:
+        sizes = np.maximum(np.sqrt(np.mean(np.concatenate(blocks) ** 2, axis=0)), 1e-300)
+        return identity(list(sizes), residual.channels, residual.dt)
+
+    w = whiten_all(plain_of(residual.blocks), residual, sens, [])
+    memory = correlation_length(w.projection.layout, w.e)
+    source = raw_residual(w, residual, sens, [], [])
+    with path.open("a") as stream:
+        for count, number in enumerate(left, 1):
+            rng = np.random.default_rng([number, 77])
+            scheme = SCHEMES[number % len(SCHEMES)]
+            made = Residual(resample(source, scheme, memory, rng), residual.dt, residual.channels)
+            told, least = [], 1.0
+            for what, whitener in (
+                (candidates, plain_of(made.blocks)),
+                (candidates, None),
+                (curves, plain_of(made.blocks)),
+            ):
+                found = scan(made, sens, what, level=level / LOOKS, seed=number, noise_floor=floor, whitener=whitener)
+                missing = [r for r in found.rows if r.verdict is Verdict.MISSING]
+                told.append(missing[0].name if missing else "")
+                least = min([least, *(r.p for r in found.rows)])
+            trial = Resampled(number, scheme, told[0], told[1], told[2], least)
+            stream.write(json.dumps(asdict(trial)) + "\n")
+            stream.flush()
+            done.append(trial)
+            progress(f"resampled {count}/{len(left)}: {', '.join(t for t in told if t) or 'nothing'}")
+    return done
+
+
+def read_resampled(path: Path) -> list[Resampled]:
+    """Read the trials of an earlier run."""
+    if not path.exists():
+        return []
+    return [Resampled(**json.loads(line)) for line in path.read_text().splitlines() if line.strip()]
+
+
+def resampled_page(trials: Sequence[Resampled], study: str, effects: Sequence[str], level: float, date: str) -> str:
+    """Return the result as a section (Markdown)."""
+    from discrepancy.suite import wilson
+
+    def row(what: str, part: Sequence[Resampled], hits: int) -> str:
+        low, high = wilson(hits, len(part))
+        return f"| {what} | {hits} | {len(part)} | {hits / max(len(part), 1):.1%} | {low:.1%} to {high:.1%} |"
+
+    lines = [
+        f"Made by `vtsdt validate discrepancy resampled --study {study}` on {date}, numbers "
+        f"{min(t.number for t in trials)} to {max(t.number for t in trials)}. The best model has "
+        f"{', '.join(effects) or 'no effect added'}; level {level:g}.",
+        "",
+        "| | alarms | trials | rate | 95 % interval |",
+        "|---|---|---|---|---|",
+        row("any alarm", trials, sum(t.alarm for t in trials)),
+    ]
+    for scheme in SCHEMES:
+        part = [t for t in trials if t.scheme == scheme]
+        if part:
+            lines.append(row(scheme, part, sum(t.alarm for t in part)))
+    for what in ("plain", "whitened", "curves"):
+        lines.append(row(f"of the {what} scan", trials, sum(bool(getattr(t, what)) for t in trials)))
+    lines += ["", "Alarms:", ""]
+    lines += [
+        f"- {t.number}, {t.scheme}: {', '.join(x for x in (t.plain, t.whitened, t.curves) if x)} (p = {t.p:.2g})"
+        for t in trials
+        if t.alarm
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,310 @@
+"""Small dense linear algebra over bare pointers: products, exponential, triangles, Joseph's update.
+
+Matrices are stored row by row with rows of ``ld`` elements, of which the first n count and the rest are zero:
+``ld`` is a multiple of eight, so that the inner loops become whole vector instructions.
+"""
+
+from __future__ import annotations
+
+import math
+
+from multibody.solvers.kernels.calls import inner, shift
+
+_ROOT = math.sqrt(177.0)
+# Bader, Blanes and Casas (2019), "Computing the matrix exponential with an optimized Taylor polynomial
+# approximation", Mathematics 7(12) 1174: the Taylor polynomial of degree 8 with three products.
+X_3 = 2.0 / 3.0
+X_1 = X_3 * (1.0 + _ROOT) / 88.0
+X_2 = X_3 * (1.0 + _ROOT) / 352.0
+X_4 = (-271.0 + 29.0 * _ROOT) / (315.0 * X_3)
+X_5 = 11.0 * (-1.0 + _ROOT) / (1260.0 * X_3)
+X_6 = 11.0 * (-9.0 + _ROOT) / (5040.0 * X_3)
+X_7 = (89.0 - _ROOT) / (5040.0 * X_3 * X_3)
+Y_2 = (857.0 - 58.0 * _ROOT) / 630.0
+# The remainder of degree 9 is then below 2e-13.
+NORM = 0.15
+ROOT_2 = math.sqrt(2.0)
+
+
+@inner
+def clear(a, count):
+    """Set elements to zero."""
+    for i in range(count):
+        a[i] = 0.0
+
+
+@inner
+def copy(a, b, count):
+    """Write a into b."""
+    for i in range(count):
+        b[i] = a[i]
+
+
+@inner
+def product(a, b, out, n, ld):
+    """Write a b into out."""
+    for i in range(n):
+        for j in range(0, ld, 8):
+            s_0, s_1, s_2, s_3, s_4, s_5, s_6, s_7 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for k in range(n):
+                f = a[i * ld + k]
+                q = k * ld + j
+                s_0 += f * b[q]
+                s_1 += f * b[q + 1]
+                s_2 += f * b[q + 2]
+                s_3 += f * b[q + 3]
+                s_4 += f * b[q + 4]
+                s_5 += f * b[q + 5]
+                s_6 += f * b[q + 6]
+                s_7 += f * b[q + 7]
+            q = i * ld + j
+            out[q] = s_0
+            out[q + 1] = s_1
+            out[q + 2] = s_2
+            out[q + 3] = s_3
+            out[q + 4] = s_4
+            out[q + 5] = s_5
+            out[q + 6] = s_6
+            out[q + 7] = s_7
+
+
+@inner
+def balance(a, scale, n, ld):
+    """Adapt sizes of the states, powers of two, until rows and columns of a are alike (Osborne 1960)."""
+    for _ in range(4):
+        for i in range(n):
+            row, column = 0.0, 0.0
+            for j in range(n):
+                if j != i:
+                    row += abs(a[i * ld + j]) * scale[j]
+                    column += abs(a[j * ld + i]) / scale[j]
+            row /= scale[i]
+            column *= scale[i]
+            factor = 1.0
+            if row > 0.0 and column > 0.0:
+                factor = math.sqrt(row / column)
+            elif column > 0.0:
+                factor = 1.0 / column
+            elif row > 0.0:
+                factor = row
+            if not (factor > 0.0 and math.isfinite(factor)):
+                factor = 1.0
+            while factor > ROOT_2:
+                factor *= 0.5
+                scale[i] *= 2.0
+            while factor < 1.0 / ROOT_2:
+                factor *= 2.0
+                scale[i] *= 0.5
+
+
+@inner
+def transpose(a, out, n, ld):
+    """Write the transpose of a into out."""
+    for i in range(n):
+        for j in range(n):
+            out[j * ld + i] = a[i * ld + j]
+
+
+@inner
+def symmetrise(a, n, ld):
+    """Replace a by the mean of itself and its transpose."""
+    for i in range(n):
+        for j in range(i):
+            mean = 0.5 * (a[i * ld + j] + a[j * ld + i])
+            a[i * ld + j] = mean
+            a[j * ld + i] = mean
+
+
+@inner
+def exponential(a, h, scale, out, work, n, ld):
+    """Write exp(h a) into out; work holds four matrices; ``scale`` are sizes of the states that balance a."""
+    size = n * ld
+    x, x2, x4, mixed = work, shift(work, size), shift(work, 2 * size), shift(work, 3 * size)
+    largest = 0.0
+    for i in range(n):
+        row = 0.0
+        inverse = h / scale[i]
+        for j in range(n):
+            value = inverse * a[i * ld + j] * scale[j]
+            x[i * ld + j] = value
+            row += abs(value)
+        for j in range(n, ld):
+            x[i * ld + j] = 0.0
+        largest = max(largest, row)
+    squarings = 0
+    shrink = 1.0
+    while largest * shrink > NORM and squarings < 60:
+        shrink *= 0.5
+        squarings += 1
+    if squarings > 0:
+        for i in range(size):
+            x[i] *= shrink
+    product(x, x, x2, n, ld)
+    for i in range(size):
+        mixed[i] = X_1 * x[i] + X_2 * x2[i]
+    product(x2, mixed, x4, n, ld)
+    for i in range(size):
+        mixed[i] = X_5 * x[i] + X_6 * x2[i] + X_7 * x4[i]
+        x4[i] += X_3 * x2[i]
+    for i in range(n):
+        mixed[i * ld + i] += X_4
+    product(x4, mixed, out, n, ld)
+    for i in range(size):
+        out[i] += x[i] + Y_2 * x2[i]
+    for i in range(n):
+        out[i * ld + i] += 1.0
+    for _ in range(squarings):
+        product(out, out, x, n, ld)
+        copy(x, out, size)
+    for i in range(n):
+        for j in range(n):
+            out[i * ld + j] *= scale[i] / scale[j]
+
+
+@inner
+def project(p, h, r, w, n, ld):
+    """Write p h into w for a symmetric p; return the variance h p hᵀ + r of a reading."""
+    for j in range(n):
+        w[j] = 0.0
+    for i in range(n):
+        factor = h[i]
+        if factor != 0.0:
+            row = shift(p, i * ld)
+            for j in range(n):
+                w[j] += factor * row[j]
+    s = r
+    for i in range(n):
+        s += h[i] * w[i]
+    return s
+
+
+@inner
+def joseph(p, w, s, gain, n, ld):
+    """Take a scalar reading into the covariance p; w and s are what `project` found.
+
+    Joseph's form (I − k hᵀ) p (I − k hᵀ)ᵀ + r k kᵀ, multiplied out: p − k wᵀ − w kᵀ + s k kᵀ, which an error
+    of the gain k changes in second order only.  The result is symmetric to the last bit.
+    """
+    for i in range(n):
+        gain[i] = w[i] / s if s > 0.0 else 0.0
+    for i in range(n):
+        row = shift(p, i * ld)
+        k, away = gain[i], s * gain[i] - w[i]
+        for j in range(n):
+            row[j] += away * gain[j] - k * w[j]
+    mirror(p, n, ld)
+
+
+@inner
+def mirror(a, n, ld):
+    """Copy the lower triangle of a onto the upper one."""
+    for i in range(n):
+        for j in range(i):
+            a[j * ld + i] = a[i * ld + j]
+
+
+@inner
+def project_root(root, h, r, w, n, ld):
+    """Write rootᵀ h into w; return the variance of a reading."""
+    for j in range(n):
+        w[j] = 0.0
+    for i in range(n):
+        factor = h[i]
+        if factor != 0.0:
+            row = shift(root, i * ld)
+            for j in range(n):
+                w[j] += factor * row[j]
+    s = r
+    for j in range(n):
+        s += w[j] * w[j]
+    return s
+
+
+@inner
+def potter(root, w, s, r, gain, n, ld):
+    """Take a scalar reading into the square root of a covariance, p = root rootᵀ (Potter 1963)."""
+    if s <= 0.0:
+        for i in range(n):
+            gain[i] = 0.0
+        return
+    shrink = 1.0 / (1.0 + math.sqrt(r / s))
+    for i in range(n):
+        row = shift(root, i * ld)
+        total = 0.0
+        for j in range(n):
+            total += row[j] * w[j]
+        gain[i] = total / s
+        for j in range(n):
+            row[j] -= shrink * gain[i] * w[j]
+
+
+@inner
+def square(root, out, n, ld):
+    """Write root rootᵀ into out."""
+    for i in range(n):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(n):
+                total += root[i * ld + k] * root[j * ld + k]
+            out[i * ld + j] = total
+            out[j * ld + i] = total
+
+
+@inner
+def triangle(a, rows, columns, out, ld):
+    """Write the lower triangle whose square is aᵀa into out, by Householder reflections; a is used up.
+
+    a has ``rows`` ≥ ``columns`` rows of ``ld`` elements.
+    """
+    for k in range(columns):
+        norm = 0.0
+        for i in range(k, rows):
+            norm += a[i * ld + k] * a[i * ld + k]
+        norm = math.sqrt(norm)
+        if norm == 0.0:
+            continue
+        if a[k * ld + k] > 0.0:
+            norm = -norm
+        a[k * ld + k] -= norm
+        scale = norm * a[k * ld + k]  # −(square of the reflector)/2
+        for j in range(k + 1, columns):
+            total = 0.0
+            for i in range(k, rows):
+                total += a[i * ld + k] * a[i * ld + j]
+            total /= scale
+            for i in range(k, rows):
+                a[i * ld + j] += total * a[i * ld + k]
+        a[k * ld + k] = norm
+    for i in range(columns):
+        for j in range(ld):
+            out[i * ld + j] = 0.0
+        for j in range(i + 1):
+            out[i * ld + j] = a[j * ld + i]
+
+
+@inner
+def cholesky(a, out, n, ld):
+    """Write the lower triangle whose square is a into out; a zero pivot leaves its column zero.
+
+    Returns False if a pivot is clearly negative: then a is no covariance.
+    """
+    good = True
+    for i in range(n):
+        for j in range(ld):
+            out[i * ld + j] = 0.0
+    for j in range(n):
+        pivot = a[j * ld + j]
+        for k in range(j):
+            pivot -= out[j * ld + k] * out[j * ld + k]
+        least = 1e-13 * a[j * ld + j]
+        if pivot <= least:
+            good = good and pivot >= -1e-8 * abs(a[j * ld + j])
+            continue
+        root = math.sqrt(pivot)
+        out[j * ld + j] = root
+        for i in range(j + 1, n):
+            total = a[i * ld + j]
+            for k in range(j):
+                total -= out[i * ld + k] * out[j * ld + k]
+            out[i * ld + j] = total / root
+    return good

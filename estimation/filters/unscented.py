@@ -1,0 +1,95 @@
+"""The unscented Kalman filter: the extended filter's peer, which needs no derivatives.
+
+S. J. Julier, J. K. Uhlmann: Unscented filtering and nonlinear estimation, Proc. IEEE 92 (2004).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimation.filters.errors import FilterError
+from estimation.filters.extended import check_shapes, diverged, padded
+from estimation.filters.model import FilterModel
+from estimation.filters.noise import Noise, Prior
+from estimation.filters.run import FilterRun
+from estimation.filters.samples import Samples
+
+__all__ = ["unscented"]
+
+_NOISE = {"density": 0, "density_times_step": 1, "per_step": 2}
+
+
+def unscented(
+    model: FilterModel,
+    samples: Samples,
+    noise: Noise,
+    prior: Prior | None = None,
+    *,
+    alpha: float = 1.0,
+    beta: float = 0.0,
+    kappa: float = 0.0,
+    covariances: bool = False,
+    hold: bool = False,
+    substeps: int = 1,
+) -> FilterRun:
+    """Run the unscented Kalman filter with additive noise.
+
+    Parameters
+    ----------
+    model, samples, noise, prior
+        As for `estimation.filters.extended.extended`.
+    alpha, beta, kappa : float
+        Spread of the points: √(n + λ) standard deviations with λ = alpha² (n + kappa) − n.  The defaults make
+        λ zero and leave the middle point out (the cubature rule), so that no weight is negative.
+    covariances : bool
+        True keeps them.
+    hold, substeps
+        As for `extended`.
+
+    Raises
+    ------
+    FilterError
+        If samples do not fit the model or the weights are impossible.
+    FilterDivergence
+        If the covariance loses its sign or a state grows beyond all bounds.
+    """
+    from multibody.native import load_driver
+
+    bundle = model.bundle()
+    n, m, ld, count = model.n, len(model.measured), model.ld, samples.count
+    check_shapes(model, samples)
+    whole = alpha**2 * (n + kappa)
+    if not whole > 0.0:
+        raise FilterError("unscented filter", [f"alpha² (n + kappa) is {whole:g}: it must be positive"])
+    first = (whole - n) / whole
+    weights = np.array([first, first + 1.0 - alpha**2 + beta, 0.5 / whole])
+    q, r = noise.of(model)
+    x, p = (prior or Prior()).of(model)
+    kept = np.empty((count, n, n) if covariances else (1, 1, 1))
+    out, innovations = np.empty((count, 3 * n)), np.full((count, 3 * m), np.nan)
+    settings = np.array([_NOISE[noise.kind], int(covariances), hold, substeps], dtype=np.int64)
+    size = n * ld + (2 * n + 1) * (n + m) + 8 * n + 4 * samples.inputs.shape[1] + m + m * m + n * m + n
+    verdict = np.zeros(2)
+    load_driver("estimation.filters.kernels.unscented").unscented(
+        bundle.numbers, samples.times, samples.inputs, samples.readings, r, padded(q, ld), x, padded(p, ld), settings,
+        float(np.sqrt(whole)), weights, out, kept, innovations, np.zeros(size + 8), verdict,
+    )  # fmt: skip
+    bundle.check()
+    likelihood, bad = float(verdict[0]), int(verdict[1])
+    if bad >= 0:
+        raise diverged(model, samples, out[: bad + 1].reshape(-1, 3, n))
+    states, told = out.reshape(count, 3, n), innovations.reshape(count, 3, m)
+    return FilterRun(
+        model=model,
+        samples=samples,
+        states=states[:, 1],
+        variances=states[:, 2],
+        covariances=kept if covariances else None,
+        noise=noise,
+        predicted=states[:, 0],
+        innovations=told[:, 0],
+        innovation_variances=told[:, 1],
+        normalised=told[:, 2],
+        log_likelihood=likelihood,
+        method="unscented Kalman filter",
+    )

@@ -1,0 +1,216 @@
+"""Laws of tooth contact as functions that equations call: impact force, friction, integration along a contact line.
+
+A line of contact is described by few numbers (see docs, "Tooth contact"): along it the penetration of the two rigid
+flanks is δ = a + b·s + c·z + q·s², less the gaps that the tips leave, with z across the face and s along the line of
+action.  The two are tied by the base helix: s = p1 + slope·z for what moves with gear 1, and r = p2 − slope·z, which is
+−s up to the deflection, for what moves with gear 2.
+"""
+
+from __future__ import annotations
+
+import math
+
+# fmt: off
+__all__ = ["bell", "extent", "friction_coefficient", "impact", "line", "patch", "piece", "smooth_step", "tip"]
+
+#: Penetration at which a contact of stiffness K carries K newtons: Table 2 gives K in N/mm^e.
+UNIT_DEPTH = 1e-3
+#: Abscissas and half weights of the Gauss-Legendre rule with four points on [-1, 1].
+GAUSS_1, GAUSS_2 = 0.3399810435848563, 0.8611363115940526
+WEIGHT_1, WEIGHT_2 = 0.32607257743127307, 0.17392742256872693
+#: Pieces of a line that are shorter (m) count as nothing.
+NOTHING = 1e-12
+
+
+def smooth_step(x, x_0, h_0, x_1, h_1):
+    """Return the cubic step from h_0 at x_0 to h_1 at x_1, constant outside."""
+    q = min(max((x - x_0) / (x_1 - x_0), 0.0), 1.0)
+    return h_0 + (h_1 - h_0) * q * q * (3.0 - 2.0 * q)
+
+
+def impact(depth, rate, K, e, C_D, D_P):
+    """Return the force K·δ^e + step(δ; 0, 0, D_P, C_D)·δ̇, never negative, and its elastic part K·δ^e."""
+    if depth > 0.0:
+        q = min(depth / D_P, 1.0)
+        elastic = K * (depth / UNIT_DEPTH) ** e
+        force = max(elastic + C_D * q * q * (3.0 - 2.0 * q) * rate, 0.0)
+    else:
+        elastic = 0.0
+        force = 0.0
+    return force, elastic
+
+
+def friction_coefficient(v, mu_s, v_s, mu_d, v_d):
+    """Return the Coulomb friction coefficient with the sign of the sliding speed v.
+
+    It goes from −mu_s to mu_s between ∓v_s and falls from there to mu_d at v_d, by cubic steps (Table 2).
+    """
+    speed = abs(v)
+    if speed < v_s:
+        mu = smooth_step(v, -v_s, -mu_s, v_s, mu_s)
+    elif speed < v_d:
+        mu = math.copysign(smooth_step(speed, v_s, mu_s, v_d, mu_d), v)
+    else:
+        mu = math.copysign(mu_d, v)
+    return mu
+
+
+def tip(r, edge, c2, c3, relief, start):
+    """Return the gap that a tip leaves at r along the line of action, and its slope: relief, then the tip's corner."""
+    if r > edge:
+        x = r - edge
+        gap = relief + x * x * (c2 + c3 * x)
+        slope = x * (2.0 * c2 + 3.0 * c3 * x)
+    elif r > start:
+        q = (r - start) / (edge - start)
+        gap = relief * q * q
+        slope = 2.0 * relief * q / (edge - start)
+    else:
+        gap = 0.0
+        slope = 0.0
+    return gap, slope
+
+
+def extent(depth, c2, c3):
+    """Return how far beyond its path a contact pressed in by ``depth`` reaches: c2·x² + c3·x³ = depth."""
+    if depth > 1e-15:
+        x = math.sqrt(depth / c2)
+        x = x - (x * x * (c2 + c3 * x) - depth) / (x * (2.0 * c2 + 3.0 * c3 * x))
+        x = x - (x * x * (c2 + c3 * x) - depth) / (x * (2.0 * c2 + 3.0 * c3 * x))
+    else:
+        x = 0.0
+    return x
+
+
+def bell(x, centre, half):
+    """Return a bump of height 1, (1 − u²)² within ``half`` of the centre and 0 outside, and its slope."""
+    u = (x - centre) / half
+    if abs(u) < 1.0:
+        w = 1.0 - u * u
+        height = w * w
+        slope = -4.0 * u * w / half
+    else:
+        height = 0.0
+        slope = 0.0
+    return height, slope
+
+
+def patch(z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32, relief2,
+          start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d):
+    """Return what a line carries at z, per length of face.
+
+    Normal force and its moments with s and z; the parts that the slopes of the gaps turn into torque on gear 1 and 2;
+    friction and its moments; elastic energy, power lost to contact damping and to friction.
+    """
+    s = p1 + slope * z
+    r = p2 - slope * z
+    gap1, slope1 = tip(s, edge1, c21, c31, relief1, start1)
+    gap2, slope2 = tip(r, edge2, c22, c32, relief2, start2)
+    depth = a + s * (b + q * s) + z * c - gap1 - gap2
+    slope1 = slope1 - b - 2.0 * q * s
+    if abs(s - pit_s) < pit_half:
+        across, across_slope = bell(s, pit_s, pit_half)
+        along, _ = bell(z, pit_z, pit_width)
+        depth = depth - pit * across * along
+        slope1 = slope1 + pit * across_slope * along
+    rate = da + s * db + z * dc - slope1 * v1 - slope2 * v2
+    force, elastic = impact(depth, rate, K, e, C_D, D_P)
+    sliding = u0 + s * u1 + z * u2
+    rub = force * friction_coefficient(sliding, mu_s, v_s, mu_d, v_d)
+    return (
+        force, force * s, force * z, force * slope1, force * slope2, rub, rub * s, rub * z,
+        elastic * depth / (e + 1.0), (force - elastic) * rate, rub * sliding)
+
+
+def piece(z0, z1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
+          relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d):
+    """Return the integral of `patch` from z0 to z1 with four Gauss points."""
+    middle = 0.5 * (z0 + z1)
+    half = 0.5 * (z1 - z0)
+    n = 0.0
+    n_s = 0.0
+    n_z = 0.0
+    n_1 = 0.0
+    n_2 = 0.0
+    t = 0.0
+    t_s = 0.0
+    t_z = 0.0
+    energy = 0.0
+    loss = 0.0
+    rubbing = 0.0
+    for i in range(4):
+        side = 1.0 if i > 1.5 else -1.0
+        outer = 1.0 if abs(i - 1.5) > 1.0 else 0.0
+        z = middle + half * side * (GAUSS_1 + outer * (GAUSS_2 - GAUSS_1))
+        w = 2.0 * half * (WEIGHT_1 + outer * (WEIGHT_2 - WEIGHT_1))
+        d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = patch(
+            z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
+            relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
+        n += w * d_n
+        n_s += w * d_ns
+        n_z += w * d_nz
+        n_1 += w * d_n1
+        n_2 += w * d_n2
+        t += w * d_t
+        t_s += w * d_ts
+        t_z += w * d_tz
+        energy += w * d_e
+        loss += w * d_l
+        rubbing += w * d_r
+    return n, n_s, n_z, n_1, n_2, t, t_s, t_z, energy, loss, rubbing
+
+
+def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
+         c32, relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d,
+         v_d):
+    """Return the integral of `patch` over one line of contact between z_low and z_high.
+
+    The line is split where it leaves the path of contact, where sliding changes its direction, and ends where the
+    corners lose contact; between these points nothing switches on or off.
+    """
+    # positions along the line in the sense in which s grows; a spur gear's line has no slope to speak of
+    sense = math.copysign(1.0, slope)
+    steep = max(abs(slope), 1e-9)
+    low = z_low if sense > 0.0 else -z_high
+    high = z_high if sense > 0.0 else -z_low
+    at_2 = min(max((p2 - edge2) / steep, low), high)
+    at_1 = min(max((edge1 - p1) / steep, low), high)
+    s_2 = p1 + steep * at_2
+    s_1 = p1 + steep * at_1
+    deep_2 = a + s_2 * (b + q * s_2) + sense * at_2 * c - relief2
+    deep_1 = a + s_1 * (b + q * s_1) + sense * at_1 * c - relief1
+    begin = min(max((p2 - edge2 - extent(deep_2, c22, c32)) / steep, low), high)
+    finish = min(max((edge1 + extent(deep_1, c21, c31) - p1) / steep, low), high)
+    turning = steep * u1 + sense * u2
+    still = min(max(-(u0 + p1 * u1) / turning, at_2), at_1) if abs(turning) > 1e-30 else at_2
+    n = 0.0
+    n_s = 0.0
+    n_z = 0.0
+    n_1 = 0.0
+    n_2 = 0.0
+    t = 0.0
+    t_s = 0.0
+    t_z = 0.0
+    energy = 0.0
+    loss = 0.0
+    rubbing = 0.0
+    for i in range(4):
+        first = begin if i < 0.5 else (at_2 if i < 1.5 else (still if i < 2.5 else at_1))
+        last = at_2 if i < 0.5 else (still if i < 1.5 else (at_1 if i < 2.5 else finish))
+        if last - first > NOTHING:
+            d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = piece(
+                sense * first, sense * last, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
+                start1, edge2, c22, c32, relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0,
+                u1, u2, mu_s, v_s, mu_d, v_d)
+            n += sense * d_n
+            n_s += sense * d_ns
+            n_z += sense * d_nz
+            n_1 += sense * d_n1
+            n_2 += sense * d_n2
+            t += sense * d_t
+            t_s += sense * d_ts
+            t_z += sense * d_tz
+            energy += sense * d_e
+            loss += sense * d_l
+            rubbing += sense * d_r
+    return n, n_s, n_z, n_1, n_2, t, t_s, t_z, energy, loss, rubbing

@@ -1,0 +1,1 @@
+"""Parameter and mode files that ship with the gear stage."""

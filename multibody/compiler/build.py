@@ -1,0 +1,67 @@
+"""Addresses of functions: found in the cache, or written, optimised and kept there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import lru_cache
+
+from multibody.cache import cache_dir, fingerprint, read_object, write_object
+from multibody.compile_events import tell
+from multibody.compiler.kinds import FLOAT, INT, NOTHING, Kind, Outside
+from multibody.compiler.machine import compiled, loaded
+from multibody.compiler.units import Unit
+
+__all__ = ["build"]
+
+SYMBOL = "vtsdt_entry"
+
+
+def build(
+    stem: str, source: tuple[str, ...], unit: Callable[[], Unit], name: str, arguments: tuple[Kind, ...]
+) -> tuple[int, Kind]:
+    """Return the address of a function and what it returns.
+
+    Parameters
+    ----------
+    stem : str
+        Beginning of the file's name in the cache.
+    source : tuple of str
+        Everything that the machine code follows from.
+    unit : callable
+        Gives the function's unit, if it has to be compiled.
+    name : str
+        The function.
+    arguments : tuple of kinds
+
+    Raises
+    ------
+    Outside
+        If the function is outside the subset.
+    """
+    key = fingerprint(*source, name, repr(arguments))
+    return _built(f"{stem}_{key}", unit, name, arguments)
+
+
+@lru_cache(maxsize=1024)
+def _built(stem: str, unit: Callable[[], Unit], name: str, arguments: tuple[Kind, ...]) -> tuple[int, Kind]:
+    path = cache_dir() / f"{stem}.o"
+    found = read_object(path)
+    if found is not None:
+        try:
+            return loaded(found[0], SYMBOL), found[1]
+        except ValueError:
+            pass  # code of another format: made anew
+    begun = time.perf_counter()
+    tell(name, None)
+    from multibody.compiler.program import Program
+
+    program = Program()
+    returns = program.add(unit(), name, arguments, SYMBOL)
+    if returns not in (NOTHING, INT, FLOAT):
+        raise Outside(f"{name} returns {returns} to Python")
+    code = compiled(program.text())
+    write_object(path, code, returns)
+    address = loaded(code, SYMBOL)
+    tell(name, time.perf_counter() - begun)
+    return address, returns

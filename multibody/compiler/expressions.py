@@ -1,0 +1,225 @@
+"""Expressions as LLVM text."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable
+from typing import Any
+
+from multibody.compiler.arithmetic import Arithmetic
+from multibody.compiler.instructions import CALLS, METHODS
+from multibody.compiler.kinds import (
+    FLOAT,
+    FLOATS,
+    INT,
+    INTS,
+    NOTHING,
+    TRUTH,
+    Array,
+    Kind,
+    Value,
+    element,
+    joined,
+    llvm_type,
+    real,
+)  # fmt: skip
+
+__all__ = ["Expressions"]
+
+_COMPARE = {
+    ast.Lt: ("olt", "slt"), ast.LtE: ("ole", "sle"), ast.Gt: ("ogt", "sgt"), ast.GtE: ("oge", "sge"),
+    ast.Eq: ("oeq", "eq"), ast.NotEq: ("une", "ne"),
+}  # fmt: skip
+
+
+class Expressions(Arithmetic):
+    """Writes the expressions of one function; see `Arithmetic`."""
+
+    # ---------------------------------------------------------------- expressions
+
+    def value(self, node: ast.expr) -> Value:
+        """Write an expression and return its value."""
+        match node:
+            case ast.Name(id=name):
+                if name in self.values:
+                    return self.values[name]
+                if name in self.slots:
+                    slot = self.slots[name]
+                    return self.emit(slot.kind, f"load {llvm_type(slot.kind)}, ptr {slot.name}")
+                if name in self.kinds.of:
+                    raise self.refuse(node, f"'{name}' is read before it has a value")
+                return self.constant(self.unit.meaning(name), node)
+            case ast.BinOp():
+                return self._binary(node)
+            case ast.Constant(value=value):
+                return self.constant(value, node)
+            case ast.Subscript():
+                return self._load(node)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                inner = self.value(operand)
+                if inner.whole is not None:
+                    return Value(INT, str(-inner.whole), whole=-inner.whole)
+                if inner.kind == FLOAT:
+                    return self.emit(FLOAT, f"fneg double {inner.name}")
+                return self.emit(INT, f"sub i64 0, {self.to(inner, INT, node).name}")
+            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+                return self.value(operand)
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return self.emit(TRUTH, f"xor i1 {self.truth(operand).name}, true")
+            case ast.Compare():
+                return self._compare(node)
+            case ast.BoolOp():
+                return self._condition(node)
+            case ast.IfExp(test=test, body=body, orelse=orelse):
+                kind = self.kinds.kind(node)
+                return self._either(
+                    self.truth(test),
+                    kind,
+                    lambda: self.to(self.value(body), kind, node),
+                    lambda: self.to(self.value(orelse), kind, node),
+                )
+            case ast.Call():
+                return self._call(node)
+            case ast.Attribute(value=ast.Name(id="math"), attr=attr) if isinstance(getattr(math, attr, None), float):
+                return self.constant(getattr(math, attr), node)
+            case ast.Attribute(value=value, attr="size"):
+                array = self.value(value)
+                size = Value(INT, array.shape[0])
+                for other in array.shape[1:]:
+                    size = self.emit(INT, f"mul i64 {size.name}, {other}")
+                return size
+            case ast.Tuple(elts=elts):
+                parts = [self.value(e) for e in elts]
+                return self.together(parts, tuple(p.kind for p in parts))
+        raise self.refuse(node, f"{ast.unparse(node)} is outside the subset")
+
+    def truth(self, node: ast.expr) -> Value:
+        """Write a condition and return it."""
+        found = self.value(node)
+        if found.kind == TRUTH:
+            return found
+        if found.kind == INT:
+            return self.emit(TRUTH, f"icmp ne i64 {found.name}, 0")
+        raise self.refuse(node, f"{found.kind} in the place of a condition")
+
+    def _either(self, test: Value, kind: Kind, first: Callable[[], Value], second: Callable[[], Value]) -> Value:
+        """Write what is evaluated on one side only, and return the side's value."""
+        yes, no, end = self.fresh("yes"), self.fresh("no"), self.fresh("end")
+        self.lines.append(f"  br i1 {test.name}, label %{yes}, label %{no}")
+        arms = []
+        for label, side in ((yes, first), (no, second)):
+            self.begin(label)
+            value = side()
+            arms.append(f"[ {value.name}, %{self.label} ]")
+            self.jump(end)
+        self.begin(end)
+        return self.emit(kind, f"phi {llvm_type(kind)} {', '.join(arms)}")
+
+    def _condition(self, node: ast.BoolOp) -> Value:
+        found = self.truth(node.values[0])
+        for other in node.values[1:]:
+            if isinstance(node.op, ast.And):
+                found = self._either(found, TRUTH, lambda n=other: self.truth(n), lambda: Value(TRUTH, "false"))  # type: ignore[misc]
+            else:
+                found = self._either(found, TRUTH, lambda: Value(TRUTH, "true"), lambda n=other: self.truth(n))  # type: ignore[misc]
+        return found
+
+    def _compare(self, node: ast.Compare) -> Value:
+        values = [self.value(node.left), *map(self.value, node.comparators)]
+        found: Value | None = None
+        for op, a, b in zip(node.ops, values, values[1:], strict=False):
+            if type(op) not in _COMPARE:
+                raise self.refuse(node, "this comparison is outside the subset")
+            kind = joined(joined(a.kind, b.kind), INT)
+            a, b = self.to(a, kind, node), self.to(b, kind, node)
+            of_reals, of_whole = _COMPARE[type(op)]
+            word = f"fcmp {of_reals} double" if kind == FLOAT else f"icmp {of_whole} i64"
+            now = self.emit(TRUTH, f"{word} {a.name}, {b.name}")
+            found = now if found is None else self.emit(TRUTH, f"and i1 {found.name}, {now.name}")
+        assert found is not None
+        return found
+
+    def _binary(self, node: ast.BinOp) -> Value:
+        return self.arithmetic(node.op, self.value(node.left), self.value(node.right), node)
+
+    # ---------------------------------------------------------------- memory
+
+    def place(self, node: ast.Subscript) -> Value:
+        """Write the address of an element; the kind is that of the element."""
+        array = self.value(node.value)
+        kind = element(array.kind)
+        indices = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        if len(indices) != max(1, len(array.shape)):
+            raise self.refuse(node, f"{len(indices)} indices for {len(array.shape) or 1} dimensions")
+        at = self.to(self.value(indices[0]), INT, node)
+        for size, index in zip(array.shape[1:], indices[1:], strict=True):
+            row = self.emit(INT, f"mul i64 {at.name}, {size}")
+            at = self.emit(INT, f"add i64 {row.name}, {self.to(self.value(index), INT, node).name}")
+        found = self.emit(kind, f"getelementptr {llvm_type(kind)}, ptr {array.name}, i64 {at.name}")
+        return found
+
+    def _load(self, node: ast.Subscript) -> Value:
+        if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
+            array = self.value(node.value.value)
+            if not (isinstance(node.slice, ast.Constant) and isinstance(node.slice.value, int)):
+                raise self.refuse(node, "the shape of an array takes a number")
+            return Value(INT, array.shape[node.slice.value])
+        place = self.place(node)
+        return self.emit(place.kind, f"load {llvm_type(place.kind)}, ptr {place.name}, !tbaa !{place.kind}")
+
+    # ---------------------------------------------------------------- calls
+
+    def _call(self, node: ast.Call) -> Value:
+        if node.keywords:
+            raise self.refuse(node, "calls take plain arguments")
+        arguments = [self.value(a) for a in node.args]
+        match node.func:
+            case ast.Attribute(value=ast.Name(id="math"), attr=attr) if attr in METHODS:
+                return self._method(attr, [self.to(a, FLOAT, node) for a in arguments], node)
+            case ast.Name(id=name):
+                if name in ("min", "max", "abs", "int", "float", "bool") and name not in self.unit.functions:
+                    return self.builtin(name, arguments, node)
+                meaning = self.unit.meaning(name)
+                if isinstance(meaning, tuple):
+                    return self._function(meaning[0], meaning[1], arguments)
+                if hasattr(meaning, "instruction"):
+                    return self._instruction(meaning.instruction, arguments, node)
+        raise self.refuse(node, f"{ast.unparse(node.func)} cannot be called")
+
+    def _method(self, name: str, arguments: list[Value], node: ast.AST) -> Value:
+        method = METHODS[name]
+        if len(arguments) != method.arguments:
+            raise self.refuse(node, f"math.{name} takes {method.arguments} arguments")
+        if name == "isfinite":
+            size = self.intrinsic("llvm.fabs.f64", arguments)
+            return self.emit(TRUTH, f"fcmp olt double {size.name}, {real(math.inf)}")
+        if name == "isnan":
+            return self.emit(TRUTH, f"fcmp uno double {arguments[0].name}, {arguments[0].name}")
+        return self.intrinsic(method.symbol, arguments)
+
+    def _function(self, unit: Any, name: str, arguments: list[Value]) -> Value:
+        symbol, returns = self.program.function(unit, name, tuple(a.kind for a in arguments))
+        given = ", ".join(f"{llvm_type(a.kind)} {a.name}" for a in arguments)
+        if returns == NOTHING:
+            self.lines.append(f"  call void @{symbol}({given})")
+            return Value(NOTHING, "")
+        return self.emit(returns, f"call {llvm_type(returns)} @{symbol}({given})")
+
+    def _instruction(self, name: str, arguments: list[Value], node: ast.AST) -> Value:
+        first = arguments[0]
+        if name == "pointer" and isinstance(first.kind, Array):
+            return Value(FLOATS if first.kind.of == FLOAT else INTS, first.name)
+        if name in ("floats", "ints"):
+            kind = FLOATS if name == "floats" else INTS
+            return self.emit(kind, f"inttoptr i64 {self.to(first, INT, node).name} to ptr")
+        if name == "shift":
+            kind = llvm_type(element(first.kind))
+            count = self.to(arguments[1], INT, node)
+            return self.emit(first.kind, f"getelementptr {kind}, ptr {first.name}, i64 {count.name}")
+        if name in CALLS:
+            target = self.emit(INTS, f"inttoptr i64 {self.to(first, INT, node).name} to ptr")
+            given = ", ".join(f"{llvm_type(a.kind)} {a.name}" for a in arguments[1:])
+            self.lines.append(f"  call void {target.name}({given})")
+            return Value(NOTHING, "")
+        raise self.refuse(node, f"{name} is outside the subset")

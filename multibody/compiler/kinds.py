@@ -1,0 +1,110 @@
+"""Kinds of values: real, whole, condition, pointer, array, and several at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+__all__ = [
+    "FLOAT", "FLOATS", "INT", "INTS", "NOTHING", "TRUTH", "Array", "Kind", "Outside", "Value", "element", "joined",
+    "kind_of_argument", "llvm_type", "real",
+]  # fmt: skip
+
+
+class Outside(Exception):
+    """Source text that is outside the subset; the message says where."""
+
+
+@dataclass(frozen=True)
+class Array:
+    """An array argument of a function that Python calls: a pointer and its shape."""
+
+    of: str
+    dimensions: int
+
+
+FLOAT, INT, TRUTH, FLOATS, INTS, NOTHING = "float", "int", "truth", "floats", "ints", "nothing"
+Kind = Any  # one of the names above, an Array, or a tuple of kinds
+_LLVM = {FLOAT: "double", INT: "i64", TRUTH: "i1", FLOATS: "ptr", INTS: "ptr", NOTHING: "void"}
+_RANK = {TRUTH: 0, INT: 1, FLOAT: 2}
+
+
+@dataclass(frozen=True)
+class Value:
+    """A value in the text: its kind and its name or number; an array's shape beside it."""
+
+    kind: Kind
+    name: str
+    shape: tuple[str, ...] = ()
+    whole: int | None = None
+
+
+def llvm_type(kind: Kind) -> str:
+    """Return LLVM's name of a kind.
+
+    Examples
+    --------
+    >>> llvm_type(FLOAT), llvm_type((FLOAT, INT))
+    ('double', '{ double, i64 }')
+    """
+    if isinstance(kind, tuple):
+        return "{ " + ", ".join(map(llvm_type, kind)) + " }"
+    return "ptr" if isinstance(kind, Array) else _LLVM[kind]
+
+
+def joined(a: Kind, b: Kind) -> Kind:
+    """Return the kind that holds both: a whole number in the place of a real one becomes real.
+
+    Raises
+    ------
+    Outside
+        If there is none.
+    """
+    if a == b or b is None:
+        return a
+    if a is None:
+        return b
+    if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
+        return tuple(joined(x, y) for x, y in zip(a, b, strict=True))
+    if a in _RANK and b in _RANK:
+        return a if _RANK[a] > _RANK[b] else b
+    raise Outside(f"one name holds {a} and {b}")
+
+
+def element(kind: Kind) -> str:
+    """Return the kind of what a pointer or an array holds."""
+    if isinstance(kind, Array):
+        return kind.of
+    if kind in (FLOATS, INTS):
+        return FLOAT if kind == FLOATS else INT
+    raise Outside(f"{kind} has no elements")
+
+
+def kind_of_argument(value: Any) -> Kind:
+    """Return the kind under which a value of Python is handed to compiled code.
+
+    Raises
+    ------
+    TypeError
+        For arrays that are not contiguous or hold neither float64 nor int64, and for anything else.
+    """
+    if isinstance(value, np.ndarray):
+        if value.dtype not in (np.float64, np.int64) or not value.flags.c_contiguous:
+            raise TypeError(f"compiled code takes contiguous arrays of float64 or int64, not {value.dtype}")
+        return Array(FLOAT if value.dtype == np.float64 else INT, value.ndim)
+    if isinstance(value, bool | np.bool_):
+        return TRUTH
+    if isinstance(value, int | np.integer):
+        return INT
+    if isinstance(value, float | np.floating):
+        return FLOAT
+    raise TypeError(f"compiled code takes numbers and arrays, not {type(value).__name__}")
+
+
+def real(value: float) -> str:
+    """Return a number as LLVM writes it, exactly."""
+    import struct
+
+    return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"

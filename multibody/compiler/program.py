@@ -1,0 +1,84 @@
+"""A whole program as LLVM text: functions with a C address, what they call, and their constants."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from multibody.compiler.functions import FunctionWriter
+from multibody.compiler.inference import Kinds
+from multibody.compiler.kinds import Kind, Outside, real
+from multibody.compiler.units import Unit
+
+__all__ = ["Program"]
+
+_ALIASES = """
+!0 = !{!"numbers"}
+!1 = !{!"double", !0}
+!2 = !{!"int", !0}
+!3 = !{!1, !1, i64 0}
+!4 = !{!2, !2, i64 0}
+"""
+
+
+class Program:
+    """Collects functions, each written once for the kinds it is called with."""
+
+    def __init__(self) -> None:
+        self._kinds: dict[Any, Kinds] = {}
+        self._open: set[Any] = set()
+        self._symbols: dict[Any, str] = {}
+        self._texts: list[str] = []
+        self._declared: dict[str, int] = {}
+        self._tables: dict[int, tuple[str, np.ndarray]] = {}
+
+    def add(self, unit: Unit, name: str, arguments: tuple[Kind, ...], symbol: str) -> Kind:
+        """Add a function under a symbol for C, and return what it returns.
+
+        Raises
+        ------
+        Outside
+            If the function, or one that it calls, is outside the subset.
+        """
+        kinds = self._of(unit, name, arguments)
+        self._texts.append(FunctionWriter(self, kinds).write(symbol, ""))
+        return kinds.returns
+
+    def function(self, unit: Unit, name: str, arguments: tuple[Kind, ...]) -> tuple[str, Kind]:
+        """Return symbol and result of a function that others call."""
+        key = (unit, name, arguments)
+        kinds = self._of(unit, name, arguments)
+        if key not in self._symbols:
+            self._symbols[key] = f"f{len(self._symbols)}.{name}"
+            self._texts.append(FunctionWriter(self, kinds).write(self._symbols[key], "internal"))
+        return self._symbols[key], kinds.returns
+
+    def _of(self, unit: Unit, name: str, arguments: tuple[Kind, ...]) -> Kinds:
+        key = (unit, name, arguments)
+        if key not in self._kinds:
+            if key in self._open:
+                raise Outside(f"{unit.name}: {name} calls itself")
+            self._open.add(key)
+            self._kinds[key] = Kinds(unit, unit.functions[name], arguments, lambda u, n, a: self._of(u, n, a).returns)
+        return self._kinds[key]
+
+    def declare(self, symbol: str, arguments: int) -> None:
+        """Note a function of real numbers that others bring."""
+        self._declared[symbol] = arguments
+
+    def table(self, values: np.ndarray) -> str:
+        """Return the name of a constant array."""
+        return "@" + self._tables.setdefault(id(values), (f"t{len(self._tables)}", values))[0]
+
+    def text(self) -> str:
+        """Return the program's text."""
+        parts = []
+        for name, values in self._tables.values():
+            kind = "double" if values.dtype == np.float64 else "i64"
+            numbers = ", ".join(f"{kind} {real(v) if kind == 'double' else v}" for v in values.ravel().tolist())
+            parts.append(f"@{name} = internal constant [{values.size} x {kind}] [{numbers}]")
+        for symbol, count in self._declared.items():
+            parts.append(f"declare double @{symbol}({', '.join(['double'] * count)}) nounwind willreturn memory(none)")
+        text = "\n".join([*parts, *self._texts])
+        return text.replace("!tbaa !float", "!tbaa !3").replace("!tbaa !int", "!tbaa !4") + _ALIASES

@@ -1,0 +1,373 @@
+"""The virtual lift: a rig of the scaled lift bench with 37 states, richer than any model under test.
+
+Its guides are misaligned, its gear loses torque, its load changes from trip to trip, its parameters are not the nominal
+ones, a force disturbs it, and what is recorded went through sensors and a logger.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from discrepancy.bench import Channel, Disturbance
+from discrepancy.hidden import Hidden
+from discrepancy.rig import Progress, Rig, Run
+from estimation.calibrate import UncertainParameter
+from estimation.experiment import SensorError
+from multibody.model import Model
+from vtsdt.bench_model import MODELS, build, with_rails
+from vtsdt.bench_parts import GearLoss
+from vtsdt.bench_rails import RailSpectrum, draw_rails, rail_tables
+from vtsdt.bench_trips import CYCLE, Trip, draw_trip, express
+from vtsdt.lift import Lift
+from vtsdt.parameters import LiftParameters
+
+if TYPE_CHECKING:
+    from multibody.system import System
+    from multibody.trajectory import Trajectory
+
+__all__ = ["BEFORE", "LiftRig"]
+
+#: Time under control before a record, s.
+BEFORE = 1.0
+#: Standard deviation of the accelerometer's offset, m/s²; every model under test knows that it has one.
+ACCELEROMETER_OFFSET = 0.03
+
+#: Streams of random numbers.
+_PARAMETERS, _RAILS, _SENSORS = 1, 2, 3
+_CHANNELS = {
+    "omega_ref": Channel("omega_ref", "pulley_speed_ref_rad_per_s", "rad/s", "rad/s", resolution=1e-6, exact=True),
+    "tau_L": Channel("tau_L", "gear_loss_torque_Nm", "N*m", "N*m", noise=2e-3, resolution=1e-3, analogue=True),
+    "friction_c": Channel("friction_c", "guide_force_c_N", "N", "N", noise=0.02, resolution=5e-3, analogue=True),
+    "friction_cw": Channel("friction_cw", "guide_force_cw_N", "N", "N", noise=0.02, resolution=5e-3, analogue=True),
+    "payload": Channel("payload", "payload_kg", "kg", "kg", resolution=1e-3, exact=True),
+    "omega": Channel("omega", "pulley_speed_rad_per_s", "rad/s", "rad/s", noise=2e-3, resolution=1e-3),
+    "pulley.angle": Channel("pulley.angle", "pulley_angle_rad", "rad", "rad", noise=5e-5, resolution=1e-4),
+    "i_q": Channel("i_q", "current_q_A", "A", "A", noise=5e-3, resolution=1e-3, analogue=True),
+    "F_c": Channel("F_c", "tension_c_N", "N", "N", noise=0.3, resolution=0.05, analogue=True),
+    "F_cw": Channel("F_cw", "tension_cw_N", "N", "N", noise=0.3, resolution=0.05, analogue=True),
+    "a_c": Channel(
+        "a_c", "cabin_acceleration_m_per_s2", "m/s**2", "m/s**2", noise=0.01, resolution=1e-3, analogue=True),
+    "cabin.z": Channel("cabin.z", "cabin_height_mm", "m", "mm", noise=2e-5, resolution=0.01),
+    "counterweight.z": Channel(
+        "counterweight.z", "counterweight_height_mm", "m", "mm", noise=2e-5, resolution=0.01),
+}  # fmt: skip
+_MEASURED = ("omega", "pulley.angle", "i_q", "F_c", "F_cw", "a_c", "cabin.z", "counterweight.z")
+_INPUTS = {
+    "one_dimensional": ("omega_ref", "tau_L", "friction_c", "friction_cw", "payload"),
+    "reference": ("omega_ref", "tau_L"),
+    "cabin": ("F_c",),
+}
+#: Quantities of the rig that are recorded under another name.
+_SOURCES = {"tau_L": "gear_loss.torque", "friction_c": "fric_c", "friction_cw": "fric_cw"}
+_BODY = ("x", "y", "roll", "pitch", "yaw")
+_FREE = {
+    "one_dimensional": (
+        "pulley.angle", "cabin.z", "counterweight.z", "support.plate_position", "support.tilt_B_angle",
+        "machine.i_q", "control.x_q", "control.x_omega",
+    ),
+    "cabin": ("cabin.z", *(f"cabin.{n}" for n in _BODY)),
+}  # fmt: skip
+_FREE["reference"] = (
+    *_FREE["one_dimensional"],
+    *(f"{b}.{n}" for b in ("cabin", "counterweight") for n in _BODY),
+)
+#: Parameter, its standard deviation as a share of its nominal value, smallest value, unit.
+_ONE = (
+    ("cabin.mass", 0.0125, 1.0, "kg"),
+    ("counterweight.mass", 0.0125, 1.0, "kg"),
+    ("pulley.J_p", 0.04, 1e-3, "kg*m**2"),
+    ("ropes.EA", 0.04, 1e4, "N"),
+    ("ropes.damping", 0.17, 0.0, "N*s"),
+    ("support.stiffness", 0.06, 1e4, "N/m"),
+    ("machine.K_T", 0.013, 0.1, "N*m/A"),
+)
+_GUIDES = (("cabin_guide.mu", 0.07, 0.0, ""), ("cabin_guide.stiffness", 0.04, 1e3, "N/m"))
+_UNCERTAIN = {
+    "one_dimensional": _ONE,
+    "reference": (*_ONE, *_GUIDES, ("counterweight_guide.mu", 0.07, 0.0, "")),
+    "cabin": (_ONE[0], *_GUIDES),
+}
+
+
+@dataclass(frozen=True)
+class LiftRig(Rig):
+    """How the rig of the lift is run; see `discrepancy.rig.Rig` for the other settings.
+
+    Parameters
+    ----------
+    under_test : {"one_dimensional", "reference", "cabin"}
+        Model that the study builds; the rig itself always has all 37 states.
+    parameters : LiftParameters
+        Nominal; rails that it has as tables are used where ``rails`` is None.
+    rails : RailSpectrum or None
+        From what the rails are drawn; None: as ``parameters`` has them.
+    loads : tuple of float, kg
+        Payloads that come in turn; only the 1D model takes a load as a signal.
+    only_express : bool
+        All trips from end to end, up and down in turn, as on the paper's bench.
+    configuration : int
+        Of the guides: another number is the same lift with other guides, other trips and other disturbances.
+    """
+
+    trips: int = 10
+    disturbance: Disturbance = field(default_factory=lambda: Disturbance(1.0))
+    duration: float = 6.0
+    under_test: str = "one_dimensional"
+    parameters: LiftParameters = field(default_factory=LiftParameters.bench, repr=False)
+    rails: RailSpectrum | None = field(default_factory=RailSpectrum)
+    loads: tuple[float, ...] = ()
+    only_express: bool = False
+    configuration: int = 0
+
+    machine: ClassVar[str] = "lift"
+    prefer: ClassVar[tuple[str, ...]] = ("cabin.z", "F_c", "omega_ref")
+    at: ClassVar[str] = "cabin.z"
+    #: Shows clearly beside a disturbance of 1 N.
+    force: ClassVar[float] = 6.0
+    visible: ClassVar[Mapping[str, float]] = {
+        "omega_ref": 0.02, "tau_L": 0.1, "friction_c": 2.0, "friction_cw": 2.0, "payload": 0.2, "omega": 0.02,
+        "pulley.angle": 0.01, "i_q": 0.05, "F_c": 3.0, "F_cw": 3.0, "a_c": 0.1, "cabin.z": 1e-3,
+        "counterweight.z": 1e-3,
+    }  # fmt: skip
+
+    def faults(self) -> list[str]:
+        """Return what is wrong with the settings."""
+        found = super().faults()
+        if self.under_test not in MODELS:
+            found.append(f"--model {self.under_test}: give one of {', '.join(MODELS)}")
+        if any(not (np.isfinite(m) and 0.0 <= m <= 20.0) for m in self.loads):
+            found.append(f"loads are {', '.join(f'{m:g}' for m in self.loads)} kg: give 0 to 20 kg")
+        if self.under_test != "one_dimensional" and any(self.loads):
+            found.append(
+                f"loads of {', '.join(f'{m:g}' for m in self.loads)} kg: only the 1D model takes a load as a signal; "
+                "leave --loads out"
+            )
+        if self.duration < self.parameters.trip.duration - 0.5:
+            found.append(
+                f"duration is {self.duration:g} s: a trip from end to end takes {self.parameters.trip.duration:g} s"
+            )
+        return found
+
+    def stream(self, number: int) -> np.random.Generator:
+        """Return random numbers for one purpose; true parameters and sensors are the same in all configurations."""
+        if self.configuration and number not in (_PARAMETERS, _SENSORS):
+            return np.random.default_rng([int(self.seed), number, int(self.configuration)])
+        return super().stream(number)
+
+    # ---------------------------------------------------------------- the model under test and what is recorded
+
+    @property
+    def model(self) -> Model:
+        """The model under test; the reference and the cabin know the rails as they are."""
+        return build(self.under_test, **self.model_arguments)
+
+    @property
+    def model_arguments(self) -> dict[str, Any]:
+        """Arguments of `vtsdt.bench_model.build` beside the model's name."""
+        return {} if self.under_test == "one_dimensional" else {"rails": rail_tables(self.profiles)}
+
+    @cached_property
+    def profiles(self) -> dict[str, Any]:
+        """Profiles of the rig's rails by name."""
+        if self.rails is None:
+            p = self.parameters
+            sides = {"cabin": p.cabin_guide, "counterweight": p.counterweight_guide}
+            return {f"{s}.{n}": q for s, g in sides.items() for n, q in g.profiles().items()}
+        return draw_rails(self.parameters, self.rails, self.stream(_RAILS))
+
+    @property
+    def payloads(self) -> tuple[float, ...]:
+        """Payloads in turn, kg."""
+        return self.loads or ((0.0, 2.0, 4.0) if self.under_test == "one_dimensional" else (0.0,))
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Recorded inputs of the model under test."""
+        return _INPUTS[self.under_test]
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Measured outputs that the model under test has."""
+        if self.under_test == "cabin":
+            return ("a_c", "cabin.z")
+        return _MEASURED
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What is recorded: everything, whatever the model under test takes of it."""
+        return tuple(_CHANNELS.values())
+
+    @property
+    def uncertain(self) -> tuple[UncertainParameter, ...]:
+        """What calibration may move, with the priors from which the true values are drawn."""
+        found = []
+        for name, share, low, unit in _UNCERTAIN[self.under_test]:
+            section, key = _section(name)
+            value = float(getattr(getattr(self.parameters, section), key))
+            found.append(UncertainParameter(name, value, share * value, low, np.inf, unit))
+        return tuple(found)
+
+    @property
+    def starts(self) -> tuple[str, ...]:
+        """States of the model under test that start at an unknown value."""
+        return _FREE[self.under_test]
+
+    # ---------------------------------------------------------------- trips
+
+    def trip(self, number: int) -> Trip:
+        """Return the trip of a number, from 0."""
+        if self.only_express:
+            loads = self.payloads
+            return express(self.parameters, number % 2 == 0, self.duration, loads[(number // 2) % len(loads)])
+        return draw_trip(self.parameters, number, self.stream(100 + number), self.duration, self.payloads)
+
+    def nominal_runs(self, system: System, stamps: np.ndarray) -> list[Trajectory]:
+        """Return a trip up of the nominal model under test, with the usual friction where it comes as a signal."""
+        trip = express(self.parameters, True, float(stamps[-1]))
+        known: dict[str, Any] = {"omega_ref": (trip.time, trip.omega), "payload": 2.0}
+        moving = np.tanh(trip.omega / 0.1)
+        known |= {
+            "tau_L": (trip.time, -0.6 * moving),
+            "friction_c": (trip.time, 7.0 * moving),
+            "friction_cw": (trip.time, -4.0 * moving),
+        }
+        if self.under_test == "cabin":
+            full = Lift.reference(with_rails(self.parameters, rail_tables(self.profiles))).trip(
+                "up", until=self.duration
+            )
+            known["F_c"] = (full.times, full["F_c"])
+        return [
+            system.simulate(
+                float(stamps[-1]), inputs={n: known[n] for n in self.inputs}, times=stamps, rtol=1e-6, atol=1e-9
+            )
+        ]
+
+    # ---------------------------------------------------------------- the rig itself
+
+    def true_parameters(self, perturbed: Mapping[str, float]) -> LiftParameters:
+        """Return the numbers of the rig's lift: its rails and its true parameters."""
+        given = with_rails(self.parameters, rail_tables(self.profiles))
+        parts: dict[str, dict[str, float]] = {}
+        for name, value in perturbed.items():
+            section, key = _section(name)
+            parts.setdefault(section, {})[key] = value
+        changed = {k: dataclasses.replace(getattr(given, k), **v) for k, v in parts.items()}
+        return dataclasses.replace(given, **changed)
+
+    def record(
+        self,
+        perturbed: Mapping[str, float],
+        hidden: Sequence[Hidden],
+        errors: Sequence[SensorError],
+        names: Sequence[str],
+        progress: Progress,
+    ) -> tuple[Model, list[Run]]:
+        """Return the true lift, and a run of it for each name."""
+        lift = Lift.reference(self.true_parameters(perturbed), payload=(0.0, 0.0, 0.0, 0.0))
+        true_model, recorded = lift.copy(), list(errors)
+        for each in hidden:
+            effect = each.effect
+            if effect is not None and effect.definition.at == "input" and effect.where != "omega_ref":
+                recorded += _as_sensor(effect)
+            else:
+                true_model = each.added_to(true_model)
+        recorded.append(
+            SensorError("a_c", "offset", ACCELEROMETER_OFFSET * float(self.stream(_SENSORS).standard_normal()))
+        )
+        rig = _dressed(true_model, self.regularisation)
+        wanted = [_SOURCES.get(n, n) for n in _CHANNELS if n not in ("omega_ref", "payload")]
+        system = rig.build(outputs=wanted)
+        stamps, fine = self.logger.stamps(self.duration), self.logger.fine_grid(self.duration, BEFORE)
+        found: list[Run] = []
+        for k, name in enumerate(names):
+            progress(f"trip {k + 1} of {len(names)}")
+            found.append((name, stamps, self._trip(lift, system, k, stamps, fine, recorded)))
+        return true_model, found
+
+    def _trip(
+        self,
+        lift: Lift,
+        system: System,
+        number: int,
+        stamps: np.ndarray,
+        fine: np.ndarray,
+        errors: Sequence[SensorError],
+    ) -> dict[str, np.ndarray]:
+        """Run the rig once and return the columns as they are written."""
+        trip = self.trip(number)
+        p = {"payload.mass": trip.load}
+        pushed = np.arange(-round(BEFORE / CYCLE), trip.time.size) * CYCLE
+        force = self.disturbance.draw(pushed.size, CYCLE, self.stream(200 + number))
+        lift.payload = (trip.load, 0.0, 0.0, 0.0)
+        start = lift.equilibrium(
+            trip.height, system=system, inputs={"omega_ref": 0.0, "disturbance.force": 0.0}, parameters=p
+        )
+        run = system.simulate(
+            (float(fine[0]), float(fine[-1])),
+            inputs={"omega_ref": (trip.time, trip.omega), "disturbance.force": (pushed, force)},
+            initial=start.state,
+            parameters=p,
+            times=fine,
+            method=self.method,
+            rtol=self.rtol,
+            atol=self.rtol * 1e-3,
+        )
+        rng = self.stream(300 + number)
+        columns = {}
+        for name, channel in _CHANNELS.items():
+            if name == "omega_ref":
+                values = np.interp(fine, trip.time, trip.omega)
+            elif name == "payload":
+                values = np.full_like(fine, trip.load)
+            else:
+                values = run[_SOURCES.get(name, name)]
+            columns[channel.column] = self.logger.read(channel, fine, values, stamps, rng, errors)
+        return columns
+
+    def more_truth(self) -> dict[str, Any]:
+        """Return rails and loads."""
+        return {
+            "model_under_test": self.under_test,
+            "rails": rail_tables(self.profiles),
+            "configuration": self.configuration,
+            "payload": {"values": list(self.payloads), "unit": "kg"},
+        }
+
+
+def _section(name: str) -> tuple[str, str]:
+    """Return where the parameter file has a parameter of the model: section and key."""
+    owner, _, key = name.partition(".")
+    return ("motor" if owner == "machine" else owner), key
+
+
+def _dressed(model: Model, regularisation: float) -> Model:
+    """Return the true lift with what only the rig has: loss of the gear, a force that disturbs."""
+    from multibody.library import ForceSource
+
+    rig = model.copy()
+    source = rig.add("disturbance", ForceSource())
+    rig.connect(source.flange, "cabin.z_axis")
+    rig.input("disturbance.force", source.force)
+    loss = rig.add("gear_loss", GearLoss())
+    rig.connect(loss.axis, "pulley.axis")
+    rig.connect(loss.support, "pulley.support")
+    fades = {
+        f"{g}.v_s": regularisation * rig.components[g].values["v_s"] for g in ("cabin_guide", "counterweight_guide")
+    }
+    return rig.with_values(fades)
+
+
+def _as_sensor(effect: Any) -> list[SensorError]:
+    """Return the error of an input's sensor that the effect undoes: the model corrects what it is told.
+
+    The model takes (1 + gain)·u(t − delay) + offset; so the recording has to be u(t + delay)/(1 + gain) − …
+    """
+    name = effect.definition.strengths[0]
+    size = float(effect.strengths[name])
+    return [SensorError(effect.where, name, -size / (1.0 + size) if name == "gain" else -size)]
