@@ -20,6 +20,7 @@ from discrepancy.effects import law_class
 from discrepancy.kinds import Kind, MotionRange
 from estimation.experiment import Experiment, Push, SensorError
 from estimation.push_response import forget, response_of, worth_it
+from multibody.errors import ModelError
 
 if TYPE_CHECKING:
     from discrepancy.stage import Stage
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from estimation.signals import Preparation
     from multibody.system import System
 
-__all__ = ["Confrontation", "candidate_columns", "law_force"]
+__all__ = ["Confrontation", "candidate_columns", "cannot_be_built", "law_force"]
 
 MOTION = ("position", "velocity", "acceleration")
 
@@ -270,6 +271,9 @@ def candidate_columns(
             if motion.speed <= 0.0 or motion.half < 1e-12:
                 refused.append((entry, "this connection does not move in these records"))
                 continue
+            if entry.load and (why := _no_model(facts, entry)):
+                refused.append((entry, why))
+                continue
             plans.append((entry, entry.kind.shape_grid(motion), list(entry.kind.strengths)))
         else:
             plans.append((entry, [{}], list(entry.kind.strengths)))
@@ -298,6 +302,28 @@ def candidate_columns(
             )
         )
     return found, refused
+
+
+def cannot_be_built(error: ModelError) -> str:
+    """Say in a sentence why a model cannot take an effect."""
+    return f"the model with it cannot be built: {'; '.join(error.faults)}"
+
+
+def _no_model(facts: Confrontation, entry: Entry) -> str:
+    """Return why the model cannot take an effect that needs a load, or an empty text.
+
+    Where the load is itself worked out from the force that is asked for (a given motion needs it), the two would
+    depend on each other at the same instant.
+    """
+    from discrepancy.effects import Effect
+
+    assert entry.place is not None
+    effect = Effect.at_place(entry.kind.name, entry.place, load=entry.load, number=99)
+    try:
+        effect.added_to(facts.system.model).build(probes=True)
+    except ModelError as error:
+        return cannot_be_built(error)
+    return ""
 
 
 def _record_columns(

@@ -98,6 +98,9 @@ class Stage:
         What the scan of this stage found.
     notes : tuple of str
         What a reader should know about it.
+    machine : Model or None
+        What the study was given, with the effects, the fitted values and the sensors' errors: the model to save, also
+        where ``model`` has its motion prescribed.  None for a trial.
     worked_out : dict
         What is asked of this machine more than once: its columns, its free curves, refits from here.
     """
@@ -115,6 +118,7 @@ class Stage:
     noise: Mapping[str, float]
     scan: ScanResult | None = None
     notes: tuple[str, ...] = field(default=())
+    machine: Model | None = None
     worked_out: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     @property

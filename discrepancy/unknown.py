@@ -94,7 +94,8 @@ def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Cand
                 if over == "friction":
                     basis = -basis * np.tanh(motions[i]["velocity"] / v_s)[:, None]
                 pushes += [Push(f"probe.{place.name}", basis[:, k]) for k in range(CURVE_POINTS)]
-            dy = experiment.respond(facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors).derivatives
+            found_here = experiment.respond(facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors)
+            dy = found_here.derivatives
             forget(experiment)
             for k, mine in enumerate(blocks):
                 mine.append(facts.shaped(i, dy[:, :, k * CURVE_POINTS : (k + 1) * CURVE_POINTS]))

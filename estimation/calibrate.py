@@ -37,6 +37,7 @@ def calibrate(
     scale: Mapping[str, float] | None = None,
     rounds: int = 3,
     max_evaluations: int = 40,
+    hold: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Calibration:
     """Fit uncertain parameters to records by full simulation.
@@ -67,6 +68,8 @@ def calibrate(
         Rounds of weighing and fitting.
     max_evaluations : int
         Simulations of all records in a round, at most.
+    hold : bool
+        Stay at the start, with the given ``scale``: the result of a fit that was made before.
     progress : callable, optional
         Gets a line of text now and then.
 
@@ -88,9 +91,9 @@ def calibrate(
     still = _still(problem, first)
     moving = np.array([k for k in range(theta.size) if k not in still], dtype=int)
     problem.scale = _weights(problem, first, floor) if scale is None else np.array([scale[n] for n in outputs])
-    trial = scale is not None
+    trial = scale is not None and not hold
     message = "nothing to move"
-    for k in range((1 if trial else rounds) if moving.size else 0):
+    for k in range((1 if trial else rounds) if moving.size and not hold else 0):
         here = theta.copy()
 
         def full(part: np.ndarray, here: np.ndarray = here) -> np.ndarray:

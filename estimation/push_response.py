@@ -75,8 +75,14 @@ class PushResponse:
         problem = native_problem(system, p, table, tangent=True)
         samples = Samples(time)
         solution = integrate(
-            problem, (float(time[0]), float(time[-1])), x0, samples=samples, rtol=experiment.rtol,
-            atol=experiment.rtol * 1e-3, max_step=np.inf)
+            problem,
+            (float(time[0]), float(time[-1])),
+            x0,
+            samples=samples,
+            rtol=experiment.rtol,
+            atol=experiment.rtol * 1e-3,
+            max_step=np.inf,
+        )
         if solution.status < 0 or samples.count < time.size or not np.all(np.isfinite(samples.states)):
             raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
         x = np.ascontiguousarray(samples.states)
