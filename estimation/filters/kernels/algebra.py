@@ -7,14 +7,9 @@ Matrices are stored row by row with rows of ``ld`` elements, of which the first 
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from numba import njit
-
+from multibody.solvers.kernels.calls import fused as small
 from multibody.solvers.kernels.calls import shift
-
-# Products may be fused with sums; nothing is reordered.
-small: Any = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath={"contract"})
 
 _ROOT = math.sqrt(177.0)
 # Bader, Blanes and Casas (2019), "Computing the matrix exponential with an optimized Taylor polynomial
