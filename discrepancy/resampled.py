@@ -132,7 +132,7 @@ def resampled_alarms(
     from discrepancy.null import correlation_length
     from discrepancy.scan import judge, scan
     from discrepancy.search import LOOKS, scan_preparation
-    from discrepancy.unknown import curve_candidates
+    from discrepancy.unknown import curve_candidates, holds
     from discrepancy.verdict import Verdict
     from discrepancy.whitened import raw_residual, whiten_all
     from discrepancy.whitening import identity
@@ -175,7 +175,7 @@ def resampled_alarms(
             told, least = {"plain": "", "whitened": "", "curves": ""}, 1.0
             for which in told:  # as in the search: what has been found already is not looked for again
                 found = look(which, made, number)
-                missing = [r for r in found.rows if r.verdict is Verdict.MISSING]
+                missing = [r for r in found.rows if (holds(r) if which == "curves" else r.verdict is Verdict.MISSING)]
                 least = min([least, *(r.p for r in found.rows)])
                 if missing:
                     told[which] = missing[0].name
