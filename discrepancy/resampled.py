@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,9 +18,10 @@ import numpy as np
 from discrepancy.blocks import Array, Residual
 
 if TYPE_CHECKING:
+    from discrepancy.result import ScanResult
     from discrepancy.stage import Stage
 
-__all__ = ["SCHEMES", "Resampled", "read_resampled", "resample", "resampled_alarms", "resampled_page"]
+__all__ = ["SCHEMES", "Resampled", "best_stage", "read_resampled", "resample", "resampled_alarms", "resampled_page"]
 
 SCHEMES = ("block bootstrap", "circular shift and sign", "pieces shuffled and turned")
 #: Mean length of a block as a multiple of the residual's correlation time, and its least share of a record.
@@ -108,10 +109,11 @@ def resampled_alarms(
 ) -> list[Resampled]:
     """Scan resampled residuals of a stage; an interrupted run goes on.
 
-    Repeated for every trial: the weights, the whitening filters, the projection, all scores and all shuffled nulls of
-    the three scans.  Done once: the simulation, its sensitivities and the candidates' columns; recalibration is what
-    the projection does to first order.  Left out: the refit in full simulation with its demand that BIC falls and that
-    the change reaches the noise, which can only take alarms away.
+    Repeated for every trial: the whitening filters, the projection of the residual, all scores and all shuffled nulls
+    of the three scans.  Done once: the simulation, its sensitivities, the candidates' columns, and the weights of the
+    outputs in the scans that do not whiten; recalibration is what the projection does to first order.  Left out: the
+    refit in full simulation with its demand that BIC falls and that the change reaches the noise, which can only take
+    alarms away.
 
     Parameters
     ----------
@@ -128,12 +130,12 @@ def resampled_alarms(
     from discrepancy.catalogue import catalogue
     from discrepancy.columns import Confrontation, candidate_columns
     from discrepancy.null import correlation_length
-    from discrepancy.scan import scan
+    from discrepancy.scan import judge, scan
     from discrepancy.search import LOOKS, scan_preparation
-    from discrepancy.unknown import curve_candidates
+    from discrepancy.unknown import curve_candidates, holds
     from discrepancy.verdict import Verdict
     from discrepancy.whitened import raw_residual, whiten_all
-    from discrepancy.whitening import Whitener, identity
+    from discrepancy.whitening import identity
 
     out.mkdir(parents=True, exist_ok=True)
     path = out / "resampled.jsonl"
@@ -148,35 +150,61 @@ def resampled_alarms(
     curves = curve_candidates(facts, stage.system.places)
     residual, sens = facts.residual(), facts.sensitivities()
     floor = [stage.noise[c] for c in residual.channels]
+    sizes = np.maximum(np.sqrt(np.mean(np.concatenate(residual.blocks) ** 2, axis=0)), 1e-300)
+    weights = identity(list(sizes), residual.channels, residual.dt)
+    laws, free = (whiten_all(weights, residual, sens, what) for what in (candidates, curves))
+    layout, projection = laws.projection.layout, laws.projection
+    memory = correlation_length(layout, laws.e)
+    source = raw_residual(laws, residual, sens, [], [])
+    given = np.isfinite(sens.prior_std)
+    prior = sens.prior_offset[given] / sens.prior_std[given]
 
-    def plain_of(blocks: Sequence[Array]) -> Whitener:
-        sizes = np.maximum(np.sqrt(np.mean(np.concatenate(blocks) ** 2, axis=0)), 1e-300)
-        return identity(list(sizes), residual.channels, residual.dt)
+    def look(which: str, made: Residual, number: int) -> ScanResult:
+        if which == "whitened":
+            return scan(made, sens, candidates, level=level / LOOKS, seed=number, noise_floor=floor)
+        e_raw = layout.stack(weights, made.blocks, prior)
+        known, what = (laws, candidates) if which == "plain" else (free, curves)
+        w = replace(known, e_raw=e_raw, e=projection.remove(e_raw.copy()))
+        return judge(w, made, sens, what, level / LOOKS, 400, np.random.default_rng(number), floor)
 
-    w = whiten_all(plain_of(residual.blocks), residual, sens, [])
-    memory = correlation_length(w.projection.layout, w.e)
-    source = raw_residual(w, residual, sens, [], [])
     with path.open("a") as stream:
         for count, number in enumerate(left, 1):
             rng = np.random.default_rng([number, 77])
             scheme = SCHEMES[number % len(SCHEMES)]
             made = Residual(resample(source, scheme, memory, rng), residual.dt, residual.channels)
-            told, least = [], 1.0
-            for what, whitener in (
-                (candidates, plain_of(made.blocks)),
-                (candidates, None),
-                (curves, plain_of(made.blocks)),
-            ):
-                found = scan(made, sens, what, level=level / LOOKS, seed=number, noise_floor=floor, whitener=whitener)
-                missing = [r for r in found.rows if r.verdict is Verdict.MISSING]
-                told.append(missing[0].name if missing else "")
+            told, least = {"plain": "", "whitened": "", "curves": ""}, 1.0
+            for which in told:  # as in the search: what has been found already is not looked for again
+                found = look(which, made, number)
+                missing = [r for r in found.rows if (holds(r) if which == "curves" else r.verdict is Verdict.MISSING)]
                 least = min([least, *(r.p for r in found.rows)])
-            trial = Resampled(number, scheme, told[0], told[1], told[2], least)
+                if missing:
+                    told[which] = missing[0].name
+                    break
+            trial = Resampled(number, scheme, **told, p=float(least))
             stream.write(json.dumps(asdict(trial)) + "\n")
             stream.flush()
             done.append(trial)
-            progress(f"resampled {count}/{len(left)}: {', '.join(t for t in told if t) or 'nothing'}")
+            progress(
+                f"resampled {count}/{len(left)}, {scheme}: {', '.join(t for t in told.values() if t) or 'nothing'}"
+            )
     return done
+
+
+def best_stage(study_file: Path, out: Path, progress: Callable[[str], None] = lambda text: None) -> tuple[Stage, float]:
+    """Return the best model of a study, diagnosed once and then fitted again from ``best.json``, and its level."""
+    from discrepancy.effects import Effect
+    from discrepancy.study import Study
+
+    study = Study.from_file(study_file, progress=progress)
+    path = out / "best.json"
+    if not path.exists():
+        study.diagnose()
+        out.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps([asdict(e) for e in study.stage.effects], indent=1) + "\n")
+        return study.stage, study.setup.level
+    effects = tuple(Effect(**{**e, "ports": tuple(e["ports"])}) for e in json.loads(path.read_text()))
+    first = study.stage
+    return study._fitted("best", effects, first, first.noise), study.setup.level
 
 
 def read_resampled(path: Path) -> list[Resampled]:

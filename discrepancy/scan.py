@@ -92,10 +92,10 @@ def scan(
         raise ValueError(f"draws must be at least 50, got {draws}")
     rng = np.random.default_rng(seed)
     w = fit_whitened(residual, sensitivities, candidates, whitener, max_order, rounds, clean)
-    return _judge(w, residual, sensitivities, candidates, level, draws, rng, noise_floor)
+    return judge(w, residual, sensitivities, candidates, level, draws, rng, noise_floor)
 
 
-def _judge(
+def judge(
     w: Whitened,
     residual: Residual,
     sens: Sensitivities,
@@ -105,6 +105,7 @@ def _judge(
     rng: np.random.Generator,
     noise_floor: Sequence[float] | None,
 ) -> ScanResult:
+    """Score candidates that are whitened and projected already; the rest is as in `scan`."""
     lay = w.projection.layout
     refused = _refused(candidates, w.columns)
     if w.scorer is None:

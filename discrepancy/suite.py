@@ -20,7 +20,7 @@ __all__ = ["Trial", "hidden_trial", "main", "null_trial", "page", "rates", "run_
 TIMES_VISIBLE = 3.0
 NOT_FOUND_ALONE = ("unknown_force",)
 SUITES = ("null", "kinds", "pairs", "unknown")
-BESIDES = ("peers",)  # comparisons, which have pages of their own
+BESIDES = ("peers", "resampled")  # comparisons, which have pages of their own
 
 
 @dataclass(frozen=True)
@@ -355,6 +355,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--trials", type=int, default=100, help="seeds (of each kind, for 'kinds'); default 100")
     parser.add_argument("--seed", type=int, default=1000, help="first seed; default 1000")
     parser.add_argument("--workers", type=int, default=2, help="processes; default 2")
+    parser.add_argument("--study", type=Path, help="of 'resampled': study of a real machine")
     parser.add_argument("--quiet", action="store_true", help="no progress")
     args = parser.parse_args(list(arguments))
     unknown = [s for s in args.suites if s not in (*SUITES, *BESIDES)]
@@ -364,14 +365,16 @@ def main(arguments: Sequence[str]) -> int:
             if unknown
             else "--trials must be at least 1"
         )
+    if "resampled" in args.suites and args.study is None:
+        parser.error("'resampled' needs --study STUDY.toml: whose residual is to be resampled")
     if "peers" in args.suites:
         from discrepancy.peers import missing_peers
 
         if lacking := missing_peers():
             parser.error(f"{' and '.join(lacking)} not installed: the comparison needs pip install 'vtsdt[peers]'")
     for suite in args.suites:
-        if suite == "peers":
-            _peers(args)
+        if suite in BESIDES:
+            (_peers if suite == "peers" else _resampled)(args)
             continue
         run_suite(
             suite,
@@ -412,6 +415,24 @@ def _peers(args: Any) -> None:
     )
     text = peer_page(trials, date.today().isoformat())
     (args.out / "peers.md").write_text(text + "\n")
+    Console().print(Markdown(text))
+
+
+def _resampled(args: Any) -> None:
+    """Resample the residual of a study's best model onto it and write and show how often that alarms."""
+    from datetime import date
+
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    from discrepancy.resampled import best_stage, resampled_alarms, resampled_page
+
+    progress = (lambda text: None) if args.quiet else _tell
+    stage, level = best_stage(args.study, args.out, progress)
+    trials = resampled_alarms(stage, args.trials, args.out, level=level, seed=args.seed, progress=progress)
+    names = [str(e) for e in stage.effects]
+    text = resampled_page(trials, args.study.name, names, level, date.today().isoformat())
+    (args.out / "resampled.md").write_text(text + "\n")
     Console().print(Markdown(text))
 
 

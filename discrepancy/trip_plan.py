@@ -9,7 +9,7 @@ import numpy as np
 
 __all__ = ["STOP", "TripPlan"]
 
-#: How long the machine stands at a stop, and how long it takes to come to it, s at the recorded speed.
+#: How long the machine stands at a stop, and how long it takes to come to it, s.
 STOP, RAMP = 0.6, 0.2
 
 
@@ -151,7 +151,7 @@ class TripPlan:
             clock.append(now)
             if at and now >= at[0]:
                 # slow down, stand, and speed up again along a raised cosine, so that no input jumps
-                standing += step * self.speed
+                standing += step
                 if standing >= STOP + 2 * RAMP:
                     at.pop(0)
                     standing = 0.0

@@ -23,9 +23,14 @@ from estimation.push_response import forget
 if TYPE_CHECKING:
     from discrepancy.scan import ScanResult
     from discrepancy.stage import Stage
+    from discrepancy.verdict import Row
     from multibody.places import Place
 
-__all__ = ["CurveOffer", "curve_candidates", "curve_effect", "offer_curves"]
+__all__ = ["CurveOffer", "curve_candidates", "curve_effect", "holds", "offer_curves"]
+
+
+#: Log-likelihood that a curve must gain on blocks left out: what tells two explanations apart elsewhere.
+HELD_OUT = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +133,17 @@ def curve_effect(candidate: Candidate, amplitude: np.ndarray, shape: dict[str, f
     )
 
 
+def holds(row: Row) -> bool:
+    """Tell whether a free curve is significant and also predicts blocks that were left out of its fit.
+
+    A curve of many points can follow a residual that one or two of a few blocks carry; what it then says of the others
+    is worse than nothing.
+    """
+    from discrepancy.verdict import Verdict
+
+    return row.verdict is Verdict.MISSING and row.held_out_gain > HELD_OUT
+
+
 def offer_curves(
     stage: Stage,
     facts: Confrontation,
@@ -150,7 +166,6 @@ def offer_curves(
         Only these places.
     """
     from discrepancy.scan import scan
-    from discrepancy.verdict import Verdict
     from discrepancy.whitening import identity
 
     key = ("curves", facts.preparation, level, seed, tuple(where) if where is not None else None)
@@ -171,7 +186,7 @@ def offer_curves(
         noise_floor=[stage.noise[c] for c in residual.channels],
     )
     by_name = {c.name: c for c in candidates}
-    rows = sorted((r for r in found.rows if r.verdict is Verdict.MISSING), key=lambda r: r.delta_bic)
+    rows = sorted((r for r in found.rows if holds(r)), key=lambda r: r.delta_bic)
     effects = tuple(curve_effect(by_name[r.name], np.atleast_1d(r.amplitude), dict(r.shape), stage) for r in rows)
     offer = CurveOffer(effects, tuple(r.p for r in rows), tuple(r.error_drop for r in rows), found)
     stage.worked_out[key] = offer

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from gearbox.rig import GearRig
 
-__all__ = ["readme", "study"]
+__all__ = ["PARAMETERS", "SENSOR", "readme", "study"]
 
 #: Name, start (Table 2), range (Table 3) and unit, SI but for K, which is a force at a penetration of 1 mm.
 PARAMETERS = (
@@ -18,6 +18,10 @@ PARAMETERS = (
     ("E", 210e9, 179e9, 242e9, "Pa"),
     ("rho", 7800.0, 6600.0, 9000.0, "kg/m**3"),
 )
+
+
+#: Seat and axis whose similarity sees the contact parameters, by housing (see the how-to page).
+SENSOR = {"flexible": "a_output_seat_z", "rigid": "a_input_seat_x", "clamped": "a_input_seat_x"}
 
 
 def study(rig: GearRig) -> str:
@@ -58,8 +62,11 @@ validate = [
 {validate}]
 
 [updating]
-sensor = "a_input_seat_y"      # compared by cosine similarity, at the first recording under identify
-sensors = ["a_input_seat_y", "a_output_seat_y", "a_base_y"]  # compared by amplitudes and phases
+# Compared by cosine similarity, at the first recording under identify.  Not every sensor will do: where one mesh line
+# outweighs the others in the band, a free lag makes the cosine nearly one whatever the parameters are.
+sensor = "{SENSOR[rig.housing]}"
+# Compared by amplitudes and phases, over all recordings under identify.
+sensors = ["a_input_seat_y", "a_output_seat_y", "a_output_seat_z", "a_base_z"]
 driving_teeth = 32
 speed = "speed"
 load = "torque"

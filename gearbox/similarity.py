@@ -180,20 +180,25 @@ def upper_bound(measured: Signal, mesh_frequency: float, band: tuple[float, floa
     """The highest cosine that a signal with mesh lines only can reach, and the energy share behind it.
 
     A healthy model vibrates at multiples of the mesh frequency.  The projection of the measured signal onto these lines
-    is the best that any of its parameters can give: cosine = √share.
+    is the best that any of its parameters can give: cosine = √share.  Lines outside the band count too: what the filter
+    leaves of them is in both signals.
 
     Returns
     -------
     bound, share : float
         Both 0 to 1.
+
+    Raises
+    ------
+    SignalError
+        If no mesh line lies in the band.
     """
-    lines = harmonics_in(mesh_frequency, *band)
-    if not lines.size:
+    if not harmonics_in(mesh_frequency, *band).size:
         raise SignalError(
             f"no multiple of the mesh frequency {mesh_frequency:.5g} Hz lies in the band {band[0]:g} to {band[1]:g} "
             "Hz: widen the band"
         )
-    share = energy_share(measured, lines)
+    share = energy_share(measured, harmonics_in(mesh_frequency, 0.0, 0.99 * measured.nyquist))
     return float(np.sqrt(share)), share
 
 

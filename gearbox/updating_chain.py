@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gearbox.identifiability import Identifiability
 from gearbox.objectives import AmplitudeObjective, MeasuredLines, SimilarityObjective
+from gearbox.output_surfaces import OutputSurfaces, output_surface_study
 from gearbox.recordings import Recording
 from gearbox.spectrum import ACCEPTED_ERROR, main_components
 from gearbox.updating_checks import check_conditions, directions, pictured
@@ -28,6 +29,7 @@ from surrogate import (
     DesignSpace,
     OneAtATimeResult,
     OptimisationResult,
+    ResponseSurface,
     SurrogateWarning,
     fit_response_surface,
     latin_hypercube,
@@ -44,6 +46,7 @@ __all__ = ["UpdatingChain"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
+Surface = ResponseSurface | OutputSurfaces
 
 
 def _silent(text: str) -> None:
@@ -204,25 +207,38 @@ class UpdatingChain:
         """Step 6: designs of several sizes, surfaces of several orders, and the one that predicts best.
 
         The surface is chosen by its leave-one-out R², so that the test points judge it without having chosen it.
+        Amplitudes and phases get a surface each; the cosine similarity is a surface itself, as in the paper.
         """
         s = self.settings
         rng = np.random.default_rng([s.seed, 6])
-        designs = [latin_hypercube(space, n, optimisation="none", seed=rng).points for n in sorted(set(s.points))]
+        sizes = sorted(set(s.points))
+        designs = [latin_hypercube(space, n, optimisation="none", seed=rng).points for n in sizes]
         unseen = latin_hypercube(space, s.test, optimisation="none", seed=rng).points
         failed = 0
 
-        def simulated(points: Array, what: str) -> tuple[Array, Array]:
+        def simulated(points: Array, what: str) -> tuple[Array, Array, list[list[Run]]]:
             nonlocal failed
-            y = self.values_at(space, points, what)
+            rows = [dict(zip(space.names, x, strict=True)) for x in points.tolist()]
+            made = self._runs_at(rows, what)
+            y = np.array([self.objective.value(runs) for runs in made])
             good = np.isfinite(y)
             failed += int((~good).sum())
-            return points[good], y[good]
+            return points[good], y[good], [runs for runs, ok in zip(made, good, strict=True) if ok]
 
         test = simulated(unseen, f"{s.test} test points")
         done = [simulated(x, f"design of {len(x)} points") for x in designs]
         if len(test[1]) < 2 or np.ptp(test[1]) == 0.0:
             raise UpdatingError(["the objective does not vary over the test points: no surface can be judged"])
-        study = surface_study(space, done, test, orders=s.surface_orders)
+        fitted: dict[tuple[int, int], Surface] = {}
+        if isinstance(self.objective, AmplitudeObjective):
+            of_runs = self.objective.of_runs
+            tables = [(x, np.array([of_runs(r) for r in made])) for x, _, made in done]
+            kept = (test[0], np.array([of_runs(r) for r in test[2]]))
+            study, outputs = output_surface_study(self.objective, space, tables, kept, s.surface_orders)
+            fitted |= outputs
+        else:
+            pairs = [(x, y) for x, y, _ in done]
+            study = surface_study(space, pairs, (test[0], test[1]), orders=s.surface_orders)
         usable = study[study["r2_loo"].notna()] if "r2_loo" in study else study.iloc[:0]
         if usable.empty:
             raise UpdatingError(
@@ -230,18 +246,21 @@ class UpdatingChain:
                 or ["no surface can be fitted"]
             )
         row = usable.loc[usable["r2_loo"].idxmax()]
-        x, y = next(d for d in done if len(d[1]) == int(row["points"]))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SurrogateWarning)
-            surface = fit_response_surface(
-                space, x, y, order=int(row["order"]), test=test, response=self.objective.name
-            )
+        points, order = int(row["points"]), int(row["order"])
+        if (points, order) not in fitted:
+            x, y, _ = next(d for d in done if len(d[1]) == points)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SurrogateWarning)
+                fitted[points, order] = fit_response_surface(
+                    space, x, y, order=order, test=(test[0], test[1]), response=self.objective.name
+                )
         if float(row["test_r2"]) < 0.5:
             self.notes.append(
                 f"The surface explains only {100 * max(float(row['test_r2']), 0.0):.0f} % of the variance at points it "
                 "has not seen; its optimum is worth no more than a guess, which the simulation then judges."
             )
-        return SurfaceChoice(study, surface, int(row["points"]), int(row["order"]), failed), [*done, test]
+        choice = SurfaceChoice(study, fitted[points, order], points, order, failed)
+        return choice, [(x, y) for x, y, _ in [*done, test]]
 
     def search(self, choice: SurfaceChoice) -> tuple[OptimisationResult, pd.DataFrame]:
         """Step 7: the surface's maximum by fireflies with a local polish, and its rivals."""

@@ -58,9 +58,8 @@ def content(result: UpdatingResult) -> dict[str, Any]:
             "points": result.choice.points,
             "order": result.choice.order,
             "failed_simulations": result.choice.failed,
-            "coefficients": dict(
-                zip(result.choice.surface.term_names, result.choice.surface.coefficients.tolist(), strict=True)
-            ),
+            "terms": list(result.choice.surface.term_names),
+            "coefficients": result.choice.surface.coefficients.tolist(),
             "study": study.to_dict(orient="records"),
         },
         "search": result.search.to_dict(),

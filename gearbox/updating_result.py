@@ -16,6 +16,7 @@ from gearbox.updating_settings import UpdatingSettings
 if TYPE_CHECKING:
     import pandas as pd
 
+    from gearbox.output_surfaces import OutputSurfaces
     from surrogate import OneAtATimeResult, OptimisationResult, ResponseSurface
 
 __all__ = ["Candidate", "Check", "FrequencyCheck", "SurfaceChoice", "UpdatingResult"]
@@ -53,7 +54,7 @@ class SurfaceChoice:
     ----------
     study : DataFrame
         Quality over sample counts and orders (Figs. 9 and 10).
-    surface : ResponseSurface
+    surface : ResponseSurface or OutputSurfaces
     points, order : int
         Of the surface taken.
     failed : int
@@ -61,7 +62,7 @@ class SurfaceChoice:
     """
 
     study: pd.DataFrame
-    surface: ResponseSurface
+    surface: ResponseSurface | OutputSurfaces
     points: int
     order: int
     failed: int = 0

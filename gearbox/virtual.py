@@ -49,7 +49,7 @@ class Settings:
     driving_teeth: int
     periodic: bool = True
     periods: int = 24
-    harmonics: int = 12
+    harmonics: int = 24
     duration: float = 0.6
 
     def length(self, condition: OperatingCondition) -> float:

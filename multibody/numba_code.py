@@ -127,7 +127,9 @@ def dispatcher(function: Any) -> Any:
     if function not in _dispatchers:
         from multibody.compiler.entries import Entry
 
-        options = {} if isinstance(function, Entry) else _OPTIONS
+        options = {} if isinstance(function, Entry) else dict(_OPTIONS)
+        if function.fused:
+            options["fastmath"] = {"contract"}
         _dispatchers[function] = njit(error_model="numpy", nogil=True, **options)(function.py_func)
     return _dispatchers[function]
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["input_table", "native_problem", "simulate"]
 
-NATIVE = ("DormandPrince54", "Rodas5P")
+NATIVE = ("Automatic", "DormandPrince54", "Rodas5P")
 SCIPY = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
 _FEATURE_RUNS = 4
 
@@ -54,8 +54,9 @@ def simulate(
     times : ndarray, shape (nt,), s, optional
         When to record; alternatively ``step`` in s; default: 1001 even times.
     method : str
-        ``"auto"``, a compiled method (``"DormandPrince54"``, ``"Rodas5P"``) or any method of SciPy
-        (``"RK45"``, ``"LSODA"``, …).
+        ``"auto"``, a compiled method (``"Automatic"``: explicit, and stiff where that pays;
+        ``"DormandPrince54"``: explicit; ``"Rodas5P"``: stiff) or any method of SciPy (``"RK45"``,
+        ``"LSODA"``, …).  What was done is in ``statistics``.
     interpolation : {"linear", "hold", "cubic"}
         Between the samples of recorded inputs.
     rtol, atol : float
@@ -236,10 +237,18 @@ def _run(
     columns = {system.index("input", n): f for n, f in functions.items()}
     if name in NATIVE:
         from multibody import solvers
+        from multibody.solvers.automatic import in_words
 
         cls = getattr(solvers, name)
         problem = native_problem(system, p, table, tangent=name == "Rodas5P")
+        history: list[tuple[float, str]] = []
+        if name == "Automatic":
+            options |= {
+                "stiff_problem": lambda: native_problem(system, p, table, tangent=True), "history": history
+            }  # fmt: skip
         solution = solvers.integrate(problem, span, x0, t_eval=times, method=cls, events=events, **options)
+        if name == "Automatic":
+            why = in_words(history, float(solution.t[-1]))
     else:
         import scipy.integrate
 
@@ -293,7 +302,7 @@ def _method(system: System, method: str, functions: dict[str, Any]) -> tuple[str
     if method == "auto":
         if functions:
             return "LSODA", "inputs that are Python functions need a method that can call them"
-        return "DormandPrince54", "compiled explicit method"
+        return "Automatic", ""
     if method not in (*NATIVE, *SCIPY):
         raise SimulationError(
             f"there is no method '{method}': take one of {', '.join(('auto', *NATIVE, *SCIPY))}"

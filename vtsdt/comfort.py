@@ -24,6 +24,8 @@ __all__ = ["ComfortError", "RideComfort", "Vibration", "peak_to_peak", "ride_com
 LOW_PASS, JERK_LENGTH = 10.0, 0.5
 #: Share of the largest speed above which the lift counts as moving, and within which as being at constant speed.
 MOVING, CONSTANT = 0.02, 0.05
+#: Time in which the weighting's high-pass at 0.4 Hz forgets the end of an acceleration, s.
+FORGETS = 1.5
 #: Weighted vibration below this is not counted, m/s².
 FLOOR = 2e-3
 
@@ -43,7 +45,7 @@ class Vibration:
     a95 : float, m/s²
         Value that 95 % of the peak-to-peak values stay under.
     steady_largest, steady_a95 : float, m/s²
-        The same while the speed is constant; NaN where it never is.
+        The same while the speed is constant, from 1.5 s after it became so to 0.5 s before it ends; NaN without such time.
     rms : float, m/s²
         Root mean square of the ride.
     """
@@ -198,6 +200,7 @@ def ride_comfort(
     moving = _spread(np.abs(speed) > MOVING * top, int(0.5 * rate))
     steady = np.abs(speed) > (1.0 - CONSTANT) * top
     steady &= np.abs(slow) < max(0.15 * float(np.abs(slow).max()), 1e-12)
+    steady = _settled(steady, int(FORGETS * rate), int(0.5 * rate))
     along = way * slow
     ramp = (np.abs(speed) > 0.05 * top) & (np.abs(speed) < 0.95 * top)
     axes = {"z": _vibration(weighted(a, rate, "Wk"), moving, steady, rate)}
@@ -211,7 +214,7 @@ def ride_comfort(
             "ISO 8041 asks for a band up to 80 Hz"
         )
     if not np.any(steady):
-        notes.append("the speed is never constant")
+        notes.append(f"the speed is never constant for longer than {FORGETS + 0.5:g} s")
     up, down = along[ramp & (along > 0)], -along[ramp & (along < 0)]
     signals = {"time": t, "speed": speed, "slow": slow, "weighted": weighted(a, rate, "Wk"), "steady": steady}
     return RideComfort(
@@ -304,6 +307,16 @@ def _speed(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the speed, at rest at both ends, and what had to be taken off at the end for that."""
     v = np.concatenate([[0.0], np.cumsum(0.5 * (a[1:] + a[:-1]) * np.diff(t))])
     return v - v[-1] * (t - t[0]) / (t[-1] - t[0]), float(v[-1])
+
+
+def _settled(flags: np.ndarray, after: int, before: int) -> np.ndarray:
+    """Return where flags have been set for a number of samples, and will be for another."""
+    kept = flags.copy()
+    edges = np.diff(flags.astype(int), prepend=0, append=0)
+    for begin, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+        kept[begin : begin + after] = False
+        kept[max(end - before, 0) : end] = False
+    return kept
 
 
 def _spread(flags: np.ndarray, by: int) -> np.ndarray:

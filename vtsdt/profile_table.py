@@ -1,8 +1,8 @@
 """The estimated deviation of a guide rail over height, as a small table in CSV or JSON.
 
 Columns ``height_m``, ``delta_mm`` and, where it is known, ``spread_mm``: what `vtsdt align` estimates and
-`vtsdt what-if` takes.  The deviation is the equivalent one of González et al. 2020, section IV-B: the right rail towards the cabin,
-the left rail straight.
+`vtsdt what-if` takes.  The deviation is the equivalent one of González et al. 2020, section IV-B: the right rail
+towards the cabin, the left rail straight.
 """
 
 from __future__ import annotations

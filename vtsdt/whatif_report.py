@@ -243,9 +243,14 @@ def _energy_rows(study: WhatIf) -> list[dict[str, Any]]:
         "eta_t": ("η_t [%]", 100.0),
     }
     return [
-        {"name": label, "cells": [a.figure(key).told(factor) for a in study.actions]}
+        {"name": label, "cells": [_cell(a.figure(key), factor) for a in study.actions]}
         for key, (label, factor) in names.items()
     ]
+
+
+def _cell(figure: Interval, factor: float) -> tuple[str, str]:
+    value, _, interval = figure.told(factor).partition(" ")
+    return value, interval.strip("()")
 
 
 def _threshold_text(found: Threshold) -> str:

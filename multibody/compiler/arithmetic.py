@@ -29,6 +29,7 @@ class Arithmetic:
 
     def __init__(self, program: Any, kinds: Kinds) -> None:
         self.program, self.kinds, self.unit = program, kinds, kinds.unit
+        self._flag = "contract " if self.unit.fused(kinds.node.name) else ""
         self.lines: list[str] = []
         self.values: dict[str, Value] = {}  # names assigned once
         self.slots: dict[str, Value] = {}  # names assigned more often, by their place in memory
@@ -120,8 +121,8 @@ class Arithmetic:
             raise self.refuse(node, f"arithmetic with {kind}")
         a, b = self.to(a, kind, node), self.to(b, kind, node)
         if type(op) in _ARITHMETIC:
-            word = _ARITHMETIC[type(op)]
-            return self.emit(kind, f"{'f' if kind == FLOAT else ''}{word} {llvm_type(kind)} {a.name}, {b.name}")
+            word = f"f{_ARITHMETIC[type(op)]} {self._flag}double" if kind == FLOAT else f"{_ARITHMETIC[type(op)]} i64"
+            return self.emit(kind, f"{word} {a.name}, {b.name}")
         if isinstance(op, ast.Div):
             return self.emit(FLOAT, f"fdiv double {a.name}, {b.name}")
         if isinstance(op, ast.Mod) and kind == FLOAT:
@@ -181,7 +182,7 @@ class Arithmetic:
         return self.emit(FLOAT, f"call double @{symbol}({', '.join(f'double {a.name}' for a in arguments)})")
 
     def builtin(self, name: str, arguments: list[Value], node: ast.AST) -> Value:
-        """Write min, max, abs, int, float or bool."""
+        """Write min, max, abs, int, round, float or bool."""
         first = arguments[0]
         if name in ("min", "max"):
             kind = first.kind
@@ -202,6 +203,8 @@ class Arithmetic:
             minus = self.emit(INT, f"sub i64 0, {first.name}")
             test = self.emit(TRUTH, f"icmp slt i64 {first.name}, 0")
             return self.emit(INT, f"select i1 {test.name}, i64 {minus.name}, i64 {first.name}")
+        if name == "round" and first.kind == FLOAT and len(arguments) == 1:
+            first, name = self.intrinsic("llvm.roundeven.f64", [first]), "int"
         if name == "int":
             return (
                 self.emit(INT, f"fptosi double {first.name} to i64")

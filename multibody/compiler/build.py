@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from multibody.cache import cache_dir, fingerprint, read_object, write_object
 from multibody.compile_events import tell
-from multibody.compiler.kinds import FLOAT, INT, NOTHING, Kind, Outside
+from multibody.compiler.kinds import Kind
 from multibody.compiler.machine import compiled, loaded
 from multibody.compiler.units import Unit
 
@@ -19,8 +19,8 @@ SYMBOL = "vtsdt_entry"
 
 def build(
     stem: str, source: tuple[str, ...], unit: Callable[[], Unit], name: str, arguments: tuple[Kind, ...]
-) -> tuple[int, Kind]:
-    """Return the address of a function and what it returns.
+) -> tuple[int, tuple[str, ...]]:
+    """Return the address of a function and the kinds of what it returns (see `Program.add`).
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ def build(
 
 
 @lru_cache(maxsize=1024)
-def _built(stem: str, unit: Callable[[], Unit], name: str, arguments: tuple[Kind, ...]) -> tuple[int, Kind]:
+def _built(stem: str, unit: Callable[[], Unit], name: str, arguments: tuple[Kind, ...]) -> tuple[int, tuple[str, ...]]:
     path = cache_dir() / f"{stem}.o"
     found = read_object(path)
     if found is not None:
         try:
-            return loaded(found[0], SYMBOL), found[1]
+            return loaded(found[0], SYMBOL), tuple(filter(None, found[1].split(",")))
         except ValueError:
             pass  # code of another format: made anew
     begun = time.perf_counter()
@@ -58,10 +58,8 @@ def _built(stem: str, unit: Callable[[], Unit], name: str, arguments: tuple[Kind
 
     program = Program()
     returns = program.add(unit(), name, arguments, SYMBOL)
-    if returns not in (NOTHING, INT, FLOAT):
-        raise Outside(f"{name} returns {returns} to Python")
     code = compiled(program.text())
-    write_object(path, code, returns)
+    write_object(path, code, ",".join(returns))
     address = loaded(code, SYMBOL)
     tell(name, time.perf_counter() - begun)
     return address, returns

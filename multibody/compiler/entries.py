@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from multibody.compiler.kinds import FLOAT, INT, NOTHING, TRUTH, Array, Kind, Outside, kind_of_argument
+from multibody.compiler.kinds import FLOAT, INT, TRUTH, Array, Kind, Outside, kind_of_argument
 
 __all__ = ["Entry", "Inner", "Instruction", "module_texts"]
 
 _log = logging.getLogger("multibody.native")
-_C: dict[Kind, Any] = {FLOAT: ctypes.c_double, INT: ctypes.c_int64, TRUTH: ctypes.c_bool, NOTHING: None}
+_C: dict[Kind, Any] = {FLOAT: ctypes.c_double, INT: ctypes.c_int64, TRUTH: ctypes.c_bool}
 _IMPORT = re.compile(r"^\s*(?:from\s+([\w.]+)\s+import|import\s+([\w.]+))", re.MULTILINE)
 
 
@@ -31,10 +31,14 @@ def jit_enabled() -> bool:
 
 
 class Inner:
-    """A function for compiled code only; `py_func` is the same in Python."""
+    """A function for compiled code only; `py_func` is the same in Python.
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.py_func = function
+    With ``fused`` a product and the sum that it goes into may be rounded once, which is faster and differs from Python
+    in the last digit.
+    """
+
+    def __init__(self, function: Callable[..., Any], fused: bool = False) -> None:
+        self.py_func, self.fused = function, fused
         functools.update_wrapper(self, function)
 
     def __call__(self, *arguments: Any) -> Any:
@@ -62,12 +66,36 @@ class Instruction(Inner):
         return intrinsic_type(self.instruction)
 
 
+class _Native:
+    """A compiled function and how to read what it returns."""
+
+    def __init__(self, function: Callable[..., None], returns: tuple[str, ...]) -> None:
+        self._function, self._returns = function, returns
+
+    def bound(self, given: list[Any], keep: Any) -> Callable[[], Any]:
+        """Return the call with arguments for C; ``keep`` holds the arrays that they point into."""
+        if not self._returns:
+            call = functools.partial(self._function, *given)
+            call.keep = keep  # type: ignore[attr-defined]
+            return call
+        out = np.zeros(len(self._returns), dtype=np.int64)
+        real, function, address = out.view(np.float64), self._function, out.ctypes.data
+        read = [real if kind == FLOAT else out for kind in self._returns]
+
+        def call_and_read(keep: Any = keep) -> Any:
+            function(*given, address)
+            found = [part[k].item() for k, part in enumerate(read)]
+            return found[0] if len(found) == 1 else tuple(found)
+
+        return call_and_read
+
+
 class Entry(Inner):
     """A function that Python calls: compiled for the kinds of its arguments."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self._native: dict[tuple[Kind, ...], Callable[..., Any]] = {}
+        self._native: dict[tuple[Kind, ...], Any] = {}
 
     def __call__(self, *arguments: Any) -> Any:
         return self.bound(*arguments)()
@@ -78,7 +106,7 @@ class Entry(Inner):
             return functools.partial(self.py_func, *arguments)
         kinds = tuple(map(kind_of_argument, arguments))
         native = self._native.get(kinds) or self._compile(kinds)
-        if not hasattr(native, "argtypes"):
+        if not isinstance(native, _Native):
             return functools.partial(native, *arguments)
         given: list[Any] = []
         for value in arguments:
@@ -87,11 +115,9 @@ class Entry(Inner):
                 given.extend(value.shape)
             else:
                 given.append(value.item() if isinstance(value, np.generic) else value)
-        call = functools.partial(native, *given)
-        call.keep = arguments  # type: ignore[attr-defined]
-        return call
+        return native.bound(given, arguments)
 
-    def _compile(self, kinds: tuple[Kind, ...]) -> Callable[..., Any]:
+    def _compile(self, kinds: tuple[Kind, ...]) -> Any:
         from multibody.compiler.build import build
 
         module, name = self.py_func.__module__, self.py_func.__name__
@@ -115,7 +141,10 @@ class Entry(Inner):
                 types += [ctypes.c_void_p, *[ctypes.c_int64] * kind.dimensions]
             else:
                 types.append(_C[kind])
-        self._native[kinds] = ctypes.CFUNCTYPE(_C[returns], *types)(address)
+        if returns:
+            types.append(ctypes.c_void_p)
+        native = ctypes.CFUNCTYPE(None, *types)(address)
+        self._native[kinds] = _Native(native, returns)
         return self._native[kinds]
 
 

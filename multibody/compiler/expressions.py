@@ -178,7 +178,7 @@ class Expressions(Arithmetic):
             case ast.Attribute(value=ast.Name(id="math"), attr=attr) if attr in METHODS:
                 return self._method(attr, [self.to(a, FLOAT, node) for a in arguments], node)
             case ast.Name(id=name):
-                if name in ("min", "max", "abs", "int", "float", "bool") and name not in self.unit.functions:
+                if name in ("min", "max", "abs", "int", "round", "float", "bool") and name not in self.unit.functions:
                     return self.builtin(name, arguments, node)
                 meaning = self.unit.meaning(name)
                 if isinstance(meaning, tuple):

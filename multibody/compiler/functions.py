@@ -78,8 +78,10 @@ class FunctionWriter(Expressions):
                     parts = self.parts(self.value(value), len(targets))
                 for target, part in zip(targets, parts, strict=True):
                     self._assign(target, part, node)
-            case ast.Assign(targets=[target], value=value):
-                self._assign(target, self.value(value), node)
+            case ast.Assign(targets=targets, value=value):
+                found = self.value(value)
+                for target in targets:
+                    self._assign(target, found, node)
             case ast.AugAssign(target=target, op=op, value=value):
                 reading = ast.copy_location(_read(target), node)
                 self._assign(target, self.arithmetic(op, self.value(reading), self.value(value), node), node)

@@ -92,8 +92,10 @@ class Kinds:
     def _block(self, nodes: list[ast.stmt]) -> None:
         for node in nodes:
             match node:
-                case ast.Assign(targets=[ast.Name(id=name)], value=value):
-                    self._note(name, self.kind(value))
+                case ast.Assign(targets=targets, value=value) if not isinstance(targets[0], ast.Tuple):
+                    for target in targets:
+                        if isinstance(target, ast.Name):
+                            self._note(target.id, self.kind(value))
                 case ast.Assign(targets=[ast.Tuple(elts=targets)], value=value):
                     kinds = [self.kind(v) for v in value.elts] if isinstance(value, ast.Tuple) else self.kind(value)
                     for target, kind in zip(targets, kinds, strict=True):

@@ -23,7 +23,7 @@ def _intrinsics(*names: str) -> dict[str, Method]:
 
 
 METHODS: dict[str, Method] = {
-    **_intrinsics("sin", "cos", "exp", "log", "sqrt", "fabs", "floor", "ceil"),
+    **_intrinsics("sin", "cos", "exp", "exp2", "log", "log2", "log10", "sqrt", "fabs", "floor", "ceil"),
     **{name: Method(name) for name in ("tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "expm1", "log1p", "erf")},
     "copysign": Method("llvm.copysign.f64", 2),
     "pow": Method("llvm.pow.f64", 2),
@@ -53,4 +53,4 @@ def result_kind(name: str, arguments: tuple[Kind, ...]) -> Kind | None:
         return arguments[0]
     if name in CALLS:
         return NOTHING
-    return {"int": INT, "float": FLOAT, "bool": TRUTH, "floats": FLOATS, "ints": INTS}.get(name)
+    return {"int": INT, "round": INT, "float": FLOAT, "bool": TRUTH, "floats": FLOATS, "ints": INTS}.get(name)

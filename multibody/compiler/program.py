@@ -8,7 +8,7 @@ import numpy as np
 
 from multibody.compiler.functions import FunctionWriter
 from multibody.compiler.inference import Kinds
-from multibody.compiler.kinds import Kind, Outside, real
+from multibody.compiler.kinds import FLOAT, INT, NOTHING, TRUTH, Array, Kind, Outside, llvm_type, real
 from multibody.compiler.units import Unit
 
 __all__ = ["Program"]
@@ -22,6 +22,12 @@ _ALIASES = """
 """
 
 
+def _parameters(kind: Kind, name: str) -> list[str]:
+    """Return a parameter as LLVM writes it; an array's shape comes after it."""
+    shape = [f"i64 {name}s{d}" for d in range(kind.dimensions)] if isinstance(kind, Array) else []
+    return [f"{llvm_type(kind)} {name}", *shape]
+
+
 class Program:
     """Collects functions, each written once for the kinds it is called with."""
 
@@ -33,8 +39,11 @@ class Program:
         self._declared: dict[str, int] = {}
         self._tables: dict[int, tuple[str, np.ndarray]] = {}
 
-    def add(self, unit: Unit, name: str, arguments: tuple[Kind, ...], symbol: str) -> Kind:
-        """Add a function under a symbol for C, and return what it returns.
+    def add(self, unit: Unit, name: str, arguments: tuple[Kind, ...], symbol: str) -> tuple[str, ...]:
+        """Add a function under a symbol for C, and return the kinds of what it returns.
+
+        The numbers that it returns are written one after another, as 8 bytes each, to an address that comes after
+        the arguments, if there are any.
 
         Raises
         ------
@@ -42,8 +51,28 @@ class Program:
             If the function, or one that it calls, is outside the subset.
         """
         kinds = self._of(unit, name, arguments)
-        self._texts.append(FunctionWriter(self, kinds).write(symbol, ""))
-        return kinds.returns
+        if kinds.returns == NOTHING:
+            self._texts.append(FunctionWriter(self, kinds).write(symbol, ""))
+            return ()
+        inner, _ = self.function(unit, name, arguments)
+        parameters = [part for k, kind in enumerate(arguments) for part in _parameters(kind, f"%a{k}")]
+        found = kinds.returns if isinstance(kinds.returns, tuple) else (kinds.returns,)
+        whole = llvm_type(kinds.returns)
+        lines = [f"  %r = call {whole} @{inner}({', '.join(parameters)})"]
+        for k, kind in enumerate(found):
+            if kind not in (FLOAT, INT, TRUTH):
+                raise Outside(f"{unit.name}: {name} returns {kind} to Python")
+            part, of = "%r", llvm_type(kind)
+            if isinstance(kinds.returns, tuple):
+                part = f"%p{k}"
+                lines.append(f"  {part} = extractvalue {whole} %r, {k}")
+            if kind == TRUTH:
+                lines.append(f"  %w{k} = zext i1 {part} to i64")
+                part, of = f"%w{k}", "i64"
+            lines += [f"  %e{k} = getelementptr i64, ptr %out, i64 {k}", f"  store {of} {part}, ptr %e{k}"]
+        head = f"define void @{symbol}({', '.join([*parameters, 'ptr %out'])}) nounwind {{"
+        self._texts.append("\n".join([head, *lines, "  ret void", "}"]))
+        return found
 
     def function(self, unit: Unit, name: str, arguments: tuple[Kind, ...]) -> tuple[str, Kind]:
         """Return symbol and result of a function that others call."""

@@ -32,6 +32,10 @@ class Unit:
     functions: dict[str, ast.FunctionDef]
     values: dict[str, Any] = field(default_factory=dict)
 
+    def fused(self, name: str) -> bool:
+        """Tell whether products and sums of a function may be rounded once."""
+        return bool(getattr(self.values.get(name), "fused", False))
+
     def meaning(self, name: str) -> Any:
         """Return what a name means that no statement assigns.
 

@@ -10,6 +10,7 @@ import importlib
 from typing import Any
 
 _PLACES = {
+    "Automatic": "automatic",
     "DormandPrince54": "dormand_prince",
     "Directions": "problem",
     "NativeProblem": "problem",

@@ -17,7 +17,8 @@ __all__ = ["NativeSolver", "Samples", "StoredSteps"]
 # Layout of ``clock`` and ``tally``: see kernels/dormand_prince.py, which says what each entry is.
 T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
 WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
-MORE, FINISHED, BUFFER_FULL, TOO_SMALL = 0, 1, 2, -1
+WATCH, SUSPECT, CALM = range(11, 14)
+MORE, FINISHED, BUFFER_FULL, STIFF, TOO_SMALL = 0, 1, 2, 3, -1
 
 STORE_BYTES = 1 << 20
 CHUNK_BYTES = 1 << 23
@@ -206,7 +207,7 @@ class NativeSolver(OdeSolver):
         self._work = np.zeros(3 * size)
         self._state = self.y.copy()
         self._clock = np.zeros(8)
-        self._tally = np.zeros(11, dtype=np.int64)
+        self._tally = np.zeros(14, dtype=np.int64)
         self._tally[WANTED] = self._steps
         self._begin_samples()
         # Infinity would become nan in products with zero, and no interval is longer than this.

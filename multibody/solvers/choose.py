@@ -10,7 +10,7 @@ import numpy as np
 from multibody.solvers.base import NativeSolver, Samples
 from multibody.solvers.dormand_prince import DormandPrince54
 from multibody.solvers.problem import NativeProblem, ProblemError
-from multibody.solvers.rosenbrock import Rodas5P
+from multibody.solvers.rosenbrock import Rodas5P, relative_cost
 from multibody.solvers.run import integrate
 
 __all__ = ["Choice", "choose_method", "jacobian", "spectral_radius"]
@@ -68,19 +68,6 @@ def spectral_radius(problem: NativeProblem, t: float, x: np.ndarray) -> float:
     return float(np.abs(np.linalg.eigvals(matrix)).max(initial=0.0))
 
 
-def _relative_cost(problem: NativeProblem) -> float:
-    """Cost of a step of the stiff method over one of the explicit method, from counts of operations.
-
-    In evaluations of the right-hand side: 6 for the explicit step; 9 for the stiff one, one for every
-    directional derivative, and linear algebra.  Measured ratios on chains of masses with friction, one colour
-    a state: 2.2 at 2 states, 4.2 at 12, 8.2 at 36 (this function: 1.9, 4.2, 10.9); with 4 colours 3.6 at 12,
-    6.1 at 36.
-    """
-    n = problem.n
-    algebra = (n**2 / 3 + 8 * n) / 35
-    return (9 + len(problem.owners()) + algebra) / 6
-
-
 def choose_method(
     problem: NativeProblem,
     t_span: tuple[float, float],
@@ -132,7 +119,7 @@ def choose_method(
     shrink = float(np.min(np.asarray(rtol, dtype=np.float64) / coarse)) ** 0.2
     accurate = max(probe.njev, 1) / max(shrink, 1e-3)
     stable = span * float(np.mean(radii)) / REACH
-    gain = max(stable, accurate) / (accurate * _relative_cost(problem))
+    gain = max(stable, accurate) / (accurate * relative_cost(problem))
     words = (
         f"stability limits explicit steps to {REACH / fastest:.2g} s (fastest eigenvalue {fastest:.3g} 1/s) "
         f"where accuracy allows {span / accurate:.2g} s"

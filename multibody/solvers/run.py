@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from multibody.solvers.automatic import Automatic
 from multibody.solvers.base import NativeSolver, Samples
-from multibody.solvers.dormand_prince import DormandPrince54
 from multibody.solvers.problem import NativeProblem
 
 __all__ = ["integrate"]
@@ -18,7 +18,7 @@ def integrate(
     t_span: tuple[float, float],
     x0: Any,
     t_eval: Any = None,
-    method: type[NativeSolver] = DormandPrince54,
+    method: type[NativeSolver] = Automatic,
     events: Any = None,
     dense_output: bool = False,
     samples: Samples | None = None,
@@ -38,7 +38,7 @@ def integrate(
         Initial state; the directions' part comes from the problem.
     t_eval : array_like, shape (nt,), s, optional
     method : type
-        `DormandPrince54` or `Rodas5P`.
+        `Automatic`, `DormandPrince54` or `Rodas5P`.
     events, dense_output
         As in ``solve_ivp``.
     samples : Samples, optional

@@ -12,7 +12,8 @@ import pytest
 
 from multibody import native
 from multibody.inputs import InputTable
-from multibody.solvers import DormandPrince54, NativeProblem, Rodas5P, integrate
+from multibody.solvers import Automatic, DormandPrince54, NativeProblem, Rodas5P, integrate
+from multibody.solvers.automatic import in_words
 
 SOURCE = """
 def van_der_pol(t, x, u, p, dx):
@@ -126,10 +127,11 @@ def make(name, p, n, **options):
     return NativeProblem(native.compile_rhs(module, name), p, InputTable.constant([]), n, tangent, **options)
 
 
+@pytest.mark.parametrize("method", [Rodas5P, Automatic])
 @pytest.mark.parametrize("case", CASES)
-def test_reference_value_is_reached(case):
+def test_reference_value_is_reached(case, method):
     name, p, x0, end, reference, atol = CASES[case]
-    done = integrate(make(name, p, len(x0)), (0.0, end), x0, [end], Rodas5P, rtol=1e-7, atol=atol)
+    done = integrate(make(name, p, len(x0)), (0.0, end), x0, [end], method, rtol=1e-7, atol=atol)
     assert done.success, done.message
     # The test set asks for about as many correct digits as the tolerance has; two of seven may be lost over
     # the whole interval, where errors of the phase of the relaxation oscillations add up.
@@ -152,7 +154,7 @@ def test_work_does_not_follow_stiffness_for_the_stiff_method_only():
     # Prothero and Robinson's idea on van der Pol's slow phase: from mu = 100 to 1000 the explicit method's
     # step is limited by stability to about 3.3/(3 mu), the implicit one's by accuracy only.
     work = {}
-    for method in (DormandPrince54, Rodas5P):
+    for method in (DormandPrince54, Rodas5P, Automatic):
         for mu in (100.0, 1000.0):
             prob = make("van_der_pol", (1.0, mu), 2)
             work[method, mu] = integrate(
@@ -160,3 +162,36 @@ def test_work_does_not_follow_stiffness_for_the_stiff_method_only():
             ).nfev
     assert work[DormandPrince54, 1000.0] > 5 * work[DormandPrince54, 100.0]
     assert work[Rodas5P, 1000.0] < 1.5 * work[Rodas5P, 100.0]
+    # The default pays for noticing: steps up to the edge of stability, then fifteen on it, 6 evaluations each.
+    assert work[Automatic, 1000.0] < work[Rodas5P, 1000.0] + 6 * 40
+    assert work[Automatic, 1000.0] < work[DormandPrince54, 1000.0] / 5
+
+
+def test_the_default_says_when_it_was_stiff_and_goes_back():
+    history = []
+    mild = make("van_der_pol", (1.0, 1.0), 2)
+    integrate(mild, (0.0, 50.0), [2.0, 0.0], [50.0], rtol=1e-5, atol=1e-8, history=history)
+    assert [name for _, name in history] == ["explicit"]
+    history.clear()
+    stiff = make("van_der_pol", (1.0, 1000.0), 2)
+    done = integrate(stiff, (0.0, 50.0), [2.0, 0.0], [50.0], rtol=1e-5, atol=1e-8, history=history)
+    assert [name for _, name in history][:2] == ["explicit", "stiff"]
+    assert done.nlu > 0
+    assert "stiff for" in in_words(history, 50.0)
+
+
+def test_a_late_tangent_is_asked_for_only_by_a_stiff_problem():
+    def asked(mu):
+        calls = []
+        whole = make("van_der_pol", (1.0, mu), 2)
+        bare = NativeProblem(whole.rhs, whole.p, whole.table, 2)
+
+        def later():
+            calls.append(mu)
+            return whole
+
+        integrate(bare, (0.0, 20.0), [2.0, 0.0], [20.0], rtol=1e-5, atol=1e-8, stiff_problem=later)
+        return calls
+
+    assert asked(1.0) == []
+    assert asked(1000.0) == [1000.0]

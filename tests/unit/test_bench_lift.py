@@ -121,7 +121,7 @@ def test_other_models_know_the_rails(name: str, tmp_path: Path) -> None:
 
     (tmp_path / "study.toml").write_text(bench_texts.study(rig, case), encoding="utf-8")
     for record in (*case.identify, *case.validate):
-        (tmp_path / record.path.name).touch()
+        (tmp_path / record.path.name).write_text(record.name)
     study = read_study(tmp_path / "study.toml")
     model = load_model(study, Model)
     assert len(model.build().states) == {"reference": 37, "cabin": 12}[name]

@@ -59,7 +59,7 @@ def test_whole_numbers_divide_as_in_python(a, b):
         f"dx[1] = k % {b}",
         "dx[2] = k / 4",
         "dx[3] = 2 * k - 1",
-        "m = int(x[1])\n    dx[4] = k // m",
+        "m = int(x[1])\n    dx[4] = k // m + round(0.5 * k)",
         "dx[5] = k % m",
     )
     compiled, plain = both(text, [float(a), float(b)], 6)
@@ -72,7 +72,8 @@ def test_loops_branches_breaks_and_swaps():
         "    if k == 3:", "        continue", "    if k > 6 or x[k] > 10.0:", "        break",
         "dx[0] = total", "dx[1] = k", "for j in range(7, 0, -2):", "    total -= j", "dx[2] = total",
         "dx[3], dx[4] = x[1], x[0]", "dx[3], dx[4] = dx[4], dx[3]", "i = 1", "if x[0] > 0.0:", "    i = 2.5",
-        "dx[5] = i", "flag = x[0] > 100.0", "flag = not flag", "dx[6] = 1.0 if flag else 2.0",
+        "dx[5] = i", "c = d = x[2]", "dx[5] += c - d",
+        "flag = x[0] > 100.0", "flag = not flag", "dx[6] = 1.0 if flag else 2.0",
     )  # fmt: skip
     for x in ([1.0, 2.0, 3.0, 4.0, 11.0, 6.0, 7.0, 8.0], [-1.0] * 8):
         compiled, plain = both(text, x, 7)
@@ -135,6 +136,17 @@ def mean_of_rows(values, out, skip):
             continue
         out[i] = total(shift(data, i * columns), columns) / columns
     return rows
+
+
+@entry
+def several(values, k):
+    """A number, a count and a condition."""
+    return 0.5 * values[k], values.size, values[k] > 0.0
+
+
+def test_entries_return_several_numbers():
+    assert several(np.array([3.0, -4.0]), 0) == (1.5, 2, True)
+    assert several(np.array([3.0, -4.0]), 1) == (-2.0, 2, False)
 
 
 @inner

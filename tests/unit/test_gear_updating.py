@@ -143,7 +143,7 @@ def test_model_that_does_not_repeat_keeps_its_signals(tmp_path):
     def humming(values, condition, duration):
         found = stand_in(values, condition, duration)
         seat = found["seat"]
-        hum = 0.08 * seat.rms * np.cos(2 * np.pi * 317.0 * np.arange(len(seat)) / seat.rate)
+        hum = 0.08 * seat.rms * np.cos(2 * np.pi * 1627.0 * np.arange(len(seat)) / seat.rate)
         return {**found, "seat": seat.with_values(seat.values + hum)}
 
     condition = OperatingCondition(1000.0, 150.0)

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from multibody import native
 from multibody.inputs import InputTable
 from multibody.solvers import (
+    Automatic,
     Directions,
     DormandPrince54,
     NativeProblem,
@@ -18,7 +19,7 @@ from multibody.solvers import (
     integrate,
 )
 
-METHODS = [DormandPrince54, Rodas5P]
+METHODS = [DormandPrince54, Rodas5P, Automatic]
 
 # A driven oscillator, a nonlinear problem with a known solution (SciPy's rational test problem), a blow-up.
 SOURCE = """

@@ -50,7 +50,7 @@ def test_every_method_gives_the_closed_form(system, method):
     run = system.simulate(2.0, inputs={"force": 3.0}, method=method, rtol=1e-8, atol=1e-11)
     # a few hundred times the tolerance: what accumulates over some hundred steps of low-order methods
     assert run["body.position"] == pytest.approx(exact(run.times), abs=3e-6)
-    assert run.statistics["method"] == ("DormandPrince54" if method == "auto" else method)
+    assert run.statistics["method"] == ("Automatic" if method == "auto" else method)
 
 
 @pytest.mark.parametrize("method", ["DormandPrince54", "RK45"])

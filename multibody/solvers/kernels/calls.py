@@ -8,6 +8,7 @@ the compiler and numba (`multibody.numba_code`) turn them into instructions.
 from __future__ import annotations
 
 import ctypes
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -20,12 +21,16 @@ __all__ = [
     "call_tangent",
     "entry",
     "floats",
+    "fused",
     "inner",
     "ints",
     "pointer",
     "register_python",
     "shift",
 ]
+
+fused = functools.partial(inner, fused=True)
+"""As ``inner``, for functions in which a product and the sum that it goes into may be rounded once."""
 
 _python_functions: dict[int, Callable[..., None]] = {}
 

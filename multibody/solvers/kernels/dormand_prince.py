@@ -14,6 +14,7 @@ from multibody.solvers.kernels.calls import entry, inner, pointer, shift
 from multibody.solvers.kernels.field import evaluate
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
+    CALM,
     DIRECTION,
     DONE,
     END,
@@ -28,9 +29,12 @@ from multibody.solvers.kernels.stepping import (
     SLOT,
     STEP,
     STEP_OLD,
+    STIFF,
+    SUSPECT,
     T_OLD,
     TOO_SMALL,
     WANTED,
+    WATCH,
     WORST,
     T,
     direction_error,
@@ -41,6 +45,9 @@ from multibody.solvers.kernels.stepping import (
     settle,
     worst,
 )
+
+REACH = 3.25  # |h·λ| on the edge of the method's stability
+ROW = 15  # steps in a row on that edge that make a problem stiff
 
 
 @inner
@@ -145,6 +152,46 @@ def write_samples(clock, tally, size, y, k, count, sample_t, rows, sample_y):
 
 
 @inner
+def stretch(h, n, size, y, k, y_new, rtol, atol):
+    """Return |h·λ| of the fastest motion that the last two stages show.
+
+    They are at the same time, so that what their rates differ by over what their states differ by is an
+    eigenvalue.  Hairer and Wanner, Solving Ordinary Differential Equations II, IV.2.
+    """
+    k1, k2, k3 = k, shift(k, size), shift(k, 2 * size)
+    k4, k5, k6, k7 = shift(k, 3 * size), shift(k, 4 * size), shift(k, 5 * size), shift(k, 6 * size)
+    rates, states = 0.0, 0.0
+    for i in range(n):
+        stage = y[i] + h * (
+            (9017 / 3168) * k1[i]
+            - (355 / 33) * k2[i]
+            + (46732 / 5247) * k3[i]
+            + (49 / 176) * k4[i]
+            - (5103 / 18656) * k5[i]
+        )
+        unit = atol[i] + rtol[i] * abs(y_new[i])
+        rates += ((k7[i] - k6[i]) / unit) ** 2
+        states += ((y_new[i] - stage) / unit) ** 2
+    if states > 0.0:
+        return abs(h) * math.sqrt(rates / states)
+    return 0.0
+
+
+@inner
+def watch(clock, tally, n, size, y, k, y_new, rtol, atol):
+    """Count the steps in a row that stability and not accuracy limits; six others end the row."""
+    if tally[SUSPECT] == 0 and tally[DONE] % 8 != 0:
+        return
+    if stretch(clock[STEP_OLD], n, size, y, k, y_new, rtol, atol) > REACH:
+        tally[SUSPECT] += 1
+        tally[CALM] = 0
+    else:
+        tally[CALM] += 1
+        if tally[CALM] == 6:
+            tally[SUSPECT] = 0
+
+
+@inner
 def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, largest):
     """Take one step with error control from y; return False if it would have to be too small."""
     t = clock[T]
@@ -185,6 +232,8 @@ def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, larg
 def advance(numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, atol, count, sample_t, sample_y):
     """Take steps until enough are done, the end is reached, the buffer is full, or the step is too small.
 
+    Where the tally says to watch, it also stops when stability has limited many steps in a row.
+
     The steps go one after another into store_t (slots, 2), store_y (slots, size) and store_k (slots, 7,
     size): begin and size, state at the begin, stages.  They are used in a circle: with one slot, samples are
     the only way to see between the steps.
@@ -204,6 +253,9 @@ def advance(numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, ato
             return BUFFER_FULL
         if clock[T] == clock[END]:
             return FINISHED
+        if tally[SUSPECT] >= ROW:
+            tally[SUSPECT] = 0
+            return STIFF
         if tally[DONE] >= tally[WANTED]:
             return MORE
         slot = tally[DONE] % store_t.shape[0]
@@ -221,6 +273,8 @@ def advance(numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, ato
         store_t[slot, 0] = clock[T_OLD]
         store_t[slot, 1] = clock[STEP_OLD]
         tally[DONE] += 1
+        if tally[WATCH] != 0:
+            watch(ticks, counts, c[N], size, start, k, y_new, relative, absolute)
         for i in range(size):
             y[i] = y_new[i]
 

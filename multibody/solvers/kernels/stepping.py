@@ -4,7 +4,8 @@ Indices into ``clock`` (float64): time, proposed step, error of the last step, e
 begin and size of the last accepted step.  Indices into ``tally`` (int64): steps wanted, steps done, rejected
 steps, evaluations, next sample, first sample of the buffer, state of the largest error, whether the
 derivative at y is known (0 no, 1 as stage 1, 2 as stage 7 of the last step), slot of the last step,
-Jacobians, factorizations.
+Jacobians, factorizations, whether to watch for stiffness, steps in a row that stability limited, steps since
+the last of them.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from multibody.solvers.kernels.field import evaluate, hold_at, next_break
 
 T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
 WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
-MORE, FINISHED, BUFFER_FULL, TOO_SMALL = 0, 1, 2, -1
+WATCH, SUSPECT, CALM = range(11, 14)
+MORE, FINISHED, BUFFER_FULL, STIFF, TOO_SMALL = 0, 1, 2, 3, -1
 NEGLIGIBLE = 1e-4  # share of a direction's largest component below which a component needs no relative accuracy
 
 

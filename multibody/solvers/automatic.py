@@ -1,0 +1,158 @@
+"""The default method: explicit until stability and not accuracy limits its steps, then stiff while that pays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.integrate import DenseOutput
+
+from multibody.solvers.base import DONE, KNOWN, MORE, SLOT, STEP, STEP_OLD, STIFF, SUSPECT, WANTED, WATCH, T
+from multibody.solvers.dormand_prince import DormandPrince54
+from multibody.solvers.problem import NativeProblem
+from multibody.solvers.rosenbrock import Rodas5P, relative_cost
+
+__all__ = ["Automatic", "in_words"]
+
+LEAST_SPELL, LONGEST_SPELL = 64, 4096  # steps of the stiff method before the explicit one is tried again
+SHORT_TRIAL = 64  # explicit steps after which, if they turn out stiff again, the next spell is longer
+
+
+class Automatic(DormandPrince54):
+    """Dormand and Prince's method that hands over to Rodas5P where the problem is stiff, and takes it back.
+
+    The explicit method watches its last two stages, which show the fastest eigenvalue (Hairer and Wanner, Solving
+    Ordinary Differential Equations II, IV.2).  After fifteen steps in a row on the edge of its stability the stiff
+    method goes on from there; after a spell the explicit one is tried again, because a machine may be stiff only while
+    it rests in dry friction.  If the stiff method's steps turn out not to be longer by more than they cost, the
+    explicit one keeps the problem.  A problem without a tangent stays with the explicit method.
+
+    Parameters
+    ----------
+    stiff_problem : callable, optional
+        Returns the same problem with a tangent; called at the first stiff spell, so that a problem that never is stiff
+        compiles no tangent.
+    history : list, optional
+        Gets a pair (time in s, name of the method) at every change.
+    others
+        As of `NativeSolver`.
+    """
+
+    def __init__(
+        self,
+        fun: Any,
+        t0: float,
+        y0: Any,
+        t_bound: float,
+        problem: NativeProblem | None = None,
+        stiff_problem: Callable[[], NativeProblem] | None = None,
+        history: list[tuple[float, str]] | None = None,
+        **options: Any,
+    ) -> None:
+        super().__init__(fun, t0, y0, t_bound, problem=problem, **options)
+        self._options = (fun, options)
+        self._tangent_later = stiff_problem
+        self._history = [] if history is None else history
+        self._history.append((float(self.t), "explicit"))
+        self._tally[WATCH] = int(self.problem.tangent is not None or stiff_problem is not None)
+        self._stiff: Rodas5P | None = None
+        self._in_stiff = self._stored_stiff = False
+        self._spell = LEAST_SPELL
+        self._done = 0  # steps since the last change
+        self._since = float(self.t)  # time of the last change
+        self._explicit_step = 0.0
+
+    def _advance(self) -> int:
+        self._stored_stiff = self._in_stiff
+        if self._in_stiff:
+            return self._advance_stiff()
+        status = super()._advance()
+        self._done += int(self._tally[DONE])
+        if status == STIFF:
+            self._enter()
+            return MORE
+        return status
+
+    def _enter(self) -> None:
+        """Prepare the stiff method to go on from here."""
+        if self._stiff is None:
+            self._stiff = self._partner()
+        elif self._done <= SHORT_TRIAL:
+            self._spell = min(2 * self._spell, LONGEST_SPELL)
+        else:
+            self._spell = LEAST_SPELL
+        self._explicit_step = abs(float(self._clock[STEP_OLD]))
+        self._change(True)
+
+    def _change(self, stiff: bool) -> None:
+        self._in_stiff = stiff
+        self._done, self._since = 0, float(self._clock[T])
+        # What one method stored of its last step means nothing to the other.
+        self._tally[KNOWN], self._tally[SUSPECT], self._tally[SLOT] = 0, 0, 0
+        self._history.append((self._since, "stiff" if stiff else "explicit"))
+
+    def _partner(self) -> Rodas5P:
+        """Return the stiff method on the same clock, state and samples."""
+        fun, options = self._options
+        own = {k: v for k, v in options.items() if k not in ("samples", "first_step")}
+        problem = self.problem
+        if problem.tangent is None:
+            assert self._tangent_later is not None
+            problem = self._tangent_later()
+        partner = Rodas5P(fun, float(self._clock[T]), self._state, self.t_bound, problem=problem, **own)
+        if problem is self.problem:
+            partner.field = self.field
+        partner._clock, partner._tally, partner._state = self._clock, self._tally, self._state
+        partner._sample_t, partner._sample_y = self._sample_t, self._sample_y
+        partner._largest = self._work[2 * self.problem.size :]
+        return partner
+
+    def _advance_stiff(self) -> int:
+        assert self._stiff is not None
+        tally = self._tally
+        wanted = int(tally[WANTED])
+        tally[WANTED] = min(self._spell - self._done, wanted)
+        status = self._stiff._advance()
+        tally[WANTED] = wanted
+        self._done += int(tally[DONE])
+        if status == MORE and self._done >= self._spell:
+            self._leave()
+        return status
+
+    def _leave(self) -> None:
+        """Go back to the explicit method, and stay there if the stiff steps did not pay."""
+        assert self._stiff is not None
+        clock, tally = self._clock, self._tally
+        step = abs(float(clock[T]) - self._since) / self._done
+        if step < self._explicit_step * relative_cost(self._stiff.problem):
+            tally[WATCH] = 0
+        clock[STEP] = min(clock[STEP], self._explicit_step)
+        self._change(False)
+
+    def _dense_output_impl(self) -> DenseOutput:
+        if self._stored_stiff and self._stiff is not None:
+            self._stiff.t_old, self._stiff.t = self.t_old, self.t
+            return self._stiff._dense_output_impl()
+        return super()._dense_output_impl()
+
+
+def in_words(history: list[tuple[float, str]], end: float) -> str:
+    """Say what `Automatic` did from its history.
+
+    Examples
+    --------
+    >>> in_words([(0.0, "explicit")], 2.0)
+    'explicit throughout: nothing stiff was met'
+    >>> in_words([(0.0, "explicit"), (0.5, "stiff"), (1.5, "explicit")], 2.0)
+    'stiff for 50 % of the time, in one spell from 0.5 s; else explicit'
+    """
+    spells = sum(name == "stiff" for _, name in history)
+    if not spells:
+        return "explicit throughout: nothing stiff was met"
+    times = np.array([t for t, _ in history] + [end])
+    stiff = sum(after - t for (t, name), after in zip(history, times[1:], strict=True) if name == "stiff")
+    share = 100.0 * stiff / max(end - times[0], 1e-300)
+    first = next(t for t, name in history if name == "stiff")
+    many = "one spell" if spells == 1 else f"{spells} spells"
+    return f"stiff for {share:.0f} % of the time, in {many} from {first:.3g} s; else explicit"
