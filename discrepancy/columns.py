@@ -7,6 +7,7 @@ to be compiled for it, and hundreds of candidates and shapes cost one integratio
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -16,8 +17,9 @@ import numpy as np
 
 from discrepancy.blocks import Candidate, Residual, Sensitivities
 from discrepancy.catalogue import Entry
-from discrepancy.effects import law_class
+from discrepancy.effects import Effect, law_class
 from discrepancy.kinds import Kind, MotionRange
+from discrepancy.secants import far_away, secant_columns, takes_secants
 from estimation.experiment import Experiment, Push, SensorError
 from estimation.push_response import forget, response_of, worth_it
 from multibody.errors import ModelError
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Confrontation", "candidate_columns", "cannot_be_built", "law_force"]
 
+#: a candidate, the shapes to try, and its strengths
+Plan = tuple[Entry, list[dict[str, float]], list[str]]
 MOTION = ("position", "velocity", "acceleration")
 
 
@@ -264,7 +268,7 @@ def candidate_columns(
         Gets a line of text now and then.
     """
     refused: list[tuple[Entry, str]] = []
-    plans: list[tuple[Entry, list[dict[str, float]], list[str]]] = []
+    plans: list[Plan] = []
     for entry in entries:
         if entry.kind.at == "connection":
             motion = facts.range_of(entry)
@@ -277,14 +281,16 @@ def candidate_columns(
             plans.append((entry, entry.kind.shape_grid(motion), list(entry.kind.strengths)))
         else:
             plans.append((entry, [{}], list(entry.kind.strengths)))
-    columns: dict[tuple[str, int], list[np.ndarray]] = {}
-    for i in range(len(facts.experiments)):
-        if progress is not None:
-            progress(f"sensitivities of {len(plans)} candidates on {facts.experiments[i].name}")
-        _record_columns(facts, i, plans, columns)
+    columns = _all_columns(facts, plans, progress)
     found: list[Candidate] = []
+    far = far_away(facts)
     for entry, shapes, strengths in plans:
         cols = [columns[entry.name, k] for k in range(len(shapes))]
+        if far and takes_secants(entry):
+            if progress is not None:
+                progress(f"simulate {entry.name} at strengths that matter: the model is far from the machine")
+            bent = secant_columns(facts, entry, shapes)
+            shapes, cols = [*shapes, *(s for s, _ in bent)], [*cols, *(c for _, c in bent)]
         quiet = [not any(np.any(b) for b in shape) for shape in cols]
         if all(quiet):
             refused.append((entry, "it would not change any measured output of these records"))
@@ -304,6 +310,22 @@ def candidate_columns(
     return found, refused
 
 
+def _all_columns(facts: Confrontation, plans: Sequence[Plan], progress: Any) -> dict[tuple[str, int], list[np.ndarray]]:
+    """Return the columns of every candidate, record by record, two records at a time."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    def of(i: int) -> dict[tuple[str, int], np.ndarray]:
+        if progress is not None:
+            progress(f"sensitivities of {len(plans)} candidates on {facts.experiments[i].name}")
+        return _record_columns(facts, i, plans)
+
+    count = len(facts.experiments)
+    first = of(0)  # what it compiles and builds serves the others
+    with ThreadPoolExecutor(max(1, min(count, os.cpu_count() or 1))) as pool:
+        found = [first, *pool.map(of, range(1, count))]
+    return {key: [each[key] for each in found] for key in first}
+
+
 def cannot_be_built(error: ModelError) -> str:
     """Say in a sentence why a model cannot take an effect."""
     return f"the model with it cannot be built: {'; '.join(error.faults)}"
@@ -315,8 +337,6 @@ def _no_model(facts: Confrontation, entry: Entry) -> str:
     Where the load is itself worked out from the force that is asked for (a given motion needs it), the two would
     depend on each other at the same instant.
     """
-    from discrepancy.effects import Effect
-
     assert entry.place is not None
     effect = Effect.at_place(entry.kind.name, entry.place, load=entry.load, number=99)
     try:
@@ -329,10 +349,9 @@ def _no_model(facts: Confrontation, entry: Entry) -> str:
 def _record_columns(
     facts: Confrontation,
     index: int,
-    plans: Sequence[tuple[Entry, list[dict[str, float]], list[str]]],
-    columns: dict[tuple[str, int], list[np.ndarray]],
-) -> None:
-    """Append one record's columns of every candidate."""
+    plans: Sequence[Plan],
+) -> dict[tuple[str, int], np.ndarray]:
+    """Return one record's columns of every candidate and shape."""
     experiment = facts.experiments[index]
     time = np.array(experiment.record.time)
     run = facts.motions(index)
@@ -367,10 +386,8 @@ def _record_columns(
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])
     forget(experiment)
-    for key, group in parts.items():
-        columns.setdefault(key, []).append(facts.shaped(index, np.stack(group, axis=2)))
-    for key, column in sensors.items():
-        columns.setdefault(key, []).append(facts.shaped(index, column))
+    columns = {key: facts.shaped(index, np.stack(group, axis=2)) for key, group in parts.items()}
+    return columns | {key: facts.shaped(index, column) for key, column in sensors.items()}
 
 
 def _forces(

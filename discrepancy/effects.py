@@ -94,8 +94,11 @@ class Effect:
         """
         definition = kind_named(kind)
         if definition.at != "connection":
-            raise ValueError(f"{kind} acts on {'a sensor' if definition.at == 'sensor' else 'an input'}, not on a place:"
-                             f" write Effect('{kind}', 'name of the signal', {{'{definition.strengths[0]}': 0.0}})")
+            what = "a sensor" if definition.at == "sensor" else "an input"
+            raise ValueError(
+                f"{kind} acts on {what}, not on a place: write "
+                f"Effect('{kind}', 'name of the signal', {{'{definition.strengths[0]}': 0.0}})"
+            )
         strengths, shape = dict(parts.pop("strengths", {})), dict(parts.pop("shape", {}))
         defaults = {k: 0.0 for k in definition.strengths}
         usual = _usual_shape(definition, place.domain, parts.get("over", ""))

@@ -237,7 +237,7 @@ def write(conclusion: Conclusion, out: str | Path, evidence: Evidence | None = N
 
 
 def _save_model(conclusion: Conclusion, out: Path) -> tuple[list[Path], str]:
-    """Save the updated model, and that of every stage; a model that cannot be saved does not cost the user the report."""
+    """Save the updated model, and that of every stage; one that cannot be saved does not cost the user the report."""
     from multibody.errors import ModelError
     from multibody.storage import save
 

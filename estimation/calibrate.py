@@ -93,6 +93,7 @@ def calibrate(
     problem.scale = _weights(problem, first, floor) if scale is None else np.array([scale[n] for n in outputs])
     trial = scale is not None and not hold
     message = "nothing to move"
+    final = not trial and rounds == 1  # as long as the weights still change, an exact minimum is not worth its while
     for k in range((1 if trial else rounds) if moving.size and not hold else 0):
         here = theta.copy()
 
@@ -107,9 +108,9 @@ def calibrate(
             theta[moving],
             low[moving],
             high[moving],
-            tolerance=TRIAL if trial else SETTLED,
+            tolerance=SETTLED if final else TRIAL,
             max_evaluations=max_evaluations,
-            confirm=not trial,
+            confirm=final,
         )
         theta = full(solution.x)
         message = solution.message
@@ -122,10 +123,11 @@ def calibrate(
                 f"calibration round {k + 1}: {solution.evaluations} simulations, {solution.jacobians} of them with "
                 f"derivatives, cost {solution.cost:.4g}"
             )
-        settled = np.all(np.abs(weights / problem.scale - 1.0) < 0.05)
+        settled = bool(np.all(np.abs(weights / problem.scale - 1.0) < 0.05))
         problem.scale = weights
-        if settled:
+        if final and settled:
             break
+        final = settled or k + 2 >= rounds
     return _result(problem, theta, moving, low, high, not_excited, message, trial)
 
 
