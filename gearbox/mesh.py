@@ -253,7 +253,7 @@ class HelicalMesh(Component):
                 z_low += self.width * max(self.chip_1 * hit_1, self.chip_2 * hit_2)
                 pit = self.spall_1 * hit_1 + self.spall_2 * hit_2
                 pit_s = self.spall_place
-                pit_half = 0.5 * self.spall_length
+                pit_half = 0.5 * self.spall_length * max(hit_1, hit_2)
                 pit_width = 0.5 * self.spall_width
             if self.slices == 0:
                 d_n, d_ns, d_na, d_n1, d_n2, d_t, d_ts, d_ta, d_e, d_l, d_r = line(
@@ -304,10 +304,11 @@ class HelicalMesh(Component):
         f_a = 0.0
         if a_back - self.backlash + abs(b_back) * span + abs(c_back) * half > 0.0:
             behind = self.thickness * math.cos(self.alpha)
+            opening = self.backlash / math.cos(self.beta_b)
             first_back = -math.floor((span + self.base_1 * self.spin_1.angle - behind) / self.base_pitch)
             for i in range(self.lines):
                 p1 = behind - self.base_1 * self.spin_1.angle - (first_back + i) * self.base_pitch
-                p2 = -behind - self.base_2 * self.spin_2.angle + (first_back + i) * self.base_pitch
+                p2 = (first_back + i) * self.base_pitch - behind - self.base_2 * self.spin_2.angle - opening
                 d_n, d_ns, d_na, d_n1, d_n2, d_t, d_ts, d_ta, d_e, d_l, d_r = line(
                     -half, half, p1, p2, -slope, a_back - self.backlash, b_back, c_back, 0.0, da_back, db_back,
                     dc_back, -self.base_1 * self.spin_1.speed, -self.base_2 * self.spin_2.speed, self.edge_1,
