@@ -218,7 +218,7 @@ class LineTable:
             own = [line for line in self.sidebands(shaft, own=True) if line.mesh_order]
             size = float(np.sqrt(sum(line.amplitude**2 for line in own if line.found)))
             table[shaft] = {
-                "found": sum(line.found for line in own),
+                "found": sum(bool(line.found) for line in own),
                 "looked_for": len(own),
                 "amplitude": size,
                 "share": size / carrier if carrier > 0.0 else float("nan"),
@@ -289,7 +289,7 @@ def name_lines(
         )
         lines.append(
             Line(w.name, w.frequency, w.mesh_order, w.shaft, w.sideband, also, amplitude, noise,
-                 amplitude > threshold * noise)
+                 bool(amplitude > threshold * noise))
         )  # fmt: skip
     return LineTable(tuple(lines), mesh_frequency, dict(shafts), signal.unit)
 
