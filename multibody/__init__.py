@@ -20,22 +20,6 @@ from multibody.errors import EquationError, ModelError, SimulationError
 from multibody.model import Model
 
 __all__ = [
-    "Component",
-    "Energy",
-    "EquationError",
-    "Frame",
-    "Input",
-    "Model",
-    "ModelError",
-    "Option",
-    "Output",
-    "Parameter",
-    "Pin",
-    "Power",
-    "Rotation",
-    "SimulationError",
-    "State",
-    "Table",
-    "Translation",
-    "Unknown",
+    "Component", "Energy", "EquationError", "Frame", "Input", "Model", "ModelError", "Option", "Output", "Parameter",
+    "Pin", "Power", "Rotation", "SimulationError", "State", "Table", "Translation", "Unknown",
 ]

@@ -37,18 +37,14 @@ def in_both_domains(
     for domain, name in zip(_PORTS, names, strict=True):
         body: dict[str, Any] = {
             key: replace(item, unit=_units(item.unit, domain))  # type: ignore[attr-defined, call-arg]
-            for key, item in law.declarations.items()
-            if getattr(item, "unit", None) is not None
+            for key, item in law.declarations.items() if getattr(item, "unit", None) is not None
         }
         for item in body.values():
             if not isinstance(item, Declaration):
                 raise TypeError(f"{law.__name__} declares something that is not a declaration")
         port = _PORTS[domain]
         body |= {
-            "a": port("first side"),
-            "b": port("second side"),
-            "__doc__": law.__doc__,
-            "__module__": module,
+            "a": port("first side"), "b": port("second side"), "__doc__": law.__doc__, "__module__": module,
         }
         made.append(type(name, (law,), body))
     return made[0], made[1]

@@ -86,7 +86,9 @@ class Kinematics:
                 if node.prescriber is not None:
                     work.add(f"{base}__reaction = {base}___sum", node.label.name)
                 elif not node.grounded:
-                    work.unknowns.append(Unknown(f"{node.label.name}.voltage", f"{base}__voltage", f"{base}___sum"))
+                    work.unknowns.append(
+                        Unknown(f"{node.label.name}.voltage", f"{base}__voltage", f"{base}___sum")
+                    )
                 continue
             motion = self.of(node)
             terms = flows + motion.pushes
@@ -207,7 +209,9 @@ def _leader(kin: Kinematics, node: Node, work: Assembly) -> None:
     motion.factors = {motion.base: "1.0"}
     if node.prescriber is not None:
         reaction = f"{variable(node.prescriber.owner, node.prescriber.port_name)}__reaction"
-        work.coordinates.append(Coordinate(motion.base, label.name, rate, acceleration, "prescribed", reaction))
+        work.coordinates.append(
+            Coordinate(motion.base, label.name, rate, acceleration, "prescribed", reaction)
+        )
         _show_motion(kin, node, work, skip=None)
         return
     work.coordinates.append(Coordinate(motion.base, label.name, rate, acceleration))

@@ -56,7 +56,9 @@ class Part:
         known = self.component.of_kind((Port, Input, Output))  # type: ignore[arg-type]
         if attribute not in known:
             kind = type(self.component).__name__
-            raise AttributeError(f"{kind} '{self.name}' has no port or signal '{attribute}'{nearest(attribute, known)}")
+            raise AttributeError(
+                f"{kind} '{self.name}' has no port or signal '{attribute}'{nearest(attribute, known)}"
+            )
         return Endpoint(f"{self.name}.{attribute}")
 
     def __repr__(self) -> str:
@@ -121,7 +123,11 @@ class Model:
         graph = self._graph
         name = str(name)
         if not isinstance(component, Component):
-            told = f"the class {component.__name__}" if isinstance(component, type) else f"a {type(component).__name__}"
+            told = (
+                f"the class {component.__name__}"
+                if isinstance(component, type)
+                else f"a {type(component).__name__}"
+            )
             graph.faults.append(f"'{name}' is {told}, not a component: add an instance of a Component class")
             component = Component()
         elif not hasattr(component, "values"):
@@ -182,7 +188,9 @@ class Model:
     def part(self, name: str) -> Part:
         """Return a component of the model as a `Part`."""
         if name not in self._graph.components:
-            raise KeyError(f"model '{self.name}' has no component '{name}'{nearest(name, self._graph.components)}")
+            raise KeyError(
+                f"model '{self.name}' has no component '{name}'{nearest(name, self._graph.components)}"
+            )
         return Part(name, self._graph.components[name])
 
     def find(self, endpoint: str) -> tuple[str, Component, str] | None:
@@ -231,7 +239,9 @@ class Model:
                     continue
             found = self.find(key)
             if found is None or found[2] not in (*found[1].values, *found[1].starts):
-                known = [f"{n}.{p}" for n, c in self._graph.components.items() for p in (*c.values, *c.starts)]
+                known = [
+                    f"{n}.{p}" for n, c in self._graph.components.items() for p in (*c.values, *c.starts)
+                ]
                 faults.append(f"no parameter '{key}'{nearest(key, known)}")
             else:
                 changes.setdefault(found[0], {})[found[2]] = value

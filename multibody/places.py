@@ -99,4 +99,7 @@ def _told_apart(places: list[Place]) -> list[Place]:
     Two sides that a part joins keep the part's name.
     """
     count = Counter(p.name for p in places)
-    return [replace(p, name=p.first_port) if count[p.name] > 1 and p.second is None else p for p in places]
+    return [
+        replace(p, name=p.first_port) if count[p.name] > 1 and p.second is None else p
+        for p in places
+    ]

@@ -78,9 +78,15 @@ def simulate(
     if step is not None and not step > 0.0:
         raise SimulationError(f"'{system.name}': the step is {step:g} s, it must be positive")
     if times is None:
-        times = np.linspace(t0, t1, 1001) if step is None else t0 + step * np.arange(int((t1 - t0) / step + 1e-9) + 1)
+        times = (
+            np.linspace(t0, t1, 1001)
+            if step is None
+            else t0 + step * np.arange(int((t1 - t0) / step + 1e-9) + 1)
+        )
     times = np.ascontiguousarray(times, dtype=float)
-    inside = times.ndim == 1 and times.size and times[0] >= t0 and times[-1] <= t1 and np.all(np.diff(times) > 0)
+    inside = (
+        times.ndim == 1 and times.size and times[0] >= t0 and times[-1] <= t1 and np.all(np.diff(times) > 0)
+    )
     if not inside:
         raise SimulationError(f"'{system.name}': times must increase and lie between {t0:g} s and {t1:g} s")
     p, x0 = system.parameter_vector(parameters), system.state_vector(initial)
@@ -118,7 +124,11 @@ def input_table(
             )
         return inputs
     given = dict(inputs or {})
-    faults = [f"there is no input '{n}'{nearest(n, system.input_names)}" for n in given if n not in system.input_names]
+    faults = [
+        f"there is no input '{n}'{nearest(n, system.input_names)}"
+        for n in given
+        if n not in system.input_names
+    ]
     declared = system.model.inputs
     columns: dict[str, Any] = {}
     grids: list[np.ndarray] = []
@@ -126,7 +136,9 @@ def input_table(
         value = given.get(q.name)
         if value is None:
             if q.name in declared and declared[q.name].default is None:
-                faults.append(f"input '{q.name}' ({q.unit}) is missing: give a number, (times, values) or a function")
+                faults.append(
+                    f"input '{q.name}' ({q.unit}) is missing: give a number, (times, values) or a function"
+                )
             columns[q.name] = q.value
         elif callable(value):
             columns[q.name] = 0.0
@@ -148,7 +160,9 @@ def input_table(
                 columns[q.name] = (t, v)
                 grids.append(t)
     if faults:
-        raise SimulationError(f"'{system.name}' cannot be simulated:\n" + "\n".join(f"  - {f}" for f in faults))
+        raise SimulationError(
+            f"'{system.name}' cannot be simulated:\n" + "\n".join(f"  - {f}" for f in faults)
+        )
     if not grids:
         return InputTable.constant(columns)
     delays = dict(system.input_delays)
@@ -216,7 +230,9 @@ def _run(
     name, why = _method(system, method, functions)
     if not system.states:
         inputs = _all_inputs(table, {system.index("input", n): f for n, f in functions.items()}, times, p)
-        return Trajectory(system, times, np.empty((times.size, 0)), inputs, p, {"method": name, "why": "no states"})
+        return Trajectory(
+            system, times, np.empty((times.size, 0)), inputs, p, {"method": name, "why": "no states"}
+        )
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": limit}
     columns = {system.index("input", n): f for n, f in functions.items()}
     if name in NATIVE:
@@ -273,7 +289,9 @@ def _all_inputs(
     return inputs
 
 
-def _inputs_at(table: InputTable, columns: dict[int, Callable[[float], float]], t: float, p: np.ndarray) -> np.ndarray:
+def _inputs_at(
+    table: InputTable, columns: dict[int, Callable[[float], float]], t: float, p: np.ndarray
+) -> np.ndarray:
     u = table(t, p)
     for k, f in columns.items():
         u[k] = f(t)
@@ -319,7 +337,11 @@ def _feature_step(system: System, run: Trajectory, limit: float) -> float | None
                 width = float(run.p[system.index("parameter", f"{owner}.{width_name}")])
             else:
                 width = float(np.min(np.abs(run[f"{owner}.{width_name}"])))
-            speed = 1.0 if speed_name == "time" else float(np.max(np.abs(run[f"{owner}.{speed_name}"]), initial=0.0))
+            speed = (
+                1.0
+                if speed_name == "time"
+                else float(np.max(np.abs(run[f"{owner}.{speed_name}"]), initial=0.0))
+            )
             if speed > 0.0 and width > 0.0:
                 finest = min(finest, 0.5 * width / speed)
     return finest if finest < 0.8 * limit else None  # the same speed, sampled anew, is no reason to run again

@@ -54,12 +54,15 @@ def save(model: Model, path: str | Path) -> Path:
             if found := getattr(component, part):
                 entry[part] = found
         if component.tables:
-            entry["tables"] = {k: {"x": x.tolist(), "y": y.tolist()} for k, (x, y) in component.tables.items()}
+            entry["tables"] = {
+                k: {"x": x.tolist(), "y": y.tolist()} for k, (x, y) in component.tables.items()
+            }
         components[name] = entry
     if faults:
         raise ModelError(model.name, faults)
     inputs = [  # the unit follows from what an input feeds
-        {k: v for k, v in dataclasses.asdict(i).items() if v is not None and k != "unit"} for i in model.inputs.values()
+        {k: v for k, v in dataclasses.asdict(i).items() if v is not None and k != "unit"}
+        for i in model.inputs.values()
     ]
     content = {
         "schema": SCHEMA, "name": model.name, "components": components, "connections": model.connections,
@@ -117,7 +120,9 @@ def load(path: str | Path) -> Model:
 def _read(path: Path, faults: list[str]) -> dict[str, Any]:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = [key for key, _ in pairs]
-        faults.extend(f"'{key}' stands twice in one object" for key in sorted({k for k in keys if keys.count(k) > 1}))
+        faults.extend(
+            f"'{key}' stands twice in one object" for key in sorted({k for k in keys if keys.count(k) > 1})
+        )
         return dict(pairs)
 
     def refuse(word: str) -> float:
@@ -141,7 +146,9 @@ def _read(path: Path, faults: list[str]) -> dict[str, Any]:
         if key not in content:
             faults.append(f"the entry '{key}' is missing")
         elif not isinstance(content[key], kind):
-            faults.append(f"the entry '{key}' has to be a {kind.__name__}, it is a {type(content[key]).__name__}")
+            faults.append(
+                f"the entry '{key}' has to be a {kind.__name__}, it is a {type(content[key]).__name__}"
+            )
     faults += [f"unknown entry '{key}'{nearest(key, _TOP)}" for key in content if key not in _TOP]
     if faults:
         raise ModelError(f"{path}", faults)
@@ -153,7 +160,9 @@ def _component(name: str, entry: Any, folder: Path, faults: list[str]) -> Compon
     if not isinstance(entry, dict) or not isinstance(entry.get("class"), str):
         faults.append(f"{told}: give an object with 'class', such as \"multibody.library:Mass\"")
         return None
-    faults += [f"{told}: unknown entry '{k}'{nearest(k, _PARTS)}" for k in entry if k not in (*_PARTS, "class")]
+    faults += [
+        f"{told}: unknown entry '{k}'{nearest(k, _PARTS)}" for k in entry if k not in (*_PARTS, "class")
+    ]
     given: dict[str, Any] = {}
     for part in _PARTS:
         values = entry.get(part, {})
@@ -166,7 +175,9 @@ def _component(name: str, entry: Any, folder: Path, faults: list[str]) -> Compon
                     faults.append(f'{told}: table \'{key}\' has to be {{"x": [...], "y": [...]}}')
                     continue
                 value = (value["x"], value["y"])
-            elif part in ("values", "starts") and (isinstance(value, bool) or not isinstance(value, int | float)):
+            elif part in ("values", "starts") and (
+                isinstance(value, bool) or not isinstance(value, int | float)
+            ):
                 faults.append(f"{told}: '{key}' has to be a number in SI, it is {value!r}")
                 continue
             given[key] = value
@@ -189,7 +200,9 @@ def _input(model: Model, k: int, entry: Any, faults: list[str]) -> None:
     if not isinstance(targets, list) or not all(isinstance(t, str) for t in targets):
         faults.append(f"input '{name}': 'targets' has to be a list of component inputs")
         return
-    faults += [f"input '{name}': unknown entry '{key}'{nearest(key, known)}" for key in entry if key not in known]
+    faults += [
+        f"input '{name}': unknown entry '{key}'{nearest(key, known)}" for key in entry if key not in known
+    ]
     numbers = {key: entry[key] for key in ("default", "gain", "offset", "delay") if key in entry}
     for key, value in numbers.items():
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -206,7 +219,9 @@ def _input(model: Model, k: int, entry: Any, faults: list[str]) -> None:
 def _reference(cls: type, folder: Path) -> str:
     module = sys.modules.get(cls.__module__)
     if "." in cls.__qualname__ or getattr(module, cls.__qualname__, None) is not cls:
-        raise LookupError(f"class {cls.__qualname__} is not at the top of a module: move it there to save the model")
+        raise LookupError(
+            f"class {cls.__qualname__} is not at the top of a module: move it there to save the model"
+        )
     file = getattr(module, "__file__", None)
     if file is None:
         raise LookupError(f"class {cls.__qualname__} is not in a file: define it in one to save the model")
@@ -248,13 +263,17 @@ def _named_module(name: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise LookupError(f"module '{name}' cannot be imported ({error}): install the package it belongs to") from error
+        raise LookupError(
+            f"module '{name}' cannot be imported ({error}): install the package it belongs to"
+        ) from error
 
 
 def _file_module(path: Path) -> ModuleType:
     path = path.resolve()
     if not path.is_file():
-        raise LookupError(f"the file '{path}' is needed for its component classes and is not there: put it back")
+        raise LookupError(
+            f"the file '{path}' is needed for its component classes and is not there: put it back"
+        )
     for module in _modules_of(path):
         return module
     spec = importlib.util.spec_from_file_location(f"vtsdt_file_{path.stem}_{len(sys.modules)}", path)

@@ -128,7 +128,9 @@ class System:
         try:
             return self._index[kind][name]
         except KeyError:
-            raise KeyError(f"'{self.name}' has no {kind} '{name}'{nearest(name, self._index[kind])}") from None
+            raise KeyError(
+                f"'{self.name}' has no {kind} '{name}'{nearest(name, self._index[kind])}"
+            ) from None
 
     def unit(self, name: str) -> str:
         """Return the SI unit of an output, state, input or parameter."""
@@ -161,7 +163,9 @@ class System:
     ) -> np.ndarray:
         if isinstance(values, np.ndarray):
             if values.shape != (len(group),):
-                raise ModelError(self.name, [f"there are {len(group)} {kind}s, the array has the shape {values.shape}"])
+                raise ModelError(
+                    self.name, [f"there are {len(group)} {kind}s, the array has the shape {values.shape}"]
+                )
             return np.ascontiguousarray(values, dtype=float)
         vector = np.array([q.value for q in group])
         faults = []
@@ -220,7 +224,9 @@ class System:
         """Directional derivative of the outputs as a native function."""
         return self._native("outputs_tangent")
 
-    def rhs(self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None) -> np.ndarray:
+    def rhs(
+        self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return the rates of the states at one instant, shape (n,)."""
         return self.rhs_function(
             t, x, self.u if u is None else u, self.p if p is None else p, np.empty(len(self.states))
@@ -306,7 +312,9 @@ class System:
         function.check()
         return out.transpose(0, 2, 1)
 
-    def outputs_along(self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray) -> np.ndarray:
+    def outputs_along(
+        self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray
+    ) -> np.ndarray:
         """Return the outputs at every row of a trajectory, shape (nt, n_y)."""
         from multibody.native import load_driver
 

@@ -94,7 +94,8 @@ class TrapezoidalProfile(_Profile):
 
     def equations(self):
         after = self.time - self.start
-        s, self.velocity, self.acceleration, self.duration = trapezoidal(after, self.distance, self.v_max, self.a_max)
+        s, self.velocity, self.acceleration, self.duration = trapezoidal(
+            after, self.distance, self.v_max, self.a_max)
         self.position = self.offset + s
 
 
@@ -106,6 +107,5 @@ class SCurveProfile(_Profile):
     def equations(self):
         after = self.time - self.start
         s, self.velocity, self.acceleration, self.duration = jerk_limited(
-            after, self.distance, self.v_max, self.a_max, self.j_max
-        )
+            after, self.distance, self.v_max, self.a_max, self.j_max)
         self.position = self.offset + s

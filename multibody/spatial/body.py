@@ -89,7 +89,9 @@ class RigidBody(Component):
 
     def _decide_declarations(self) -> None:
         super()._decide_declarations()
-        if self.body_rates:  # the speeds are no rates of angles, so a torque on an angle has nothing to act on
+        if (
+            self.body_rates
+        ):  # the speeds are no rates of angles, so a torque on an angle has nothing to act on
             self.declarations = {
                 n: d for n, d in self.declarations.items() if not (isinstance(d, Rotation) and d.coordinate)
             }
@@ -113,7 +115,9 @@ class RigidBody(Component):
     def start_declarations(self) -> dict[str, State]:
         """Return start values of the coordinates (all six) and of the free speeds."""
         starts = {
-            f"{name}_start": State("m" if name in LENGTHS else "rad", f"{name} at the start, or where it is locked")
+            f"{name}_start": State(
+                "m" if name in LENGTHS else "rad", f"{name} at the start, or where it is locked"
+            )
             for name in COORDINATES
         }
         for name in self.free:
@@ -132,9 +136,13 @@ class RigidBody(Component):
         fault = inertia_fault(np.array(entries))
         faults = [fault] if fault else []
         if self.free and v["mass"] <= 0.0:
-            faults.append(f"parameter 'mass' is {v['mass']:g} kg, but {', '.join(self.free)} can move: give it a mass")
+            faults.append(
+                f"parameter 'mass' is {v['mass']:g} kg, but {', '.join(self.free)} can move: give it a mass"
+            )
         if self.body_rates and abs(abs(self.starts["pitch_start"]) - math.pi / 2) < 1e-3:
-            faults.append("'pitch_start' is a quarter turn, where roll and yaw are the same: turn its parent frame")
+            faults.append(
+                "'pitch_start' is a quarter turn, where roll and yaw are the same: turn its parent frame"
+            )
         return faults
 
 

@@ -71,7 +71,9 @@ def record_of(name: str, seed: int, pauses: bool, hidden):
     rng = np.random.default_rng(seed)
     signals = {"reference.speed": Signal(reference, "m/s", "v_ref", "m/s")}
     for column, output, unit in (("drive_N", "drive.force", "N"), ("x_m", "carriage.position", "m")):
-        values = run.outputs[:, truth.index("output", output)] + NOISE[output] * rng.standard_normal(time.size)
+        values = run.outputs[:, truth.index("output", output)] + NOISE[output] * rng.standard_normal(
+            time.size
+        )
         signals[output] = Signal(values, unit, column, unit)
     return Record(name, Path(f"{name}.csv"), time, signals, log=("time from column t [s]",))
 
@@ -135,7 +137,9 @@ def small_study():
         )
         entries = [
             e
-            for e in catalogue(found.system, found.outputs, ("reference.speed",), include=[f"{n}@*" for n in names])
+            for e in catalogue(
+                found.system, found.outputs, ("reference.speed",), include=[f"{n}@*" for n in names]
+            )
             if f"{e.kind.name}.{e.where}" not in found.model.components
         ]
         candidates, refused = candidate_columns(facts, entries)

@@ -146,7 +146,9 @@ def test_rates_are_those_of_the_matrix_model(nodes):
         assert shown[f"rotor{k}.angle"] == pytest.approx(angle[k], rel=1e-12, abs=1e-12)
         assert shown[f"rotor{k}.speed"] == pytest.approx(speed[k], rel=1e-12, abs=1e-12)
         # conditioning of the mass matrix: ratios up to 25 in a row of five gears
-        assert shown[f"rotor{k}.acceleration"] == pytest.approx(wanted[k], rel=1e-7, abs=1e-7 * np.abs(wanted).max())
+        assert shown[f"rotor{k}.acceleration"] == pytest.approx(
+            wanted[k], rel=1e-7, abs=1e-7 * np.abs(wanted).max()
+        )
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
@@ -266,7 +268,9 @@ def test_locked_mass_of_a_two_inertia_node():
     model.connect(one.flange, two.flange)
     system = model.build(compiled=False)
     assert system.state_names == ()
-    assert dict(zip(system.output_names, system.outputs_at(0.0, system.start), strict=True))["one.angle"] == 0.3
+    assert (
+        dict(zip(system.output_names, system.outputs_at(0.0, system.start), strict=True))["one.angle"] == 0.3
+    )
 
 
 def test_inertias_on_one_node_add_up():

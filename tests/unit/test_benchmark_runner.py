@@ -81,7 +81,9 @@ def test_table_compares_with_the_first_entry(runner: ModuleType, tmp_path: Path)
     assert "| second way | 1.00 ms |" in text
 
 
-def test_no_new_round_once_the_time_is_spent_but_never_fewer_than_three(runner: ModuleType, tmp_path: Path) -> None:
+def test_no_new_round_once_the_time_is_spent_but_never_fewer_than_three(
+    runner: ModuleType, tmp_path: Path
+) -> None:
     group = _group(runner, tmp_path)
     runner.measure(group, rounds=50, seconds=0.0, rng=random.Random(1))
     assert [len(entry.times) for entry in group.entries] == [3, 3]  # type: ignore[attr-defined]
@@ -95,7 +97,9 @@ def test_no_new_round_once_the_time_is_spent_but_never_fewer_than_three(runner: 
         ('def bench_a():\n    """a"""\n    return 1.0\n', "bench_a must return the callable"),
     ],
 )
-def test_faults_of_a_benchmark_file_are_named(runner: ModuleType, tmp_path: Path, text: str, message: str) -> None:
+def test_faults_of_a_benchmark_file_are_named(
+    runner: ModuleType, tmp_path: Path, text: str, message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         _group(runner, tmp_path, text)
 

@@ -159,7 +159,9 @@ BAD = {
 
 
 @pytest.mark.parametrize(("words", "says"), BAD.values(), ids=BAD)
-def test_bad_input_gives_one_message_and_no_traceback(run: Run, tmp_path: Path, words: list[str], says: str) -> None:
+def test_bad_input_gives_one_message_and_no_traceback(
+    run: Run, tmp_path: Path, words: list[str], says: str
+) -> None:
     (tmp_path / "taken").write_text("x")
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "axis.py").write_text(MODEL)
@@ -256,7 +258,9 @@ def test_diagnose_hands_its_arguments_over(run: Run, monkeypatch: pytest.MonkeyP
     assert (seen["target"], seen["seed"], seen["quiet"]) == ("discrepancy.command:compare", None, False)
 
 
-def test_other_commands_go_to_their_modules(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_other_commands_go_to_their_modules(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     (tmp_path / "rig_of_test.py").write_text("def main(arguments):\n    print(arguments)\n    return 7\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setitem(ELSEWHERE, ("bench", "lift"), Elsewhere("rig_of_test:main", "a rig"))
@@ -281,7 +285,9 @@ def test_version(run: Run) -> None:
 
 def test_output_into_a_closed_pipe_is_no_error() -> None:
     command = f"'{sys.executable}' -m vtsdt --help | head -n 0; exit ${{PIPESTATUS[0]}}"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, env=os.environ)
+    done = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, check=False, env=os.environ
+    )
     assert done.returncode == 0
     assert done.stderr == ""
 

@@ -59,7 +59,10 @@ def test_the_effect_is_told_with_interval_unit_and_rivals(diagnosis, small_study
 
 def test_explained_is_the_excess_that_is_gone(conclusion, diagnosis) -> None:
     base, end = conclusion.stages[1], conclusion.stages[2]
-    excess = [sum(max(0.0, s.rmse("validate")[n] ** 2 / s.noise[n] ** 2 - 1.0) for n in s.outputs) for s in (base, end)]
+    excess = [
+        sum(max(0.0, s.rmse("validate")[n] ** 2 / s.noise[n] ** 2 - 1.0) for n in s.outputs)
+        for s in (base, end)
+    ]
     assert diagnosis["explained"] == pytest.approx(1.0 - excess[1] / excess[0], rel=1e-12)
     assert diagnosis["explained"] > 0.99
     assert diagnosis["explained_on"] == "validate"
@@ -80,7 +83,9 @@ def test_a_tie_is_listed_apart(conclusion, evidence) -> None:
     stage = conclusion.final
     rivals = (Rival("stribeck_friction", "guide", 1.2, True, True), *stage.accepted.rivals[1:])
     tied = replace(stage, accepted=replace(stage.accepted, rivals=rivals))
-    found = to_diagnosis(replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence)
+    found = to_diagnosis(
+        replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence
+    )
     assert check_diagnosis(found) == []
     assert [r["delta_bic"] for r in found["effects"][0]["indistinguishable_from"]] == [1.2]
     assert [r["kind"] for r in found["effects"][0]["runners_up"]] == ["local_bump"]
@@ -88,8 +93,12 @@ def test_a_tie_is_listed_apart(conclusion, evidence) -> None:
 
 def test_an_unknown_effect_has_its_curve(conclusion) -> None:
     x = np.linspace(0.0, 1.0, 5)
-    curve = UnknownCurve("guide", "position", "m", "N", x, np.sin(x), np.full(5, math.nan), "something", 1e-4, -40.0)
-    found = to_diagnosis(replace(conclusion, verdict="unknown effect", stages=conclusion.stages[:2], unknown=curve))
+    curve = UnknownCurve(
+        "guide", "position", "m", "N", x, np.sin(x), np.full(5, math.nan), "something", 1e-4, -40.0
+    )
+    found = to_diagnosis(
+        replace(conclusion, verdict="unknown effect", stages=conclusion.stages[:2], unknown=curve)
+    )
     assert check_diagnosis(found) == []
     effect = found["effects"][0]
     assert effect["kind"] == "unknown_force"
@@ -100,11 +109,9 @@ def test_an_unknown_effect_has_its_curve(conclusion) -> None:
 
 
 def test_what_is_not_finite_becomes_null() -> None:
-    assert plain({"a": np.float64(np.inf), "b": (np.int64(2), np.bool_(True)), "c": np.array([1.0, np.nan])}) == {
-        "a": None,
-        "b": [2, True],
-        "c": [1.0, None],
-    }
+    assert plain(
+        {"a": np.float64(np.inf), "b": (np.int64(2), np.bool_(True)), "c": np.array([1.0, np.nan])}
+    ) == {"a": None, "b": [2, True], "c": [1.0, None]}
 
 
 @pytest.mark.parametrize(

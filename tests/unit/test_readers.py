@@ -53,7 +53,9 @@ def write(path: Path, names: list[str], table: np.ndarray, dialect: str) -> None
 
         pq.write_table(pa.table({name: table[:, k] for k, name in enumerate(names)}), path)
         return
-    delimiter = {"comma": ",", "semicolon": ";", "decimal comma": ";", "tab": "\t", "tab comma": "\t"}[dialect]
+    delimiter = {"comma": ",", "semicolon": ";", "decimal comma": ";", "tab": "\t", "tab comma": "\t"}[
+        dialect
+    ]
     lines = ["# rig 3, channel list below", delimiter.join(names)]
     for row in table:
         cells = [repr(float(each)) for each in row]
@@ -135,12 +137,16 @@ def test_damage_is_refused_with_its_line(tmp_path, seed, damage, row):
     elif damage == "missing cell":
         lines[line] = lines[line].split(",")[0]
     else:
-        lines[line:] = [f"{float(each.split(',')[0]) + 3.0:.2f},{each.split(',')[1]}" for each in lines[line:]]
+        lines[line:] = [
+            f"{float(each.split(',')[0]) + 3.0:.2f},{each.split(',')[1]}" for each in lines[line:]
+        ]
     path = tmp_path / "damaged.csv"
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(RecordError) as refused:
         read_record(path, time="time_s", columns={"force": "force_N"}, units={"force": "N"})
-    place = {"double row": line + 2, "swap rows": line + 2, "jump": line, "drop row": line}.get(damage, line + 1)
+    place = {"double row": line + 2, "swap rows": line + 2, "jump": line, "drop row": line}.get(
+        damage, line + 1
+    )
     assert re.search(rf"\blines? (\d+, )*{place}\b", str(refused.value))
     assert "damaged.csv" in str(refused.value)
 
@@ -237,7 +243,9 @@ def test_unit_can_be_said_where_the_name_is_silent_or_wrong(tmp_path):
 
 def test_quoted_header_windows_text_and_latin_letters(tmp_path):
     path = tmp_path / "a.csv"
-    text = '"Zeit [s]";"Kraft, links [kN]";"Winkel [°]"\r\n' + "".join(f"{k};{k},5;{k}\r\n" for k in range(12))
+    text = '"Zeit [s]";"Kraft, links [kN]";"Winkel [°]"\r\n' + "".join(
+        f"{k};{k},5;{k}\r\n" for k in range(12)
+    )
     path.write_bytes(text.encode("cp1252"))
     record = read_record(
         path,

@@ -108,7 +108,10 @@ def test_transitions_release_the_interpreter_and_name_their_faults():
     prob, times = linear(), np.linspace(0.0, 1.0, 101)
     states = np.zeros((101, 3))
     results = []
-    threads = [threading.Thread(target=lambda: results.append(transitions(prob, times, states).phi)) for _ in range(3)]
+    threads = [
+        threading.Thread(target=lambda: results.append(transitions(prob, times, states).phi))
+        for _ in range(3)
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:

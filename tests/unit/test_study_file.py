@@ -220,7 +220,9 @@ def test_broken_study_is_refused_and_named(folder, kind):
 
 
 def test_all_faults_are_told_at_once(folder):
-    text = SOUND.replace("std = 5 }", "std = -5, valu = 3 }").replace("axis.py", "axes.py").replace("a*", "c*")
+    text = (
+        SOUND.replace("std = 5 }", "std = -5, valu = 3 }").replace("axis.py", "axes.py").replace("a*", "c*")
+    )
     told = faults(folder, text.replace("noise = 1e-6", "noise = 0.0"))
     assert len(told) == 5
     keys = [

@@ -132,7 +132,9 @@ def test_firefly_counts_population_times_iterations():
 
 
 def test_polish_never_lowers_and_uses_the_gradient_if_there_is_one():
-    surface = ResponseSurface.from_coefficients(DesignSpace.unit_cube(("a", "b")), [0, 1, 1, -1, -1, 0.5], order=2)
+    surface = ResponseSurface.from_coefficients(
+        DesignSpace.unit_cube(("a", "b")), [0, 1, 1, -1, -1, 0.5], order=2
+    )
     exact = maximise(surface, surface.space, budget=300)
     blind = maximise(surface.predict, surface.space, budget=300, vectorised=True)
     # Stationary point of a + b - a² - b² + ab/2: a = b = 2/3, value 2/3.
