@@ -27,7 +27,7 @@ __all__ = ["UpdatingStudy", "load_vibration", "read_updating_study"]
 
 #: Beginnings of the names of modules that no simulation depends on.
 _NO_MODEL = ("updating", "papers", "spectrum", "rig", "record", "orders", "similarity", "objectives", "identif",
-             "output_surfaces", "telling", "faults", "lines")  # fmt: skip
+             "output_surfaces", "telling")  # fmt: skip
 
 
 @dataclass(frozen=True)
