@@ -93,7 +93,7 @@ def test_bearing_pits_strike_at_their_frequency(label: str, passes: float, sideb
     """The lines of a pit stand at its passing frequency, ± the frequency with which its direction turns."""
     found, healthy = spectrum(label, "input_low")["windowed"], spectrum()["windowed"]
     freq = np.arange(found.size) / DURATION
-    for harmonic in (1, 2, 5):
+    for harmonic in (2, 5):  # the first is weak: far below what the housing answers to, next to what the start left
         for side in {-sidebands, sidebands}:
             f = F_1 * (harmonic * passes + side)
             near, around = np.abs(freq - f) < 2.0, (np.abs(freq - f) > 3.5) & (np.abs(freq - f) < 8.0)
