@@ -162,8 +162,8 @@ def _table_5() -> Chapter:
 
 
 def _table_6(tell: Progress) -> Chapter:
+    from gearbox.components import main_components
     from gearbox.condition import OperatingCondition
-    from gearbox.spectrum import main_components
     from gearbox.vibrating import build
 
     stage, rows = build(), []

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gearbox.components import MainComponents, main_components
 from gearbox.lines import find_mesh_frequency, fit_lines
 from gearbox.orders import SynchronousAverage, order_track, revolutions_from_mesh, synchronous_average
 from gearbox.signals import Signal, SignalError
-from gearbox.spectrum import LineTable, MainComponents, main_components, name_lines, shaft_frequencies, spectrum
+from gearbox.spectrum import LineTable, name_lines, shaft_frequencies, spectrum
 
 if TYPE_CHECKING:
     import pandas as pd

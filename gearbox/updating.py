@@ -131,10 +131,10 @@ def _show(result: UpdatingResult, out: Path) -> None:
     table = Table(title="Parameters (Table 4)")
     for name in ("parameter", "unit", "before", "updated", "range"):
         table.add_column(name, justify="left" if name in ("parameter", "unit") else "right")
-    for name, row in result.parameters().iterrows():
+    for parameter, row in result.parameters().iterrows():
         changed = f"{row['updated']:.5g}" if row["selected"] else "not selected"
         table.add_row(
-            str(name), row["unit"], f"{row['start']:.5g}", changed, f"{row['lower']:.4g} … {row['upper']:.4g}"
+            str(parameter), row["unit"], f"{row['start']:.5g}", changed, f"{row['lower']:.4g} … {row['upper']:.4g}"
         )
     console.print(table)
     table = Table(title="Cosine similarity, before and after")

@@ -56,8 +56,8 @@ def surface_study(result: UpdatingResult) -> Figure:
     figure, axes = new_figure(1, 2, height=3.1, width=_WIDE)
     left, right = axes[0]
     tones = {2: "#D55E00", 3: "#0072B2", 1: "#009E73"}
-    for order, part in study.groupby("order"):
-        tone = tones[int(order)]
+    for order in result.settings.surface_orders:
+        part, tone = study[study["order"] == order], tones[order]
         left.plot(part["points"], part["r2"], "o-", color=tone, label=f"order {order}: fitted points")
         left.plot(part["points"], part["r2_loo"], "s--", color=tone, markerfacecolor="white", label="each left out")
         left.plot(part["points"], part["test_r2"], "^:", color=tone, label="test points")
@@ -211,7 +211,7 @@ def directions(found: tuple[Identifiability, ...]) -> Figure:
         axis.set_xscale("log")
         axis.set_xlim(1e-4, 10.0)
         axis.axvline(LIMIT, color="#777777", linestyle=":", linewidth=1.1)
-        axis.set_yticks(place, [each.words(i) for i in place], fontsize=8)
+        axis.set_yticks(place, [each.words(i) for i in range(each.std.size)], fontsize=8)
         axis.invert_yaxis()
         axis.set_title(each.what, fontsize=9)
         axis.grid(False, axis="y")

@@ -164,7 +164,7 @@ def _components(result: UpdatingResult) -> list[dict[str, str]]:
     return rows
 
 
-def _quality(result: UpdatingResult) -> list[dict[str, str]]:
+def _quality(result: UpdatingResult) -> list[dict[str, Any]]:
     rows = []
     for _, row in result.choice.study.iterrows():
         taken = int(row["points"]) == result.choice.points and int(row["order"]) == result.choice.order

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from gearbox import papers
+from gearbox.components import main_components
 from gearbox.papers_rows import AGREES, DIFFERS
-from gearbox.spectrum import main_components
 from gearbox.vibrating import build
 
 #: Chain on the rig whose truth lies inside the model.
