@@ -12,6 +12,8 @@ import numpy as np
 __all__ = ["INTERPOLATIONS", "InputError", "InputTable"]
 
 INTERPOLATIONS = ("hold", "linear", "cubic")
+SMOOTH = 0.1
+STRIDE = 10
 
 
 class InputError(ValueError):
@@ -53,9 +55,46 @@ def _rough(times: np.ndarray, values: np.ndarray, slopes: np.ndarray, kinds: np.
     bends = _uneven(np.vstack([still, right]), np.vstack([left, still]))
     bends[[0, -1]] |= slopes[[0, -1]] != 0.0
     steps = np.vstack([np.zeros((1, values.shape[1]), dtype=bool), values[1:] != values[:-1]])
+    kinks &= ~_passed_over(times, values)
     for kind, found in ((0, steps), (1, kinks), (2, bends)):
         marks[:, kinds == kind] = found[:, kinds == kind]
     return marks
+
+
+def _passed_over(times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Mark the kinks of linear interpolation, shape (nt, n_u), that a step need not end at.
+
+    Where a smooth signal is sampled finely its kinks are only those of the interpolation: the corner of the polygon
+    is nearer to the signal than the polygon's sides are.  Finely means that a sine in the signal has at least
+    ``2 π / sqrt(SMOOTH)`` samples to a period, which shows in fourth differences that are small beside the second;
+    noise, spikes, corners and bends do not look like that.  One of ``STRIDE`` samples, half a period of that sine,
+    still ends a step, so that no motion of the signal is jumped over.
+    """
+    marks = np.zeros(values.shape, dtype=bool)
+    if len(times) < 5:
+        return marks
+    width = np.diff(times)
+    even = np.abs(width[1:] - width[:-1]) <= 1e-6 * width[1:]
+    second = np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2])
+    fourth = np.abs(values[4:] - 4.0 * values[3:-1] + 6.0 * values[2:-2] - 4.0 * values[1:-3] + values[:-4])
+    inner = slice(2, -2)
+    size = second[1:-1]  # at turning points of the slope the second difference passes through zero: the largest near by
+    for shift in (1, 2, 3):
+        size = np.maximum(size, np.maximum(_moved(second[1:-1], shift), _moved(second[1:-1], -shift)))
+    marks[inner] = (fourth <= SMOOTH * size) & (even[:-2] & even[1:-1] & even[2:])[:, None]
+    marks &= _moved(marks, 1) & _moved(marks, -1)  # smooth on both sides as well
+    marks[::STRIDE] = False
+    return marks
+
+
+def _moved(rows: np.ndarray, count: int) -> np.ndarray:
+    """Return rows moved by a count, with zeros where there are none."""
+    out = np.zeros_like(rows)
+    if count > 0:
+        out[count:] = rows[:-count]
+    else:
+        out[:count] = rows[-count:]
+    return out
 
 
 def _breaks(
