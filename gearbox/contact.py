@@ -16,8 +16,8 @@ __all__ = [
     "pitted", "smooth_step", "tip",
 ]
 
-#: Penetration at which a contact of stiffness K carries K newtons: Table 2 gives K in N/mm^e.
-UNIT_DEPTH = 1e-3
+#: A contact of stiffness K carries K newtons when pressed in by 1 mm: Table 2 gives K in N/mm^e.
+PER_UNIT = 1e3
 #: Abscissas and half weights of the Gauss-Legendre rule with four points on [-1, 1].
 GAUSS_1, GAUSS_2 = 0.3399810435848563, 0.8611363115940526
 WEIGHT_1, WEIGHT_2 = 0.32607257743127307, 0.17392742256872693
@@ -35,7 +35,7 @@ def impact(depth, rate, K, e, C_D, D_P):
     """Return the force K·δ^e + step(δ; 0, 0, D_P, C_D)·δ̇, never negative, and its elastic part K·δ^e."""
     if depth > 0.0:
         q = min(depth / D_P, 1.0)
-        elastic = K * (depth / UNIT_DEPTH) ** e
+        elastic = K * (depth * PER_UNIT) ** e
         force = max(elastic + C_D * q * q * (3.0 - 2.0 * q) * rate, 0.0)
     else:
         elastic = 0.0
@@ -141,7 +141,7 @@ def lift(z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, reli
         start2, 0.0, 0.0, 0.0, 0.0, 1.0)
     depth = max(depth, 1e-3 * D_P)
     share = min(depth / D_P, 1.0)
-    return (K * (depth / UNIT_DEPTH) ** e + C_D * share * share * (3.0 - 2.0 * share) * rate) / (depth * depth)
+    return (K * (depth * PER_UNIT) ** e + C_D * share * share * (3.0 - 2.0 * share) * rate) / (depth * depth)
 
 
 def letting_go(near, far, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1,
@@ -152,17 +152,22 @@ def letting_go(near, far, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, 
     with few points would be noisy.  Without such a place the result is ``far``.
     """
     found = far
+    parting = 0.0
     if abs(far - near) > NOTHING:
+        _, _, parting, _, _ = closeness(
+            sense * (near + 0.98 * (far - near)), p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31,
+            relief1, start1, edge2, c22, c32, relief2, start2, 0.0, 0.0, 0.0, 0.0, 1.0)
+    if parting < 0.0:
         x0 = near
         x1 = near + 0.98 * (far - near)
-        f0 = lift(
-            sense * x0, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
-            c32, relief2, start2, K, e, C_D, D_P)
         f1 = lift(
             sense * x1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
             c32, relief2, start2, K, e, C_D, D_P)
+        f0 = lift(
+            sense * x0, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
+            c32, relief2, start2, K, e, C_D, D_P)
         if f1 < 0.0 and f0 > 0.0:
-            for _ in range(4):
+            for _ in range(2):
                 found = x1 - f1 * (x1 - x0) / (f1 - f0)
                 f = lift(
                     sense * found, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1,
@@ -298,6 +303,9 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
     let_1 = letting_go(
         at_1, finish, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2,
         c22, c32, relief2, start2, K, e, C_D, D_P)
+    if e >= 2.0:  # with a smaller exponent the spring wins again before the contact ends
+        begin = let_2
+        finish = let_1
     last = begin
     for i in range(6):
         first = last
