@@ -13,7 +13,7 @@ __all__ = ["INTERPOLATIONS", "InputError", "InputTable"]
 
 INTERPOLATIONS = ("hold", "linear", "cubic")
 SMOOTH = 0.1
-STRIDE = 10
+STRIDE, LEVELS = 10, 5
 
 
 class InputError(ValueError):
@@ -45,56 +45,64 @@ def _rough(times: np.ndarray, values: np.ndarray, slopes: np.ndarray, kinds: np.
     marks = np.zeros(values.shape, dtype=bool)
     if len(times) < 2:
         return marks
-    width = np.diff(times)[:, None]
-    rise = np.diff(values, axis=0) / width
-    still = np.zeros((1, values.shape[1]))
-    kinks = _uneven(np.vstack([still, rise]), np.vstack([rise, still]))
-    # Second derivatives of the cubic at the left and the right end of each interval.
-    left = (6.0 * rise - 4.0 * slopes[:-1] - 2.0 * slopes[1:]) / width
-    right = (2.0 * slopes[:-1] + 4.0 * slopes[1:] - 6.0 * rise) / width
-    bends = _uneven(np.vstack([still, right]), np.vstack([left, still]))
-    bends[[0, -1]] |= slopes[[0, -1]] != 0.0
-    steps = np.vstack([np.zeros((1, values.shape[1]), dtype=bool), values[1:] != values[:-1]])
-    kinks &= ~_passed_over(times, values)
-    for kind, found in ((0, steps), (1, kinks), (2, bends)):
-        marks[:, kinds == kind] = found[:, kinds == kind]
+    width = np.diff(times)
+    even = bool(np.all(np.abs(width - width[0]) <= 1e-6 * width[0]))
+    for c, kind in enumerate(kinds):
+        column = np.ascontiguousarray(values[:, c])
+        if kind == 0:
+            marks[1:, c] = column[1:] != column[:-1]
+            continue
+        rise = np.diff(column) / width
+        if not rise.any():
+            continue
+        if kind == 1:
+            before, after = np.append(0.0, rise), np.append(rise, 0.0)
+            marks[:, c] = _uneven(before, after)
+            if even and np.count_nonzero(marks[:, c]) > STRIDE:
+                marks[:, c] &= ~_passed_over(column)
+        else:
+            # Second derivatives of the cubic at the left and the right end of each interval.
+            first, last = slopes[:-1, c], slopes[1:, c]
+            left = (6.0 * rise - 4.0 * first - 2.0 * last) / width
+            right = (2.0 * first + 4.0 * last - 6.0 * rise) / width
+            marks[:, c] = _uneven(np.append(0.0, right), np.append(left, 0.0))
+            marks[[0, -1], c] |= slopes[[0, -1], c] != 0.0
     return marks
 
 
-def _passed_over(times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Mark the kinks of linear interpolation, shape (nt, n_u), that a step need not end at.
+def _passed_over(values: np.ndarray) -> np.ndarray:
+    """Mark the kinks of linear interpolation, shape (nt,), that a step need not end at.
 
     Where a smooth signal is sampled finely its kinks are only those of the interpolation: the corner of the polygon
     is nearer to the signal than the polygon's sides are.  Finely means that a sine in the signal has at least
     ``2 π / sqrt(SMOOTH)`` samples to a period, which shows in fourth differences that are small beside the second;
     noise, spikes, corners and bends do not look like that.  One of ``STRIDE`` samples, half a period of that sine,
-    still ends a step, so that no motion of the signal is jumped over.
+    still ends a step, so that no motion of the signal is jumped over.  The same holds for every second sample, every
+    fourth and so on, as long as they too are fine: then steps end twice, four times as far apart.
     """
-    marks = np.zeros(values.shape, dtype=bool)
-    if len(times) < 5:
-        return marks
-    width = np.diff(times)
-    even = np.abs(width[1:] - width[:-1]) <= 1e-6 * width[1:]
-    second = np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2])
-    fourth = np.abs(values[4:] - 4.0 * values[3:-1] + 6.0 * values[2:-2] - 4.0 * values[1:-3] + values[:-4])
-    inner = slice(2, -2)
-    size = second[1:-1]  # at turning points of the slope the second difference passes through zero: the largest near by
-    for shift in (1, 2, 3):
-        size = np.maximum(size, np.maximum(_moved(second[1:-1], shift), _moved(second[1:-1], -shift)))
-    marks[inner] = (fourth <= SMOOTH * size) & (even[:-2] & even[1:-1] & even[2:])[:, None]
-    marks &= _moved(marks, 1) & _moved(marks, -1)  # smooth on both sides as well
-    marks[::STRIDE] = False
+    n = len(values)
+    marks, smooth, row = np.zeros(n, dtype=bool), np.ones(n, dtype=bool), np.arange(n)
+    for level in range(LEVELS):
+        d = 2**level
+        if 8 * d > n:
+            break
+        rise = values[d:] - values[:-d]
+        bend = rise[d:] - rise[:-d]
+        second, fourth = np.zeros(n), np.full(n, np.inf)
+        second[d:-d] = np.abs(bend)
+        fourth[2 * d : -2 * d] = np.abs(bend[2 * d :] - 2.0 * bend[d:-d] + bend[: -2 * d])
+        size = second.copy()  # the second difference passes through zero where the slope turns: the largest near by
+        for shift in (d, 2 * d, 3 * d):
+            np.maximum(size[shift:], second[:-shift], out=size[shift:])
+            np.maximum(size[:-shift], second[shift:], out=size[:-shift])
+        fine = smooth & (fourth <= SMOOTH * size)
+        smooth = fine.copy()  # on both sides as well
+        smooth[d:] &= fine[:-d]
+        smooth[:-d] &= fine[d:]
+        if not smooth.any():
+            break
+        marks[smooth] = row[smooth] % (STRIDE * d) != 0
     return marks
-
-
-def _moved(rows: np.ndarray, count: int) -> np.ndarray:
-    """Return rows moved by a count, with zeros where there are none."""
-    out = np.zeros_like(rows)
-    if count > 0:
-        out[count:] = rows[:-count]
-    else:
-        out[:count] = rows[-count:]
-    return out
 
 
 def _breaks(
@@ -170,7 +178,9 @@ class InputTable:
         _check(times, values, names, kinds, delays)
         code = np.array([INTERPOLATIONS.index(kind) for kind in kinds], dtype=np.int64).reshape(count)
         changing = np.any(values != values[0], axis=0) if count else np.zeros(0, dtype=bool)
-        slopes = _parabola_slopes(times, values)
+        slopes = np.zeros_like(values)  # of cubic columns; nobody asks for the others'
+        cubic = np.flatnonzero(code == INTERPOLATIONS.index("cubic"))
+        slopes[:, cubic] = _parabola_slopes(times, values[:, cubic])
         delays = delays.astype(np.int64).reshape(count)
         # Compiled code gets these arrays, which must be writable there; the public views are not.
         self._kernel.update(

@@ -78,9 +78,7 @@ class _Program:
         self._known: dict[Any, tuple[str, Kind]] = {}
 
     def kinds(self, name: str, arguments: tuple[Kind, ...]) -> Kinds:
-        return Kinds(
-            self.unit, self.unit.functions[name], arguments, lambda u, n, a: self.kinds(n, a).returns
-        )
+        return Kinds(self.unit, self.unit.functions[name], arguments, lambda u, n, a: self.kinds(n, a).returns)
 
     def called(self, name: str, arguments: tuple[Kind, ...]) -> tuple[str, Kind]:
         key = (name, arguments)
@@ -190,7 +188,8 @@ class _Function:
             case ast.Subscript(value=array, slice=index):
                 return f"{self.value(array)}[{self.value(index)}]"
             case ast.UnaryOp(op=op, operand=operand):
-                return f"({'!' if isinstance(op, ast.Not) else '-' if isinstance(op, ast.USub) else '+'}{self.value(operand)})"
+                sign = "!" if isinstance(op, ast.Not) else "-" if isinstance(op, ast.USub) else "+"
+                return f"({sign}{self.value(operand)})"
             case ast.BinOp(left=left, op=op, right=right):
                 return self._binary(left, op, right, node)
             case ast.Compare(left=left, ops=ops, comparators=others):
