@@ -303,9 +303,6 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
     let_1 = letting_go(
         at_1, finish, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2,
         c22, c32, relief2, start2, K, e, C_D, D_P)
-    if e >= 2.0:  # with a smaller exponent the spring wins again before the contact ends
-        begin = let_2
-        finish = let_1
     last = begin
     for i in range(6):
         first = last

@@ -179,8 +179,8 @@ def _table_6(tell: Progress) -> Chapter:
         verdict = AGREES if found.worst < 0.01 else DIFFERS
         rows.append(
             Row(f"main components of the virtual signal, {name}, Hz", "/".join(f"{f:.1f}" for f in theirs), ours,
-                verdict, f"each within {100 * found.worst:.2f} % of a multiple of the mesh frequency (1 % claimed); orders "
-                f"{', '.join(map(str, sorted(found.orders)))}: which lead is up to the housing")
+                verdict, f"each within {100 * found.worst:.2f} % of a multiple of the mesh frequency (1 % claimed); "
+                f"orders {', '.join(map(str, sorted(found.orders)))}: which lead is up to the housing")
         )  # fmt: skip
     return Chapter("Table 6", "mesh frequencies and main components", tuple(rows))
 

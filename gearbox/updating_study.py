@@ -25,6 +25,11 @@ from surrogate import DesignSpace
 __all__ = ["UpdatingStudy", "load_vibration", "read_updating_study"]
 
 
+#: Beginnings of the names of modules that no simulation depends on.
+_NO_MODEL = ("updating", "papers", "spectrum", "rig", "record", "orders", "similarity", "objectives", "identif",
+             "output_surfaces", "telling")  # fmt: skip
+
+
 @dataclass(frozen=True)
 class UpdatingStudy:
     """A study file as it stands, checked as far as that is possible without model and recordings.
@@ -95,7 +100,8 @@ class UpdatingStudy:
         model = self.file.model
         content = hashlib.sha256(json.dumps([model.build, model.arguments], sort_keys=True, default=str).encode())
         source = model.build.rpartition(":")[0]
-        files = sorted(Path(__file__).parent.glob("*.py"))
+        # What only looks at signals or writes reports changes no simulation.
+        files = [p for p in sorted(Path(__file__).parent.glob("*.py")) if not p.stem.startswith(_NO_MODEL)]
         if source.endswith(".py"):
             files.append((self.file.path.parent / source).resolve())
         for path in files:

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from vtsdt.alignment_filter import DELTA, TUNINGS, GuideFilter, Tuning
+from vtsdt.alignment_filter import DELTA, SPEED_OFF, TUNINGS, GuideFilter, Tuning
 from vtsdt.alignment_result import Alignment, Section, equivalent_deviation, rail_profile, sections
-from vtsdt.alignment_trips import AlignmentError, Trip, read_trips
+from vtsdt.alignment_trips import ROLES, AlignmentError, Trip, read_trips
 from vtsdt.parameters import LiftParameters
 
 __all__ = [
@@ -89,12 +89,13 @@ def align(
         except AlignmentError as told:
             faults += told.faults
             continue
-        curve, loose, wild = _over_height(run, height, sensor)
+        curve, loose, wild = _over_height(run, trip, height)
         if wild > 0.2:
             faults.append(
-                f"{trip.name}: the filter diverges: over {wild:.0%} of the way δ stands at {1e3 * lift.cabin_guide.gap:g} "
-                "mm, the depth of the shoe's slot; there is more friction than guides can make: check the tension's "
-                "zero, the cabin's mass and the friction coefficient in the parameters"
+                f"{trip.name}: the filter diverges: over {wild:.0%} of the way δ stands at "
+                f"{1e3 * lift.cabin_guide.gap:g} mm, the depth of the shoe's slot; there is more friction than "
+                "guides can make: check the tension's zero, the cabin's mass and the friction coefficient "
+                "in the parameters"
             )
         elif loose > 0.6:
             faults.append(
@@ -109,7 +110,7 @@ def align(
         if seen is None and observe:
             from estimation.filters import observability
 
-            moving = np.flatnonzero(np.abs(run["cabin.v_z"]) > LEAST_SPEED)
+            moving = np.flatnonzero(np.abs(trip.speed) > LEAST_SPEED)
             seen = observability(
                 sensor.run(trip, error or 0.0, keep="everything"), window=400, instants=40,
                 part=slice(int(moving[0]), int(moving[-1]) + 1) if moving.size else None,
@@ -123,9 +124,13 @@ def align(
     )  # fmt: skip
 
 
-def _over_height(run: Any, height: np.ndarray, sensor: GuideFilter) -> tuple[np.ndarray, float, float]:
-    """Return δ by height, and the shares of the way at its lower and its upper bound."""
-    moving = np.abs(run["cabin.v_z"]) > LEAST_SPEED
+def _over_height(run: Any, trip: Trip, height: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Return δ by height, and the shares of the way at its lower and its upper bound.
+
+    Left out is where the cabin is slow, and where the filter's speed is not the measured one.
+    """
+    followed = np.abs(run["cabin.v_z"] - trip.speed) < SPEED_OFF
+    moving = (np.abs(trip.speed) > LEAST_SPEED) & followed
     at, delta = run["cabin.z"][moving], run[DELTA][moving]
     order = np.argsort(at)
     at, delta = at[order], delta[order]
@@ -213,8 +218,8 @@ def calibrated(
     if not factor > 0.05:
         raise AlignmentError(
             [
-                f"the rail was moved by {1e3 * introduced:.3g} mm and δ grew by {1e3 * change:.3g} mm: the recordings do "
-                "not show the movement"
+                f"the rail was moved by {1e3 * introduced:.3g} mm and δ grew by {1e3 * change:.3g} mm: the recordings "
+                "do not show the movement"
             ]
         )
     guide = dataclasses.replace(parameters.cabin_guide, mu=parameters.cabin_guide.mu * factor)
@@ -249,9 +254,9 @@ def main(arguments: Sequence[str]) -> int:
         "--tuning", choices=tuple(TUNINGS), default="bounded",
         help="; ".join(f"{t.name}: {t.meaning}" for t in TUNINGS.values()) + " (default bounded)",
     )  # fmt: skip
-    for role in ("time", "tension", "height", "acceleration", "payload"):
+    for role in ("time", *ROLES):
         add(f"--{role}", metavar="COLUMN", default=None, help=f"column of the {role}, if it is not found by itself")
-    for role in ("tension", "height", "acceleration", "payload"):
+    for role in ROLES:
         add(f"--{role}-unit", metavar="UNIT", default=None, help=_unit_help(role))
     add(
         "--low-pass", metavar="HZ", type=number(True, "frequency"), default=60.0,
@@ -266,8 +271,8 @@ def main(arguments: Sequence[str]) -> int:
     if out.exists() and not out.is_dir():
         raise CommandError(f"--out {out}: is a file: name a folder to write into")
     parameters = LiftParameters.load(args.lift) if args.lift else LiftParameters.bench()
-    columns = {r: getattr(args, r) for r in ("time", "tension", "height", "acceleration", "payload") if getattr(args, r)}
-    units = {r: u for r in ("tension", "height", "acceleration", "payload") if (u := getattr(args, f"{r}_unit"))}
+    columns = {r: c for r in ("time", *ROLES) if (c := getattr(args, r))}
+    units = {r: u for r in ROLES if (u := getattr(args, f"{r}_unit"))}
     with Progress(args.quiet) as progress:
         progress("read the trips")
         trips = read_trips(

@@ -22,7 +22,7 @@ from vtsdt.parameters import LiftParameters
 if TYPE_CHECKING:
     from estimation.filters import FilterModel, FilterRun, Prior
 
-__all__ = ["DELTA", "TUNINGS", "GuideFilter", "Tuning"]
+__all__ = ["DELTA", "SPEED_OFF", "TUNINGS", "GuideFilter", "Tuning"]
 
 #: The state that is the deviation.
 DELTA = "cabin_guide.right_deviation"
@@ -32,6 +32,7 @@ _TABLE_2 = {
     "w_x": 1e-3, "w_y": 1e-3, "w_z": 1e-3, "delta": 1e-3,
 }  # fmt: skip
 _START = 1.0e-3  # m, of δ above the play at the start
+SPEED_OFF, _LOST = 0.1, 0.2  # m/s that the filter's speed may be off, and for which share of the samples
 _TOUCH = 0.05e-3  # m above the play: nearer, the shoes leave the rail and no reading brings δ back
 
 
@@ -173,6 +174,18 @@ class GuideFilter:
             run = extended(model, samples, noise, self.prior(trip), **{"once": True, **self.options, **options})
         except FilterDivergence as error:
             raise AlignmentError([f"{trip.name}: {error}"]) from error
+        slow = np.abs(run["cabin.v_z"] - trip.speed) > SPEED_OFF
+        if np.mean(slow) > _LOST:
+            k = int(np.argmax(slow))
+            raise AlignmentError(
+                [
+                    f"{trip.name}: the filter diverges at {trip.time[k]:.4g} s: its cabin goes at "
+                    f"{run['cabin.v_z'][k]:.2g} m/s, the measured one at {trip.speed[k]:.2g} m/s, because the tension "
+                    "says less friction than a sliding cabin has, or far more: check the tension's zero"
+                    f"{'' if tension_error else ' (trips of one direction do not show it)'}, the cabin's mass and the "
+                    "friction coefficient in the parameters"
+                ]
+            )
         lost = np.abs(run["cabin.z"] - trip.height) > 0.05
         tilt = np.abs(run.states[:, [model.index(f"cabin.{a}") for a in ("roll", "pitch", "yaw")]]).max(axis=1) > 0.3
         if np.any(lost | tilt):

@@ -217,13 +217,13 @@ class Alignment:
             told.append(f"Nowhere beyond {1e3 * self.threshold:.2g} mm.")
         if self.tension_error is None:
             told.append(
-                "All trips go the same way, so an error of the tension's zero or of the cabin's mass cannot be told from "
-                f"friction: 1 N of it moves δ by {1e3 / self.slope:.2f} mm everywhere. Record trips both ways."
+                "All trips go the same way, so an error of the tension's zero or of the cabin's mass cannot be told "
+                f"from friction: 1 N of it moves δ by {1e3 / self.slope:.2f} mm everywhere. Record trips both ways."
             )
         else:
             told.append(
-                f"Trips up and down together show {self.tension_error:+.2f} N that is not friction (zero of the tension "
-                "sensor, mass of the cabin); it was taken off."
+                f"Trips up and down together show {self.tension_error:+.2f} N that is not friction (zero of the "
+                "tension sensor, mass of the cabin); it was taken off."
             )
         return told
 

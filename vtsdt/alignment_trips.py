@@ -7,6 +7,7 @@ import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,11 @@ class Trip:
     offset: float = 0.0
     notes: tuple[str, ...] = ()
 
+    @cached_property
+    def speed(self) -> np.ndarray:
+        """Speed as the heights show it below 5 Hz, shape (n,), m/s."""
+        return np.gradient(low_pass(self.time, self.height, _SLOW), self.time)
+
     @property
     def direction(self) -> int:
         """1 for a trip that ends higher than it began, -1 for one that ends lower."""
@@ -78,8 +84,7 @@ def _header(path: Path) -> list[str]:
     if not path.is_file() or not re.search(r"\.csv(\.gz)?$", path.name.lower()):
         return []
     try:
-        opened = gzip.open(path, "rb") if path.name.lower().endswith(".gz") else path.open("rb")
-        with opened as stream:
+        with gzip.open(path, "rb") if path.name.lower().endswith(".gz") else path.open("rb") as stream:
             line = stream.readline().decode("utf-8-sig", errors="replace")
     except OSError:
         return []
