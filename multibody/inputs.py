@@ -40,8 +40,13 @@ def _uneven(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return np.abs(after - before) > 1e-9 * (np.abs(after) + np.abs(before))
 
 
-def _rough(times: np.ndarray, values: np.ndarray, slopes: np.ndarray, kinds: np.ndarray) -> np.ndarray:
-    """Mark the samples, shape (nt, n_u), where an input jumps or one of its first two derivatives does."""
+def _rough(
+    times: np.ndarray, values: np.ndarray, slopes: np.ndarray, kinds: np.ndarray, tolerance: float = 0.0
+) -> np.ndarray:
+    """Mark the samples, shape (nt, n_u), where an input jumps or one of its first two derivatives does.
+
+    With a tolerance, those of them at which a step of that accuracy must end.
+    """
     marks = np.zeros(values.shape, dtype=bool)
     if len(times) < 2:
         return marks
@@ -56,10 +61,9 @@ def _rough(times: np.ndarray, values: np.ndarray, slopes: np.ndarray, kinds: np.
         if not rise.any():
             continue
         if kind == 1:
-            before, after = np.append(0.0, rise), np.append(rise, 0.0)
-            marks[:, c] = _uneven(before, after)
-            if even and np.count_nonzero(marks[:, c]) > STRIDE:
-                marks[:, c] &= ~_passed_over(column)
+            marks[:, c] = _uneven(np.append(0.0, rise), np.append(rise, 0.0))
+            if tolerance > 0.0 and even and np.count_nonzero(marks[:, c]) > STRIDE:
+                marks[:, c] &= ~_passed_over(column, tolerance)
         else:
             # Second derivatives of the cubic at the left and the right end of each interval.
             first, last = slopes[:-1, c], slopes[1:, c]
@@ -70,18 +74,22 @@ def _rough(times: np.ndarray, values: np.ndarray, slopes: np.ndarray, kinds: np.
     return marks
 
 
-def _passed_over(values: np.ndarray) -> np.ndarray:
-    """Mark the kinks of linear interpolation, shape (nt,), that a step need not end at.
+def _passed_over(values: np.ndarray, tolerance: float) -> np.ndarray:
+    """Mark the kinks of linear interpolation, shape (nt,), that a step of a relative tolerance need not end at.
 
-    Where a smooth signal is sampled finely its kinks are only those of the interpolation: the corner of the polygon
-    is nearer to the signal than the polygon's sides are.  Finely means that a sine in the signal has at least
+    Where a smooth signal is sampled finely its kinks are only those of the interpolation, and a smooth curve through
+    the samples is as good as the polygon.  They may be passed over if the two differ by less than the tolerance, as a
+    share of the signal's range.  Finely means that a sine in the signal has at least
     ``2 π / sqrt(SMOOTH)`` samples to a period, which shows in fourth differences that are small beside the second;
     noise, spikes, corners and bends do not look like that.  One of ``STRIDE`` samples, half a period of that sine,
     still ends a step, so that no motion of the signal is jumped over.  The same holds for every second sample, every
     fourth and so on, as long as they too are fine: then steps end twice, four times as far apart.
     """
     n = len(values)
-    marks, smooth, row = np.zeros(n, dtype=bool), np.ones(n, dtype=bool), np.arange(n)
+    marks, row = np.zeros(n, dtype=bool), np.arange(n)
+    smooth = np.ones(n, dtype=bool)
+    apart = np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2]) / 8.0  # polygon and curve, in the middle of a side
+    smooth[1:-1] = apart <= tolerance * np.ptp(values)
     for level in range(LEVELS):
         d = 2**level
         if 8 * d > n:
@@ -163,6 +171,7 @@ class InputTable:
     interpolation: str | Sequence[str] = "linear"
     delay_parameter: Sequence[int] | np.ndarray | None = None
     _kernel: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    _kernels: dict[float, dict[str, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         times = np.array(self.times, dtype=np.float64, ndmin=1, order="C")
@@ -266,6 +275,18 @@ class InputTable:
     def kernel(self) -> dict[str, np.ndarray]:
         """The arrays that compiled drivers read, and where steps must end (see `bundle`)."""
         return self._kernel
+
+    def kernel_for(self, tolerance: float) -> dict[str, np.ndarray]:
+        """Return `kernel` with those ends of steps alone that a relative tolerance of the inputs asks for."""
+        known = self._kernels.get(tolerance)
+        if known is None:
+            own = self._kernel
+            times, values, kinds, delays = (own[key] for key in ("times", "values", "kinds", "delays"))
+            rough = _rough(times, values, own["slopes"], kinds, tolerance)
+            known = {name: value for name, value in own.items() if name != "numbers"}
+            known |= _breaks(times, rough, kinds, delays)
+            self._kernels[tolerance] = known
+        return known
 
     def __call__(self, t: Any, p: np.ndarray | None = None) -> np.ndarray:
         """Return the inputs at time(s) t, shape (n_u,) or (len(t), n_u); delays need p."""
