@@ -260,14 +260,34 @@ class NativeProblem:
             self.tangent.check()
 
     @property
+    def jac(self) -> Callable[[float, np.ndarray], np.ndarray]:
+        """The Jacobian of x as ``jac(t, x)``, shape (n, n), for SciPy's own methods; needs the tangent."""
+        field, n = self.field(), self.n
+        time, state, rates, columns = np.empty(1), np.empty(self.size), np.empty(self.size), np.empty((n, n))
+        work = np.zeros(2 * n + max(self.table.n_inputs, self.p.size, 1))
+        owner = np.ascontiguousarray(self.owners(), dtype=np.int64)
+        driver = load_driver("multibody.solvers.kernels.rodas")
+        evaluate = driver.jacobian_at.bound(field.numbers, time, state, rates, owner, work, columns)
+
+        def jac(t: float, x: np.ndarray, _owner: Any = field) -> np.ndarray:
+            time[0], state[:n] = t, x
+            evaluate()
+            self.check()
+            return columns.T.copy()
+
+        return jac
+
+    @property
     def fun(self) -> Callable[[float, np.ndarray], np.ndarray]:
         """The derivative of y as ``fun(t, y)``, for SciPy's own methods."""
-        evaluate_at, field = load_driver(FIELD).evaluate_at, self.field()
+        field = self.field()
+        time, state, rates = np.empty(1), np.empty(self.size), np.empty(self.size)
+        evaluate = load_driver(FIELD).evaluate_at.bound(time, state, rates, field.numbers)
 
-        def fun(t: float, y: np.ndarray) -> np.ndarray:
-            out = np.empty(self.size)
-            evaluate_at(float(t), np.ascontiguousarray(y, dtype=np.float64), out, field.numbers)
+        def fun(t: float, y: np.ndarray, _owner: Any = field) -> np.ndarray:
+            time[0], state[:] = t, y
+            evaluate()
             self.check()
-            return out
+            return rates.copy()
 
         return fun

@@ -232,11 +232,11 @@ def evaluate(t, y, dy, c):
 
 
 @entry
-def evaluate_at(t, y, dy, numbers):
-    """Evaluate once, from Python; at a jump the value after it counts."""
+def evaluate_at(time, y, dy, numbers):
+    """Evaluate once at time[0], from Python; at a jump the value after it counts."""
     c = pointer(numbers)
-    hold_at(t, c)
-    evaluate(t, pointer(y), pointer(dy), c)
+    hold_at(time[0], c)
+    evaluate(time[0], pointer(y), pointer(dy), c)
 
 
 @entry
