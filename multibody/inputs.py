@@ -12,6 +12,8 @@ import numpy as np
 __all__ = ["INTERPOLATIONS", "InputError", "InputTable"]
 
 INTERPOLATIONS = ("hold", "linear", "cubic")
+SMOOTH = 0.1
+STRIDE, LEVELS = 10, 5
 
 
 class InputError(ValueError):
@@ -38,23 +40,76 @@ def _uneven(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return np.abs(after - before) > 1e-9 * (np.abs(after) + np.abs(before))
 
 
-def _rough(times: np.ndarray, values: np.ndarray, slopes: np.ndarray, kinds: np.ndarray) -> np.ndarray:
-    """Mark the samples, shape (nt, n_u), where an input jumps or one of its first two derivatives does."""
+def _rough(
+    times: np.ndarray, values: np.ndarray, slopes: np.ndarray, kinds: np.ndarray, tolerance: float = 0.0
+) -> np.ndarray:
+    """Mark the samples, shape (nt, n_u), where an input jumps or one of its first two derivatives does.
+
+    With a tolerance, those of them at which a step of that accuracy must end.
+    """
     marks = np.zeros(values.shape, dtype=bool)
     if len(times) < 2:
         return marks
-    width = np.diff(times)[:, None]
-    rise = np.diff(values, axis=0) / width
-    still = np.zeros((1, values.shape[1]))
-    kinks = _uneven(np.vstack([still, rise]), np.vstack([rise, still]))
-    # Second derivatives of the cubic at the left and the right end of each interval.
-    left = (6.0 * rise - 4.0 * slopes[:-1] - 2.0 * slopes[1:]) / width
-    right = (2.0 * slopes[:-1] + 4.0 * slopes[1:] - 6.0 * rise) / width
-    bends = _uneven(np.vstack([still, right]), np.vstack([left, still]))
-    bends[[0, -1]] |= slopes[[0, -1]] != 0.0
-    steps = np.vstack([np.zeros((1, values.shape[1]), dtype=bool), values[1:] != values[:-1]])
-    for kind, found in ((0, steps), (1, kinks), (2, bends)):
-        marks[:, kinds == kind] = found[:, kinds == kind]
+    width = np.diff(times)
+    even = bool(np.all(np.abs(width - width[0]) <= 1e-6 * width[0]))
+    for c, kind in enumerate(kinds):
+        column = np.ascontiguousarray(values[:, c])
+        if kind == 0:
+            marks[1:, c] = column[1:] != column[:-1]
+            continue
+        rise = np.diff(column) / width
+        if not rise.any():
+            continue
+        if kind == 1:
+            marks[:, c] = _uneven(np.append(0.0, rise), np.append(rise, 0.0))
+            if tolerance > 0.0 and even and np.count_nonzero(marks[:, c]) > STRIDE:
+                marks[:, c] &= ~_passed_over(column, tolerance)
+        else:
+            # Second derivatives of the cubic at the left and the right end of each interval.
+            first, last = slopes[:-1, c], slopes[1:, c]
+            left = (6.0 * rise - 4.0 * first - 2.0 * last) / width
+            right = (2.0 * first + 4.0 * last - 6.0 * rise) / width
+            marks[:, c] = _uneven(np.append(0.0, right), np.append(left, 0.0))
+            marks[[0, -1], c] |= slopes[[0, -1], c] != 0.0
+    return marks
+
+
+def _passed_over(values: np.ndarray, tolerance: float) -> np.ndarray:
+    """Mark the kinks of linear interpolation, shape (nt,), that a step of a relative tolerance need not end at.
+
+    Where a smooth signal is sampled finely its kinks are only those of the interpolation, and a smooth curve through
+    the samples is as good as the polygon.  They may be passed over if the two differ by less than the tolerance, as a
+    share of the signal's range.  Finely means that a sine in the signal has at least
+    ``2 π / sqrt(SMOOTH)`` samples to a period, which shows in fourth differences that are small beside the second;
+    noise, spikes, corners and bends do not look like that.  One of ``STRIDE`` samples, half a period of that sine,
+    still ends a step, so that no motion of the signal is jumped over.  The same holds for every second sample, every
+    fourth and so on, as long as they too are fine: then steps end twice, four times as far apart.
+    """
+    n = len(values)
+    marks, row = np.zeros(n, dtype=bool), np.arange(n)
+    smooth = np.ones(n, dtype=bool)
+    apart = np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2]) / 8.0  # polygon and curve, in the middle of a side
+    smooth[1:-1] = apart <= tolerance * np.ptp(values)
+    for level in range(LEVELS):
+        d = 2**level
+        if 8 * d > n:
+            break
+        rise = values[d:] - values[:-d]
+        bend = rise[d:] - rise[:-d]
+        second, fourth = np.zeros(n), np.full(n, np.inf)
+        second[d:-d] = np.abs(bend)
+        fourth[2 * d : -2 * d] = np.abs(bend[2 * d :] - 2.0 * bend[d:-d] + bend[: -2 * d])
+        size = second.copy()  # the second difference passes through zero where the slope turns: the largest near by
+        for shift in (d, 2 * d, 3 * d):
+            np.maximum(size[shift:], second[:-shift], out=size[shift:])
+            np.maximum(size[:-shift], second[shift:], out=size[:-shift])
+        fine = smooth & (fourth <= SMOOTH * size)
+        smooth = fine.copy()  # on both sides as well
+        smooth[d:] &= fine[:-d]
+        smooth[:-d] &= fine[d:]
+        if not smooth.any():
+            break
+        marks[smooth] = row[smooth] % (STRIDE * d) != 0
     return marks
 
 
@@ -116,6 +171,7 @@ class InputTable:
     interpolation: str | Sequence[str] = "linear"
     delay_parameter: Sequence[int] | np.ndarray | None = None
     _kernel: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    _kernels: dict[float, dict[str, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         times = np.array(self.times, dtype=np.float64, ndmin=1, order="C")
@@ -131,7 +187,9 @@ class InputTable:
         _check(times, values, names, kinds, delays)
         code = np.array([INTERPOLATIONS.index(kind) for kind in kinds], dtype=np.int64).reshape(count)
         changing = np.any(values != values[0], axis=0) if count else np.zeros(0, dtype=bool)
-        slopes = _parabola_slopes(times, values)
+        slopes = np.zeros_like(values)  # of cubic columns; nobody asks for the others'
+        cubic = np.flatnonzero(code == INTERPOLATIONS.index("cubic"))
+        slopes[:, cubic] = _parabola_slopes(times, values[:, cubic])
         delays = delays.astype(np.int64).reshape(count)
         # Compiled code gets these arrays, which must be writable there; the public views are not.
         self._kernel.update(
@@ -217,6 +275,18 @@ class InputTable:
     def kernel(self) -> dict[str, np.ndarray]:
         """The arrays that compiled drivers read, and where steps must end (see `bundle`)."""
         return self._kernel
+
+    def kernel_for(self, tolerance: float) -> dict[str, np.ndarray]:
+        """Return `kernel` with those ends of steps alone that a relative tolerance of the inputs asks for."""
+        known = self._kernels.get(tolerance)
+        if known is None:
+            own = self._kernel
+            times, values, kinds, delays = (own[key] for key in ("times", "values", "kinds", "delays"))
+            rough = _rough(times, values, own["slopes"], kinds, tolerance)
+            known = {name: value for name, value in own.items() if name != "numbers"}
+            known |= _breaks(times, rough, kinds, delays)
+            self._kernels[tolerance] = known
+        return known
 
     def __call__(self, t: Any, p: np.ndarray | None = None) -> np.ndarray:
         """Return the inputs at time(s) t, shape (n_u,) or (len(t), n_u); delays need p."""

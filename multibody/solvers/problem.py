@@ -216,12 +216,16 @@ class NativeProblem:
             owner[colour[column], pattern[:, column]] = column
         return owner
 
-    def field(self) -> Any:
-        """Return a new `Field` for compiled drivers, with its own workspace."""
+    def field(self, tolerance: float = 0.0) -> Any:
+        """Return a new `Field` for compiled drivers, with its own workspace.
+
+        With a relative tolerance steps may pass over the kinks of finely sampled inputs (see `InputTable.kernel_for`).
+        """
         from multibody.solvers.kernels.bundle import Field
 
         tangent = 0 if self.tangent is None else self.tangent.address
-        table, directions, d = self.table.kernel, None, self.directions
+        own = self.table.kernel_for(tolerance) if tolerance > 0.0 else self.table.kernel
+        table, directions, d = own, None, self.directions
         if d is not None:
             weight = np.zeros((d.count, self.table.n_inputs))
             for column in np.flatnonzero(table["delays"] >= 0):
@@ -230,15 +234,15 @@ class NativeProblem:
                 name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")
             }
             directions["weight"] = weight
-            table = self._with_breaks(d)
+            table = self._with_breaks(d, own)
         return Field(self.rhs.address, tangent, self.n, self.p, table, directions)
 
-    def _with_breaks(self, directions: Directions) -> dict[str, np.ndarray]:
+    def _with_breaks(self, directions: Directions, own: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The table of inputs, where steps end at the breaks of the inputs' tangents as well."""
         times, shape = np.asarray(directions.shape_t), np.asarray(directions.shape)
         if times.size < 2:
-            return self.table.kernel
-        own, added = self.table.kernel, InputTable(times, shape).kernel
+            return own
+        added = InputTable(times, shape).kernel
         table = {name: np.append(own[name], added[name]) for name in ("breaks", "jumps", "break_delay")}
         table["break_start"] = np.append(
             own["break_start"], own["break_start"][-1] + added["break_start"][1:]
