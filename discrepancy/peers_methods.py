@@ -84,9 +84,7 @@ def _stlsq(X: Array, y: Array, threshold: float, ridge: float) -> Array:
 def _triangles(seen: Seen) -> list[Array]:
     """Return the triangular factor of (X, e) for each trip: least squares on it is least squares on the trip."""
     scale = float(np.linalg.norm(seen.e))
-    return [
-        np.asarray(np.linalg.qr(np.column_stack([seen.X[t], seen.e[t] / scale]), mode="r")) for t in seen.trips
-    ]
+    return [np.asarray(np.linalg.qr(np.column_stack([seen.X[t], seen.e[t] / scale]), mode="r")) for t in seen.trips]
 
 
 def _settings(seen: Seen) -> list[tuple[float, float, float]]:
