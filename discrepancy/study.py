@@ -324,10 +324,24 @@ class Study:
 
     def _accept(self, accepted: Accepted | None, trial: Stage) -> None:
         """Fit the accepted effect fully, from where its trial ended, and make that the latest stage."""
-        stage = self._fitted(trial.name, trial.effects, trial, trial.noise)
+        try:
+            stage = self._fitted(trial.name, trial.effects, trial, trial.noise)
+        except RuntimeError as error:  # the trial could be simulated, what is near it cannot
+            self.progress(f"{trial.effects[-1]} could not be fitted further, the trial's fit stands: {error}")
+            stage = self._beside_held_out(trial)
         told = replace(accepted, effect=stage.effects[-1]) if accepted is not None else None
         self.stages.append(replace(stage, accepted=told))
         self._made()
+
+    def _beside_held_out(self, stage: Stage) -> Stage:
+        """Return a stage laid beside the held-out records as it is."""
+        if not self.setup.validate:
+            return stage
+        base = stage.system.parameter_vector({p.name: p.value for p in self.setup.uncertain})
+        held = evaluate(
+            stage.slim, self.setup.validate, stage.identify, noise=stage.noise, sensors=stage.sensors, base=base
+        )
+        return replace(stage, validate=held)
 
     def _drop_idle(self) -> None:
         """Take out an earlier effect that a later one has made idle."""

@@ -19,7 +19,8 @@ def share_beyond(x, y, clearance):
 
 def pulse(phase, half):
     """Return a bump of height 1 at every full turn of ``phase``, ``half`` (rad) wide to each side, and its slope."""
-    return bell(phase - 2.0 * math.pi * math.floor(phase / (2.0 * math.pi) + 0.5), 0.0, half)
+    height, slope = bell(phase - 2.0 * math.pi * math.floor(phase / (2.0 * math.pi) + 0.5), 0.0, half)
+    return height, slope
 
 
 class BearingBushing(Component):
@@ -149,6 +150,7 @@ class SeatLoad(Component):
     low_z = Translation("low seat along z")
     high_x = Translation("high seat along x")
     high_y = Translation("high seat along y")
+    high_z = Translation("high seat along z")
     power = Power(kind="supply", meaning="work on the seats, which the rigid shaft does not notice")
 
     def equations(self):
@@ -158,6 +160,7 @@ class SeatLoad(Component):
         self.high_y.force = (-self.sign * self.force_y * self.low - self.moment_sign * self.moment_x) / span
         self.low_y.force = self.sign * self.force_y - self.high_y.force
         self.low_z.force = self.sign * self.force_z
+        self.high_z.force = 0.0
         self.power = (
             self.high_x.force * self.high_x.velocity
             + self.low_x.force * self.low_x.velocity

@@ -11,10 +11,13 @@ from __future__ import annotations
 import math
 
 # fmt: off
-__all__ = ["bell", "extent", "friction_coefficient", "impact", "line", "patch", "piece", "smooth_step", "tip"]
+__all__ = [
+    "bell", "closeness", "extent", "friction_coefficient", "impact", "letting_go", "lift", "line", "patch", "piece",
+    "pitted", "smooth_step", "tip",
+]
 
-#: Penetration at which a contact of stiffness K carries K newtons: Table 2 gives K in N/mm^e.
-UNIT_DEPTH = 1e-3
+#: A contact of stiffness K carries K newtons when pressed in by 1 mm: Table 2 gives K in N/mm^e.
+PER_UNIT = 1e3
 #: Abscissas and half weights of the Gauss-Legendre rule with four points on [-1, 1].
 GAUSS_1, GAUSS_2 = 0.3399810435848563, 0.8611363115940526
 WEIGHT_1, WEIGHT_2 = 0.32607257743127307, 0.17392742256872693
@@ -32,7 +35,7 @@ def impact(depth, rate, K, e, C_D, D_P):
     """Return the force K·δ^e + step(δ; 0, 0, D_P, C_D)·δ̇, never negative, and its elastic part K·δ^e."""
     if depth > 0.0:
         q = min(depth / D_P, 1.0)
-        elastic = K * (depth / UNIT_DEPTH) ** e
+        elastic = K * (depth * PER_UNIT) ** e
         force = max(elastic + C_D * q * q * (3.0 - 2.0 * q) * rate, 0.0)
     else:
         elastic = 0.0
@@ -95,13 +98,9 @@ def bell(x, centre, half):
     return height, slope
 
 
-def patch(z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32, relief2,
-          start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d):
-    """Return what a line carries at z, per length of face.
-
-    Normal force and its moments with s and z; the parts that the slopes of the gaps turn into torque on gear 1 and 2;
-    friction and its moments; elastic energy, power lost to contact damping and to friction.
-    """
+def closeness(z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
+              relief2, start2, pit, pit_s, pit_half, pit_z, pit_width):
+    """Return s, penetration, its rate, and the slopes of the gaps along s and r, at z on a line of contact."""
     s = p1 + slope * z
     r = p2 - slope * z
     gap1, slope1 = tip(s, edge1, c21, c31, relief1, start1)
@@ -113,13 +112,75 @@ def patch(z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, rel
         along, _ = bell(z, pit_z, pit_width)
         depth = depth - pit * across * along
         slope1 = slope1 + pit * across_slope * along
-    rate = da + s * db + z * dc - slope1 * v1 - slope2 * v2
+    return s, depth, da + s * db + z * dc - slope1 * v1 - slope2 * v2, slope1, slope2
+
+
+def patch(z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32, relief2,
+          start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d):
+    """Return what a line carries at z, per length of face.
+
+    Normal force and its moments with s and z; the parts that the slopes of the gaps turn into torque on gear 1 and 2;
+    friction and its moments; elastic energy, power lost to contact damping and to friction.
+    """
+    s, depth, rate, slope1, slope2 = closeness(
+        z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32, relief2,
+        start2, pit, pit_s, pit_half, pit_z, pit_width)
     force, elastic = impact(depth, rate, K, e, C_D, D_P)
     sliding = u0 + s * u1 + z * u2
     rub = force * friction_coefficient(sliding, mu_s, v_s, mu_d, v_d)
     return (
         force, force * s, force * z, force * slope1, force * slope2, rub, rub * s, rub * z,
         elastic * depth / (e + 1.0), (force - elastic) * rate, rub * sliding)
+
+
+def lift(z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32, relief2,
+         start2, K, e, C_D, D_P):
+    """Return the force at z per length and per square of the penetration, negative where the damper would pull."""
+    _, depth, rate, _, _ = closeness(
+        z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32, relief2,
+        start2, 0.0, 0.0, 0.0, 0.0, 1.0)
+    depth = max(depth, 1e-3 * D_P)
+    share = min(depth / D_P, 1.0)
+    return (K * (depth * PER_UNIT) ** e + C_D * share * share * (3.0 - 2.0 * share) * rate) / (depth * depth)
+
+
+def letting_go(near, far, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1,
+               edge2, c22, c32, relief2, start2, K, e, C_D, D_P):
+    """Return where between the end of the path (near) and of the contact (far) parting flanks let go.
+
+    Parting so fast that the damper would pull, flanks carry nothing: the force bends there, and an integral over it
+    with few points would be noisy.  Without such a place the result is ``far``.
+    """
+    found = far
+    parting = 0.0
+    if abs(far - near) > NOTHING:
+        _, _, parting, _, _ = closeness(
+            sense * (near + 0.98 * (far - near)), p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31,
+            relief1, start1, edge2, c22, c32, relief2, start2, 0.0, 0.0, 0.0, 0.0, 1.0)
+    if parting < 0.0:
+        x0 = near
+        x1 = near + 0.98 * (far - near)
+        f1 = lift(
+            sense * x1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
+            c32, relief2, start2, K, e, C_D, D_P)
+        f0 = lift(
+            sense * x0, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
+            c32, relief2, start2, K, e, C_D, D_P)
+        if f1 < 0.0 and f0 > 0.0:
+            for _ in range(2):
+                found = x1 - f1 * (x1 - x0) / (f1 - f0)
+                f = lift(
+                    sense * found, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1,
+                    edge2, c22, c32, relief2, start2, K, e, C_D, D_P)
+                if f > 0.0:
+                    x0 = found
+                    f0 = f
+                    f1 = 0.5 * f1
+                else:
+                    x1 = found
+                    f1 = f
+                    f0 = 0.5 * f0
+    return found
 
 
 def piece(z0, z1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
@@ -160,13 +221,55 @@ def piece(z0, z1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31
     return n, n_s, n_z, n_1, n_2, t, t_s, t_z, energy, loss, rubbing
 
 
+def pitted(begin, finish, sense, steep, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
+           start1, edge2, c22, c32, relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1,
+           u2, mu_s, v_s, mu_d, v_d):
+    """Return by how much a pit changes the integral of `patch` over the line: exactly zero for a pit without depth."""
+    n = 0.0
+    n_s = 0.0
+    n_z = 0.0
+    n_1 = 0.0
+    n_2 = 0.0
+    t = 0.0
+    t_s = 0.0
+    t_z = 0.0
+    energy = 0.0
+    loss = 0.0
+    rubbing = 0.0
+    for i in range(4):
+        # the two halves of the pit, each with it and then without it
+        side = -1.0 if i < 1.5 else 0.0
+        there = i < 0.5 or (i > 1.5 and i < 2.5)
+        deep = pit if there else 0.0
+        share = sense if there else -sense
+        first = min(max((pit_s + side * pit_half - p1) / steep, begin), finish)
+        last = min(max((pit_s + (side + 1.0) * pit_half - p1) / steep, begin), finish)
+        if last - first > NOTHING:
+            d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = piece(
+                sense * first, sense * last, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
+                start1, edge2, c22, c32, relief2, start2, deep, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0,
+                u1, u2, mu_s, v_s, mu_d, v_d)
+            n += share * d_n
+            n_s += share * d_ns
+            n_z += share * d_nz
+            n_1 += share * d_n1
+            n_2 += share * d_n2
+            t += share * d_t
+            t_s += share * d_ts
+            t_z += share * d_tz
+            energy += share * d_e
+            loss += share * d_l
+            rubbing += share * d_r
+    return n, n_s, n_z, n_1, n_2, t, t_s, t_z, energy, loss, rubbing
+
+
 def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
          c32, relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d,
          v_d):
     """Return the integral of `patch` over one line of contact between z_low and z_high.
 
-    The line is split where it leaves the path of contact, where sliding changes its direction, and ends where the
-    corners lose contact; between these points nothing switches on or off.
+    The line is split where it leaves the path of contact, where sliding changes its direction and where parting corners
+    let go, and ends where the corners lose contact; between these points nothing switches on or off.
     """
     # positions along the line in the sense in which s grows; a spur gear's line has no slope to speak of
     sense = math.copysign(1.0, slope)
@@ -194,14 +297,23 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
     energy = 0.0
     loss = 0.0
     rubbing = 0.0
-    for i in range(4):
-        first = begin if i < 0.5 else (at_2 if i < 1.5 else (still if i < 2.5 else at_1))
-        last = at_2 if i < 0.5 else (still if i < 1.5 else (at_1 if i < 2.5 else finish))
+    let_2 = letting_go(
+        at_2, begin, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
+        c32, relief2, start2, K, e, C_D, D_P)
+    let_1 = letting_go(
+        at_1, finish, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2,
+        c22, c32, relief2, start2, K, e, C_D, D_P)
+    last = begin
+    for i in range(6):
+        first = last
+        last = (
+            let_2 if i < 0.5 else at_2 if i < 1.5 else still if i < 2.5 else at_1 if i < 3.5 else let_1 if i < 4.5
+            else finish)
         if last - first > NOTHING:
             d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = piece(
                 sense * first, sense * last, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
-                start1, edge2, c22, c32, relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0,
-                u1, u2, mu_s, v_s, mu_d, v_d)
+                start1, edge2, c22, c32, relief2, start2, 0.0, 0.0, 0.0, 0.0, 1.0, K, e, C_D, D_P, u0, u1, u2, mu_s,
+                v_s, mu_d, v_d)
             n += sense * d_n
             n_s += sense * d_ns
             n_z += sense * d_nz
@@ -213,4 +325,20 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
             energy += sense * d_e
             loss += sense * d_l
             rubbing += sense * d_r
+    if pit_half > 0.0:
+        d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = pitted(
+            begin, finish, sense, steep, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
+            start1, edge2, c22, c32, relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1,
+            u2, mu_s, v_s, mu_d, v_d)
+        n += d_n
+        n_s += d_ns
+        n_z += d_nz
+        n_1 += d_n1
+        n_2 += d_n2
+        t += d_t
+        t_s += d_ts
+        t_z += d_tz
+        energy += d_e
+        loss += d_l
+        rubbing += d_r
     return n, n_s, n_z, n_1, n_2, t, t_s, t_z, energy, loss, rubbing

@@ -78,6 +78,7 @@ class FlexibleHousing(Component):
             ]
             work.add(f"{name(f'push_{k}')} = -({total(pushes)})", owner)
             work.add(f"{name('_der', f'q_{k}')} = {name(f'v_{k}')}", owner)
+            work.derivatives[name(f"q_{k}")] = name(f"v_{k}")  # a rest looks for rates that are states themselves
             rest = (
                 f"2.0 * {name(f'damping_{k}')} * {name(f'omega_{k}')} * {name(f'v_{k}')} + "
                 f"{name(f'omega_{k}')} ** 2 * {name(f'q_{k}')}"

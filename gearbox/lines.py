@@ -97,7 +97,7 @@ def harmonics_in(fundamental: float, low: float, high: float) -> Array:
     if not fundamental > 0.0:
         raise SignalError(f"a mesh frequency of {fundamental} Hz has no harmonics: give a number above zero")
     orders = np.arange(max(1, int(np.ceil(low / fundamental))), int(np.floor(high / fundamental)) + 1)
-    return orders * fundamental
+    return np.asarray(orders * fundamental)
 
 
 def energy_share(signal: Signal, frequencies: ArrayLike) -> float:

@@ -9,7 +9,7 @@ from multibody.component import Component
 from multibody.declare import Energy, Option, Output, Parameter, Power, Rotation, Table, Translation
 
 # fmt: off
-__all__ = ["HelicalMesh", "approach", "hit", "sliding"]
+__all__ = ["HelicalMesh", "approach", "hit", "sliding", "turned"]
 
 
 def approach(m, alpha, beta_b, r_1, r_2, x, y, z, roll_x, roll_y, roll_y1, roll_y2, way):
@@ -39,6 +39,13 @@ def hit(tooth, wanted, teeth):
     """Return 1 where a running tooth number is the wanted tooth of a gear, else 0."""
     apart = tooth - wanted - teeth * math.floor((tooth - wanted) / teeth + 0.5)
     return 1.0 if abs(apart) < 0.5 else 0.0
+
+
+def turned(x, y, angle):
+    """Return a point that turns with a body."""
+    c = math.cos(angle)
+    s = math.sin(angle)
+    return c * x - s * y, s * x + c * y
 
 
 class HelicalMesh(Component):
@@ -97,6 +104,14 @@ class HelicalMesh(Component):
     eccentricity_2 = Parameter(0.0, "m", "distance of gear 2's teeth from its axis", when="imperfect")
     high_1 = Parameter(0.0, "rad", "where on gear 1 the eccentricity is, from the x axis at angle 0", when="imperfect")
     high_2 = Parameter(0.0, "rad", "where on gear 2 the eccentricity is, from the x axis at angle 0", when="imperfect")
+    runout_x_1 = Parameter(0.0, "m", "the same by its parts: along x at angle 0, added", when="imperfect")
+    runout_y_1 = Parameter(0.0, "m", "eccentricity of gear 1 along y at angle 0, added", when="imperfect")
+    runout_x_2 = Parameter(0.0, "m", "eccentricity of gear 2 along x at angle 0, added", when="imperfect")
+    runout_y_2 = Parameter(0.0, "m", "eccentricity of gear 2 along y at angle 0, added", when="imperfect")
+    lobes_cos_1 = Parameter(0.0, "m", "pitch error of gear 1, two waves a turn, highest at tooth 0", when="imperfect")
+    lobes_sin_1 = Parameter(0.0, "m", "the same, a quarter wave on", when="imperfect")
+    lobes_cos_2 = Parameter(0.0, "m", "pitch error of gear 2, two waves a turn, highest at tooth 0", when="imperfect")
+    lobes_sin_2 = Parameter(0.0, "m", "the same, a quarter wave on", when="imperfect")
     pitch_1 = Parameter(0.0, "m", "pitch error of gear 1 per unit of its pattern", when="imperfect")
     pitch_2 = Parameter(0.0, "m", "pitch error of gear 2 per unit of its pattern", when="imperfect")
     pattern_1 = Table("", "", "pitch error over the tooth", default=((0.0, 1.0), (0.0, 0.0)), when="imperfect")
@@ -199,17 +214,18 @@ class HelicalMesh(Component):
         turn_2_back = 0.0
         if self.imperfect:
             # eccentric teeth move with the angle: what they add to the penetration, its rate and its slope
-            sin_1 = math.sin(self.spin_1.angle + self.high_1)
-            cos_1 = math.cos(self.spin_1.angle + self.high_1)
-            sin_2 = math.sin(self.spin_2.angle + self.high_2)
-            cos_2 = math.cos(self.spin_2.angle + self.high_2)
-            a += self.eccentricity_1 * (cos_1 * n_x + sin_1 * n_y) - self.eccentricity_2 * (cos_2 * n_x + sin_2 * n_y)
-            a_back += (
-                self.eccentricity_1 * (cos_1 * n_x - sin_1 * n_y) - self.eccentricity_2 * (cos_2 * n_x - sin_2 * n_y))
-            turn_1 = self.eccentricity_1 * (cos_1 * n_y - sin_1 * n_x)
-            turn_2 = -self.eccentricity_2 * (cos_2 * n_y - sin_2 * n_x)
-            turn_1_back = -self.eccentricity_1 * (cos_1 * n_y + sin_1 * n_x)
-            turn_2_back = self.eccentricity_2 * (cos_2 * n_y + sin_2 * n_x)
+            off_x_1, off_y_1 = turned(
+                self.eccentricity_1 * math.cos(self.high_1) + self.runout_x_1,
+                self.eccentricity_1 * math.sin(self.high_1) + self.runout_y_1, self.spin_1.angle)
+            off_x_2, off_y_2 = turned(
+                self.eccentricity_2 * math.cos(self.high_2) + self.runout_x_2,
+                self.eccentricity_2 * math.sin(self.high_2) + self.runout_y_2, self.spin_2.angle)
+            a += (off_x_1 - off_x_2) * n_x + (off_y_1 - off_y_2) * n_y
+            a_back += (off_x_1 - off_x_2) * n_x - (off_y_1 - off_y_2) * n_y
+            turn_1 = off_x_1 * n_y - off_y_1 * n_x
+            turn_2 = off_y_2 * n_x - off_x_2 * n_y
+            turn_1_back = -off_x_1 * n_y - off_y_1 * n_x
+            turn_2_back = off_x_2 * n_y + off_y_2 * n_x
             da += turn_1 * self.spin_1.speed + turn_2 * self.spin_2.speed
             da_back += turn_1_back * self.spin_1.speed + turn_2_back * self.spin_2.speed
             b += self.profile_slope / self.edge_1
@@ -245,7 +261,11 @@ class HelicalMesh(Component):
                 at_2 = tooth - self.teeth_2 * math.floor(tooth / self.teeth_2)
                 hit_1 = hit(tooth, self.damaged_1, self.teeth_1)
                 hit_2 = hit(tooth, self.damaged_2, self.teeth_2)
+                wave_1 = 4.0 * math.pi * at_1 / self.teeth_1
+                wave_2 = 4.0 * math.pi * at_2 / self.teeth_2
                 a_line += self.pitch_1 * self.pattern_1(at_1) + self.pitch_2 * self.pattern_2(at_2)
+                a_line += self.lobes_cos_1 * math.cos(wave_1) + self.lobes_sin_1 * math.sin(wave_1)
+                a_line += self.lobes_cos_2 * math.cos(wave_2) + self.lobes_sin_2 * math.sin(wave_2)
                 k_line *= (
                     (1.0 + self.variation_1 * math.cos(2.0 * math.pi * at_1 / self.teeth_1))
                     * (1.0 + self.variation_2 * math.cos(2.0 * math.pi * at_2 / self.teeth_2))
@@ -253,7 +273,7 @@ class HelicalMesh(Component):
                 z_low += self.width * max(self.chip_1 * hit_1, self.chip_2 * hit_2)
                 pit = self.spall_1 * hit_1 + self.spall_2 * hit_2
                 pit_s = self.spall_place
-                pit_half = 0.5 * self.spall_length
+                pit_half = 0.5 * self.spall_length * max(hit_1, hit_2)
                 pit_width = 0.5 * self.spall_width
             if self.slices == 0:
                 d_n, d_ns, d_na, d_n1, d_n2, d_t, d_ts, d_ta, d_e, d_l, d_r = line(
@@ -304,10 +324,11 @@ class HelicalMesh(Component):
         f_a = 0.0
         if a_back - self.backlash + abs(b_back) * span + abs(c_back) * half > 0.0:
             behind = self.thickness * math.cos(self.alpha)
+            opening = self.backlash / math.cos(self.beta_b)
             first_back = -math.floor((span + self.base_1 * self.spin_1.angle - behind) / self.base_pitch)
             for i in range(self.lines):
                 p1 = behind - self.base_1 * self.spin_1.angle - (first_back + i) * self.base_pitch
-                p2 = -behind - self.base_2 * self.spin_2.angle + (first_back + i) * self.base_pitch
+                p2 = (first_back + i) * self.base_pitch - behind - self.base_2 * self.spin_2.angle - opening
                 d_n, d_ns, d_na, d_n1, d_n2, d_t, d_ts, d_ta, d_e, d_l, d_r = line(
                     -half, half, p1, p2, -slope, a_back - self.backlash, b_back, c_back, 0.0, da_back, db_back,
                     dc_back, -self.base_1 * self.spin_1.speed, -self.base_2 * self.spin_2.speed, self.edge_1,

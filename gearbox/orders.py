@@ -40,7 +40,7 @@ def revolutions_at_speed(signal: Signal, speed_hz: float) -> Array:
     """
     if not speed_hz > 0.0:
         raise SignalError(f"a rotation frequency of {speed_hz} Hz gives no angle: give a number above zero")
-    return np.arange(len(signal)) * (speed_hz / signal.rate)
+    return np.asarray(np.arange(len(signal)) * (speed_hz / signal.rate))
 
 
 def revolutions_from_pulses(signal: Signal, pulses: ArrayLike, per_revolution: int = 1) -> Array:
@@ -67,8 +67,8 @@ def revolutions_from_pulses(signal: Signal, pulses: ArrayLike, per_revolution: i
     last = (len(signal) - 1) / signal.rate
     if at[0] > 0.0 or at[-1] < last:
         raise SignalError(
-            f"tachometer pulses cover {at[0]:.4g} to {at[-1]:.4g} s and the signal lasts from 0 to {last:.4g} s: cut the "
-            "signal to the time between two pulses"
+            f"tachometer pulses cover {at[0]:.4g} to {at[-1]:.4g} s and the signal lasts from 0 to {last:.4g} s: cut "
+            "the signal to the time between two pulses"
         )
     turns = np.arange(at.size) / per_revolution
     return np.asarray(PchipInterpolator(at, turns)(np.arange(len(signal)) / signal.rate))
@@ -117,8 +117,8 @@ def revolutions_from_mesh(
     size = np.abs(slow)
     if size.min() < 0.1 * size.mean():
         raise SignalError(
-            f"the line at {centre:.5g} Hz in '{signal.name}' fades at {t[size.argmin()]:.3g} s, so that its phase cannot "
-            "be followed: take another harmonic or channel"
+            f"the line at {centre:.5g} Hz in '{signal.name}' fades at {t[size.argmin()]:.3g} s, so that its phase "
+            "cannot be followed: take another harmonic or channel"
         )
     return np.asarray((centre * t + np.unwrap(np.angle(slow)) / (2.0 * np.pi)) / (harmonic * teeth))
 
@@ -227,7 +227,8 @@ def synchronous_average(tracked: Signal, revolutions: int = 1) -> SynchronousAve
     count = len(tracked) // length
     if count < 2:
         raise SignalError(
-            f"'{tracked.name}' has {len(tracked) / tracked.rate:.3g} revolutions, fewer than two periods of {revolutions}"
+            f"'{tracked.name}' has {len(tracked) / tracked.rate:.3g} revolutions, fewer than two periods of "
+            f"{revolutions}"
         )
     blocks = tracked.values[: count * length].reshape(count, length)
     blocks = blocks - blocks.mean()

@@ -55,11 +55,11 @@ def _value(value: Any, about: Mapping[str, Any], where: str, faults: list[str]) 
     except (UnitError, TypeError, ValueError) as error:
         faults.append(f"{where}: {error}")
         return math.nan
-    above, least, unit = about.get("above"), about.get("least"), about["unit"] or "1"
+    above, least, unit = about.get("above"), about.get("least"), f" {about['unit']}" if about["unit"] else ""
     if math.isnan(found):
-        faults.append(f"{where} is not a number: give a value in {unit}")
+        faults.append(f"{where} is not a number: give a value in {about['unit'] or '1'}")
     elif above is not None and found <= above:
-        faults.append(f"{where} is {found:g} {unit}, it must be above {above:g}: {about['meaning']}")
+        faults.append(f"{where} is {found:g}{unit}, it must be above {above:g}: {about['meaning']}")
     elif least is not None and found < least:
-        faults.append(f"{where} is {found:g} {unit}, it must be at least {least:g}: {about['meaning']}")
+        faults.append(f"{where} is {found:g}{unit}, it must be at least {least:g}: {about['meaning']}")
     return found

@@ -199,7 +199,7 @@ def true_stage(rig: GearRig, faults: Sequence[HiddenFault]) -> tuple[Stage, dict
 
 def _sensor_path(rig: GearRig, number: int, values: Array, step: float) -> Array:
     """What mounting and cable do to an accelerometer's signal: a resonance, a gain error, a delay."""
-    from scipy.signal import cont2discrete, lfilter
+    from scipy.signal import bilinear, lfilter
 
     if rig.path == 0.0:
         return values
@@ -208,8 +208,8 @@ def _sensor_path(rig: GearRig, number: int, values: Array, step: float) -> Array
     damping = rng.uniform(0.04, 0.08)
     gain = 1.0 + rig.path * rng.uniform(-0.06, 0.06)
     delay = rig.path * rng.uniform(10e-6, 40e-6)
-    b, a, _ = cont2discrete(([frequency**2], [1.0, 2.0 * damping * frequency, frequency**2]), step, method="bilinear")
-    seen = lfilter(np.ravel(b), a, values - values[0]) + values[0]
+    b, a = bilinear([frequency**2], [1.0, 2.0 * damping * frequency, frequency**2], 1.0 / step)
+    seen = lfilter(b, a, values - values[0]) + values[0]
     mixed = values + min(rig.path, 1.0) * (seen - values)
     t = np.arange(values.size) * step
     return np.asarray(gain * np.interp(t - delay, t, mixed))

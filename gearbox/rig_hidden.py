@@ -134,7 +134,8 @@ def choose(
     BenchError
         With every kind or place that does not exist, and everything asked for twice.
     """
-    faults, found = [], []
+    faults: list[str] = []
+    found: list[HiddenFault] = []
     for text in asked:
         kind, at, where = text.strip().partition("@")
         if kind not in KINDS:

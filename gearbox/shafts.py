@@ -26,6 +26,8 @@ class GearShaft(Component):
     J_t = Parameter(None, "kg*m**2", "moment of inertia about a diameter, through the centre of mass", min=1e-12)
     unbalance = Parameter(0.0, "kg*m", "mass times distance from the axis")
     unbalance_angle = Parameter(0.0, "rad", "where the unbalance is, from the x axis at angle 0")
+    unbalance_x = Parameter(0.0, "kg*m", "the same by its parts: along x at angle 0, added")
+    unbalance_y = Parameter(0.0, "kg*m", "along y at angle 0, added")
     drag = Parameter(0.0, "N*m*s/rad", "viscous resistance of bearings, seals and oil against turning", min=0.0)
 
     x_free = Option(True, "False takes away the motion across, in the plane of the axes")
@@ -47,10 +49,12 @@ class GearShaft(Component):
     unbalance_power = Power(kind="supply", meaning="work of the turning unbalance on the motion across")
 
     def equations(self):
-        angle = self.spin.angle + self.unbalance_angle
-        self.unbalance_force = self.unbalance * self.spin.speed * self.spin.speed
-        self.x.force = self.unbalance_force * math.cos(angle)
-        self.y.force = self.unbalance_force * math.sin(angle)
+        u_x = self.unbalance * math.cos(self.unbalance_angle) + self.unbalance_x
+        u_y = self.unbalance * math.sin(self.unbalance_angle) + self.unbalance_y
+        faster = self.spin.speed * self.spin.speed
+        self.x.force = faster * (u_x * math.cos(self.spin.angle) - u_y * math.sin(self.spin.angle))
+        self.y.force = faster * (u_x * math.sin(self.spin.angle) + u_y * math.cos(self.spin.angle))
+        self.unbalance_force = math.hypot(self.x.force, self.y.force)
         self.unbalance_power = self.x.force * self.x.velocity + self.y.force * self.y.velocity
         self.tilt_x.torque = -self.J * self.spin.speed * self.tilt_y.speed
         self.tilt_y.torque = self.J * self.spin.speed * self.tilt_x.speed

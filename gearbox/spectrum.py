@@ -1,4 +1,4 @@
-"""Spectra of a gear stage: its mesh lines and sidebands found and named, and main components against theory.
+"""Spectra of a gear stage: its mesh lines and sidebands found and named.
 
 A line counts as found when noise as strong as its neighbourhood would give one so high with a small probability.
 """
@@ -18,12 +18,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "ACCEPTED_ERROR",
     "Line",
     "LineTable",
-    "MainComponents",
     "Spectrum",
-    "main_components",
     "name_lines",
     "shaft_frequencies",
     "spectrum",
@@ -31,10 +28,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-#: The paper's acceptance limit for main components against theory (section 3.2).
-ACCEPTED_ERROR = 0.05
-#: Highest mesh order that the 5 % limit can judge: beyond it every frequency is within 5 % of some harmonic.
-_HIGHEST_ORDER = 9
 #: Probability that noise alone gives a line as high, over all lines looked for.
 _LUCK = 1e-3
 #: Sidebands of other shafts up to this number may be what is seen at a line.
@@ -118,9 +111,11 @@ def spectrum(signal: Signal, window: str = "hann") -> Spectrum:
 
     w = get_window(window, len(signal), fftbins=True)
     values = (signal.values - signal.values.mean()) * w
-    amplitudes = 2.0 * np.abs(np.fft.rfft(values)) / w.sum()
+    amplitudes = np.asarray(2.0 * np.abs(np.fft.rfft(values)) / w.sum())
     width = len(signal) * float((w**2).sum() / w.sum() ** 2) / signal.duration
-    return Spectrum(np.fft.rfftfreq(len(signal), 1.0 / signal.rate), amplitudes, width, signal.unit, signal.name)
+    return Spectrum(
+        np.asarray(np.fft.rfftfreq(len(signal), 1.0 / signal.rate)), amplitudes, width, signal.unit, signal.name
+    )
 
 
 @dataclass(frozen=True)
@@ -218,7 +213,7 @@ class LineTable:
             own = [line for line in self.sidebands(shaft, own=True) if line.mesh_order]
             size = float(np.sqrt(sum(line.amplitude**2 for line in own if line.found)))
             table[shaft] = {
-                "found": sum(line.found for line in own),
+                "found": sum(bool(line.found) for line in own),
                 "looked_for": len(own),
                 "amplitude": size,
                 "share": size / carrier if carrier > 0.0 else float("nan"),
@@ -289,7 +284,7 @@ def name_lines(
         )
         lines.append(
             Line(w.name, w.frequency, w.mesh_order, w.shaft, w.sideband, also, amplitude, noise,
-                 amplitude > threshold * noise)
+                 bool(amplitude > threshold * noise))
         )  # fmt: skip
     return LineTable(tuple(lines), mesh_frequency, dict(shafts), signal.unit)
 
@@ -313,100 +308,6 @@ def _wanted(mesh: float, shafts: Mapping[str, float], harmonics: int, sidebands:
                 sign = "+" if n > 0 else "−"
                 found.append(_Wanted(f"{k} × mesh {sign} {abs(n)} × {shaft}", k * mesh + n * f, k, shaft, n))
     return found
-
-
-@dataclass(frozen=True)
-class MainComponents:
-    """The highest peaks of a spectrum against multiples of the mesh frequency (Eq. 3).
-
-    Parameters
-    ----------
-    mesh_frequency : float, Hz
-        From theory.
-    frequencies, amplitudes : tuple of float
-        Of the peaks, highest first: Hz, and peak value in the signal's unit.
-    orders : tuple of int
-        Nearest multiple of the mesh frequency.
-    errors : tuple of float
-        Relative to that multiple.
-    """
-
-    mesh_frequency: float
-    frequencies: tuple[float, ...]
-    amplitudes: tuple[float, ...]
-    orders: tuple[int, ...]
-    errors: tuple[float, ...]
-
-    @property
-    def worst(self) -> float:
-        """Largest relative error."""
-        return max(abs(e) for e in self.errors)
-
-    @property
-    def accepted(self) -> bool:
-        """Whether every main component is within 5 % of a multiple of the mesh frequency (section 3.2)."""
-        return self.worst <= ACCEPTED_ERROR
-
-    def to_frame(self) -> pd.DataFrame:
-        """One row for each component, by frequency."""
-        import pandas as pd
-
-        rows = zip(self.frequencies, self.orders, self.errors, self.amplitudes, strict=True)
-        return pd.DataFrame(
-            [
-                {
-                    "theory [Hz]": k * self.mesh_frequency,
-                    "found [Hz]": f,
-                    "order": k,
-                    "relative error": e,
-                    "amplitude": a,
-                }
-                for f, k, e, a in sorted(rows)
-            ]
-        )
-
-
-def main_components(signal: Signal, mesh_frequency: float, count: int = 3) -> MainComponents:
-    """Compare the highest peaks with theory.
-
-    Parameters
-    ----------
-    signal : Signal
-    mesh_frequency : float, Hz
-        z₁ f_n1 of the operating condition (Eq. 3).
-    count : int
-        How many peaks.  They are looked for up to the ninth mesh order: beyond it every frequency lies within 5 % of
-        some multiple.
-
-    Raises
-    ------
-    SignalError
-        If the spectrum has fewer peaks.
-    """
-    from scipy.signal import find_peaks
-
-    whole = spectrum(signal)
-    inside = whole.frequencies <= (_HIGHEST_ORDER + 0.5) * mesh_frequency
-    a, f = whole.amplitudes[inside], whole.frequencies[inside]
-    apart = max(1, round(0.25 * mesh_frequency / whole.step))
-    peaks, _ = find_peaks(a, distance=apart)
-    peaks = peaks[np.argsort(-a[peaks])][:count]
-    if peaks.size < count:
-        raise SignalError(
-            f"'{signal.name}' has {peaks.size} peaks below {f[-1]:.5g} Hz, fewer than the {count} asked for"
-        )
-    frequencies = [_between(a, f, int(i)) for i in peaks]
-    orders = [max(1, round(each / mesh_frequency)) for each in frequencies]
-    errors = [each / (k * mesh_frequency) - 1.0 for each, k in zip(frequencies, orders, strict=True)]
-    return MainComponents(mesh_frequency, tuple(frequencies), tuple(a[peaks].tolist()), tuple(orders), tuple(errors))
-
-
-def _between(a: Array, f: Array, i: int) -> float:
-    """Frequency of a peak between two bins, by a parabola through the logarithms (exact for a Gaussian window)."""
-    if i in (0, a.size - 1) or min(a[i - 1], a[i + 1]) <= 0.0:
-        return float(f[i])
-    left, centre, right = np.log(a[i - 1 : i + 2])
-    return float(f[i] + 0.5 * (left - right) / (left - 2.0 * centre + right) * (f[1] - f[0]))
 
 
 def shaft_frequencies(mesh_frequency: float, teeth: Sequence[int], names: Sequence[str]) -> dict[str, float]:

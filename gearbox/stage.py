@@ -170,9 +170,8 @@ class Stage(Model):
             load = self.add(f"{side}_seats", SeatLoad(low=-seat, high=seat, sign=sign, moment_sign=-sign))
             for axis in AXES:
                 self.connect(f"mesh.force_{axis}", getattr(load, f"force_{axis}"))
-                self.connect(getattr(load, f"low_{axis}"), f"housing.{side}_low_{axis}")
-            for axis in ("x", "y"):
-                self.connect(getattr(load, f"high_{axis}"), f"housing.{side}_high_{axis}")
+                for end in ("low", "high"):
+                    self.connect(getattr(load, f"{end}_{axis}"), f"housing.{side}_{end}_{axis}")
             self.connect("mesh.moment_x", load.moment_x)
             self.connect(f"mesh.moment_y_{gear + 1}", load.moment_y)
             return

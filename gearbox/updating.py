@@ -55,10 +55,12 @@ def update(
     """
     from gearbox.updating_chain import UpdatingChain
     from gearbox.updating_runs import Runs
-    from gearbox.updating_study import read_updating_study
+    from gearbox.updating_study import load_vibration, read_updating_study
 
     found = read_updating_study(study)
     settings = found.settings(**changes)
+    progress("building the model")
+    load_vibration(str(found.file.path))  # so that its faults are told here and not by another process
     progress("reading the recordings")
     identify, validate = found.recordings()
     folder = None if out is None else Path(out)
@@ -131,10 +133,10 @@ def _show(result: UpdatingResult, out: Path) -> None:
     table = Table(title="Parameters (Table 4)")
     for name in ("parameter", "unit", "before", "updated", "range"):
         table.add_column(name, justify="left" if name in ("parameter", "unit") else "right")
-    for name, row in result.parameters().iterrows():
+    for parameter, row in result.parameters().iterrows():
         changed = f"{row['updated']:.5g}" if row["selected"] else "not selected"
         table.add_row(
-            str(name), row["unit"], f"{row['start']:.5g}", changed, f"{row['lower']:.4g} … {row['upper']:.4g}"
+            str(parameter), row["unit"], f"{row['start']:.5g}", changed, f"{row['lower']:.4g} … {row['upper']:.4g}"
         )
     console.print(table)
     table = Table(title="Cosine similarity, before and after")

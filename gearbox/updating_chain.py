@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from gearbox.components import ACCEPTED_ERROR, main_components
 from gearbox.identifiability import Identifiability
 from gearbox.objectives import AmplitudeObjective, MeasuredLines, SimilarityObjective
 from gearbox.output_surfaces import OutputSurfaces, output_surface_study
 from gearbox.recordings import Recording
-from gearbox.spectrum import ACCEPTED_ERROR, main_components
 from gearbox.updating_checks import check_conditions, directions, pictured
 from gearbox.updating_errors import UpdatingError
 from gearbox.updating_result import Candidate, FrequencyCheck, SurfaceChoice, UpdatingResult
@@ -309,9 +309,14 @@ class UpdatingChain:
         optimum = self.candidate("the optimum of the surface", best.parameters, best.value)
         tried = [start, optimum, *self._others(space, designs, rivals, optimum)]
         updated = self._taken(start, optimum, tried)
+        if optimum.predicted > 1.0:
+            self.notes.append(
+                f"The surface promises {optimum.predicted:.3f}, and more than 1 cannot be: near its optimum it is "
+                "wrong by at least that much."
+            )
         if best.at_bound:
             self.notes.append(
-                f"{', '.join(best.at_bound)} stand(s) at the edge of the range: the best may lie outside."
+                f"The surface's optimum has {', '.join(best.at_bound)} at the edge of the range: the best may lie outside."
             )
         self.progress("other operating conditions")
         checks = check_conditions(self, updated.values)

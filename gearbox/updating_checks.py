@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gearbox.components import main_components
 from gearbox.identifiability import Identifiability, identifiability
 from gearbox.objectives import AmplitudeObjective, MeasuredLines
-from gearbox.spectrum import main_components
 from gearbox.updating_result import Candidate, Check
 from surrogate import DesignSpace
 

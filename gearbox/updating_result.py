@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gearbox.components import MainComponents
 from gearbox.condition import OperatingCondition
 from gearbox.identifiability import Identifiability
 from gearbox.similarity import Similarity
-from gearbox.spectrum import MainComponents
 from gearbox.updating_settings import UpdatingSettings
 
 if TYPE_CHECKING:

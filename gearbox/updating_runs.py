@@ -220,7 +220,7 @@ class Runs:
             path = self._signals_of(key)
             path.parent.mkdir(exist_ok=True)
             draft = path.with_suffix(".part.npz")
-            np.savez_compressed(draft, **arrays)
+            np.savez_compressed(draft, **arrays)  # type: ignore[arg-type]
             draft.replace(path)
         with self.store.open("a", encoding="utf-8") as file:
             file.write(json.dumps({"key": key, "signals": bool(run.signals), **run.to_dict()}) + "\n")

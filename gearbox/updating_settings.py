@@ -14,6 +14,7 @@ from surrogate import DesignSpace
 __all__ = ["ObjectiveKind", "UpdatingSettings"]
 
 ObjectiveKind = Literal["similarity", "amplitudes"]
+Method = Literal["firefly", "differential_evolution", "direct", "multistart"]
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class UpdatingSettings:
     points: tuple[int, ...] = (25, 30, 35, 40, 45, 50)
     test: int = 20
     surface_orders: tuple[int, ...] = (2, 3)
-    method: str = "firefly"
+    method: Method = "firefly"
     options: Mapping[str, Any] = field(default_factory=lambda: {"population": 30, "iterations": 100})
     seed: int = 0
     identify: bool = True

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from discrepancy.study_file import StudyFile, read_study
-from discrepancy.study_model import load_builder
+from discrepancy.study_model import load_model
 from estimation.signals import SignalError
 from gearbox.recordings import Recording
 from gearbox.signals import Processing
@@ -23,6 +23,11 @@ from gearbox.virtual import Settings, VibrationModel
 from surrogate import DesignSpace
 
 __all__ = ["UpdatingStudy", "load_vibration", "read_updating_study"]
+
+
+#: Beginnings of the names of modules that no simulation depends on.
+_NO_MODEL = ("updating", "papers", "spectrum", "rig", "record", "orders", "similarity", "objectives", "identif",
+             "output_surfaces", "telling")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -95,7 +100,8 @@ class UpdatingStudy:
         model = self.file.model
         content = hashlib.sha256(json.dumps([model.build, model.arguments], sort_keys=True, default=str).encode())
         source = model.build.rpartition(":")[0]
-        files = sorted(Path(__file__).parent.glob("*.py"))
+        # What only looks at signals or writes reports changes no simulation.
+        files = [p for p in sorted(Path(__file__).parent.glob("*.py")) if not p.stem.startswith(_NO_MODEL)]
         if source.endswith(".py"):
             files.append((self.file.path.parent / source).resolve())
         for path in files:
@@ -177,7 +183,7 @@ def load_vibration(path: str) -> VibrationModel:
         If it returns neither.
     """
     file = read_study(path)
-    built = load_builder(file)(**file.model.arguments)
+    built = load_model(file)
     found = getattr(built, "vibration", built)
     if not callable(found):
         raise UpdatingError(

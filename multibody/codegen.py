@@ -7,7 +7,9 @@ it is the same text that is hashed for the cache on disk.
 from __future__ import annotations
 
 import ast
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -23,13 +25,34 @@ _HEADER = "import math\n"
 _NEWTON_STEPS = 40
 
 
+class Texts(Mapping[str, str]):
+    """Texts by name, each written when it is first asked for: a simulation alone needs no tangent."""
+
+    def __init__(self, names: tuple[str, ...], write: Callable[[str], str]) -> None:
+        self._names, self._write = names, cache(write)
+
+    def __getitem__(self, name: str) -> str:
+        if name not in self._names:
+            raise KeyError(name)
+        return self._write(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __reduce__(self) -> tuple[type[dict[str, str]], tuple[dict[str, str]]]:
+        return dict, (dict(self),)
+
+
 @dataclass(frozen=True)
 class Source:
     """Generated source text and what is known of its structure.
 
     Parameters
     ----------
-    texts : dict of str
+    texts : mapping of str
         Python source of each of the functions ``rhs``, ``outputs``, ``rhs_tangent`` and ``outputs_tangent``.
         Each stands in a file of its own: functions with the same text then share one compiled version,
         whatever else their models have.
@@ -37,7 +60,7 @@ class Source:
         Whether the rate of state i can depend on state j.
     """
 
-    texts: dict[str, str]
+    texts: Mapping[str, str]
     sparsity: np.ndarray
 
 
@@ -52,7 +75,7 @@ def generate(work: Assembly) -> Source:
     rates = [work.derivatives[q.variable] for q in work.states]
     shown = [q.variable for q in work.outputs]
     try:
-        kernel_texts, tangent_texts = kernel_sources(work.kernels, work.statements)
+        kernel_texts, tangents = kernel_sources(work.kernels, work.statements)
     except EquationError as error:
         raise ModelError(work.name, str(error).splitlines()) from error
     unknowns = [u.variable for u in work.unknowns]
@@ -60,19 +83,20 @@ def generate(work: Assembly) -> Source:
     if blocks := [item for item in unknown_items if isinstance(item, Block)]:
         from multibody.solvability import unsolvable
 
-        text = _function(work, "rhs", "dx", unknown_items, unknowns, tangent=False)
-        if faults := unsolvable(work, blocks, text, [*kernel_texts, *tangent_texts]):
+        implicit = _function(work, "rhs", "dx", unknown_items, unknowns, tangent=False)
+        if faults := unsolvable(work, blocks, implicit, [*kernel_texts, *tangents()]):
             raise ModelError(work.name, faults)
-    texts = {
-        "rhs": _function(work, "rhs", "dx", rate_items, rates, tangent=False),
-        "outputs": _function(work, "outputs", "y", output_items, shown, tangent=False),
-        "rhs_tangent": _function(work, "rhs_tangent", "out", rate_items, rates, tangent=True),
-        "outputs_tangent": _function(work, "outputs_tangent", "out", output_items, shown, tangent=True),
-    }
-    texts = {
-        name: "\n\n".join([_HEADER, *kernel_texts, *(tangent_texts if "_tangent(" in body else ()), body]) + "\n"
-        for name, body in texts.items()
-    }
+
+    def text(name: str) -> str:
+        of_outputs, tangent = name.startswith("outputs"), name.endswith("_tangent")
+        items, wanted = (output_items, shown) if of_outputs else (rate_items, rates)
+        result = "out" if tangent else "y" if of_outputs else "dx"
+        body = _function(work, name, result, items, wanted, tangent=tangent)
+        return "\n\n".join([_HEADER, *kernel_texts, *(tangents() if "_tangent(" in body else ()), body]) + "\n"
+
+    texts = Texts(("rhs", "outputs", "rhs_tangent", "outputs_tangent"), text)
+    for name in ("rhs", "outputs"):  # what cannot be written is told when the model is built
+        texts[name]
     deps = dependencies(rate_items, [q.variable for q in work.states])
     sparsity = np.array([[s.variable in deps.get(r, ()) for s in work.states] for r in rates], dtype=bool)
     return Source(texts, sparsity.reshape(len(rates), len(rates)))

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from multibody.input_breaks import breaks, rough
+
 __all__ = ["INTERPOLATIONS", "InputError", "InputTable"]
 
 INTERPOLATIONS = ("hold", "linear", "cubic")
@@ -31,52 +33,6 @@ def _parabola_slopes(times: np.ndarray, values: np.ndarray) -> np.ndarray:
     slopes[0] = 2.0 * rise[0] - slopes[1]
     slopes[-1] = 2.0 * rise[-1] - slopes[-2]
     return slopes
-
-
-def _uneven(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Tell where two slopes differ by more than rounding."""
-    return np.abs(after - before) > 1e-9 * (np.abs(after) + np.abs(before))
-
-
-def _rough(times: np.ndarray, values: np.ndarray, slopes: np.ndarray, kinds: np.ndarray) -> np.ndarray:
-    """Mark the samples, shape (nt, n_u), where an input jumps or one of its first two derivatives does."""
-    marks = np.zeros(values.shape, dtype=bool)
-    if len(times) < 2:
-        return marks
-    width = np.diff(times)[:, None]
-    rise = np.diff(values, axis=0) / width
-    still = np.zeros((1, values.shape[1]))
-    kinks = _uneven(np.vstack([still, rise]), np.vstack([rise, still]))
-    # Second derivatives of the cubic at the left and the right end of each interval.
-    left = (6.0 * rise - 4.0 * slopes[:-1] - 2.0 * slopes[1:]) / width
-    right = (2.0 * slopes[:-1] + 4.0 * slopes[1:] - 6.0 * rise) / width
-    bends = _uneven(np.vstack([still, right]), np.vstack([left, still]))
-    bends[[0, -1]] |= slopes[[0, -1]] != 0.0
-    steps = np.vstack([np.zeros((1, values.shape[1]), dtype=bool), values[1:] != values[:-1]])
-    for kind, found in ((0, steps), (1, kinks), (2, bends)):
-        marks[:, kinds == kind] = found[:, kinds == kind]
-    return marks
-
-
-def _breaks(
-    times: np.ndarray, rough: np.ndarray, kinds: np.ndarray, delays: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Collect for each delay the times at which a step must end."""
-    found, jumps, start, owner = [], [], [0], []
-    for delay in np.unique(delays):
-        own = rough[:, delays == delay]
-        rows = np.flatnonzero(own.any(axis=1))
-        if rows.size:
-            found.append(times[rows])
-            jumps.append(own[rows][:, kinds[delays == delay] == 0].any(axis=1))
-            start.append(start[-1] + rows.size)
-            owner.append(delay)
-    return {
-        "breaks": np.concatenate(found) if found else np.zeros(0),
-        "jumps": np.concatenate(jumps).astype(np.int64) if jumps else np.zeros(0, dtype=np.int64),
-        "break_start": np.array(start, dtype=np.int64),
-        "break_delay": np.array(owner, dtype=np.int64),
-    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +72,7 @@ class InputTable:
     interpolation: str | Sequence[str] = "linear"
     delay_parameter: Sequence[int] | np.ndarray | None = None
     _kernel: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    _kernels: dict[float, dict[str, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         times = np.array(self.times, dtype=np.float64, ndmin=1, order="C")
@@ -131,7 +88,9 @@ class InputTable:
         _check(times, values, names, kinds, delays)
         code = np.array([INTERPOLATIONS.index(kind) for kind in kinds], dtype=np.int64).reshape(count)
         changing = np.any(values != values[0], axis=0) if count else np.zeros(0, dtype=bool)
-        slopes = _parabola_slopes(times, values)
+        slopes = np.zeros_like(values)  # of cubic columns; nobody asks for the others'
+        cubic = np.flatnonzero(code == INTERPOLATIONS.index("cubic"))
+        slopes[:, cubic] = _parabola_slopes(times, values[:, cubic])
         delays = delays.astype(np.int64).reshape(count)
         # Compiled code gets these arrays, which must be writable there; the public views are not.
         self._kernel.update(
@@ -142,7 +101,7 @@ class InputTable:
             delays=delays,
             held=np.flatnonzero(changing & (code == 0)).astype(np.int64),
             moving=np.flatnonzero(changing & (code != 0)).astype(np.int64),
-            **_breaks(times, _rough(times, values, slopes, code), code, delays),
+            **breaks(times, rough(times, values, slopes, code), code, delays),
         )
         object.__setattr__(self, "times", _view(times))
         object.__setattr__(self, "values", _view(values))
@@ -217,6 +176,18 @@ class InputTable:
     def kernel(self) -> dict[str, np.ndarray]:
         """The arrays that compiled drivers read, and where steps must end (see `bundle`)."""
         return self._kernel
+
+    def kernel_for(self, tolerance: float) -> dict[str, np.ndarray]:
+        """Return `kernel` with those ends of steps alone that a relative tolerance of the inputs asks for."""
+        known = self._kernels.get(tolerance)
+        if known is None:
+            own = self._kernel
+            times, values, kinds, delays = (own[key] for key in ("times", "values", "kinds", "delays"))
+            marks = rough(times, values, own["slopes"], kinds, tolerance)
+            known = {name: value for name, value in own.items() if name != "numbers"}
+            known |= breaks(times, marks, kinds, delays)
+            self._kernels[tolerance] = known
+        return known
 
     def __call__(self, t: Any, p: np.ndarray | None = None) -> np.ndarray:
         """Return the inputs at time(s) t, shape (n_u,) or (len(t), n_u); delays need p."""

@@ -6,6 +6,7 @@ import ast
 import inspect
 import textwrap
 from collections.abc import Callable, Iterable
+from functools import cache
 from typing import Any
 
 from multibody import tables
@@ -49,13 +50,7 @@ def _plain(name: str, function: Callable[..., Any], kernels: Kernels) -> ast.Fun
     node, file, first = parse_function(function)
     scope = Scope(node.name, Component(), kernels)
     arguments = [a.arg for a in node.args.args]
-    if (
-        node.args.vararg
-        or node.args.kwonlyargs
-        or node.args.kwarg
-        or node.args.defaults
-        or node.args.posonlyargs
-    ):
+    if node.args.vararg or node.args.kwonlyargs or node.args.kwarg or node.args.defaults or node.args.posonlyargs:
         raise EquationError(f"function {node.name} ({file}:{first}) takes plain positional arguments only")
     rewriter = _KernelRewriter(scope, function, names_written(node) | set(arguments), file, first)
     for argument in node.args.args:
@@ -66,9 +61,7 @@ def _plain(name: str, function: Callable[..., Any], kernels: Kernels) -> ast.Fun
     if not found.returns:
         raise EquationError(f"{where} must return on every path")
     if unset := sorted(found.reads - set(arguments)):
-        raise EquationError(
-            f"{where}: '{unset[0]}' may be used before it has a value: assign it in every branch"
-        )
+        raise EquationError(f"{where}: '{unset[0]}' may be used before it has a value: assign it in every branch")
     args = ast.arguments([], [ast.arg(a) for a in arguments], None, [], [], None, [])
     out = ast.FunctionDef(name, args, body, [], type_params=[])  # type: ignore[call-arg]
     if len(set(_returned(out))) > 1:
@@ -94,9 +87,7 @@ def _check_calls(nodes: Iterable[ast.stmt], counts: dict[str, int], where: str) 
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
                 gives, takes = counts.get(call.func.id, 1), unpacked.get(id(call), 1)
                 if gives != takes:
-                    raise EquationError(
-                        f"{where}: '{call.func.id}' returns {gives} values, taken by {takes} names"
-                    )
+                    raise EquationError(f"{where}: '{call.func.id}' returns {gives} values, taken by {takes} names")
 
 
 def _tangent(node: ast.FunctionDef) -> ast.FunctionDef:
@@ -113,8 +104,8 @@ def _raw(name: str, function: Callable[..., Any]) -> str:
     return text.replace(f"def {function.__name__}(", f"def {name}(", 1)
 
 
-def kernel_sources(kernels: Kernels, statements: Iterable[Statement] = ()) -> tuple[list[str], list[str]]:
-    """Return the texts of kernels and of their tangents, each before the ones that call it.
+def kernel_sources(kernels: Kernels, statements: Iterable[Statement] = ()) -> tuple[list[str], Callable[[], list[str]]]:
+    """Return the texts of kernels, each before the ones that call it, and a function that gives their tangents.
 
     Parameters
     ----------
@@ -129,13 +120,14 @@ def kernel_sources(kernels: Kernels, statements: Iterable[Statement] = ()) -> tu
         If a function steps outside the subset, calls itself, or is used with a wrong number of values.
     """
     texts: list[str] = []
-    tangents: list[str] = []
+    of_tables: list[str] = []
+    nodes: list[ast.FunctionDef] = []
     table_kernels = {n: f for n, f in kernels.items() if f in tables.TANGENTS}
     if table_kernels:
         texts.append(_raw("k_tables_interval", tables.interval).replace("k_tables_k_tables_", "k_tables_"))
     for name, function in sorted(table_kernels.items()):
         texts += [_raw(name, function), _raw(f"{name}_slope", tables.SLOPES[function])]
-        tangents.append(_raw(tangent_name(name), tables.TANGENTS[function]))
+        of_tables.append(_raw(tangent_name(name), tables.TANGENTS[function]))
     known = dict(kernels)
     plain: dict[str, ast.FunctionDef] = {}
     while pending := [n for n in known if n not in plain and n not in table_kernels]:
@@ -151,21 +143,22 @@ def kernel_sources(kernels: Kernels, statements: Iterable[Statement] = ()) -> tu
     def emit(name: str, above: tuple[str, ...]) -> None:
         if name in above:
             circle = " → ".join([*above[above.index(name) :], name])
-            raise EquationError(
-                f"functions called by equations may not call each other in a circle: {circle}"
-            )
+            raise EquationError(f"functions called by equations may not call each other in a circle: {circle}")
         if name in done:
             return
         node = plain[name]
-        called = {
-            n.func.id for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)
-        }
+        called = {n.func.id for n in ast.walk(node) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
         for inner in sorted(called & plain.keys()):
             emit(inner, (*above, name))
         done.add(name)
         texts.append(ast.unparse(ast.fix_missing_locations(node)))
-        tangents.append(ast.unparse(ast.fix_missing_locations(_tangent(node))))
+        nodes.append(node)
 
     for name in sorted(plain):
         emit(name, ())
+
+    @cache
+    def tangents() -> list[str]:
+        return of_tables + [ast.unparse(ast.fix_missing_locations(_tangent(node))) for node in nodes]
+
     return texts, tangents

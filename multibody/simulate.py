@@ -252,14 +252,16 @@ def _run(
     else:
         import scipy.integrate
 
-        def rates(t: float, x: np.ndarray) -> np.ndarray:
-            u = table(t, p)
-            for k, f in columns.items():
-                u[k] = f(t)
-            return system.rhs(t, x, u, p)
+        def called(t: float, x: np.ndarray) -> np.ndarray:
+            return system.rhs(t, x, _inputs_at(table, columns, t, p), p)
 
+        # inputs and rates in one compiled call, where no input is a function and the model is compiled
+        rates = called if columns or not system.compiled else native_problem(system, p, table).fun
         if name in ("Radau", "BDF", "LSODA"):
-            options["jac"] = lambda t, x: system.jacobian("x", t, x, _inputs_at(table, columns, t, p), p)
+            if columns or not system.compiled:
+                options["jac"] = lambda t, x: system.jacobian("x", t, x, _inputs_at(table, columns, t, p), p)
+            else:
+                options["jac"] = native_problem(system, p, table, tangent=True).jac
         solve: Any = scipy.integrate.solve_ivp  # its stubs know no options by keyword
         solution = solve(rates, span, x0, method=name, t_eval=times, events=events, **options)
     if solution.status < 0 or not np.all(np.isfinite(solution.y)):
@@ -304,9 +306,7 @@ def _method(system: System, method: str, functions: dict[str, Any]) -> tuple[str
             return "LSODA", "inputs that are Python functions need a method that can call them"
         return "Automatic", ""
     if method not in (*NATIVE, *SCIPY):
-        raise SimulationError(
-            f"there is no method '{method}': take one of {', '.join(('auto', *NATIVE, *SCIPY))}"
-        )
+        raise SimulationError(f"there is no method '{method}': take one of {', '.join(('auto', *NATIVE, *SCIPY))}")
     if method in NATIVE and functions:
         raise SimulationError(
             f"'{method}' is compiled and cannot call the function given for '{next(iter(functions))}': "

@@ -12,6 +12,14 @@ from typing import Any
 __all__ = ["UnitError", "convert", "quantity", "same_dimension"]
 
 
+#: Conversions that most files need; without them every start would wait for pint to read its definitions.
+_USUAL = {
+    ("mm", "m"): 1e-3, ("cm", "m"): 1e-2, ("km", "m"): 1e3, ("um", "m"): 1e-6, ("µm", "m"): 1e-6, ("ms", "s"): 1e-3,
+    ("min", "s"): 60.0, ("h", "s"): 3600.0, ("kN", "N"): 1e3, ("kHz", "Hz"): 1e3, ("mA", "A"): 1e-3, ("mV", "V"): 1e-3,
+    ("g", "kg"): 1e-3, ("t", "kg"): 1e3, ("bar", "Pa"): 1e5, ("MPa", "Pa"): 1e6, ("GPa", "Pa"): 1e9,
+}  # fmt: skip
+
+
 class UnitError(ValueError):
     """A unit is unknown, or does not measure the quantity that is asked for."""
 
@@ -41,6 +49,8 @@ def _unit(text: str) -> Any:
 @lru_cache(maxsize=512)
 def _line(source: str, target: str) -> tuple[float, float]:
     """Slope and intercept of the conversion from one unit to another."""
+    if (source, target) in _USUAL:
+        return _USUAL[source, target], 0.0
     a, b = _unit(source), _unit(target)
     if a.dimensionality != b.dimensionality:
         raise UnitError(f"'{source}' cannot be converted to '{target}': they measure different quantities")

@@ -109,7 +109,7 @@ def make_configurations(
     list of Path
         The study files.
     """
-    rig = rig or LiftRig(only_express=True, logger=Logger(rate=1000.0), loads=(0.0,))
+    rig = rig or LiftRig(only_express=True, logger=Logger(rate=1000.0, fine=4), loads=(0.0,))
     folder, found, rows = check_folder(out), [], []
     for k in range(1, count + 1):
         one = dataclasses.replace(rig, configuration=k)
@@ -171,7 +171,7 @@ def _parser() -> Any:
         metavar="HZ",
         type=number(True, "rate"),
         default=None,
-        help="rows a second (default 500; 1000 with --configurations)",
+        help="rows a second (default 250; 1000 with --configurations)",
     )
     add(
         "--loads",
@@ -231,7 +231,7 @@ def main(arguments: Sequence[str]) -> int:
         raise CommandError("--out DIR is missing: name a folder for the recordings, or ask for --list")
     parameters = LiftParameters.load(args.lift) if args.lift else LiftParameters.bench()
     many = bool(args.configurations)
-    rate = args.rate or (1000.0 if many else 500.0)
+    rate = args.rate or (1000.0 if many else 250.0)
     rig = LiftRig(
         seed=args.seed,
         trips=args.trips,

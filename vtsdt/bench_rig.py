@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from discrepancy.bench import Channel, Disturbance
+from discrepancy.bench import Channel, Disturbance, Logger
 from discrepancy.hidden import Hidden
 from discrepancy.rig import Progress, Rig, Run
 from estimation.calibrate import UncertainParameter
@@ -117,6 +117,7 @@ class LiftRig(Rig):
 
     trips: int = 10
     disturbance: Disturbance = field(default_factory=lambda: Disturbance(1.0))
+    logger: Logger = field(default_factory=lambda: Logger(rate=250.0, fine=16))
     duration: float = 6.0
     under_test: str = "one_dimensional"
     parameters: LiftParameters = field(default_factory=LiftParameters.bench, repr=False)

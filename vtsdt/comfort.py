@@ -45,7 +45,8 @@ class Vibration:
     a95 : float, m/s²
         Value that 95 % of the peak-to-peak values stay under.
     steady_largest, steady_a95 : float, m/s²
-        The same while the speed is constant, from 1.5 s after it became so to 0.5 s before it ends; NaN without such time.
+        The same while the speed is constant, from 1.5 s after it became so to 0.5 s before it ends; NaN without such
+        time.
     rms : float, m/s²
         Root mean square of the ride.
     """

@@ -79,7 +79,8 @@ def _still(
             return system.equilibrium(guess=known, inputs=inputs, hold=hold, **options)
         except SimulationError:
             values = {"parameters": options["parameters"]} if options.get("parameters") is not None else {}
-            run = system.simulate(_SETTLING, inputs=inputs, initial=known, times=[_SETTLING], **values)
+            held = {"omega_ref": 0.0, **inputs} if "omega_ref" in system.input_names else inputs
+            run = system.simulate(_SETTLING, inputs=held, initial=known, times=[_SETTLING], **values)
             known = {**dict(zip(system.state_names, map(float, run.states[-1]), strict=True)),
                      **{n: known.get(n, 0.0) for n in hold}}
     return system.equilibrium(guess=known, inputs=inputs, hold=hold, **options)

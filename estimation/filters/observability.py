@@ -173,7 +173,7 @@ def gramian(transitions: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def observability(
-    run: FilterRun, *, scale: np.ndarray | None = None, window: int = 500, instants: int = 60
+    run: FilterRun, *, scale: np.ndarray | None = None, window: int = 500, instants: int = 60, part: slice | None = None
 ) -> Observability:
     """Say what a run's readings determine, along its own linearisations.
 
@@ -187,13 +187,16 @@ def observability(
         Samples of a Gramian.
     instants : int
         Number of linearisations that are tested for detectability, spread over the run.
+    part : slice, optional
+        Rows of the run that are looked at, such as those where the machine moves; default: all.
     """
     if "transitions" not in run.kept:
         raise FilterError(
             "observability", ['the filter did not keep its transitions: run extended(…, keep="everything")']
         )
     names = run.model.state_names
-    predicted = np.diagonal(run.kept["predicted"], axis1=1, axis2=2)
+    rows_of = np.arange(len(run.times))[part if part is not None else slice(None)]
+    predicted = np.diagonal(run.kept["predicted"][rows_of], axis1=1, axis2=2)
     if scale is None:
         scale = np.sqrt(np.maximum(predicted[len(predicted) // 10 :].mean(axis=0), 0.0))
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -202,7 +205,7 @@ def observability(
     rows = run.kept["rows"] * scale[None, None, :] / np.sqrt(r)[None, :, None]
     rows = np.where(np.isfinite(run.innovations)[:, :, None], rows, 0.0)
     seen = np.flatnonzero(np.isfinite(run.innovations).all(axis=1))
-    seen = seen[seen > 0]
+    seen = seen[(seen > 0) & np.isin(seen, rows_of)]
     if seen.size == 0:
         raise FilterError("observability", ["no instant has all readings: resample the channels to one rate"])
     chosen = np.unique(seen[np.linspace(0, seen.size - 1, instants).astype(int)])
@@ -215,14 +218,13 @@ def observability(
         found += [m for m in modes if m not in found]
     best = np.zeros(len(names))
     direction = np.eye(len(names))[0]
-    starts = range(0, max(len(transitions) - window, 0) + 1, max(window, 1))
-    for begin in starts:
-        part = slice(begin, begin + window)
-        values, vectors = np.linalg.eigh(gramian(transitions[part], rows[part]))
+    for begin in range(0, max(len(rows_of) - window, 0) + 1, max(window, 1)):
+        chunk = rows_of[begin : begin + window]
+        values, vectors = np.linalg.eigh(gramian(transitions[chunk], rows[chunk]))
         if np.count_nonzero(values > _RANK * values[-1]) >= np.count_nonzero(best > _RANK * best.max(initial=0.0)):
             best, direction = values, vectors[:, 0]
-    third = max(len(run.times) // 3, 1)
-    deviation = np.sqrt(np.maximum(run.variances, 0.0))
+    third = max(len(rows_of) // 3, 1)
+    deviation = np.sqrt(np.maximum(run.variances[rows_of], 0.0))
     std = {
         name: (float(deviation[third : 2 * third, j].max(initial=0.0)), float(deviation[2 * third :, j].max()))
         for j, name in enumerate(names)

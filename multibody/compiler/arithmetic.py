@@ -30,6 +30,7 @@ class Arithmetic:
     def __init__(self, program: Any, kinds: Kinds) -> None:
         self.program, self.kinds, self.unit = program, kinds, kinds.unit
         self._flag = "contract " if self.unit.fused(kinds.node.name) else ""
+        self._access = ""  # what is noted at loads and stores of the loop that is being written
         self.lines: list[str] = []
         self.values: dict[str, Value] = {}  # names assigned once
         self.slots: dict[str, Value] = {}  # names assigned more often, by their place in memory

@@ -25,6 +25,7 @@ _C: dict[Kind, Any] = {FLOAT: ctypes.c_double, INT: ctypes.c_int64, TRUTH: ctype
 _IMPORT = re.compile(r"^\s*(?:from\s+([\w.]+)\s+import|import\s+([\w.]+))", re.MULTILINE)
 
 
+@lru_cache(maxsize=1)
 def jit_enabled() -> bool:
     """Tell whether functions are compiled (``NUMBA_DISABLE_JIT=1`` turns that off)."""
     return os.environ.get("NUMBA_DISABLE_JIT", "0").strip() in ("", "0")
@@ -104,17 +105,18 @@ class Entry(Inner):
         """Return the call with these arguments, whose arrays are looked up once and may change inside."""
         if not jit_enabled():
             return functools.partial(self.py_func, *arguments)
-        kinds = tuple(map(kind_of_argument, arguments))
-        native = self._native.get(kinds) or self._compile(kinds)
-        if not isinstance(native, _Native):
-            return functools.partial(native, *arguments)
+        kinds: list[Kind] = []
         given: list[Any] = []
         for value in arguments:
+            kinds.append(kind_of_argument(value))
             if isinstance(value, np.ndarray):
-                given.append(value.ctypes.data)
-                given.extend(value.shape)
+                given.append(value.__array_interface__["data"][0])
+                given += value.shape
             else:
                 given.append(value.item() if isinstance(value, np.generic) else value)
+        native = self._native.get(tuple(kinds)) or self._compile(tuple(kinds))
+        if not isinstance(native, _Native):
+            return functools.partial(native, *arguments)
         return native.bound(given, arguments)
 
     def _compile(self, kinds: tuple[Kind, ...]) -> Any:

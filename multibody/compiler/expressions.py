@@ -166,7 +166,9 @@ class Expressions(Arithmetic):
                 raise self.refuse(node, "the shape of an array takes a number")
             return Value(INT, array.shape[node.slice.value])
         place = self.place(node)
-        return self.emit(place.kind, f"load {llvm_type(place.kind)}, ptr {place.name}, !tbaa !{place.kind}")
+        return self.emit(
+            place.kind, f"load {llvm_type(place.kind)}, ptr {place.name}, !tbaa !{place.kind}{self._access}"
+        )
 
     # ---------------------------------------------------------------- calls
 

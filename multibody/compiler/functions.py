@@ -61,7 +61,9 @@ class FunctionWriter(Expressions):
         elif isinstance(target, ast.Subscript):
             place = self.place(target)
             value = self.to(value, place.kind, node)
-            self.lines.append(f"  store {llvm_type(place.kind)} {value.name}, ptr {place.name}, !tbaa !{place.kind}")
+            self.lines.append(
+                f"  store {llvm_type(place.kind)} {value.name}, ptr {place.name}, !tbaa !{place.kind}{self._access}"
+            )
         else:
             raise self.refuse(node, "only names and elements can be assigned")
 
@@ -135,11 +137,14 @@ class FunctionWriter(Expressions):
 
     def _for(self, node: ast.For) -> None:
         call = node.iter
+        words = ("range", "independent")
         if (
-            not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range")
+            not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in words)
             or node.orelse
         ):
             raise self.refuse(node, "a loop goes over range(...)")
+        noted = call.func.id == "independent"
+        outer, end_note = self._access, ""
         bounds = [self.to(self.value(a), INT, node) for a in call.args]
         start, stop = (Value(INT, "0"), bounds[0]) if len(bounds) == 1 else (bounds[0], bounds[1])
         step = bounds[2] if len(bounds) == 3 else Value(INT, "1", whole=1)
@@ -156,12 +161,15 @@ class FunctionWriter(Expressions):
         self.begin(body)
         self._store(node.target.id, Value(INT, counter), node)
         self._loops.append((end, after))
+        if noted:
+            self._access, end_note = self.program.independent_loop()
         if not self._block(node.body):
             self.jump(after)
+        self._access = outer
         self._loops.pop()
         self.begin(after)
         self.lines.append(f"  {following} = add nsw i64 {counter}, {step.name}")
-        self.jump(head)
+        self.lines.append(f"  br label %{head}{end_note}")
         self.begin(end)
 
     def _while(self, node: ast.While) -> None:

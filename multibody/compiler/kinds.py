@@ -31,6 +31,10 @@ _LLVM = {FLOAT: "double", INT: "i64", TRUTH: "i1", FLOATS: "ptr", INTS: "ptr", N
 _RANK = {TRUTH: 0, INT: 1, FLOAT: 2}
 
 
+_PLAIN: dict[type, Kind] = {int: INT, float: FLOAT, bool: TRUTH, np.int64: INT, np.float64: FLOAT}
+_HELD = {np.dtype(k).str: [Array(of, n) for n in range(8)] for k, of in ((np.float64, FLOAT), (np.int64, INT))}
+
+
 @dataclass(frozen=True)
 class Value:
     """A value in the text: its kind and its name or number; an array's shape beside it."""
@@ -90,10 +94,14 @@ def kind_of_argument(value: Any) -> Kind:
     TypeError
         For arrays that are not contiguous or hold neither float64 nor int64, and for anything else.
     """
+    found = _PLAIN.get(type(value))
+    if found is not None:
+        return found
     if isinstance(value, np.ndarray):
-        if value.dtype not in (np.float64, np.int64) or not value.flags.c_contiguous:
+        held = _HELD.get(value.dtype.str)
+        if held is None or not value.flags.c_contiguous:
             raise TypeError(f"compiled code takes contiguous arrays of float64 or int64, not {value.dtype}")
-        return Array(FLOAT if value.dtype == np.float64 else INT, value.ndim)
+        return held[value.ndim]
     if isinstance(value, bool | np.bool_):
         return TRUTH
     if isinstance(value, int | np.integer):

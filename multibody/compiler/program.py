@@ -20,6 +20,7 @@ _ALIASES = """
 !3 = !{!1, !1, i64 0}
 !4 = !{!2, !2, i64 0}
 """
+_FIRST_NOTE = 5
 
 
 def _parameters(kind: Kind, name: str) -> list[str]:
@@ -38,6 +39,7 @@ class Program:
         self._texts: list[str] = []
         self._declared: dict[str, int] = {}
         self._tables: dict[int, tuple[str, np.ndarray]] = {}
+        self._notes: list[str] = []
 
     def add(self, unit: Unit, name: str, arguments: tuple[Kind, ...], symbol: str) -> tuple[str, ...]:
         """Add a function under a symbol for C, and return the kinds of what it returns.
@@ -96,6 +98,23 @@ class Program:
         """Note a function of real numbers that others bring."""
         self._declared[symbol] = arguments
 
+    def independent_loop(self) -> tuple[str, str]:
+        """Return the notes for the accesses and the end of a loop whose turns do not depend on each other.
+
+        LLVM then makes vectors of four numbers without asking at run time whether arrays overlap.  One vector a turn:
+        a machine has few states, and what is left over after many at once would be done singly.
+        """
+        group = len(self._notes) + _FIRST_NOTE
+        loop = group + 1
+        self._notes += [
+            f"!{group} = distinct !{{}}",
+            f"!{loop} = distinct !{{!{loop}, !{loop + 1}, !{loop + 2}, !{loop + 3}}}",
+            f'!{loop + 1} = !{{!"llvm.loop.parallel_accesses", !{group}}}',
+            f'!{loop + 2} = !{{!"llvm.loop.interleave.count", i32 1}}',
+            f'!{loop + 3} = !{{!"llvm.loop.vectorize.width", i32 4}}',
+        ]
+        return f", !llvm.access.group !{group}", f", !llvm.loop !{loop}"
+
     def table(self, values: np.ndarray) -> str:
         """Return the name of a constant array."""
         return "@" + self._tables.setdefault(id(values), (f"t{len(self._tables)}", values))[0]
@@ -110,4 +129,8 @@ class Program:
         for symbol, count in self._declared.items():
             parts.append(f"declare double @{symbol}({', '.join(['double'] * count)}) nounwind willreturn memory(none)")
         text = "\n".join([*parts, *self._texts])
-        return text.replace("!tbaa !float", "!tbaa !3").replace("!tbaa !int", "!tbaa !4") + _ALIASES
+        return (
+            text.replace("!tbaa !float", "!tbaa !3").replace("!tbaa !int", "!tbaa !4")
+            + _ALIASES
+            + "\n".join(self._notes)
+        )

@@ -216,12 +216,16 @@ class NativeProblem:
             owner[colour[column], pattern[:, column]] = column
         return owner
 
-    def field(self) -> Any:
-        """Return a new `Field` for compiled drivers, with its own workspace."""
+    def field(self, tolerance: float = 0.0) -> Any:
+        """Return a new `Field` for compiled drivers, with its own workspace.
+
+        With a relative tolerance steps may pass over the kinks of finely sampled inputs (see `InputTable.kernel_for`).
+        """
         from multibody.solvers.kernels.bundle import Field
 
         tangent = 0 if self.tangent is None else self.tangent.address
-        table, directions, d = self.table.kernel, None, self.directions
+        own = self.table.kernel_for(tolerance) if tolerance > 0.0 else self.table.kernel
+        table, directions, d = own, None, self.directions
         if d is not None:
             weight = np.zeros((d.count, self.table.n_inputs))
             for column in np.flatnonzero(table["delays"] >= 0):
@@ -230,15 +234,15 @@ class NativeProblem:
                 name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")
             }
             directions["weight"] = weight
-            table = self._with_breaks(d)
+            table = self._with_breaks(d, own)
         return Field(self.rhs.address, tangent, self.n, self.p, table, directions)
 
-    def _with_breaks(self, directions: Directions) -> dict[str, np.ndarray]:
+    def _with_breaks(self, directions: Directions, own: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The table of inputs, where steps end at the breaks of the inputs' tangents as well."""
         times, shape = np.asarray(directions.shape_t), np.asarray(directions.shape)
         if times.size < 2:
-            return self.table.kernel
-        own, added = self.table.kernel, InputTable(times, shape).kernel
+            return own
+        added = InputTable(times, shape).kernel
         table = {name: np.append(own[name], added[name]) for name in ("breaks", "jumps", "break_delay")}
         table["break_start"] = np.append(
             own["break_start"], own["break_start"][-1] + added["break_start"][1:]
@@ -256,14 +260,34 @@ class NativeProblem:
             self.tangent.check()
 
     @property
+    def jac(self) -> Callable[[float, np.ndarray], np.ndarray]:
+        """The Jacobian of x as ``jac(t, x)``, shape (n, n), for SciPy's own methods; needs the tangent."""
+        field, n = self.field(), self.n
+        time, state, rates, columns = np.empty(1), np.empty(self.size), np.empty(self.size), np.empty((n, n))
+        work = np.zeros(2 * n + max(self.table.n_inputs, self.p.size, 1))
+        owner = np.ascontiguousarray(self.owners(), dtype=np.int64)
+        driver = load_driver("multibody.solvers.kernels.rodas")
+        evaluate = driver.jacobian_at.bound(field.numbers, time, state, rates, owner, work, columns)
+
+        def jac(t: float, x: np.ndarray, _owner: Any = field) -> np.ndarray:
+            time[0], state[:n] = t, x
+            evaluate()
+            self.check()
+            return columns.T.copy()
+
+        return jac
+
+    @property
     def fun(self) -> Callable[[float, np.ndarray], np.ndarray]:
         """The derivative of y as ``fun(t, y)``, for SciPy's own methods."""
-        evaluate_at, field = load_driver(FIELD).evaluate_at, self.field()
+        field = self.field()
+        time, state, rates = np.empty(1), np.empty(self.size), np.empty(self.size)
+        evaluate = load_driver(FIELD).evaluate_at.bound(time, state, rates, field.numbers)
 
-        def fun(t: float, y: np.ndarray) -> np.ndarray:
-            out = np.empty(self.size)
-            evaluate_at(float(t), np.ascontiguousarray(y, dtype=np.float64), out, field.numbers)
+        def fun(t: float, y: np.ndarray, _owner: Any = field) -> np.ndarray:
+            time[0], state[:] = t, y
+            evaluate()
             self.check()
-            return out
+            return rates.copy()
 
         return fun

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gearbox.components import main_components
 from gearbox.signals import Signal, SignalError
-from gearbox.spectrum import main_components, name_lines, shaft_frequencies, spectrum
+from gearbox.spectrum import name_lines, shaft_frequencies, spectrum
 from gearbox.spectrum_figures import plot_pair, plot_spectra
 
 RATE, MESH = 25_600.0, 1600.0 / 3.0

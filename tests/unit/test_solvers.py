@@ -479,3 +479,20 @@ def test_kinks_of_delayed_inputs_cost_no_accuracy(method, kind):
     done = integrate(prob, (0.0, 2.0), [0.5, -0.2], [2.0], method, rtol=1e-7, atol=1e-7)
     # Within the tolerance; SciPy's RK45, which steps over the kinks, is a hundred times worse here.
     np.testing.assert_allclose(done.y[:, -1], exact, rtol=0, atol=1e-7)
+
+
+def test_scipys_methods_get_the_exact_jacobian():
+    times = np.linspace(0.0, 2.0, 21)
+    pattern = np.array([[False, True], [True, True]])
+    prob = problem("oscillator", (400.0, 3.0), colours=np.array([0, 1]), pattern=pattern)
+    table = InputTable.from_columns(times, {"u": np.sin(times)}, "cubic", {"u": 2})
+    whole = problem("pendulum", [4.0, 0.3, 0.23], table)
+    for each in (prob, whole):
+        jac, fun, x = each.jac, each.fun, np.array([0.4, -0.7])
+        step = 1e-6
+        for j in range(2):
+            ahead, behind = x.copy(), x.copy()
+            ahead[j], behind[j] = x[j] + step, x[j] - step
+            difference = (fun(1.3, ahead) - fun(1.3, behind)) / (2 * step)
+            # central differences: rounding 1e-16 times 400 over the step, and the step squared
+            np.testing.assert_allclose(jac(1.3, x)[:, j], difference, rtol=0, atol=1e-6)

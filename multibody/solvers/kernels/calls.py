@@ -22,6 +22,7 @@ __all__ = [
     "entry",
     "floats",
     "fused",
+    "independent",
     "inner",
     "ints",
     "pointer",
@@ -31,6 +32,9 @@ __all__ = [
 
 fused = functools.partial(inner, fused=True)
 """As ``inner``, for functions in which a product and the sum that it goes into may be rounded once."""
+
+independent = range
+"""As ``range``, for loops over elements of which no turn touches what another one writes."""
 
 _python_functions: dict[int, Callable[..., None]] = {}
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from multibody.solvers.kernels.bundle import N
-from multibody.solvers.kernels.calls import entry, inner, pointer, shift
+from multibody.solvers.kernels.calls import entry, fused, independent, inner, pointer, shift
 from multibody.solvers.kernels.field import evaluate
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
@@ -50,26 +50,26 @@ REACH = 3.25  # |h·λ| on the edge of the method's stability
 ROW = 15  # steps in a row on that edge that make a problem stiff
 
 
-@inner
+@fused
 def stages(c, t, h, size, y, k, y_new):
     """Write stages 2 to 7 into k and the result into y_new; stage 1 is there already."""
     k1, k2, k3 = k, shift(k, size), shift(k, 2 * size)
     k4, k5, k6, k7 = shift(k, 3 * size), shift(k, 4 * size), shift(k, 5 * size), shift(k, 6 * size)
-    for i in range(size):
+    for i in independent(size):
         y_new[i] = y[i] + h * (1 / 5) * k1[i]
     evaluate(t + h / 5, y_new, k2, c)
-    for i in range(size):
+    for i in independent(size):
         y_new[i] = y[i] + h * ((3 / 40) * k1[i] + (9 / 40) * k2[i])
     evaluate(t + h * (3 / 10), y_new, k3, c)
-    for i in range(size):
+    for i in independent(size):
         y_new[i] = y[i] + h * ((44 / 45) * k1[i] - (56 / 15) * k2[i] + (32 / 9) * k3[i])
     evaluate(t + h * (4 / 5), y_new, k4, c)
-    for i in range(size):
+    for i in independent(size):
         y_new[i] = y[i] + h * (
             (19372 / 6561) * k1[i] - (25360 / 2187) * k2[i] + (64448 / 6561) * k3[i] - (212 / 729) * k4[i]
         )
     evaluate(t + h * (8 / 9), y_new, k5, c)
-    for i in range(size):
+    for i in independent(size):
         y_new[i] = y[i] + h * (
             (9017 / 3168) * k1[i]
             - (355 / 33) * k2[i]
@@ -78,7 +78,7 @@ def stages(c, t, h, size, y, k, y_new):
             - (5103 / 18656) * k5[i]
         )
     evaluate(t + h, y_new, k6, c)
-    for i in range(size):
+    for i in independent(size):
         y_new[i] = y[i] + h * (
             (35 / 384) * k1[i]
             + (500 / 1113) * k3[i]
@@ -89,12 +89,12 @@ def stages(c, t, h, size, y, k, y_new):
     evaluate(t + h, y_new, k7, c)
 
 
-@inner
+@fused
 def raw_errors(h, size, count, k, out):
     """Write the difference to the embedded method of order 4 into out."""
     k1, k3, k4 = k, shift(k, 2 * size), shift(k, 3 * size)
     k5, k6, k7 = shift(k, 4 * size), shift(k, 5 * size), shift(k, 6 * size)
-    for i in range(count):
+    for i in independent(count):
         out[i] = h * (
             (71 / 57600) * k1[i]
             - (71 / 16695) * k3[i]
@@ -105,7 +105,7 @@ def raw_errors(h, size, count, k, out):
         )
 
 
-@inner
+@fused
 def interpolate(z, h, size, y, k, out):
     """Write the state at the fraction z of a step into out."""
     z2 = z * z
@@ -131,7 +131,7 @@ def interpolate(z, h, size, y, k, out):
     b7 = h * ((40617522 / 29380423) * z2 - (110615467 / 29380423) * z3 + (69997945 / 29380423) * z4)
     k1, k3, k4 = k, shift(k, 2 * size), shift(k, 3 * size)
     k5, k6, k7 = shift(k, 4 * size), shift(k, 5 * size), shift(k, 6 * size)
-    for i in range(size):
+    for i in independent(size):
         out[i] = y[i] + (b1 * k1[i] + b3 * k3[i] + b4 * k4[i] + b5 * k5[i] + b6 * k6[i] + b7 * k7[i])
 
 

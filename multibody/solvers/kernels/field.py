@@ -86,26 +86,30 @@ def look_up(t, c):
     times, values, slopes, u = floats(c[TIMES]), floats(c[VALUES]), floats(c[SLOPES]), floats(c[U])
     cursor, kinds, moving = ints(c[CURSOR]), ints(c[KINDS]), ints(c[MOVING])
     width, end = c[N_U], c[ROWS] - 1
+    last, i, z, span, inside = math.nan, 0, 0.0, 1.0, False
     for a in range(c[N_MOVING]):
         column = moving[a]
         s = own_time(t, column, c)
-        if s <= times[0]:
-            u[column] = values[column]
-        elif s >= times[end]:
-            u[column] = values[end * width + column]
+        if s != last:  # columns of one delay are looked up at one time: the search and the division are done once
+            last = s
+            inside = times[0] < s < times[end]
+            i = 0 if s <= times[0] else end
+            if inside:
+                i = locate(times, end + 1, s, cursor[column])
+                cursor[column] = i
+                span = times[i + 1] - times[i]
+                z = (s - times[i]) / span
+        j = i * width + column
+        if not inside:
+            u[column] = values[j]
+            continue
+        rise = values[j + width] - values[j]
+        if kinds[column] == LINEAR:
+            u[column] = values[j] + z * rise
         else:
-            i = locate(times, end + 1, s, cursor[column])
-            cursor[column] = i
-            j = i * width + column
-            span = times[i + 1] - times[i]
-            z = (s - times[i]) / span
-            rise = values[j + width] - values[j]
-            if kinds[column] == LINEAR:
-                u[column] = values[j] + z * rise
-            else:
-                left = span * slopes[j] - rise
-                right = rise - span * slopes[j + width]
-                u[column] = values[j] + z * (rise + (1.0 - z) * ((1.0 - z) * left + z * right))
+            left = span * slopes[j] - rise
+            right = rise - span * slopes[j + width]
+            u[column] = values[j] + z * (rise + (1.0 - z) * ((1.0 - z) * left + z * right))
 
 
 @inner
@@ -228,11 +232,11 @@ def evaluate(t, y, dy, c):
 
 
 @entry
-def evaluate_at(t, y, dy, numbers):
-    """Evaluate once, from Python; at a jump the value after it counts."""
+def evaluate_at(time, y, dy, numbers):
+    """Evaluate once at time[0], from Python; at a jump the value after it counts."""
     c = pointer(numbers)
-    hold_at(t, c)
-    evaluate(t, pointer(y), pointer(dy), c)
+    hold_at(time[0], c)
+    evaluate(time[0], pointer(y), pointer(dy), c)
 
 
 @entry

@@ -13,7 +13,7 @@ import math
 
 from multibody.solvers.kernels.bundle import N_MOVING, TANGENT, M, N, P, U
 from multibody.solvers.kernels.calls import call_tangent, entry, floats, inner, pointer, shift
-from multibody.solvers.kernels.field import evaluate, look_up, tangents
+from multibody.solvers.kernels.field import evaluate, hold_at, look_up, tangents
 from multibody.solvers.kernels.rodas_tableau import GAMMA, NODES, TIME, A, C, H
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
@@ -367,3 +367,14 @@ def interpolate_many(t, direction, steps, store_t, store_y, store_k, out):
             j += 1
         z = (t[i] - store_t[j, 0]) / store_t[j, 1]
         interpolate(z, size, shift(states, j * size), shift(vectors, j * 4 * size), shift(rows, i * size))
+
+
+@entry
+def jacobian_at(numbers, time, y, rates, owner, work, matrix):
+    """Write the Jacobian of x at time[0] into matrix, by columns; for SciPy's own methods."""
+    c = pointer(numbers)
+    hold_at(time[0], c)
+    evaluate(time[0], pointer(y), pointer(rates), c)
+    n, seed = c[N], pointer(work)
+    column, zero = shift(seed, n), shift(seed, 2 * n)
+    jacobian(time[0], pointer(y), c, pointer(owner), owner.shape[0], seed, column, zero, pointer(matrix))

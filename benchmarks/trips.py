@@ -1,0 +1,146 @@
+"""The lift's trips that the benchmarks run: the paper's three models on one reference, and their outputs' errors."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+DURATION, STEP = 6.0, 1e-3
+TARGET = 1e-4
+WATCHED = ("zdd_c", "F_c")
+HERE = Path(__file__).resolve().parent
+
+
+@dataclass(frozen=True, eq=False)
+class Trip:
+    """A model with the inputs and the start of one trip."""
+
+    name: str
+    system: Any
+    inputs: dict[str, tuple[np.ndarray, np.ndarray]]
+    start: np.ndarray
+    times: np.ndarray
+
+    @property
+    def table(self) -> Any:
+        """The inputs as one table."""
+        from multibody.simulate import input_table
+
+        return input_table(self.system, self.inputs)
+
+    def watched(self, states: np.ndarray) -> np.ndarray:
+        """Return the outputs that errors are judged by, shape (nt, ·)."""
+        names = [n for n in WATCHED if n in self.system.output_names]
+        pick = [self.system.index("output", n) for n in names]
+        inputs = self.table(self.times, self.system.p).reshape(self.times.size, -1)
+        return self.system.outputs_along(self.times, states, inputs, self.system.p)[:, pick]
+
+    def error(self, states: np.ndarray, truth: np.ndarray) -> float:
+        """Return the largest RMS error of a watched output, relative to its standard deviation."""
+        return float(np.max(np.sqrt(np.mean((self.watched(states) - truth) ** 2, axis=0)) / truth.std(axis=0)))
+
+
+@cache
+def reference_trip() -> Trip:
+    """37 states, six seconds up."""
+    return _trip("reference")
+
+
+@cache
+def trip(kind: str, stiff: bool = False) -> Trip:
+    """Return a trip of ``"reference"``, ``"one_dimensional"`` or ``"cabin"``."""
+    return _trip(kind, stiff)
+
+
+def _trip(kind: str, stiff: bool = False) -> Trip:
+    from vtsdt.lift import Lift
+    from vtsdt.reference import sampled_reference
+
+    lift = getattr(Lift, kind)()
+    times = np.arange(round(DURATION / STEP) + 1) * STEP
+    inputs: dict[str, Any] = {}
+    if kind == "cabin":
+        whole = reference_trip()
+        run = whole.system.simulate(DURATION, inputs=whole.inputs, initial=whole.start, times=times)
+        inputs["F_c"] = (times, run["F_c"])
+    else:
+        given, omega = sampled_reference(lift, "up")
+        inputs["omega_ref"] = (times, np.interp(times, given, omega))
+    if kind == "one_dimensional":
+        speed = np.interp(times, *sampled_reference(lift, "up"))
+        for name in ("friction_c", "friction_cw"):
+            inputs[name] = (times, -20.0 * np.tanh(-speed / 0.05))
+    values = stiffer(lift.system) if stiff else {}
+    first = {n: float(v[1][0]) for n, v in inputs.items() if n != "omega_ref"}
+    start = lift.equilibrium(0.0, inputs=first, parameters=values).state
+    system = lift.with_values(values).build() if values else lift.system
+    return Trip(kind, system, inputs, start, times)
+
+
+def stiffer(system: Any) -> dict[str, float]:
+    """Return parameters of the stiff set: a current loop of 1 kHz, ropes and contact ten times as stiff."""
+    p = dict(zip(system.parameter_names, system.p, strict=True))
+    values = {}
+    for name, value in p.items():
+        if name == "ropes.EA" or name.endswith("_guide.stiffness"):
+            values[name] = 10.0 * value
+    if "control.K_pq" in p:
+        band = 2.0 * np.pi * 1000.0
+        values["control.K_pq"] = band * p["machine.L_q"]
+        values["control.K_pd"] = band * p["machine.L_d"]
+    return values
+
+
+class HandWritten:
+    """A trip in C: the model's own equations translated, and Dormand and Prince's method written by hand.
+
+    Parameters
+    ----------
+    trip : Trip
+    options : sequence of str
+        For gcc.
+    """
+
+    def __init__(self, trip: Trip, options: tuple[str, ...] = ("-O3", "-march=native")) -> None:
+        from multibody.compiler.c_source import c_source
+        from multibody.compiler.units import unit_of_text
+
+        compiler = shutil.which("gcc") or shutil.which("cc")
+        if compiler is None:
+            raise FileNotFoundError("the comparison with C needs gcc: install it, or leave this benchmark out")
+        system = trip.system
+        kinds = ("float", *["floats"] * 4)
+        text = c_source(unit_of_text(system.texts["rhs"], "rhs"), "rhs", kinds, "rhs")
+        text += f"\n#define N {len(system.states)}\n#define N_U {len(system.inputs)}\n"
+        text += (HERE / "dormand_prince.c").read_text(encoding="utf-8")
+        self._folder = tempfile.TemporaryDirectory()
+        source, library = Path(self._folder.name) / "trip.c", Path(self._folder.name) / "trip.so"
+        source.write_text(text, encoding="utf-8")
+        subprocess.run([compiler, *options, "-shared", "-fPIC", "-o", library, source, "-lm"], check=True)
+        self._integrate = ctypes.CDLL(str(library)).integrate
+        self._integrate.restype = ctypes.c_longlong
+        pointer, number, whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_longlong
+        self._integrate.argtypes = [
+            pointer, pointer, pointer, whole, number, pointer, whole, number, number, pointer]  # fmt: skip
+        self.trip = trip
+        self.table = np.ascontiguousarray(trip.table(trip.times, system.p).reshape(trip.times.size, -1))
+        self.out = np.empty((trip.times.size, len(system.states)))
+        self.p = system.p.copy()
+
+    def __call__(self, rtol: float, atol: float) -> np.ndarray:
+        """Integrate, and return the states at the trip's times."""
+        done = self._integrate(
+            self.trip.start.ctypes.data, self.p.ctypes.data, self.table.ctypes.data, len(self.table), STEP,
+            self.trip.times.ctypes.data, self.trip.times.size, rtol, atol, self.out.ctypes.data)  # fmt: skip
+        if done < 0:
+            raise ArithmeticError("the step became too small")
+        self.evaluations = done
+        return self.out

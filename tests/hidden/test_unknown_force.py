@@ -1,0 +1,73 @@
+"""A force that the catalogue does not have: estimated over time, and what is said of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from discrepancy.axis import axis_case
+from discrepancy.columns import Confrontation
+from discrepancy.conclude import conclude
+from discrepancy.force_estimate import estimate_force
+from discrepancy.omnibus import omnibus_of_stage
+from discrepancy.search import scan_preparation
+from discrepancy.settle import free_curve
+from discrepancy.study import Study
+
+
+@pytest.fixture(scope="module")
+def found():
+    case = axis_case(1, ["unknown_force@guide"], over="position", trips=4)
+    study = Study(case.setup(seed=1))
+    stage = free_curve(study.stage, study._refit, level=0.02, seed=1, progress=lambda text: None)
+    study._accept(stage.accepted, stage)
+    return case, study, conclude(study)
+
+
+def test_force_over_time_is_the_true_one(found):
+    case, study, _ = found
+    before = study.stages[1]
+    facts = Confrontation.of_stage(before, scan_preparation(before))
+    place = next(p for p in before.system.places if p.name == "guide")
+    estimate = estimate_force(before, facts, place, study.stages[-1])
+    law = {n: v["value"] for n, v in case.truth["effects"][0]["parameters"].items()}
+    true = -law["level"] * np.tanh((estimate.motion["position"] - law["centre"]) / law["width"])
+    error = estimate.force - true
+    assert estimate.reconstructable
+    # the disturbance of 3 N is a force at the carriage too, and is estimated with it
+    assert np.std(error) < 4.0
+    assert np.corrcoef(estimate.force, true)[0, 1] > 0.97
+    assert np.all(estimate.std > 0.0)
+
+
+def test_what_is_said_of_it(found):
+    _, _, conclusion = found
+    told = conclusion.extra["unknown"]
+    assert conclusion.verdict == "unknown effect"
+    assert (told["depends_on"], told["turns_with_direction"]) == ("position", False)
+    assert told["reconstructable"]
+    assert "a function of position" in conclusion.unknown.statement
+    errors = [law["error"] for law in told["laws"]]
+    assert errors == sorted(errors)
+    assert len(errors) >= 3
+
+
+def test_a_force_that_no_sensor_sees_is_not_called_measured(found):
+    _, study, _ = found
+    before = study.stages[1]
+    facts = Confrontation.of_stage(before, scan_preparation(before))
+    place = next(p for p in before.system.places if p.name == "guide")
+    from dataclasses import replace
+
+    deaf = replace(before, noise={n: 1e6 for n in before.noise})
+    estimate = estimate_force(before, facts, place, deaf)
+    assert not estimate.reconstructable
+    from discrepancy.describe_unknown import UnknownForce
+
+    assert "cannot be reconstructed" in UnknownForce(estimate, None).sentence
+
+
+def test_what_is_left_follows_the_inputs_only_where_something_is_missing(found):
+    _, study, _ = found
+    assert omnibus_of_stage(study.stages[1], level=0.02).rejects
+    assert not omnibus_of_stage(Study(axis_case(7, trips=4).setup(seed=1)).stage, level=0.02).rejects

@@ -1,0 +1,106 @@
+"""What the validation page says of the lift paper: every row's verdict, and the figures behind those that count."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from vtsdt import papers
+from vtsdt.papers import AGREES, DIFFERS, UNCHECKED, Chapter, Row, compared
+from vtsdt.papers_lift import TABLE_4, TABLE_4_MEASURED, chapters
+
+
+@pytest.fixture(scope="module")
+def lift() -> dict[str, Chapter]:
+    return {c.place: c for c in chapters(lambda text: None)}
+
+
+def _verdicts(chapter: Chapter) -> dict[str, str]:
+    return {r.what: r.verdict for r in chapter.rows}
+
+
+def _number(text: str) -> float:
+    return float(text.split()[0])
+
+
+def test_state_counts_agree_and_times_are_told_as_not_comparable(lift: dict[str, Chapter]) -> None:
+    found = _verdicts(lift["Table 1"])
+    assert {n: v for n, v in found.items() if n.startswith("states")} == {
+        f"states of the {name} model": AGREES for name in ("reference", "1D", "cabin")
+    }
+    assert all(v == DIFFERS for n, v in found.items() if n.startswith("time"))
+
+
+def test_reduced_model_follows_the_reference(lift: dict[str, Chapter]) -> None:
+    assert set(_verdicts(lift["Fig. 5"]).values()) == {AGREES}
+    assert _verdicts(lift["Fig. 6"])["vertical modes, 1D against reference"] == AGREES
+
+
+def test_table_4_agrees_to_half_a_percent_and_three_tenths_of_a_point(lift: dict[str, Chapter]) -> None:
+    """All but the cabin's loss with both actions, where the paper's friction falls by 10.4 % for 10 % of μ."""
+    found = _verdicts(lift["Table 4 and Fig. 12"])
+    for name in TABLE_4:
+        for figure in ("E_c", "E_cw", "E_cb", "|E_m|", "η_t"):
+            if (figure, name) == ("E_c", "both"):
+                continue
+            assert found[f"{figure}, {name}"] == AGREES, (figure, name)
+    for source, columns in (("simulated", TABLE_4), ("measured", TABLE_4_MEASURED)):
+        for name in columns:
+            assert found[f"η_t from the printed energies, {name}, {source}"] == AGREES
+
+
+def test_table_4_known_difference_is_the_one_that_is_explained(lift: dict[str, Chapter]) -> None:
+    (row,) = [r for r in lift["Table 4 and Fig. 12"].rows if r.what == "E_c, both"]
+    assert _number(row.ours) == pytest.approx(_number(row.paper), rel=0.0065)
+    assert row.verdict == DIFFERS
+    assert "10.4 %" in row.why
+
+
+def test_fourteen_configurations_give_a_threshold(lift: dict[str, Chapter]) -> None:
+    found = _verdicts(lift["Fig. 10"])
+    assert found["configurations under the threshold"] == AGREES
+    assert found["energy loss grows with the deviation"] == AGREES
+    assert found["threshold"] == DIFFERS  # other guides
+
+
+def test_table_3_stands_beside_the_papers_figures(lift: dict[str, Chapter]) -> None:
+    rows = lift["Table 3 and Fig. 11"].rows
+    assert len(rows) == 12
+    assert all(r.verdict == DIFFERS and "virtual bench" in r.why for r in rows)
+    current = next(r for r in rows if r.what == "i_q: ρ")
+    assert _number(current.ours) > 0.95  # as in the paper, the current is what fits best
+
+
+def test_table_2_can_be_chosen_as_printed(lift: dict[str, Chapter]) -> None:
+    assert [r.verdict for r in lift["Table 2"].rows] == [AGREES, AGREES, UNCHECKED]
+
+
+def test_no_difference_is_unexplained_and_nothing_agrees_by_construction(lift: dict[str, Chapter]) -> None:
+    rows = [r for c in lift.values() for r in c.rows]
+    assert not [r.what for r in rows if "not known" in r.why]
+    assert {r.verdict for r in lift["Fig. 9"].rows} == {UNCHECKED}
+
+
+def test_pages_are_written(lift: dict[str, Chapter], tmp_path: Path) -> None:
+    made = list(lift.values())
+    page = papers.write(tmp_path, made)
+    text = page.read_text(encoding="utf-8")
+    assert text.count("<h2>") == len(made)
+    assert "http" not in text
+    content = json.loads((tmp_path / "validation.json").read_text())
+    assert content["count"] == papers.count(made)
+    markdown = (tmp_path / "validation.md").read_text(encoding="utf-8")
+    assert all(len(line.replace("\\|", "").split("|")) == 7 for line in markdown.splitlines() if line.startswith("| "))
+    assert {p.stem for p in tmp_path.glob("*.png")} == {
+        "papers_fig5", "papers_fig6", "papers_fig10", "papers_fig11", "papers_fig12"}  # fmt: skip
+
+
+def test_rows_need_their_reason() -> None:
+    with pytest.raises(ValueError, match="needs its reason"):
+        Row("x", "1", "2", DIFFERS)
+    with pytest.raises(ValueError, match="no verdict"):
+        Row("x", "1", "2", "nearly")
+    assert compared("x", 1.0, 1.2, 0.1).why == "the reason is not known"
+    assert compared("x", 1.0, 1.05, 0.1, "J", basis="b").why == "within 0.1 J: b"

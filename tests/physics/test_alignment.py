@@ -1,0 +1,147 @@
+"""The alignment sensor on the virtual lift, whose truth it never sees; and what its sensors can tell."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vtsdt.alignment import THRESHOLD, AlignmentError, align, calibrated, equivalent_deviation, sections
+from vtsdt.alignment_filter import DELTA, TUNINGS, GuideFilter
+from vtsdt.alignment_sensors import sensor_table, table_text
+from vtsdt.alignment_trips import Trip
+from vtsdt.lift import Lift
+from vtsdt.parameters import LiftParameters
+
+
+def trip_of(lift: Lift, direction: str, seed: int, tension_offset: float = 0.0) -> Trip:
+    """A trip of the reference model with noise of its sensors, low-passed as the command does."""
+    from estimation.signals import low_pass
+
+    run = lift.trip(direction, step=2e-3, rtol=1e-5, atol=1e-8)
+    rng = np.random.default_rng(seed)
+    raw = np.column_stack([run["F_c"] + tension_offset, run["z_c"], run["zdd_c"]])
+    raw += np.array([0.3, 2e-5, 0.01]) * rng.standard_normal(raw.shape)
+    tension, height, acceleration = low_pass(run.times, raw, 60.0).T
+    return Trip(f"{direction} {seed}", run.times, tension, height, acceleration)
+
+
+@pytest.fixture(scope="module")
+def trips():
+    lift = Lift.reference()
+    return [trip_of(lift, d, k, tension_offset=1.5) for k, d in enumerate(("up", "down", "up", "down"))]
+
+
+@pytest.fixture(scope="module")
+def found(trips):
+    return align(trips)
+
+
+def bench_rails():
+    return {"right_x": LiftParameters.bench().cabin_guide.right_x}
+
+
+def test_median_follows_the_truth_and_sections_are_found(found):
+    inside = (found.height > 0.1) & (found.height < 1.8)
+    true = equivalent_deviation(bench_rails(), found.shoes, found.height)[inside]
+    median = found.median[inside]
+    assert np.corrcoef(median, true)[0, 1] > 0.95
+    assert np.sqrt(np.mean((median - true) ** 2)) < 0.15e-3
+    wanted = sections(found.height[inside], true, THRESHOLD)
+    seen = sections(found.height[inside], median, THRESHOLD)
+    assert len(wanted) == len(seen) == len([1 for a, b in zip(wanted, seen, strict=True) if abs(a[0] - b[0]) < 0.06])
+    assert found.tension_error == pytest.approx(1.5, abs=0.3)
+
+
+def test_equivalent_deviation_is_what_presses_the_shoes():
+    """The normal force of the reference model's x flanges over the height, from its own kinematics."""
+    p = LiftParameters.bench()
+    guide = dataclasses.replace(p.cabin_guide, mu=0.0)
+    body = dataclasses.replace(p.cabin, com=(0.0, 0.0, 0.3))
+    lift = Lift.reference(dataclasses.replace(p, cabin_guide=guide, cabin=body))
+    run = lift.trip("up", step=1e-2)
+    inside = (run["z_c"] > 0.2) & (run["z_c"] < 1.7)
+    q = equivalent_deviation(bench_rails(), (p.cabin.shoe_low, p.cabin.shoe_high), run["z_c"][inside])
+    pressed = 2.0 * guide.stiffness * (q - 2.0 * guide.clearance)
+    assert np.abs(run["Nsum_c"][inside] - pressed).max() < 0.08 * pressed.max()
+
+
+def test_what_is_measured_of_delta_and_height_stays_bounded_and_the_rest_decays(found):
+    seen = found.observability
+    assert seen.detectable
+    for name in ("cabin.z", "cabin.v_z", DELTA):
+        assert seen.bounded(name)
+    for name in ("cabin.x", "cabin.y", "cabin.roll", "cabin.pitch", "cabin.yaw"):
+        assert seen.bounded(name)
+
+
+def test_both_rails_need_a_lateral_sensor(trips):
+    wanted = {"as in the paper: z, z̈": {}, "+ gap sensor x": {"cabin.x": 2e-5}}
+    rows = sensor_table(trips[0], sensors=wanted)
+    alone, helped = rows
+    assert not alone.detectable
+    assert not alone.tells("right rail x")
+    assert not alone.tells("left rail x")
+    assert helped.tells("right rail x")
+    assert helped.tells("left rail x")
+    assert not helped.tells("right rail y")
+    assert "rail" in alone.hidden
+    assert "| + gap sensor x |" in table_text(rows)
+
+
+def test_extended_and_unscented_agree_where_the_shoes_press(trips):
+    from estimation.filters import Noise, Samples, unscented
+
+    sensor = GuideFilter(LiftParameters.bench(), TUNINGS["quiet"])
+    trip, count = trips[0], 1500
+    cut = Trip("cut", *(getattr(trip, n)[:count] for n in ("time", "tension", "height", "acceleration")))
+    run = sensor.run(cut, 1.5)
+    assert isinstance(run.noise, Noise)
+    samples = Samples(cut.time, cut.tension - 1.5, np.column_stack([cut.height, cut.acceleration]))
+    peer = unscented(run.model, samples, run.noise, sensor.prior(cut))
+    moving = run["cabin.v_z"] > 0.2
+    assert np.sqrt(np.mean((run[DELTA] - peer[DELTA])[moving] ** 2)) < 0.05e-3
+
+
+def test_scaling_finds_the_friction_that_is_wrong():
+    """The filter believes in two thirds of the friction; a rail moved by 0.5 mm tells the factor."""
+    true = LiftParameters.bench()
+    profile = true.cabin_guide.right_x
+    moved = dataclasses.replace(profile, deviation=tuple(d + 0.5e-3 for d in profile.deviation))
+    guide = dataclasses.replace(true.cabin_guide, right_x=moved)
+    wrong = dataclasses.replace(true, cabin_guide=dataclasses.replace(true.cabin_guide, mu=0.1))
+    curves = []
+    for lift in (Lift.reference(true), Lift.reference(dataclasses.replace(true, cabin_guide=guide))):
+        two = [trip_of(lift, d, k) for k, d in enumerate(("up", "down"))]
+        curves.append(align(two, wrong, observe=False))
+    scaled, factor = calibrated(wrong, *curves, 0.5e-3)
+    assert factor == pytest.approx(1.5, rel=0.1)
+    assert scaled.cabin_guide.mu == pytest.approx(0.15, rel=0.1)
+    with pytest.raises(AlignmentError, match="do not show the movement"):
+        calibrated(wrong, curves[1], curves[0], 0.5e-3)
+
+
+def test_payload_is_weighed():
+    lift = Lift.reference(payload=(4.0, 0.0, 0.0, 0.0))
+    trips = [dataclasses.replace(trip_of(lift, d, k), payload=4.0) for k, d in enumerate(("up", "down"))]
+    found = align(trips, observe=False)
+    inside = (found.height > 0.1) & (found.height < 1.8)
+    true = equivalent_deviation(bench_rails(), found.shoes, found.height)[inside]
+    assert found.tension_error == pytest.approx(0.0, abs=0.4)
+    assert np.corrcoef(found.median[inside], true)[0, 1] > 0.9
+
+
+@pytest.mark.slow
+def test_on_the_virtual_lift_with_all_that_the_model_lacks():
+    """Lifts 11 to 13 of the study: correlation, error after the paper's scaling, sections; and with 1 % of tension."""
+    from vtsdt.alignment_study import run_study
+
+    _, rows = run_study([11, 12, 13], chosen=["as recorded", "gain of the tension"])
+    by_name = {(r.group, r.what): r.scores for r in rows}
+    for key in (("as recorded", "ten trips, default tuning"), ("gain of the tension", "+1 %")):
+        for score in by_name[key]:
+            assert score.correlation >= 0.9
+            assert score.rms <= 0.3e-3
+            assert score.false <= 1
+            assert score.missed <= 1

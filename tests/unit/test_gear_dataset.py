@@ -1,0 +1,126 @@
+"""Labelled data sets: what a plan holds, files and labels, going on after an interruption, plans that make no sense."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+
+from gearbox import dataset
+from gearbox.dataset import DatasetPlan, write_dataset
+from gearbox.errors import GearError
+from gearbox.faults import FAULTS, combined, damageable, fault
+from gearbox.stage import Stage
+
+SMALL = DatasetPlan(labels=("healthy", "unbalance@output_shaft"), severities=(0.5,), speeds=(1000.0, 1006.0),
+                    repeats=2, duration=0.02, rate=2000.0)  # fmt: skip
+
+
+class _Run:
+    """Stands in for a simulation."""
+
+    times = np.arange(40) / 2000.0
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return np.zeros(40)
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]:
+    asked: list[dict[str, float]] = []
+
+    def simulate(self: Stage, speed: float, torque: float, duration: float, **options: object) -> _Run:
+        asked.append(dict(options["parameters"]))  # type: ignore[call-overload]
+        return _Run()
+
+    monkeypatch.setattr(Stage, "simulate", simulate)
+    return asked
+
+
+def test_a_plan_holds_every_combination() -> None:
+    samples = list(SMALL.samples())
+    assert len(samples) == 2 * 2 * 2
+    assert len({s.name for s in samples}) == len(samples)
+    assert samples == list(SMALL.samples())
+    default = DatasetPlan()
+    assert {s.label for s in default.samples()} == {"healthy", *FAULTS}
+
+
+def test_files_and_labels_belong_together(tmp_path: Path, quick: list[dict[str, float]]) -> None:
+    labels = write_dataset(tmp_path / "data", SMALL)
+    assert (tmp_path / "data" / "README.txt").read_text(encoding="utf-8").startswith("Synthetic")
+    read = pandas.read_csv(tmp_path / "data" / "labels.csv")
+    assert list(read["file"]) == list(labels["file"])
+    for _, row in read.iterrows():
+        frame = pandas.read_parquet(tmp_path / "data" / str(row["file"]))
+        assert len(frame) == 40
+        assert "a_base_y [m/s**2]" in frame
+    assert quick[0] == {}
+    assert quick[-1]["output_shaft.unbalance"] == pytest.approx(0.5 * FAULTS["unbalance"].size)
+
+
+def test_an_interrupted_data_set_goes_on(tmp_path: Path, quick: list[dict[str, float]]) -> None:
+    def stop(text: str) -> None:
+        if "3 of" in text:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_dataset(tmp_path / "data", SMALL, progress=stop)
+    first = {p.name: p.read_bytes() for p in (tmp_path / "data" / "signals").iterdir()}
+    assert len(first) == 3
+    write_dataset(tmp_path / "data", SMALL)
+    assert len(quick) == 8  # none made twice
+    after = {p.name: p.read_bytes() for p in (tmp_path / "data" / "signals").iterdir()}
+    assert len(after) == 8
+    assert all(after[name] == content for name, content in first.items())
+
+
+def test_another_plan_and_a_foreign_folder_are_refused(tmp_path: Path, quick: list[dict[str, float]]) -> None:
+    write_dataset(tmp_path / "data", SMALL)
+    with pytest.raises(GearError, match="another plan"):
+        write_dataset(tmp_path / "data", DatasetPlan(labels=("healthy",)))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("precious", encoding="utf-8")
+    with pytest.raises(GearError, match="not empty"):
+        write_dataset(tmp_path / "mine", SMALL)
+
+
+def test_csv_files_can_be_read_as_records(
+    tmp_path: Path, quick: list[dict[str, float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = DatasetPlan(labels=("healthy",), duration=0.02, rate=2000.0, format="csv.gz")
+    labels = write_dataset(tmp_path / "data", plan)
+    frame = pandas.read_csv(tmp_path / "data" / str(labels["file"][0]))
+    assert frame["time [s]"].iloc[1] == pytest.approx(1 / 2000.0)
+    assert frame["a_base_x [m/s**2]"].std() == pytest.approx(plan.noise, rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"labels": ("eccentricty",)}, "did you mean 'eccentricity'"),
+        ({"labels": ("wear@input_gear",)}, "cannot be at 'input_gear'"),
+        ({"severities": (0.0,)}, "above zero"),
+        ({"labels": ("tooth_crack",), "severities": (2.0,)}, "less than nothing"),
+        ({"speeds": ()}, "speeds is empty"),
+        ({"format": "hdf"}, "take 'parquet'"),
+        ({"rate": -1.0, "repeats": 0}, "repeats is 0"),
+    ],
+)
+def test_plans_that_make_no_sense_are_refused(changes: dict[str, object], told: str) -> None:
+    with pytest.raises(GearError, match=told):
+        DatasetPlan(**changes)  # type: ignore[arg-type]
+
+
+def test_faults_can_be_combined_unless_they_clash() -> None:
+    stage = damageable(Stage.paper(housing="clamped"))
+    values = combined([fault("eccentricity", "input_gear", 0.1), fault("wear")], stage)
+    assert values["mesh.eccentricity_1"] == pytest.approx(5e-6)
+    assert values["mesh.wear"] == pytest.approx(20e-6)
+    more = combined([fault("mesh_backlash", severity=0.5)], stage)
+    assert more["mesh.backlash"] == pytest.approx(stage.components["mesh"].values["backlash"] + 2e-4)
+    with pytest.raises(GearError, match="at once"):
+        combined([fault("spall", "input_gear", tooth=1), fault("tooth_crack", "input_gear", tooth=2)], stage)
+    assert dataset.paper_stage().structure.imperfect
