@@ -45,6 +45,8 @@ def conclude(study: Study) -> Conclusion:
         study.progress("does anything that is left follow the inputs?")
         still = omnibus_of_stage(stages[-1], level=setup.level, seed=setup.seed)
     warnings = setup.warnings
+    if study.beyond is not None and accepted:
+        warnings = (*warnings, study.beyond.told(f"{_title(accepted[0].effect.kind)} at {accepted[0].effect.where}"))
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
         verdict = verdict if accepted else ""

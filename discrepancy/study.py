@@ -19,10 +19,12 @@ from estimation.calibrate import calibrate, evaluate
 if TYPE_CHECKING:
     import pandas
 
+    from discrepancy.beyond import Beyond
     from discrepancy.compare import Comparison
     from discrepancy.confront import Confronted
     from discrepancy.diagnosis import Conclusion
     from discrepancy.locate import WhereItFails
+    from estimation.calibrate import UncertainParameter
 
 __all__ = ["Study"]
 
@@ -51,6 +53,8 @@ class Study:
         False while it is still open whether the latest effect has made an earlier one idle.
     interrupted : bool
         True if a search was broken off; what it had found until then stands.
+    beyond : Beyond or None
+        Parameters that, outside their stated uncertainty, explain as much as the first effect found.
 
     Attributes
     ----------
@@ -66,6 +70,7 @@ class Study:
     checkpoint: Callable[[Study], object] | None = None
     settled: bool = True
     interrupted: bool = False
+    beyond: Beyond | None = None
 
     def __post_init__(self) -> None:
         self.given = self.setup
@@ -313,6 +318,12 @@ class Study:
             self._accept(step.accepted, step.stage)
             self._settle()
         self._free_curves()
+        first = next((s for s in self.stages if s.accepted is not None), None)
+        if first is not None:
+            from discrepancy.beyond import beyond_priors
+
+            self.progress("would parameters outside their stated uncertainty explain as much?")
+            self.beyond = beyond_priors(self, self.stages[1], first)
 
     def _settle(self) -> None:
         """Take out what the latest effect has made idle, and several laws at one place if one curve tells more."""
@@ -403,6 +414,11 @@ class Study:
             self.stages[:] = before
             raise
         return True
+
+    def with_uncertain(self, uncertain: tuple[UncertainParameter, ...], start: Stage) -> Stage:
+        """Fit a stage's model on trial with other deviations of the uncertain parameters."""
+        other = Study(replace(self.setup, uncertain=uncertain), self.progress, confronted=self.confronted)
+        return other._fitted(start.name, start.effects, start, start.noise, trial=True)
 
     def _refit(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
         """Fit on trial; a fit that was asked for before from the same stage is not done again."""
