@@ -29,6 +29,8 @@ BAD_INPUT = {
     "multibody.units": "UnitError",
     "multibody.inputs": "InputError",
     "vtsdt.cli_arguments": "CommandError",
+    "vtsdt.parameter_file": "ParameterError",
+    "vtsdt.comfort": "ComfortError",
     "vtsdt.alignment_trips": "AlignmentError",
     "estimation.filters.errors": "FilterError FilterDivergence",
 }
