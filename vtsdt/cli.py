@@ -25,6 +25,7 @@ BAD_INPUT = {
     "discrepancy.bench": "BenchError",
     "estimation.checks": "RecordError",
     "estimation.signals": "SignalError",
+    "gearbox.errors": "GearError",
     "multibody.errors": "ModelError SimulationError EquationError",
     "multibody.units": "UnitError",
     "multibody.inputs": "InputError",
