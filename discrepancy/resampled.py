@@ -279,8 +279,8 @@ def resampled_page(
         lines += [
             "",
             f"Circular shifts of a whole record do not count: its inputs repeat after {again[0]:.3g} s (likeness "
-            f"{again[1]:.2f}), so that a shifted residual still follows the motion, and what is found there is no false "
-            "alarm: the best model leaves something that follows the motion.",
+            f"{again[1]:.2f}), so that a shifted residual still follows the motion: what is found there is no false "
+            "alarm but tells that the best model leaves something that follows the motion.",
         ]
     lines += ["", "Alarms:", ""]
     lines += [
