@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discrepancy.blocks import Candidate, Residual, Sensitivities
+from discrepancy.built_in import Plan, built_in_columns
 from discrepancy.catalogue import Entry
 from discrepancy.effects import Effect, law_class
 from discrepancy.kinds import Kind, MotionRange
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Confrontation", "candidate_columns", "cannot_be_built", "law_force"]
 
-#: a candidate, the shapes to try, and its strengths
-Plan = tuple[Entry, list[dict[str, float]], list[str]]
 MOTION = ("position", "velocity", "acceleration")
 
 
@@ -279,6 +278,10 @@ def candidate_columns(
                 refused.append((entry, why))
                 continue
             plans.append((entry, entry.kind.shape_grid(motion), list(entry.kind.strengths)))
+        elif entry.kind.component_shapes is not None:
+            owner, ending = entry.kind.owner_of(entry.where)
+            part = facts.system.model.components[owner]
+            plans.append((entry, entry.kind.component_shapes(part, ending), list(entry.kind.strengths)))
         else:
             plans.append((entry, [{}], list(entry.kind.strengths)))
     columns = _all_columns(facts, plans, progress)
@@ -358,6 +361,7 @@ def _record_columns(
     pushes: list[Push] = []
     wanted: list[tuple[tuple[str, int], int]] = []
     sensors: dict[tuple[str, int], np.ndarray] = {}
+    built_in: list[Plan] = []
     for entry, shapes, strengths in plans:
         if entry.kind.at == "connection":
             forces = _forces(facts, entry, run, time, shapes, strengths)
@@ -370,6 +374,8 @@ def _record_columns(
             shape = {"offset": np.ones_like(time), "gain": u, "delay": -np.gradient(u, time)}[entry.kind.law]
             wanted.append(((entry.name, 0), len(pushes)))
             pushes.append(Push(entry.where, shape))
+        elif entry.kind.at == "parameter":
+            built_in.append((entry, shapes, strengths))
         else:
             sensors[entry.name, 0] = _sensor_column(experiment, run, time, entry)
     parts: dict[tuple[str, int], list[np.ndarray]] = {}
@@ -386,8 +392,9 @@ def _record_columns(
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])
     forget(experiment)
-    columns = {key: facts.shaped(index, np.stack(group, axis=2)) for key, group in parts.items()}
-    return columns | {key: facts.shaped(index, column) for key, column in sensors.items()}
+    columns = {key: np.stack(group, axis=2) for key, group in parts.items()}
+    columns |= built_in_columns(facts, index, built_in) | sensors
+    return {key: facts.shaped(index, column) for key, column in columns.items()}
 
 
 def _forces(
