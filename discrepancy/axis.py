@@ -176,10 +176,10 @@ class AxisRig(Rig):
                 atol=self.rtol * 1e-3,
             )
             rng = self.stream(new + 300 + k)
-            columns = {}
+            columns: dict[str, np.ndarray] = {}
             for channel in self.channels:
-                values = np.interp(fine, time, place) if channel.signal in INPUTS else run[channel.signal]
-                columns[channel.column] = self.logger.read(channel, fine, values, stamps, rng, errors)
+                signal = np.interp(fine, time, place) if channel.signal in INPUTS else run[channel.signal]
+                columns[channel.column] = self.logger.read(channel, fine, signal, stamps, rng, errors)
             found.append((name, stamps, columns))
         return true_model, found
 

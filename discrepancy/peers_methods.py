@@ -84,7 +84,7 @@ def _stlsq(X: Array, y: Array, threshold: float, ridge: float) -> Array:
 def _triangles(seen: Seen) -> list[Array]:
     """Return the triangular factor of (X, e) for each trip: least squares on it is least squares on the trip."""
     scale = float(np.linalg.norm(seen.e))
-    return [np.linalg.qr(np.column_stack([seen.X[t], seen.e[t] / scale]), mode="r") for t in seen.trips]
+    return [np.asarray(np.linalg.qr(np.column_stack([seen.X[t], seen.e[t] / scale]), mode="r")) for t in seen.trips]
 
 
 def _settings(seen: Seen) -> list[tuple[float, float, float]]:
@@ -169,7 +169,8 @@ def _every(case: PeerCase, seen: Seen, price: float) -> Answer:
     named: list[int] = []
     ties: tuple[str, ...] = ()
     for step in range(FORWARD):
-        total, gains = float(e @ e), {}
+        total = float(e @ e)
+        gains: dict[int, tuple[float, Array]] = {}
         for candidate, cols, free in seen.groups:
             if candidate in named:
                 continue
@@ -177,7 +178,7 @@ def _every(case: PeerCase, seen: Seen, price: float) -> Answer:
             keep = np.abs(np.diag(r)) > 1e-6
             a = q[:, keep].T @ e
             change = n * np.log(max(1.0 - float(a @ a) / total, 1e-12)) + price * free
-            if change < gains.get(candidate, (np.inf, None))[0]:
+            if candidate not in gains or change < gains[candidate][0]:
                 gains[candidate] = (change, q[:, keep])
         best = min(gains, key=lambda c: gains[c][0])
         if gains[best][0] >= 0.0:

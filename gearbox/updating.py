@@ -55,10 +55,12 @@ def update(
     """
     from gearbox.updating_chain import UpdatingChain
     from gearbox.updating_runs import Runs
-    from gearbox.updating_study import read_updating_study
+    from gearbox.updating_study import load_vibration, read_updating_study
 
     found = read_updating_study(study)
     settings = found.settings(**changes)
+    progress("building the model")
+    load_vibration(str(found.file.path))  # so that its faults are told here and not by another process
     progress("reading the recordings")
     identify, validate = found.recordings()
     folder = None if out is None else Path(out)

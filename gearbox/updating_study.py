@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from discrepancy.study_file import StudyFile, read_study
-from discrepancy.study_model import load_builder
+from discrepancy.study_model import load_model
 from estimation.signals import SignalError
 from gearbox.recordings import Recording
 from gearbox.signals import Processing
@@ -183,7 +183,7 @@ def load_vibration(path: str) -> VibrationModel:
         If it returns neither.
     """
     file = read_study(path)
-    built = load_builder(file)(**file.model.arguments)
+    built = load_model(file)
     found = getattr(built, "vibration", built)
     if not callable(found):
         raise UpdatingError(

@@ -44,9 +44,12 @@ class VibratingStage(Stage):
         return {name: Signal(run[name], rate, name, "m/s**2") for name in names}
 
 
-def build(**structure: Any) -> VibratingStage:
-    """Return the paper's stage; keywords are those of :class:`gearbox.stage.Structure`, such as ``housing="rigid"``.
+def build(
+    housing: str = "flexible", imperfect: bool = False, bearing_defects: bool = False, slices: int = 0
+) -> VibratingStage:
+    """Return the paper's stage; keywords are those of :class:`gearbox.stage.Structure`.
 
     It is what ``[model] build = "gearbox.vibrating:build"`` of a study file names.
     """
-    return VibratingStage(None, Structure(**structure))
+    structure = Structure(housing=housing, imperfect=imperfect, bearing_defects=bearing_defects, slices=slices)
+    return VibratingStage(None, structure)

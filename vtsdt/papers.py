@@ -21,7 +21,7 @@ __all__ = ["AGREES", "DIFFERS", "UNCHECKED", "Chapter", "Row", "compared", "main
 
 AGREES, DIFFERS, UNCHECKED = "agrees", "differs", "cannot be checked"
 #: Where other packages' chapters come from: each has a function ``chapters(progress)``.
-CHAPTERS = ("vtsdt.papers_lift", "gearbox.papers")
+CHAPTERS = {"lift": "vtsdt.papers_lift", "gearbox": "gearbox.papers"}
 
 
 @dataclass(frozen=True)
@@ -115,21 +115,23 @@ def compared(
     return Row(what, *shown, DIFFERS, why or "the reason is not known")
 
 
-def validate(progress: Callable[[str], None] | None = None) -> list[Chapter]:
-    """Make every table and figure again and return the chapters of all papers.
+def validate(progress: Callable[[str], None] | None = None, only: str | None = None) -> dict[str, list[Chapter]]:
+    """Make every table and figure again and return the chapters by machine.
 
     Parameters
     ----------
     progress : callable, optional
         Gets a line of text for each step.
+    only : {"lift", "gearbox"}, optional
+        One paper alone.
     """
     told = progress or (lambda text: None)
-    found: list[Chapter] = []
-    for name in CHAPTERS:
+    found: dict[str, list[Chapter]] = {}
+    for machine, name in CHAPTERS.items():
         package = name.partition(".")[0]
-        if importlib.util.find_spec(package) is None or importlib.util.find_spec(name) is None:
-            continue
-        found += list(importlib.import_module(name).chapters(told))
+        there = importlib.util.find_spec(package) is not None and importlib.util.find_spec(name) is not None
+        if there and only in (None, machine):
+            found[machine] = list(importlib.import_module(name).chapters(told))
     return found
 
 
@@ -223,17 +225,22 @@ def main(arguments: Sequence[str]) -> int:
         prog="vtsdt validate papers",
         description="Make the papers' tables and figures again and write them beside what is printed.",
     )
-    parser.add_argument("--docs", metavar="DIR", help="also write the page and its figures into the docs folder")
+    parser.add_argument("--only", choices=tuple(CHAPTERS), help="one paper alone")
+    parser.add_argument(
+        "--docs", metavar="DIR", help="also write a page for each paper and its figures into a docs folder"
+    )
     common(parser)
     args = parser.parse_args(list(arguments))
     out = Path(args.out)
     if out.is_file():
         raise CommandError(f"--out {args.out}: is a file: name a folder to write into")
     with Progress(args.quiet) as progress:
-        chapters = validate(progress)
+        found = validate(progress, args.only)
+        chapters = [c for part in found.values() for c in part]
         page = write(out, chapters)
-        if args.docs:
-            _into_docs(Path(args.docs), chapters)
+        for machine, part in found.items():
+            if args.docs:
+                _into_docs(Path(args.docs), machine, part)
     if not args.quiet:
         total = count(chapters)
         print(
@@ -243,11 +250,11 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _into_docs(docs: Path, chapters: Sequence[Chapter]) -> None:
+def _into_docs(docs: Path, machine: str, chapters: Sequence[Chapter]) -> None:
     folder = docs / "images" / "papers"
     folder.mkdir(parents=True, exist_ok=True)
     for chapter in chapters:
         for name, figure in chapter.figures.items():
             figure.savefig(folder / f"{name}.png", dpi=90, metadata={"Software": None})
     text = to_markdown(chapters, "../images/papers/")
-    (docs / "method" / "papers.md").write_text(text, encoding="utf-8")
+    (docs / "method" / f"papers-{machine}.md").write_text(text, encoding="utf-8")

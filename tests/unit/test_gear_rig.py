@@ -230,6 +230,7 @@ def test_command_updates_a_model_and_goes_on_where_it_stopped(tmp_path, capsys):
         ({"driving_teeth = 32": "driving_teet = 32"}, "no key 'driving_teet'.*driving_teeth"),
         ({"[updating.parameters]": "[updating.parametres]"}, "updating.parameters"),
         ({"points = [25]": "points = [2]"}, "designs of at least 4 points"),
+        ({"levels = 3": 'levels = 3\nlag = "guess"'}, 'one of "best", "mesh", "held", "none"'),
     ],
 )
 def test_study_that_cannot_be_is_refused_with_table_and_key(tmp_path, capsys, changes, told):
@@ -238,6 +239,20 @@ def test_study_that_cannot_be_is_refused_with_table_and_key(tmp_path, capsys, ch
         read_updating_study(study)
     assert main(["update-gearbox", str(study), "--out", str(tmp_path / "out")]) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+def test_model_that_cannot_be_built_is_told_with_its_line(tmp_path, capsys):
+    study = study_on_stand_in(tmp_path)
+    with (tmp_path / "stage.py").open("a", encoding="utf-8") as file:
+        file.write("\n\ndef build():\n    return 1 / 0\n")
+    assert main(["update-gearbox", str(study), "--out", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().err
+    assert "stage.py, line" in told
+    assert "ZeroDivisionError" in told
+    with (tmp_path / "stage.py").open("a", encoding="utf-8") as file:
+        file.write("\n\ndef build():\n    return [1]\n")
+    assert main(["update-gearbox", str(study), "--out", str(tmp_path / "out")]) == 2
+    assert "vibration(values, condition, duration)" in capsys.readouterr().err
 
 
 def test_study_of_the_rig_is_one_for_diagnose_too(tmp_path):
