@@ -23,7 +23,6 @@ def study(case: Case, coulomb: float | None = None, mass: float | None = None) -
 
 def readme(rig: AxisRig, case: Case) -> str:
     """Return the README of a case: that the data are synthetic and how they were made."""
-    logger = rig.logger
     words = rig.plan.words
     planned = "" if words == "as recorded" else f"\nThese trips were asked for ({rig.plan}): {words}.\n"
     return f"""# Recordings of a virtual axis
@@ -53,12 +52,5 @@ several moves of different length, speed (0.06 to 0.6 m/s) and direction, with h
 {rig_texts.prior_table(case.uncertain)}
 
 {rig_texts.how_it_ran(rig, "carriage")}
-- The reference reaches its controller every millisecond; the logger writes {logger.rate:g} rows a second.
-  Time stamps are even, and the true instants lie about them with a standard deviation of
-  {1e6 * logger.jitter:g} µs.
-
-{rig_texts.channel_table(case.channels)}
-
-The anti-alias filter cuts at {logger.cutoff * logger.rate / 2:g} Hz (−6 dB) with linear phase; the logger
-takes its delay out.
+{rig_texts.how_it_was_recorded(rig.logger, case.channels)}
 """

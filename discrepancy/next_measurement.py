@@ -163,7 +163,7 @@ class NextMeasurement:
         many = "one trip" if top.repeats == 1 else f"{top.repeats} trips"
         text = (
             f"{ask}: take {many} like {self.record}, {top.trip.words} ({top.duration:.3g} s; one decides with a chance "
-            f"of {100 * top.power:.0f} %)."
+            f"of {'over 99' if top.power > 0.995 else f'{100 * top.power:.0f}'} %)."
         )
         if top.trip.sensor:
             plain = next((p for p in self.proposals if not p.trip.sensor), None)

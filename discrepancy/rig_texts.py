@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from discrepancy.bench import Case, Channel
+    from discrepancy.bench import Case, Channel, Logger
     from discrepancy.rig import Rig
     from estimation.calibrate import UncertainParameter
 
-__all__ = ["channel_table", "how_it_ran", "list_table", "prior_table", "study"]
+__all__ = ["channel_table", "how_it_ran", "how_it_was_recorded", "list_table", "prior_table", "study"]
 
 
 def study(
@@ -100,6 +100,19 @@ def how_it_ran(rig: Rig, body: str) -> str:
   with a correlation time of {d.time:g} s.
 - It is integrated with {rig.method} at a relative tolerance of {rig.rtol:g}. Dry friction fades at
   {rig.regularisation:g} times the speed at which it does in the model."""
+
+
+def how_it_was_recorded(logger: Logger, channels: Sequence[Channel]) -> str:
+    """Return what the logger does, and how each column is recorded."""
+    return f"""\
+- The reference reaches its controller every millisecond; the logger writes {logger.rate:g} rows a second.
+  Time stamps are even, and the true instants lie about them with a standard deviation of
+  {1e6 * logger.jitter:g} µs.
+
+{channel_table(channels)}
+
+The anti-alias filter cuts at {logger.cutoff * logger.rate / 2:g} Hz (−6 dB) with linear phase; the logger
+takes its delay out."""
 
 
 def list_table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -153,6 +153,6 @@ def plot_pair(
             axis.plot(t, after.values[rows], **AFTER, label="model after")
         axis.set_title(title)
         axis.set_ylabel(label("processed signal", measured.unit))
-    axes[0, 0].legend(loc="upper right", ncols=3)
+    axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
     axes[-1, 0].set_xlabel(label("time", "ms"))
     return figure

@@ -316,7 +316,8 @@ class UpdatingChain:
             )
         if best.at_bound:
             self.notes.append(
-                f"{', '.join(best.at_bound)} stand(s) at the edge of the range: the best may lie outside."
+                f"The surface's optimum has {', '.join(best.at_bound)} at the edge of the range: the best may lie "
+                "outside."
             )
         self.progress("other operating conditions")
         checks = check_conditions(self, updated.values)

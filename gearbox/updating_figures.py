@@ -39,7 +39,7 @@ def sensitivity(result: OneAtATimeResult, what: str = "objective [–]") -> Figu
     left.axhline(result.base_response, color="#777777", linewidth=0.8, linestyle=":")
     left.set_xlabel("parameter, scaled to its range [–]")
     left.set_ylabel(what)
-    left.legend(loc="best", ncols=2)
+    left.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(6, order.size), columnspacing=1.0)
     place = np.arange(order.size)
     right.barh(place, result.ranges[order], color=[_TONES[i % len(_TONES)] for i in range(order.size)])
     right.set_yticks(place, [result.space.names[i] for i in order])
@@ -53,7 +53,7 @@ def sensitivity(result: OneAtATimeResult, what: str = "objective [–]") -> Figu
 def surface_study(result: UpdatingResult) -> Figure:
     """R² on fitted, left-out and test points, and test errors, over sample count and order (Figs. 9 and 10)."""
     study = result.choice.study
-    figure, axes = new_figure(1, 2, height=3.1, width=_WIDE)
+    figure, axes = new_figure(1, 2, height=3.6, width=_WIDE)
     left, right = axes[0]
     tones = {2: "#D55E00", 3: "#0072B2", 1: "#009E73"}
     for order in result.settings.surface_orders:
@@ -67,10 +67,11 @@ def surface_study(result: UpdatingResult) -> Figure:
     lowest = float(np.nanmin(study[["r2_loo", "test_r2"]].to_numpy(dtype=float)))
     left.set_ylim(max(-1.05, min(lowest, 0.0) - 0.05), 1.03)
     if lowest < -1.05:
-        left.set_title("values below −1 not shown")
+        left.text(0.02, 0.02, "values below −1 not shown", transform=left.transAxes, fontsize=8)
     for axis in (left, right):
         axis.set_xlabel("simulations in the design [–]")
-        axis.legend(fontsize=8)
+        axis.set_xticks(sorted(set(study["points"])))
+        axis.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, columnspacing=1.0)
     left.set_ylabel("R² [–]")
     right.set_ylabel("relative error at test points [–]")
     right.set_ylim(bottom=0.0)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discrepancy.plotting import unit_text
 from gearbox.similarity import LAG_RULES
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ def _content(result: UpdatingResult) -> dict[str, Any]:
         "parameters": [
             {
                 "name": name,
-                "unit": row["unit"] or "–",
+                "unit": unit_text(row["unit"]) or "–",
                 "range": f"{row['lower']:.5g} … {row['upper']:.5g}",
                 "start": f"{row['start']:.5g}",
                 "updated": f"{row['updated']:.5g}" if row["selected"] else "not selected",

@@ -81,7 +81,9 @@ def align(
     low, high = min(t.height.min() for t in trips), max(t.height.max() for t in trips)
     height = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step + 0.0  # no minus zero
     error = balance(trips, lift, height) if balanced else None
-    curves, faults, notes, seen = [], [], [note for t in trips for note in t.notes], None
+    curves: list[np.ndarray] = []
+    faults: list[str] = []
+    notes, seen = [note for t in trips for note in t.notes], None
     for k, trip in enumerate(trips):
         say(f"trip {k + 1} of {len(trips)}: {trip.name}")
         try:

@@ -12,6 +12,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -208,9 +209,17 @@ def cases() -> Iterator[tuple[str, str, dict[str, Any], dict[str, Any], Callable
     for noise in (2e-4, 1e-3, 5e-3):
         yield "noise of the height", f"{1e3 * noise:g} mm", {"height_noise": noise}, {}, everything
     for count in (6, 4, 2):
-        yield "fewer trips", f"{count} trips", {}, {}, lambda r, n=count: r[:n]
-    yield "fewer trips", "one trip up", {}, {}, lambda r: r[:1]
+        yield "fewer trips", f"{count} trips", {}, {}, partial(_first, count=count)
+    yield "fewer trips", "one trip up", {}, {}, partial(_first, count=1)
     yield "fewer trips", "five trips, all up", {}, {}, lambda r: r[::2]
+
+
+def _tell(progress: Callable[[str], Any], before: str, text: str) -> None:
+    progress(before + text)
+
+
+def _first(records: list[Any], count: int) -> list[Any]:
+    return records[:count]
 
 
 def run_study(
@@ -227,7 +236,7 @@ def run_study(
     """
     lifts = []
     for seed in seeds:
-        lifts.append(make_case(seed, progress=lambda text, s=seed: progress(f"lift {s}: {text}")))
+        lifts.append(make_case(seed, progress=partial(_tell, progress, f"lift {seed}: ")))
     rows = []
     for group, what, errors, arguments, take in cases():
         if chosen is not None and group not in chosen:

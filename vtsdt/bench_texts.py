@@ -42,7 +42,7 @@ def study(rig: LiftRig, case: Case, own: bool = False) -> str:
 
 def readme(rig: LiftRig, case: Case, command: str) -> str:
     """Return the README of a case: that the data are synthetic and how they were made."""
-    logger, loss = rig.logger, GearLoss().values
+    loss = GearLoss().values
     loads = ", ".join(f"{m:g}" for m in rig.payloads)
     if rig.rails is None:
         rails = "as its parameter file has them"
@@ -97,14 +97,7 @@ Before a record the control has held the cabin for {BEFORE:g} s.
 {rig_texts.prior_table(case.uncertain)}
 
 {rig_texts.how_it_ran(rig, "cabin")}
-- The reference reaches its controller every millisecond; the logger writes {logger.rate:g} rows a second.
-  Time stamps are even, and the true instants lie about them with a standard deviation of
-  {1e6 * logger.jitter:g} µs.
-
-{rig_texts.channel_table(case.channels)}
-
-The anti-alias filter cuts at {logger.cutoff * logger.rate / 2:g} Hz (−6 dB) with linear phase; the logger
-takes its delay out.
+{rig_texts.how_it_was_recorded(rig.logger, case.channels)}
 """
 
 

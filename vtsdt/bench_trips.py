@@ -72,7 +72,8 @@ def draw_trip(
     if number % 3 == 0:
         return express(parameters, up, duration, load)
     at = start = 0.0 if up else travel
-    now, moves = p.start + float(rng.uniform(0.0, 0.3)), []
+    now = p.start + float(rng.uniform(0.0, 0.3))
+    moves: list[tuple[float, float, float, float, float]] = []
     while True:
         speed = p.speed * float(rng.uniform(0.25, 1.0))
         left = travel - at if up else at

@@ -76,7 +76,8 @@ def write_what_if(
     figures["savings"] = whatif_figures.savings(study)
     if threshold is not None:
         figures["threshold"] = threshold.plot()
-    notes, rides = list(notes), []
+    notes = list(notes)
+    rides: list[tuple[RideComfort, RideComfort]] = []
     if trips:
         figures["compare"] = trips[0].plot()
         rides, faults = _rides(trips)
@@ -284,7 +285,7 @@ def _comfort_rows(rides: Sequence[tuple[RideComfort, RideComfort]]) -> list[tupl
             values = np.array([pair[side].rows()[k][1] for pair in rides])
             known = values[np.isfinite(values)]
             cells.append(f"{np.median(known):.3g} {unit}" if known.size else "none")
-        found.append((name, *cells))
+        found.append((name, cells[0], cells[1]))
     return found
 
 

@@ -134,7 +134,7 @@ def consistency(run: FilterRun, level: float = 0.95) -> Consistency:
         rho[name] = found
         box = e.size * (e.size + 2) * float(np.sum(found**2 / (e.size - np.arange(1, lags + 1))))
         whiteness[name] = float(chi2.sf(box, lags))
-    low, high = (float(b) for b in bounds)
+    low, high = map(float, np.asarray(bounds))
     return Consistency(level, total / readings, (low, high), means, rho, whiteness, len(normalised))
 
 
@@ -187,6 +187,6 @@ def nees(
         total += np.einsum("ki,ki->k", e, np.linalg.solve(p, e[:, :, None])[:, :, 0])
     dof = len(chosen) * len(estimates)
     values = total / dof
-    low, high = (float(b) / dof for b in chi2.ppf([0.5 - 0.5 * level, 0.5 + 0.5 * level], dof))
+    low, high = (float(b) / dof for b in np.asarray(chi2.ppf([0.5 - 0.5 * level, 0.5 + 0.5 * level], dof)))
     inside = float(np.mean((values >= low) & (values <= high)))
     return Nees(estimates[0].times, values, (low, high), inside)

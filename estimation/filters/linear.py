@@ -136,7 +136,7 @@ def kalman(
             likelihood -= 0.5 * (seen.sum() * np.log(2.0 * np.pi) + np.linalg.slogdet(s)[1] + e @ np.linalg.solve(s, e))
         after.append(x)
         after_p.append(p)
-    return LinearRun(*(np.array(v) for v in (before, before_p, after, after_p)), float(likelihood))
+    return LinearRun(np.array(before), np.array(before_p), np.array(after), np.array(after_p), float(likelihood))
 
 
 def rauch_tung_striebel(model: LinearModel, run: LinearRun) -> tuple[np.ndarray, np.ndarray]:

@@ -155,7 +155,7 @@ def _likelihood(
         say(f"tuning, step {len(told) - 1}: log likelihood {told[-1]:.6g}")
 
     reach = _DECADES * np.log(10.0)
-    done = minimize(
+    done: Any = minimize(  # type: ignore[call-overload]
         cost, start, method="L-BFGS-B", bounds=[(-reach, reach)] * start.size, callback=each,
         options={"maxiter": steps, "eps": 1e-3},
     )  # fmt: skip
@@ -177,8 +177,8 @@ def _expectation(
         if step == steps:
             break
         parts = [_moments(run) for run in runs]
-        new_q = sum(part[0] for part in parts) / sum(part[1] for part in parts)
-        new_r = sum(part[2] for part in parts) / sum(part[3] for part in parts)
+        new_q = np.sum([part[0] for part in parts], axis=0) / sum(part[1] for part in parts)
+        new_r = np.sum([part[2] for part in parts], axis=0) / np.sum([part[3] for part in parts], axis=0)
         if noise.kind != "per_step":
             h = float(np.mean(np.concatenate([np.diff(record.times) for record in records])))
             new_q = new_q / h

@@ -107,7 +107,8 @@ def test_every_kind_that_the_1d_lift_can_have_can_be_hidden() -> None:
     rows = LiftRig().list()
     elastic = {name for name, kind in kinds().items() if kind.elastic}
     gears = {"backlash", "slip"} | elastic  # need a spring or a pair of shafts, which the 1D lift has not
-    assert {k for k in kinds() if not kinds()[k].free_form} - {r["kind"] for r in rows} <= gears
+    here = {k for k, kind in kinds().items() if not kind.free_form and kind.at != "parameter"}
+    assert here - {r["kind"] for r in rows} <= gears
     assert "unknown_force" in {r["kind"] for r in rows}
     assert {r["where"] for r in rows} >= {"cabin.z", "counterweight.z", "pulley", "F_c", "omega_ref"}
     assert not [r for r in rows if r["where"].startswith("support")]  # trembles only
@@ -194,5 +195,7 @@ def test_command_lists_and_refuses(capsys: pytest.CaptureFixture[str], tmp_path:
     assert "did you mean 'coulomb_friction'" in capsys.readouterr().err
     assert main(["bench", "lift"]) == 2
     assert "--out DIR is missing" in capsys.readouterr().err
+    assert main(["validate", "papers", "--only", "boat", "--out", str(tmp_path)]) == 2
+    assert "invalid choice: 'boat'" in capsys.readouterr().err
     assert bench._told(["--seed", "3", "--hide", "a@b", "c", "--trips", "4", "--out", "x"]) == [
         "--seed", "3", "--trips", "4"]  # fmt: skip

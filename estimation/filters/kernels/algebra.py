@@ -156,9 +156,12 @@ def exponential(a, h, scale, out, work, n, ld):
     for _ in range(squarings):
         product(out, out, x, n, ld)
         copy(x, out, size)
+    for j in range(n):
+        x[j] = 1.0 / scale[j]
     for i in range(n):
+        row = scale[i]
         for j in range(n):
-            out[i * ld + j] *= scale[i] / scale[j]
+            out[i * ld + j] *= row * x[j]
 
 
 @inner

@@ -1,0 +1,141 @@
+"""The joint filter on the cabin model: 12 + 1 states, 6 s at 1 kHz, height and acceleration measured."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+
+@functools.lru_cache(maxsize=1)
+def _problem() -> tuple[Any, Any, Any, Any]:
+    """Filter of the alignment sensor, a trip, its samples and noise."""
+    from estimation.filters import Noise, Samples
+    from vtsdt.alignment_filter import DELTA, TUNINGS, GuideFilter
+    from vtsdt.alignment_trips import Trip
+    from vtsdt.lift import Lift
+    from vtsdt.parameters import LiftParameters
+
+    run = Lift.reference().trip("up")
+    trip = Trip("up", run.times, run["F_c"], run["z_c"], run["zdd_c"])
+    sensor = GuideFilter(LiftParameters.bench(), TUNINGS["bounded"])
+    names = {name.rpartition(".")[2]: name for name in sensor.system.state_names}
+    process = {names[k]: v for k, v in sensor.tuning.process.items() if k != "delta"}
+    noise = Noise({**process, DELTA: 1e-3}, {"z_c": 1e-4, "zdd_c": 1e-7}, "density_times_step")
+    samples = Samples(trip.time, trip.tension, np.column_stack([trip.height, trip.acceleration]))
+    return sensor, trip, samples, noise
+
+
+def _extended(jacobian: str = "exact", **options: Any) -> Callable[[], Any]:
+    from estimation.filters import FilterModel, extended
+
+    sensor, trip, samples, noise = _problem()
+    model = sensor.model()
+    if jacobian == "central":
+        model = FilterModel(model.system, model.measured, model.latents, jacobian="central")
+    prior = sensor.prior(trip)
+
+    def work() -> None:
+        extended(model, samples, noise, prior, **options)
+
+    work()
+    return work
+
+
+def bench_once() -> Callable[[], Any]:
+    """extended, exact derivatives, linearised once a sample (as vtsdt align)"""
+    return _extended(once=True)
+
+
+def bench_twice() -> Callable[[], Any]:
+    """extended, exact derivatives, linearised twice a sample"""
+    return _extended()
+
+
+def bench_central() -> Callable[[], Any]:
+    """extended, central differences, linearised once a sample"""
+    return _extended("central", once=True)
+
+
+def bench_square_root() -> Callable[[], Any]:
+    """extended, exact derivatives, once a sample, square root"""
+    return _extended(once=True, square_root=True)
+
+
+def bench_unscented() -> Callable[[], Any]:
+    """unscented, 27 points"""
+    from estimation.filters import unscented
+    from vtsdt.alignment_filter import TUNINGS, GuideFilter
+
+    sensor, trip, samples, _ = _problem()
+    quiet = GuideFilter(sensor.parameters, TUNINGS["quiet"])
+    model, prior, quiet_noise = quiet.model(), quiet.prior(trip), quiet.run(trip).noise
+
+    def work() -> None:
+        unscented(model, samples, quiet_noise, prior)
+
+    work()
+    return work
+
+
+def bench_filterpy() -> Callable[[], Any]:
+    """filterpy's extended filter with our compiled rates and exact derivatives, a fiftieth of the trip times fifty"""
+    from time import perf_counter
+
+    try:
+        from filterpy.kalman import ExtendedKalmanFilter
+    except ImportError:
+        return lambda: float("nan")
+    from scipy.linalg import expm
+
+    sensor, trip, samples, noise = _problem()
+    model, system = sensor.model(), sensor.system
+    q, r = noise.of(model)
+    x0, p0 = sensor.prior(trip).of(model)
+    n, at = len(system.states), system.index("parameter", "cabin_guide.right_deviation")
+    z, acceleration = system.index("output", "z_c"), system.index("output", "zdd_c")
+
+    def derivatives(x: np.ndarray, u: np.ndarray, p: np.ndarray, of: str) -> np.ndarray:
+        by_x = system.jacobian("x", 0.0, x[:n], u, p, of=of)
+        by_p = system.jacobian_along("p", np.zeros(1), x[None, :n], u[None], p, of=of, columns=np.array([at]))[0]
+        return np.hstack([by_x, by_p])
+
+    class Peer(ExtendedKalmanFilter):
+        def predict_x(self, u: Any = 0) -> None:
+            p = self.p
+
+            def rate(s: np.ndarray) -> np.ndarray:
+                return np.append(system.rhs(0.0, s[:n], u, p), 0.0)
+
+            h, x = 1e-3, self.x
+            k_1 = rate(x)
+            k_2 = rate(x + 0.5 * h * k_1)
+            k_3 = rate(x + 0.5 * h * k_2)
+            k_4 = rate(x + h * k_3)
+            self.x = x + h / 6.0 * (k_1 + 2.0 * (k_2 + k_3) + k_4)
+
+    count = samples.count // 50
+
+    def work() -> float:
+        begun = perf_counter()
+        peer = Peer(n + 1, 2)
+        peer.x, peer.P, peer.Q, peer.R = x0.copy(), p0.copy(), 1e-3 * q, np.diag(r)
+        p = system.p.copy()
+        for k in range(count):
+            u = samples.inputs[k]
+            p[at] = peer.x[n]
+            peer.p = p
+            jac = np.zeros((n + 1, n + 1))
+            jac[:n] = derivatives(peer.x, u, p, "rhs")
+            peer.F = expm(1e-3 * jac)
+            peer.predict(u)
+            p[at] = peer.x[n]
+            rows = derivatives(peer.x, u, p, "outputs")[[z, acceleration]]
+            expected = system.outputs_at(0.0, peer.x[:n], u, p)[[z, acceleration]]
+            peer.update(samples.readings[k], lambda x, rows=rows: rows, lambda x, expected=expected: expected)
+        return 50.0 * (perf_counter() - begun)
+
+    work()
+    return work
