@@ -183,6 +183,11 @@ class AxisRig(Rig):
             found.append((name, stamps, columns))
         return true_model, found
 
+    def hidden(self, hide: Sequence[str], spread: float = 0.2) -> list[Hidden]:
+        """Return the effects that the rig gets: those of its usual trips, whatever the plan."""
+        usual = self if self.plan == TripPlan() else replace(self, plan=TripPlan())
+        return Rig.hidden(usual, hide, spread)
+
     def case(self, hide: Sequence[str] = (), progress: Progress = silent) -> Case:
         """Return the model under test, recordings, and the truth; a load is known to the model."""
         case = super().case(hide, progress)

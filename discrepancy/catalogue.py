@@ -76,11 +76,26 @@ def catalogue(
             continue  # offered by `discrepancy.unknown` where no law is good enough
         if kind.at == "connection":
             found += [e for place in system.places if (e := _at_place(kind, place, system)) is not None]
+        elif kind.at == "parameter":
+            found += _built_in(kind, system)
         elif kind.at == "sensor":
             found += [Entry(kind, name) for name in outputs]
         else:
             found += [Entry(kind, name) for name in inputs]
     return [e for e in found if any(e.matches(p) for p in include) and not any(e.matches(p) for p in exclude)]
+
+
+def _built_in(kind: Kind, system: System) -> list[Entry]:
+    """Return where components have an effect in them whose strengths are zero."""
+    found = []
+    for name, component in system.model.components.items():
+        if kind.component is None or not isinstance(component, kind.component):
+            continue
+        for side, ending in kind.sides or (("", ""),):
+            values = [component.values.get(f"{s}{ending}") for s in kind.strengths]
+            if all(v == 0.0 for v in values):
+                found.append(Entry(kind, f"{name}.{side}" if side else name))
+    return found
 
 
 def _at_place(kind: Kind, place: Place, system: System) -> Entry | None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discrepancy.blocks import Candidate, Residual, Sensitivities
+from discrepancy.built_in import Plan, built_in_columns
 from discrepancy.catalogue import Entry
 from discrepancy.effects import law_class
 from discrepancy.kinds import Kind, MotionRange
@@ -259,6 +260,10 @@ def candidate_columns(
                 refused.append((entry, "this connection does not move in these records"))
                 continue
             plans.append((entry, entry.kind.shape_grid(motion), list(entry.kind.strengths)))
+        elif entry.kind.component_shapes is not None:
+            owner, ending = entry.kind.owner_of(entry.where)
+            part = facts.system.model.components[owner]
+            plans.append((entry, entry.kind.component_shapes(part, ending), list(entry.kind.strengths)))
         else:
             plans.append((entry, [{}], list(entry.kind.strengths)))
     columns: dict[tuple[str, int], list[np.ndarray]] = {}
@@ -301,6 +306,7 @@ def _record_columns(
     pushes: list[Push] = []
     wanted: list[tuple[tuple[str, int], int]] = []
     sensors: dict[tuple[str, int], np.ndarray] = {}
+    built_in: list[Plan] = []
     for entry, shapes, strengths in plans:
         if entry.kind.at == "connection":
             forces = _forces(facts, entry, run, time, shapes, strengths)
@@ -313,6 +319,8 @@ def _record_columns(
             shape = {"offset": np.ones_like(time), "gain": u, "delay": -np.gradient(u, time)}[entry.kind.law]
             wanted.append(((entry.name, 0), len(pushes)))
             pushes.append(Push(entry.where, shape))
+        elif entry.kind.at == "parameter":
+            built_in.append((entry, shapes, strengths))
         else:
             sensors[entry.name, 0] = _sensor_column(experiment, run, time, entry)
     parts: dict[tuple[str, int], list[np.ndarray]] = {}
@@ -328,6 +336,8 @@ def _record_columns(
                 parts.setdefault(key, []).append(dy[:, :, k - first])
     for key, group in parts.items():
         columns.setdefault(key, []).append(facts.shaped(index, np.stack(group, axis=2)))
+    for key, block in built_in_columns(facts, index, built_in).items():
+        columns.setdefault(key, []).append(facts.shaped(index, block))
     for key, column in sensors.items():
         columns.setdefault(key, []).append(facts.shaped(index, column))
 

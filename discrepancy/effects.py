@@ -80,6 +80,9 @@ class Effect:
         at = self.definition.at
         if at == "connection":
             return f"{self.component_name}.{parameter}"
+        if at == "parameter":
+            owner, ending = self.definition.owner_of(self.where)
+            return f"{owner}.{parameter}{ending}"
         return f"{at}.{self.where}.{parameter}"
 
     def parameters(self) -> dict[str, float]:
@@ -90,6 +93,11 @@ class Effect:
         """Return the unit of one of the effect's parameters."""
         if self.definition.free_form:
             return str(law_class(self.definition, self.domain).declarations["curve"].unit)  # type: ignore[attr-defined]
+        if self.definition.at == "parameter":
+            assert self.definition.component is not None
+            ending = self.definition.owner_of(self.where)[1]
+            own: Any = self.definition.component.declarations[f"{parameter}{ending}"]
+            return str(own.unit)
         if self.definition.at == "connection":
             item: Any = law_class(self.definition, self.domain).declarations[parameter]
             return str(item.unit)
@@ -115,6 +123,8 @@ class Effect:
             return model
         if kind.at == "input":
             return model.with_input_error(self.where, **dict(self.strengths))
+        if kind.at == "parameter":
+            return model.with_values(self.parameters())
         other = model.copy()
         cls = law_class(kind, self.domain)
         part = other.add(self.component_name, cls(**self._given()))

@@ -72,10 +72,11 @@ class Kind:
     ----------
     name : str
         Name in files; a kind once named keeps its name.
-    at : {"connection", "sensor", "input"}
-        What it acts on.
+    at : {"connection", "sensor", "input", "parameter"}
+        What it acts on; ``"parameter"`` is an effect that a component has in it already, with its strengths at zero.
     law : str
-        Name in `discrepancy.effect_laws.LAWS` (connections), or the sensor's or input's error.
+        Name in `discrepancy.effect_laws.LAWS` (connections), the sensor's or input's error, or the class of the
+        component whose parameters the strengths are.
     strengths : tuple of str
         Parameters that are zero when the effect is absent.
     text : KindText
@@ -94,6 +95,12 @@ class Kind:
         True: only where the connection has a spring; False: only where it has none; None: anywhere.
     contains : tuple of str
         Simpler kinds that this one becomes in a limit of its parameters: they are asked first.
+    component : type, optional
+        Parameter effects: the class whose instances have it.
+    sides : tuple of (str, str)
+        Parameter effects: parts of the component that can have it each, and the ending of their parameters' names.
+    component_shapes : callable, optional
+        Parameter effects: from the component and the ending, the shapes to try.
     """
 
     name: str
@@ -109,6 +116,23 @@ class Kind:
     elastic: bool | None = None
     contains: tuple[str, ...] = ()
     aliases: tuple[str, ...] = field(default=())
+    component: type[Component] | None = None
+    sides: tuple[tuple[str, str], ...] = ()
+    component_shapes: Callable[[Component, str], Shapes] | None = None
+
+    def owner_of(self, where: str) -> tuple[str, str]:
+        """Return the component and the ending of its parameters' names that a place of a parameter effect stands for.
+
+        Examples
+        --------
+        >>> kind = Kind("k", "parameter", "Mesh", ("a",), KindText("", "", "", ""), sides=(("gear_1", "_1"),))
+        >>> kind.owner_of("stage.mesh.gear_1")
+        ('stage.mesh', '_1')
+        """
+        for side, ending in self.sides:
+            if where.endswith(f".{side}"):
+                return where[: -len(side) - 1], ending
+        return where, ""
 
     @property
     def free_form(self) -> bool:

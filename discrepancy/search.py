@@ -187,7 +187,7 @@ def _effect(candidate: Candidate, row: Row, stage: Stage) -> Effect:
     strengths = dict(zip(kind.strengths, map(float, amplitude), strict=True))
     number = 1 + sum(1 for e in stage.effects if e.kind == kind.name and e.where == entry.where)
     if entry.place is None:
-        return Effect(kind.name, entry.where, strengths, number=number)
+        return Effect(kind.name, entry.where, strengths, dict(row.shape), number=number)
     return Effect.at_place(
         kind.name,
         entry.place,

@@ -168,6 +168,8 @@ class Study:
         if entry.at == "connection":
             place = next(p for p in self.stage.system.places if p.name == where)
             return Effect.at_place(kind, place).unit(entry.strengths[0])
+        if entry.at == "parameter":
+            return Effect(kind, where).unit(entry.strengths[0])
         signal = self.stage.system.unit(where)
         return {"offset": signal, "gain": "", "delay": "s", "drift": f"{signal}/s"}[entry.law]
 

@@ -425,13 +425,13 @@ def _resampled(args: Any) -> None:
     from rich.console import Console
     from rich.markdown import Markdown
 
-    from discrepancy.resampled import best_stage, resampled_alarms, resampled_page
+    from discrepancy.resampled import best_stage, repeats, resampled_alarms, resampled_page
 
     progress = (lambda text: None) if args.quiet else _tell
     stage, level = best_stage(args.study, args.out, progress)
     trials = resampled_alarms(stage, args.trials, args.out, level=level, seed=args.seed, progress=progress)
     names = [str(e) for e in stage.effects]
-    text = resampled_page(trials, args.study.name, names, level, date.today().isoformat())
+    text = resampled_page(trials, args.study.name, names, level, date.today().isoformat(), repeats(stage))
     (args.out / "resampled.md").write_text(text + "\n")
     Console().print(Markdown(text))
 

@@ -154,7 +154,7 @@ def record(stage: Stage, sample: Sample, plan: DatasetPlan) -> pandas.DataFrame:
     values: dict[str, float] = {}
     if sample.label != HEALTHY:
         one = fault(sample.label, sample.where, sample.severity, tooth=sample.tooth, phase=sample.phase)
-        values = combined([one], stage)
+        values = combined([one])
     run = stage.simulate(
         sample.speed, sample.torque, plan.duration, rate=plan.rate, parameters=values, angle=sample.start_angle
     )

@@ -73,7 +73,7 @@ _ROWS = (
     FaultKind("mesh_stiffness_variation", "mesh_stiffness_variation", "The stiffness of the teeth varies over a turn.",
               GEARS, ("mesh.variation_{n}",), 0.2, ""),
     FaultKind("mesh_backlash", "mesh_backlash", "There is more backlash than there should be.", ("mesh",),
-              ("mesh.backlash",), 4e-4, "m"),
+              ("mesh.added_backlash",), 4e-4, "m"),
     FaultKind("tooth_crack", "tooth_defect", "A crack at its root makes one tooth softer.", GEARS,
               ("mesh.crack_{n}",), 0.6, "", tooth="mesh.damaged_{n}"),
     FaultKind("missing_tooth", "tooth_defect", "One tooth is broken off; severity 1 is all of it.", GEARS,
@@ -124,18 +124,9 @@ class Fault:
         number = {"input_gear": "1", "output_gear": "2"}.get(self.where, "")
         return pattern.format(n=number, where=self.where)
 
-    def values(self, stage: Stage | None = None) -> dict[str, float]:
-        """Return the model parameters that bring it about, by full name, SI.
-
-        A parameter that is not zero in a sound stage (the backlash) is enlarged by the fault, for which ``stage`` is
-        needed.
-        """
-        found = {}
-        for pattern in self.kind.parameters:
-            name = self._named(pattern)
-            owner, _, key = name.rpartition(".")
-            sound = stage.components[owner].values.get(key, 0.0) if stage is not None else 0.0
-            found[name] = sound + self.severity * self.kind.size
+    def values(self) -> dict[str, float]:
+        """Return the model parameters that bring it about, by full name, SI."""
+        found = {self._named(p): self.severity * self.kind.size for p in self.kind.parameters}
         if self.kind.tooth:
             found[self._named(self.kind.tooth)] = float(self.tooth)
         if self.kind.phase:
@@ -192,7 +183,7 @@ def _all() -> str:
     return ", ".join(FAULTS)
 
 
-def combined(faults: Iterable[Fault], stage: Stage) -> dict[str, float]:
+def combined(faults: Iterable[Fault]) -> dict[str, float]:
     """Return the parameters of several faults together.
 
     Raises
@@ -203,7 +194,7 @@ def combined(faults: Iterable[Fault], stage: Stage) -> dict[str, float]:
     found: dict[str, float] = {}
     clashes = []
     for each in faults:
-        for name, value in each.values(stage).items():
+        for name, value in each.values().items():
             if name in found and found[name] != value:
                 clashes.append(
                     f"'{name}' would be {found[name]:g} and {value:g} at once: {each} cannot join the others"

@@ -119,6 +119,7 @@ class HelicalMesh(Component):
     profile_slope = Parameter(0.0, "m", "material in excess at the end of the path over the middle", when="imperfect")
     profile_form = Parameter(0.0, "m", "material in excess at both ends of the path over the middle", when="imperfect")
     wear = Parameter(0.0, "m", "material worn off at the tip of gear 1; it grows with the sliding", when="imperfect")
+    added_backlash = Parameter(0.0, "m", "normal backlash beyond that of the design", when="imperfect")
     misalignment = Parameter(0.0, "rad", "angle between the flanks in the plane of action", when="imperfect")
     variation_1 = Parameter(0.0, "", "share by which K varies over a turn of gear 1", when="imperfect")
     variation_2 = Parameter(0.0, "", "share by which K varies over a turn of gear 2", when="imperfect")
@@ -207,6 +208,7 @@ class HelicalMesh(Component):
         n_x = math.cos(self.beta_b) * math.sin(self.alpha)
         n_y = math.cos(self.beta_b) * math.cos(self.alpha)
         n_z = math.sin(self.beta_b)
+        gap = self.backlash
         q = 0.0
         turn_1 = 0.0
         turn_2 = 0.0
@@ -231,6 +233,7 @@ class HelicalMesh(Component):
             b += self.profile_slope / self.edge_1
             q = (self.profile_form - self.wear) / (self.edge_1 * self.edge_1)
             c += self.misalignment
+            gap += self.added_backlash
         # front flanks
         n = 0.0
         n_s = 0.0
@@ -322,15 +325,15 @@ class HelicalMesh(Component):
         f = 0.0
         f_s = 0.0
         f_a = 0.0
-        if a_back - self.backlash + abs(b_back) * span + abs(c_back) * half > 0.0:
+        if a_back - gap + abs(b_back) * span + abs(c_back) * half > 0.0:
             behind = self.thickness * math.cos(self.alpha)
-            opening = self.backlash / math.cos(self.beta_b)
+            opening = gap / math.cos(self.beta_b)
             first_back = -math.floor((span + self.base_1 * self.spin_1.angle - behind) / self.base_pitch)
             for i in range(self.lines):
                 p1 = behind - self.base_1 * self.spin_1.angle - (first_back + i) * self.base_pitch
                 p2 = (first_back + i) * self.base_pitch - behind - self.base_2 * self.spin_2.angle - opening
                 d_n, d_ns, d_na, d_n1, d_n2, d_t, d_ts, d_ta, d_e, d_l, d_r = line(
-                    -half, half, p1, p2, -slope, a_back - self.backlash, b_back, c_back, 0.0, da_back, db_back,
+                    -half, half, p1, p2, -slope, a_back - gap, b_back, c_back, 0.0, da_back, db_back,
                     dc_back, -self.base_1 * self.spin_1.speed, -self.base_2 * self.spin_2.speed, self.edge_1,
                     self.square_1, self.cube_1, self.relief_1, start_1, self.edge_2, self.square_2, self.cube_2,
                     self.relief_2, start_2, 0.0, 0.0, 0.0, 0.0, 1.0, k_face, self.e, c_face, self.D_P, u0_back,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from multibody.system import System
     from multibody.trajectory import Trajectory
 
-__all__ = ["SHORT_NAMES", "model_values", "run", "static_state"]
+__all__ = ["SHORT_NAMES", "model_values", "moving_state", "run", "static_state"]
 
 Array = NDArray[np.float64]
 
@@ -258,8 +258,7 @@ def run(
         raise GearError(f"the run of '{stage.name}'", error.faults) from None
     omega = 2.0 * np.pi * speed / 60.0
     if initial is None:
-        initial = static_state(stage, torque, system=system, parameters=parameters, angle=angle)
-        initial = _moving(stage, system, initial, omega)
+        initial = moving_state(stage, speed, torque, system=system, parameters=parameters, angle=angle)
     relative = np.full(len(system.states), rtol)
     for name in ("drive.angle", "input_shaft.spin_angle", "output_shaft.spin_angle"):
         if name in system.state_names:
@@ -276,6 +275,19 @@ def run(
         atol=atol,
         **options,
     )
+
+
+def moving_state(stage: Stage, speed: float, torque: float, **options: Any) -> Array:
+    """Return the static state under a load with the speeds of steady running; see `static_state`.
+
+    Parameters
+    ----------
+    stage : Stage
+    speed : float, r/min
+    torque : float, N m
+    """
+    system = options.get("system") or stage.system
+    return _moving(stage, system, static_state(stage, torque, **options), 2.0 * np.pi * speed / 60.0)
 
 
 def _moving(stage: Stage, system: System, state: Array, omega: float) -> Array:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+import gearbox.effects  # noqa: F401 - what a stage may lack joins the catalogue of missing effects
 from gearbox.bearings import BearingBushing, SeatLoad
 from gearbox.errors import GearError
 from gearbox.housing import AXES, SENSORS, housing_component
@@ -237,6 +238,21 @@ class Stage(Model):
         from gearbox.running import run
 
         return run(self, speed, torque, duration, **options)
+
+    def moving(self, speed: float, torque: float, **options: Any) -> Model:
+        """Return the stage as a plain model that starts in motion, as a study file's ``build`` has to return it.
+
+        Parameters
+        ----------
+        speed : float, r/min
+        torque : float, N m
+        options
+            Further arguments of `gearbox.running.static_state`.
+        """
+        from gearbox.running import moving_state
+
+        state = moving_state(self, speed, torque, **options)
+        return self.with_values(dict(zip(self.system.state_names, map(float, state), strict=True)))
 
     def static_state(self, torque: float, **options: Any) -> NDArray[np.float64]:
         """Return the state at rest under a load; see `gearbox.running.static_state`."""

@@ -25,10 +25,13 @@ BAD_INPUT = {
     "discrepancy.bench": "BenchError",
     "estimation.checks": "RecordError",
     "estimation.signals": "SignalError",
+    "gearbox.errors": "GearError",
     "multibody.errors": "ModelError SimulationError EquationError",
     "multibody.units": "UnitError",
     "multibody.inputs": "InputError",
     "vtsdt.cli_arguments": "CommandError",
+    "vtsdt.parameter_file": "ParameterError",
+    "vtsdt.comfort": "ComfortError",
     "vtsdt.alignment_trips": "AlignmentError",
     "estimation.filters.errors": "FilterError FilterDivergence",
 }

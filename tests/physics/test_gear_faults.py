@@ -27,7 +27,7 @@ def stage() -> Stage:
 @cache
 def spectrum(label: str = "", where: str = "", severity: float = 1.0) -> dict[str, np.ndarray]:
     """Amplitude spectra over multiples of 1/DURATION, by signal."""
-    values = combined([fault(label, where, severity, tooth=3)], stage()) if label else {}
+    values = combined([fault(label, where, severity, tooth=3)]) if label else {}
     run: Trajectory = stage().simulate(1000.0, 150.0, DURATION, rate=RATE, settle=0.2, parameters=values)
     names = ("a_input_seat_y", "a_output_seat_y", "a_base_y", "transmission_error", "mesh_force")
     found = {name: 2.0 * np.abs(np.fft.rfft(run[name])) / run.times.size for name in names}
@@ -111,7 +111,7 @@ def test_severity_zero_is_absence(label: str) -> None:
     u = system.input_vector({"speed": 104.7, "torque": 150.0})
     sound = system.rhs(0.0, x, u)
     for where in FAULTS[label].where:
-        p = system.parameter_vector(fault(label, where, 0.0, tooth=0, phase=1.0).values(stage()))
+        p = system.parameter_vector(fault(label, where, 0.0, tooth=0, phase=1.0).values())
         assert np.array_equal(system.rhs(0.0, x, u, p), sound)
 
 
@@ -124,6 +124,6 @@ def test_every_fault_changes_something(label: str) -> None:
         x[system.index("state", name)] = speed
     u = system.input_vector({"speed": 104.7, "torque": 150.0})
     for where in FAULTS[label].where:
-        p = system.parameter_vector(fault(label, where, 0.5, tooth=0, phase=1.0).values(stage()))
+        p = system.parameter_vector(fault(label, where, 0.5, tooth=0, phase=1.0).values())
         change = system.rhs(0.0, x, u, p) - system.rhs(0.0, x, u)
         assert np.max(np.abs(change)) > 1e-3, where

@@ -19,6 +19,7 @@ from vtsdt.bench_model import build, with_rails
 from vtsdt.bench_rails import RailSpectrum, draw_rails, rail_tables
 from vtsdt.bench_rig import LiftRig
 from vtsdt.bench_trips import draw_trip, express
+from vtsdt.lift import Lift
 from vtsdt.parameters import LiftParameters, ParameterError
 
 
@@ -199,3 +200,17 @@ def test_command_lists_and_refuses(capsys: pytest.CaptureFixture[str], tmp_path:
     assert "invalid choice: 'boat'" in capsys.readouterr().err
     assert bench._told(["--seed", "3", "--hide", "a@b", "c", "--trips", "4", "--out", "x"]) == [
         "--seed", "3", "--trips", "4"]  # fmt: skip
+
+
+def test_every_motion_of_a_lift_has_a_name_of_its_own() -> None:
+    for lift in (Lift.one_dimensional(), Lift.reference(), build()):
+        names = [p.name for p in lift.places()]
+        assert len(set(names)) == len(names)
+        assert {"cabin.z", "counterweight.z", "pulley", "pulley.axis", "support.plate"} <= set(names)
+
+
+def test_a_weighed_load_hangs_on_the_rope() -> None:
+    inputs = {"omega_ref": 0.0, "friction_c": 0.0, "friction_cw": 0.0}
+    system = build().build(outputs=["F_c"])
+    pull = [system.simulate(8.0, inputs={**inputs, "payload": m}, step=0.01)["F_c"][-100:].mean() for m in (0.0, 3.0)]
+    assert pull[1] - pull[0] == pytest.approx(3.0 * 9.80665, rel=0.01)

@@ -116,11 +116,10 @@ def test_plans_that_make_no_sense_are_refused(changes: dict[str, object], told: 
 
 def test_faults_can_be_combined_unless_they_clash() -> None:
     stage = damageable(Stage.paper(housing="clamped"))
-    values = combined([fault("eccentricity", "input_gear", 0.1), fault("wear")], stage)
+    values = combined([fault("eccentricity", "input_gear", 0.1), fault("wear")])
     assert values["mesh.eccentricity_1"] == pytest.approx(5e-6)
     assert values["mesh.wear"] == pytest.approx(20e-6)
-    more = combined([fault("mesh_backlash", severity=0.5)], stage)
-    assert more["mesh.backlash"] == pytest.approx(stage.components["mesh"].values["backlash"] + 2e-4)
+    assert set(values) < {f"{n}.{k}" for n, c in stage.components.items() for k in c.values}
     with pytest.raises(GearError, match="at once"):
-        combined([fault("spall", "input_gear", tooth=1), fault("tooth_crack", "input_gear", tooth=2)], stage)
+        combined([fault("spall", "input_gear", tooth=1), fault("tooth_crack", "input_gear", tooth=2)])
     assert dataset.paper_stage().structure.imperfect

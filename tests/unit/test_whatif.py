@@ -249,3 +249,25 @@ def test_masses_from_tensions_at_rest() -> None:
     assert found.cabin.mass == pytest.approx(33.0)
     assert found.counterweight.mass == pytest.approx(34.0)
     assert weighed(LiftParameters.bench(), []) == LiftParameters.bench()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["none.toml"], "there is no such settings file"),
+        (["--profile", "none.csv"], "there is no such file: give the profile that `vtsdt align` wrote"),
+        (["--lift", "none.toml"], "none.toml"),
+        (["--threshold", "-1"], "give a number above zero"),
+        (["a.toml", "b.toml"], "give one settings file"),
+    ],
+)
+def test_bad_input_ends_the_command_with_one_message(
+    words: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from vtsdt.cli import main
+
+    assert main(["what-if", *words, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert "Traceback" not in error
+    assert not (tmp_path / "out").exists()
