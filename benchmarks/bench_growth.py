@@ -1,4 +1,4 @@
-"""Growth with the size of a machine: chains of masses, springs and stick-slip friction, one second of motion."""
+"""Growth with the size of a machine: chains of masses and springs, one second of motion."""
 
 from __future__ import annotations
 
