@@ -263,8 +263,8 @@ def _fig_8(found: Mapping[str, OneAtATimeResult]) -> Chapter:
 
 
 _WHY_8 = {
-    "D_P": "the teeth are pressed in by less than D_P (about 40 µm in the mean at 150 N·m), so D_P scales the damping as "
-    "C_D does",
+    "D_P": "the teeth are pressed in by less than D_P (about 40 µm in the mean at 150 N·m), so D_P scales the damping "
+    "as C_D does",
     "E": "rigid gears feel E only through K (Eq. 15), which is varied by itself: where K is given, E does nothing",
     "rho": "density moves the gears' inertia and with it the resonances that filter the mesh; it matters where one "
     "lies near a mesh line",

@@ -35,8 +35,8 @@ class Automatic(DormandPrince54):
         compiles no tangent.
     history : list, optional
         Gets a pair (time in s, name of the method) at every change.
-    others
-        As of `NativeSolver`.
+
+    Other parameters are those of `NativeSolver`.
     """
 
     def __init__(
