@@ -134,7 +134,7 @@ def generic_candidates(residual: Residual, drivers: Mapping[str, Sequence[Array]
                 grid.append(
                     tuple(
                         place(
-                            np.concatenate([np.full(min(lag, len(s)), s[0]), s[: len(s) - lag]])[:, None]
+                            np.concatenate([np.full(min(lag, len(s)), s[0]), s[: max(len(s) - lag, 0)]])[:, None]
                             - mean,
                             c,
                         )
