@@ -7,6 +7,7 @@ to be compiled for it, and hundreds of candidates and shapes cost one integratio
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -17,9 +18,12 @@ import numpy as np
 from discrepancy.blocks import Candidate, Residual, Sensitivities
 from discrepancy.built_in import Plan, built_in_columns
 from discrepancy.catalogue import Entry
-from discrepancy.effects import law_class
+from discrepancy.effects import Effect, law_class
 from discrepancy.kinds import Kind, MotionRange
+from discrepancy.secants import far_away, secant_columns, takes_secants
 from estimation.experiment import Experiment, Push, SensorError
+from estimation.push_response import forget, response_of, worth_it
+from multibody.errors import ModelError
 
 if TYPE_CHECKING:
     from discrepancy.stage import Stage
@@ -27,7 +31,7 @@ if TYPE_CHECKING:
     from estimation.signals import Preparation
     from multibody.system import System
 
-__all__ = ["Confrontation", "candidate_columns", "law_force"]
+__all__ = ["Confrontation", "candidate_columns", "cannot_be_built", "law_force"]
 
 MOTION = ("position", "velocity", "acceleration")
 
@@ -65,8 +69,13 @@ class Confrontation:
 
     @classmethod
     def of_stage(cls, stage: Stage, preparation: Preparation) -> Confrontation:
-        """Return a stage's machine beside its identification records."""
-        return cls(stage.system, stage.slim, stage.identify, stage.sensors, preparation, stage.p, stage.noise)
+        """Return a stage's machine beside its identification records; what was worked out for it before is kept."""
+        key = ("facts", preparation)
+        if key not in stage.worked_out:
+            stage.worked_out[key] = cls(
+                stage.system, stage.slim, stage.identify, stage.sensors, preparation, stage.p, stage.noise
+            )
+        return stage.worked_out[key]
 
     @property
     def experiments(self) -> list[Experiment]:
@@ -120,6 +129,8 @@ class Confrontation:
 
     def residual(self) -> Residual:
         """Return measured minus modelled outputs at the calibrated values, prepared for the scan."""
+        if "residual" in self._cache:
+            return self._cache["residual"]
         blocks = []
         for i, experiment in enumerate(self.experiments):
             y = experiment.simulate(self.slim, self.p, self.start(i), self.sensors)
@@ -128,10 +139,13 @@ class Confrontation:
                 y[:, c] += own.get(f"offset of {name}", 0.0)
             blocks.append(self.shaped(i, experiment.measured - y))
         time = self.experiments[0].time
-        return Residual(blocks, float(np.median(np.diff(time))), self.experiments[0].outputs)
+        self._cache["residual"] = Residual(blocks, float(np.median(np.diff(time))), self.experiments[0].outputs)
+        return self._cache["residual"]
 
     def sensitivities(self) -> Sensitivities:
         """Return the derivatives by what calibration may move, and by each record's own unknowns."""
+        if "sensitivities" in self._cache:
+            return self._cache["sensitivities"]
         parameters = [p for p in self.calibration.parameters if p.name not in self.calibration.not_excited]
         blocks, nuisance = [], []
         k = len(parameters)
@@ -155,7 +169,8 @@ class Confrontation:
         values = np.array([self.calibration[p.name] for p in parameters])
         prior = np.array([p.std for p in parameters])
         offset = np.where(np.isfinite(prior), np.array([p.value for p in parameters]) - values, 0.0)
-        return Sensitivities([p.name for p in parameters], blocks, prior, offset, nuisance)
+        self._cache["sensitivities"] = Sensitivities([p.name for p in parameters], blocks, prior, offset, nuisance)
+        return self._cache["sensitivities"]
 
     def range_of(self, entry: Entry) -> MotionRange:
         """Return how far and fast a connection moved."""
@@ -252,12 +267,15 @@ def candidate_columns(
         Gets a line of text now and then.
     """
     refused: list[tuple[Entry, str]] = []
-    plans: list[tuple[Entry, list[dict[str, float]], list[str]]] = []
+    plans: list[Plan] = []
     for entry in entries:
         if entry.kind.at == "connection":
             motion = facts.range_of(entry)
             if motion.speed <= 0.0 or motion.half < 1e-12:
                 refused.append((entry, "this connection does not move in these records"))
+                continue
+            if entry.load and (why := _no_model(facts, entry)):
+                refused.append((entry, why))
                 continue
             plans.append((entry, entry.kind.shape_grid(motion), list(entry.kind.strengths)))
         elif entry.kind.component_shapes is not None:
@@ -266,14 +284,16 @@ def candidate_columns(
             plans.append((entry, entry.kind.component_shapes(part, ending), list(entry.kind.strengths)))
         else:
             plans.append((entry, [{}], list(entry.kind.strengths)))
-    columns: dict[tuple[str, int], list[np.ndarray]] = {}
-    for i in range(len(facts.experiments)):
-        if progress is not None:
-            progress(f"sensitivities of {len(plans)} candidates on {facts.experiments[i].name}")
-        _record_columns(facts, i, plans, columns)
+    columns = _all_columns(facts, plans, progress)
     found: list[Candidate] = []
+    far = far_away(facts)
     for entry, shapes, strengths in plans:
         cols = [columns[entry.name, k] for k in range(len(shapes))]
+        if far and takes_secants(entry):
+            if progress is not None:
+                progress(f"simulate {entry.name} at strengths that matter: the model is far from the machine")
+            bent = secant_columns(facts, entry, shapes)
+            shapes, cols = [*shapes, *(s for s, _ in bent)], [*cols, *(c for _, c in bent)]
         quiet = [not any(np.any(b) for b in shape) for shape in cols]
         if all(quiet):
             refused.append((entry, "it would not change any measured output of these records"))
@@ -293,13 +313,48 @@ def candidate_columns(
     return found, refused
 
 
+def _all_columns(facts: Confrontation, plans: Sequence[Plan], progress: Any) -> dict[tuple[str, int], list[np.ndarray]]:
+    """Return the columns of every candidate, record by record, two records at a time."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    def of(i: int) -> dict[tuple[str, int], np.ndarray]:
+        if progress is not None:
+            progress(f"sensitivities of {len(plans)} candidates on {facts.experiments[i].name}")
+        return _record_columns(facts, i, plans)
+
+    count = len(facts.experiments)
+    first = of(0)  # what it compiles and builds serves the others
+    with ThreadPoolExecutor(max(1, min(count, os.cpu_count() or 1))) as pool:
+        found = [first, *pool.map(of, range(1, count))]
+    return {key: [each[key] for each in found] for key in first}
+
+
+def cannot_be_built(error: ModelError) -> str:
+    """Say in a sentence why a model cannot take an effect."""
+    return f"the model with it cannot be built: {'; '.join(error.faults)}"
+
+
+def _no_model(facts: Confrontation, entry: Entry) -> str:
+    """Return why the model cannot take an effect that needs a load, or an empty text.
+
+    Where the load is itself worked out from the force that is asked for (a given motion needs it), the two would
+    depend on each other at the same instant.
+    """
+    assert entry.place is not None
+    effect = Effect.at_place(entry.kind.name, entry.place, load=entry.load, number=99)
+    try:
+        effect.added_to(facts.system.model).build(probes=True)
+    except ModelError as error:
+        return cannot_be_built(error)
+    return ""
+
+
 def _record_columns(
     facts: Confrontation,
     index: int,
-    plans: Sequence[tuple[Entry, list[dict[str, float]], list[str]]],
-    columns: dict[tuple[str, int], list[np.ndarray]],
-) -> None:
-    """Append one record's columns of every candidate."""
+    plans: Sequence[Plan],
+) -> dict[tuple[str, int], np.ndarray]:
+    """Return one record's columns of every candidate and shape."""
     experiment = facts.experiments[index]
     time = np.array(experiment.record.time)
     run = facts.motions(index)
@@ -324,8 +379,10 @@ def _record_columns(
         else:
             sensors[entry.name, 0] = _sensor_column(experiment, run, time, entry)
     parts: dict[tuple[str, int], list[np.ndarray]] = {}
-    batch = 96
+    batch = 192  # limits memory
     start = facts.start(index)
+    if worth_it(facts.slim, pushes):  # for all batches at once
+        response_of(experiment, facts.slim, facts.p, start, pushes)
     for first in range(0, len(pushes), batch):
         part = pushes[first : first + batch]
         dy = experiment.respond(
@@ -334,12 +391,10 @@ def _record_columns(
         for key, k in wanted:
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])
-    for key, group in parts.items():
-        columns.setdefault(key, []).append(facts.shaped(index, np.stack(group, axis=2)))
-    for key, block in built_in_columns(facts, index, built_in).items():
-        columns.setdefault(key, []).append(facts.shaped(index, block))
-    for key, column in sensors.items():
-        columns.setdefault(key, []).append(facts.shaped(index, column))
+    forget(experiment)
+    columns = {key: np.stack(group, axis=2) for key, group in parts.items()}
+    columns |= built_in_columns(facts, index, built_in) | sensors
+    return {key: facts.shaped(index, column) for key, column in columns.items()}
 
 
 def _forces(

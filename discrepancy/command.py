@@ -14,14 +14,33 @@ def diagnose(args: Any) -> int:
     Parameters
     ----------
     args : namespace
-        ``study``, ``out``, ``seed``, ``max_effects``, ``quiet``, ``progress``.
+        ``study``, ``out``, ``seed``, ``max_effects``, ``resume``, ``quiet``, ``progress``.
     """
+    from discrepancy.history import restore, save_history
     from discrepancy.study import Study
+    from discrepancy.study_file import StudyError
 
     study = Study.from_file(args.study, seed=args.seed, max_effects=args.max_effects, progress=args.progress)
+    out = Path(args.out)
+    history = out / "history.json"
+    if getattr(args, "resume", False):
+        if not history.exists():
+            raise StudyError([f"--resume: there is no {history}: run the command without it first"])
+        restore(study, history)
+    study.checkpoint = lambda study: save_history(study, history)
     conclusion = study.diagnose()
-    _finish(study, conclusion, Path(args.out), args)
-    return 0
+    _finish(study, conclusion, out, args, compared_only=study.interrupted and not conclusion.accepted)
+    if not study.interrupted:
+        return 0
+    import sys
+
+    print(f"vtsdt: interrupted: {_so_far(conclusion)}; go on with the same command and --resume", file=sys.stderr)
+    return 130
+
+
+def _so_far(conclusion: Any) -> str:
+    count = len(conclusion.accepted)
+    return "no effect was found yet" if not count else f"{count} effect{'s' if count > 1 else ''} found so far"
 
 
 def compare(args: Any) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -43,6 +44,12 @@ def conclude(study: Study) -> Conclusion:
     if study.steps and not accepted:
         study.progress("does anything that is left follow the inputs?")
         still = omnibus_of_stage(stages[-1], level=setup.level, seed=setup.seed)
+    warnings = setup.warnings
+    if study.beyond is not None and accepted:
+        warnings = (*warnings, study.beyond.told(f"{_title(accepted[0].effect.kind)} at {accepted[0].effect.where}"))
+    if study.interrupted:
+        warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
+        verdict = verdict if accepted else ""
     paths = [str(setup.path)] if setup.path is not None else []
     paths += [str(e.record.path) for e in (*setup.identify, *setup.validate)]
     found = Conclusion(
@@ -53,7 +60,7 @@ def conclude(study: Study) -> Conclusion:
         hidden=hidden,
         next_measurement=(*(s.sentence for s in separating), *_next(accepted, hidden, study)),
         unknown=unknown,
-        warnings=setup.warnings,
+        warnings=warnings,
         residual_mode=study.mode,
         residual_reason=study.mode_reason,
         seed=setup.seed,
@@ -85,7 +92,7 @@ def _title(kind: str) -> str:
 def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
     stages, hidden = found.stages, found.hidden
     if not accepted:
-        could = [f"{_title(k)} at {w}" for k, w, mde, delta, _ in hidden if not mde < delta]
+        could = [f"{_title(k)} at {w}" for k, w, mde, delta, _ in hidden if not (mde < delta < math.inf)]
         base = "Nothing was found that the model lacks"
         if not could:
             return f"{base}; every effect in the catalogue that would matter would have been seen."
@@ -161,7 +168,7 @@ def _next(
                     f"{_title(a.effect.kind).capitalize()} at {a.effect.where} and at {r.where} look the same to these "
                     "sensors: measure the force between the two places, or separate them and repeat."
                 )
-    weak = sorted((h for h in hidden if not h[2] < h[3]), key=lambda h: -h[2] / max(h[3], 1e-300))
+    weak = sorted((h for h in hidden if not h[2] < h[3] < math.inf), key=lambda h: -h[2] / max(h[3], 1e-300))
     if weak and not accepted:
         kind, where, mde, delta, unit = weak[0]
         found.append(

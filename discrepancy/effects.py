@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from discrepancy.kinds import Kind, kind_named
+from multibody.component import nearest
 
 if TYPE_CHECKING:
     from estimation.calibrate import UncertainParameter
@@ -24,6 +25,16 @@ def law_class(kind: Kind, domain: str) -> type[Component]:
     from discrepancy.effect_laws import LAWS
 
     return LAWS[kind.law][0 if domain == "translation" else 1]
+
+
+def _usual_shape(kind: Kind, domain: str, over: str) -> dict[str, float | None]:
+    """Return the parameters of a law beside its strengths, with their usual values; None must be given."""
+    if kind.free_form:
+        return {"low": None, "high": None, **({"v_s": 1e-3} if over == "friction" else {})}
+    from multibody.declare import Parameter
+
+    declared = law_class(kind, domain).declarations  # type: ignore[attr-defined]
+    return {k: q.default for k, q in declared.items() if isinstance(q, Parameter) and k not in kind.strengths}
 
 
 @dataclass(frozen=True)
@@ -62,8 +73,49 @@ class Effect:
 
     @classmethod
     def at_place(cls, kind: str, place: Place, **parts: Any) -> Effect:
-        """Return an effect at a place of a model."""
-        return cls(kind, place.name, ports=(place.first_port, place.second_port), domain=place.domain, **parts)
+        """Return an effect at a place of a model.
+
+        Strengths that are not given are zero (absence), and the law's other parameters those of its component: usual
+        sizes for a machine of metres and seconds, so give them where the machine is smaller or slower.
+
+        Parameters
+        ----------
+        kind : str
+        place : Place
+        **parts
+            Fields of an effect: ``strengths``, ``shape``, ``load``, ``number``, ``over``.
+
+        Raises
+        ------
+        KeyError
+            If there is no such kind.
+        ValueError
+            If the kind acts on a sensor or an input, or has no strength or parameter of a given name; all faults.
+        """
+        definition = kind_named(kind)
+        if definition.at != "connection":
+            what = "a sensor" if definition.at == "sensor" else "an input"
+            raise ValueError(
+                f"{kind} acts on {what}, not on a place: write "
+                f"Effect('{kind}', 'name of the signal', {{'{definition.strengths[0]}': 0.0}})"
+            )
+        strengths, shape = dict(parts.pop("strengths", {})), dict(parts.pop("shape", {}))
+        defaults = {k: 0.0 for k in definition.strengths}
+        usual = _usual_shape(definition, place.domain, parts.get("over", ""))
+        faults = [f"no strength '{k}'{nearest(k, defaults)}" for k in strengths if k not in defaults]
+        faults += [f"no parameter '{k}'{nearest(k, usual)}" for k in shape if k not in usual]
+        faults += [f"shape needs '{k}'" for k, v in usual.items() if v is None and k not in shape]
+        if faults:
+            raise ValueError(f"{kind} at '{place.name}': {'; '.join(faults)}")
+        return cls(
+            kind,
+            place.name,
+            {**defaults, **strengths},
+            {**{k: v for k, v in usual.items() if v is not None}, **shape},
+            ports=(place.first_port, place.second_port),
+            domain=place.domain,
+            **parts,
+        )
 
     @property
     def definition(self) -> Kind:

@@ -140,10 +140,8 @@ def _outputs_of(model: Model, ends: Sequence[str], name: str) -> bool:
     return False
 
 
-def measured_motions(
-    model: Model, system: System, outputs: Sequence[str], recorded: Sequence[str], setup: Setup
-) -> tuple[Motion, ...]:
-    """Return the free motions that an output shows by itself, one output for each, positions before rates."""
+def free_motions(model: Model, system: System) -> dict[tuple[str, ...], tuple[str, str, str]]:
+    """Return motions against the ground that nothing prescribes: (position, rate) states → (place, port, domain)."""
     labels = {}
     for place in model.places():
         if place.second is None and place.first.prescriber is None:
@@ -156,6 +154,14 @@ def measured_motions(
             states = tuple(f"{port.owner}.{n}" for n in names)
             if all(s in system.state_names for s in states):
                 labels[states] = (place.name, port.name, place.domain)
+    return labels
+
+
+def measured_motions(
+    model: Model, system: System, outputs: Sequence[str], recorded: Sequence[str], setup: Setup
+) -> tuple[Motion, ...]:
+    """Return the free motions that an output shows by itself, one output for each, positions before rates."""
+    labels = free_motions(model, system)
     values = _affine(system, outputs, setup)
     found: dict[tuple[str, ...], Motion] = {}
     for order in (0, 1):

@@ -38,14 +38,16 @@ class Pieces:
 
 def correlation_length(layout: Layout, e: Array) -> float:
     """Integral correlation length of a stacked residual, samples: the largest of the channels."""
+    from scipy.fft import irfft, next_fast_len, rfft
+
     worst = 1.0
     for c in range(layout.n_channels):
         num, den = None, 0.0
         n_lag = max(8, min(layout.lengths) // 4)
         for b, n in enumerate(layout.lengths):
             x = layout.view(e, b)[:, c]
-            f = np.fft.rfft(x, 2 * n)
-            acf = np.fft.irfft(np.abs(f) ** 2)[:n_lag]
+            length = next_fast_len(2 * n, real=True)
+            acf = irfft(np.abs(rfft(x, length)) ** 2, length)[:n_lag]
             num = acf if num is None else num[: len(acf)] + acf[: len(num)]
             den += float(x @ x)
         if num is None or den == 0:

@@ -17,6 +17,9 @@ from discrepancy.residuals import residuals_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from discrepancy.stage import Stage
+    from multibody.model import Model
+
 __all__ = ["Picture", "pictures", "render", "write"]
 
 _log = logging.getLogger(__name__)
@@ -234,13 +237,22 @@ def write(conclusion: Conclusion, out: str | Path, evidence: Evidence | None = N
 
 
 def _save_model(conclusion: Conclusion, out: Path) -> tuple[list[Path], str]:
-    """Save the updated model; a model that cannot be saved does not cost the user the report."""
+    """Save the updated model, and that of every stage; one that cannot be saved does not cost the user the report."""
     from multibody.errors import ModelError
     from multibody.storage import save
 
     try:
-        return [save(conclusion.final.model, out / "model.json")], ""
+        paths = [save(_machine(conclusion.final), out / "model.json")]
+        folder = out / "stages"
+        folder.mkdir(exist_ok=True)
+        for k, stage in enumerate(conclusion.stages):
+            paths.append(save(_machine(stage), folder / f"{k}.json"))
+        return paths, ""
     except ModelError as error:
         fault = f"the updated model was not saved as model.json: {error}"
         _log.warning(fault)
         return [], fault
+
+
+def _machine(stage: Stage) -> Model:
+    return stage.machine if stage.machine is not None else stage.model

@@ -140,11 +140,10 @@ def judge(
     best = best_groups(scorer, s)
     lam_bar = float(np.median(s.lam[:, 0]))
     n_eff = lay.n_data / lam_bar
-    floor = (
-        np.asarray(noise_floor)
-        if noise_floor is not None
-        else np.std(np.concatenate(raw_residual(w, residual, sens, candidates, cleaned.groups)), axis=0)
-    )
+    floor = np.zeros(len(residual.channels)) if noise_floor is None else np.asarray(noise_floor, dtype=float)
+    if not np.all(floor > 0.0):  # a noise that is not known is at most what is left
+        left = np.std(np.concatenate(raw_residual(w, residual, sens, candidates, cleaned.groups)), axis=0)
+        floor = np.where(floor > 0.0, floor, left)
     u_crit = null.critical(level)
     rows = [
         _row(candidates[c], g, w, s, null, level, lam_bar, n_eff, floor, u_crit, sens)

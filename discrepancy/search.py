@@ -10,12 +10,13 @@ import numpy as np
 
 from discrepancy.blocks import Candidate, Residual, Sensitivities
 from discrepancy.catalogue import Entry, catalogue
-from discrepancy.columns import Confrontation, candidate_columns
+from discrepancy.columns import Confrontation, candidate_columns, cannot_be_built
 from discrepancy.effects import Effect
 from discrepancy.kinds import kind_named
 from discrepancy.stage import Accepted, Rival, Stage
 from estimation.correlation import correlation_time
 from estimation.signals import Preparation
+from multibody.errors import ModelError
 
 if TYPE_CHECKING:
     from discrepancy.scan import ScanResult
@@ -118,6 +119,8 @@ def search_step(
             tried.append((refit(effect), row))
         except RuntimeError as error:  # a simulation that fails is a bad explanation, not the end of the search
             progress(f"{effect} could not be simulated: {error}")
+        except ModelError as error:  # say an algebraic loop: these records cannot speak about it in this model
+            refused.append((by_name[row.name].info["entry"], cannot_be_built(error)))
     tried = [t for t in tried if bic_difference(t[0], stage) < 0.0 and matters(t[0], stage)]
     if not tried:
         return Step(scans[0], None, None, tuple(refused))

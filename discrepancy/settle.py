@@ -12,6 +12,7 @@ from discrepancy.effects import Effect
 from discrepancy.search import LOOKS, bic_difference, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.unknown import offer_curves
+from multibody.errors import ModelError
 
 __all__ = ["drop_idle", "free_curve", "replace_by_curve"]
 
@@ -29,7 +30,11 @@ def drop_idle(stages: Sequence[Stage], fit: Fit, progress: Callable[[str], None]
     for k, effect in enumerate(last.effects[:-1]):
         rest = tuple(e for j, e in enumerate(last.effects) if j != k)
         progress(f"is {effect} still needed?")
-        without = fit(last.name, rest, last)
+        try:
+            without = fit(last.name, rest, last)
+        except RuntimeError as error:  # it keeps the machine where its inputs put it: it is needed
+            progress(f"without {effect} the machine could not be simulated: {error}")
+            continue
         if bic_difference(last, without) > 0.0:
             return without, effect
     return None
@@ -89,7 +94,7 @@ def _best_curve(
         progress(f"refit with a free curve over {effect.over} at {effect.where}")
         try:
             stage = fit(f"+ {effect} over {effect.over}", (*before.effects, effect), before)
-        except RuntimeError as error:
+        except (RuntimeError, ModelError) as error:
             progress(f"{effect} could not be simulated: {error}")
             continue
         tried.append((bic_difference(stage, rival), stage, p))

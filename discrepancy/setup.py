@@ -193,12 +193,20 @@ def _uncertain(study: StudyFile, system: System) -> tuple[UncertainParameter, ..
 
 def noise_floors(experiments: Sequence[Experiment], known: Mapping[str, float]) -> dict[str, float]:
     """Return the noise floor of every output: as given, else estimated from the records."""
-    from estimation.metrics import noise_floor
+    from estimation.metrics import noise_floor, quantisation_step
+
+    def least(e: Experiment, name: str) -> float:
+        """Return what rounding leaves after the low-pass, also where the machine stands and nothing is seen of it."""
+        cutoff = e.preparation.cutoff(e.record.rate)
+        share = 1.0 if cutoff is None else min(1.0, 2.0 * cutoff / e.record.rate)
+        return float(quantisation_step(e.record.values(name)[:, 0])) * (share / 12.0) ** 0.5
 
     found = {}
     for c, name in enumerate(experiments[0].outputs):
         if name in known:
             found[name] = float(known[name])
         else:
-            found[name] = float(np.median([noise_floor(e.measured[:, c]).std for e in experiments]))
+            found[name] = float(
+                np.median([max(noise_floor(e.measured[:, c]).std, least(e, name)) for e in experiments])
+            )
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -96,6 +96,13 @@ class Stage:
         Noise floor of each output, SI.
     scan : ScanResult or None
         What the scan of this stage found.
+    notes : tuple of str
+        What a reader should know about it.
+    machine : Model or None
+        What the study was given, with the effects, the fitted values and the sensors' errors: the model to save, also
+        where ``model`` has its motion prescribed.  None for a trial.
+    worked_out : dict
+        What is asked of this machine more than once: its columns, its free curves, refits from here.
     """
 
     name: str
@@ -111,6 +118,8 @@ class Stage:
     noise: Mapping[str, float]
     scan: ScanResult | None = None
     notes: tuple[str, ...] = field(default=())
+    machine: Model | None = None
+    worked_out: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     @property
     def outputs(self) -> tuple[str, ...]:

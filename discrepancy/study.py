@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discrepancy.effects import Effect
+from discrepancy.export import machine_of
 from discrepancy.search import Step, search_step
 from discrepancy.setup import Setup, from_file, noise_floors
 from discrepancy.stage import Accepted, Stage
@@ -18,12 +19,16 @@ from estimation.calibrate import calibrate, evaluate
 if TYPE_CHECKING:
     import pandas
 
+    from discrepancy.beyond import Beyond
     from discrepancy.compare import Comparison
     from discrepancy.confront import Confronted
     from discrepancy.diagnosis import Conclusion
     from discrepancy.locate import WhereItFails
+    from estimation.calibrate import UncertainParameter
 
 __all__ = ["Study"]
+
+SHARES = (1.0, 0.3, 0.1, 0.01)  # of the strengths given, with which an effect that is added by hand is tried
 
 
 def _silent(text: str) -> None:
@@ -42,6 +47,19 @@ class Study:
     setup : Setup
     progress : callable
         Gets a line of text for everything that takes a while.
+    checkpoint : callable, optional
+        Called with the study whenever a stage has been made, for instance to write its history.
+    settled : bool
+        False while it is still open whether the latest effect has made an earlier one idle.
+    interrupted : bool
+        True if a search was broken off; what it had found until then stands.
+    beyond : Beyond or None
+        Parameters that, outside their stated uncertainty, explain as much as the first effect found.
+
+    Attributes
+    ----------
+    given : Setup
+        As handed in; ``setup`` may hold windows, or a copy of the model whose motion is prescribed.
     """
 
     setup: Setup
@@ -49,6 +67,13 @@ class Study:
     stages: list[Stage] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     confronted: Confronted | None = None
+    checkpoint: Callable[[Study], object] | None = None
+    settled: bool = True
+    interrupted: bool = False
+    beyond: Beyond | None = None
+
+    def __post_init__(self) -> None:
+        self.given = self.setup
 
     @classmethod
     def from_file(
@@ -71,16 +96,40 @@ class Study:
             self._begin()
         return self.stages[-1]
 
-    def _begin(self) -> None:
+    def prepare(self) -> None:
+        """Choose how the model is confronted with its records, if that has not been done yet."""
         from discrepancy.confront import confront
 
-        self.confronted = confront(self.setup, self.progress)
-        self.setup = self.confronted.setup
+        if self.confronted is None:
+            self.confronted = confront(self.setup, self.progress)
+            self.setup = self.confronted.setup
+
+    def _begin(self) -> None:
+        self.prepare()
         self.progress("simulate the model as given")
         noise = noise_floors(self.setup.identify, self.setup.noise)
         self.stages.append(self._fitted("as given", (), None, noise, move=False))
         self.progress("recalibrate the uncertain parameters")
         self.stages.append(self._fitted("recalibrated", (), None, noise))
+        self._made()
+
+    def _made(self) -> None:
+        if self.checkpoint is not None:
+            self.checkpoint(self)
+
+    def held_stage(
+        self,
+        name: str,
+        effects: tuple[Effect, ...],
+        values: Mapping[str, float],
+        own: Sequence[np.ndarray],
+        scale: Mapping[str, float],
+        noise: Mapping[str, float],
+        *,
+        moved: bool = True,
+    ) -> Stage:
+        """Return a stage at values that a fit has given before; only what is held out has its own unknowns fitted."""
+        return self._fitted(name, effects, None, dict(noise), move=moved, held=(values, own, scale))
 
     def _fitted(
         self,
@@ -91,6 +140,7 @@ class Study:
         *,
         move: bool = True,
         trial: bool = False,
+        held: tuple[Mapping[str, float], Sequence[np.ndarray], Mapping[str, float]] | None = None,
     ) -> Stage:
         """Fit the model with some effects in it and lay it beside the held-out records."""
         model = self.setup.model
@@ -102,6 +152,9 @@ class Study:
         sensors = tuple(s for e in effects if (s := e.sensor_error()) is not None)
         parameters = list(self.setup.uncertain) if move else []
         begun = start.identify.to_dict() if start is not None else {}
+        own, scale = _own(start), start.identify.scale if trial and start is not None else None
+        if held is not None:
+            begun, own, scale = dict(held[0]), list(held[1]), dict(held[2])
         base = system.parameter_vector({p.name: p.value for p in self.setup.uncertain})
         for effect in effects:
             parameters += effect.uncertain()
@@ -114,9 +167,10 @@ class Study:
             sensors=sensors,
             base=base,
             start=first,
-            own=_own(start),
-            scale=start.identify.scale if trial and start is not None else None,
-            max_evaluations=12 if trial else 40,
+            own=own,
+            scale=scale,
+            max_evaluations=20 if trial else 40,
+            hold=held is not None,
             progress=None if trial else self.progress,
         )
         p = base.copy()
@@ -125,20 +179,60 @@ class Study:
                 p[system.index("parameter", key)] = value
         fitted = tuple(e.with_values(found.to_dict()) for e in effects)
         sensors = tuple(s for e in fitted if (s := e.sensor_error()) is not None)
-        held = None
+        beside = None
         if self.setup.validate and not trial:
-            held = evaluate(slim, self.setup.validate, found, noise=noise, sensors=sensors, base=base)
+            beside = evaluate(slim, self.setup.validate, found, noise=noise, sensors=sensors, base=base)
         values = {k: v for k, v in found.to_dict().items() if not k.startswith("sensor.")}
         given = {} if move else {q.name: q.value for q in self.setup.uncertain}
+        machine = None
+        if not trial:
+            units = {n: system.unit(n) for n in measured}
+            machine = machine_of(self.given.model, fitted, {**given, **values}, sensors, units)
         return Stage(
-            name, model.with_values({**given, **values}), system, slim, fitted, None, found, held, sensors, p, noise
+            name,
+            model.with_values({**given, **values}),
+            system,
+            slim,
+            fitted,
+            None,
+            found,
+            beside,
+            sensors,
+            p,
+            noise,
+            machine=machine,
         )
 
     def add(self, effect: Effect, accepted: Accepted | None = None) -> Stage:
-        """Put an effect into the model, fit again, and make that the latest stage."""
-        stage = replace(self._with(effect), accepted=accepted)
-        self.stages.append(stage)
-        return stage
+        """Put an effect into the model, fit again, and make that the latest stage.
+
+        Where the machine cannot be simulated with the strengths given, the fit begins at smaller ones.
+
+        Raises
+        ------
+        SimulationError
+            If the machine cannot be simulated with a hundredth of them either.
+        """
+        from multibody.errors import SimulationError
+
+        stage = None
+        for share in SHARES:
+            smaller = replace(effect, strengths={k: share * v for k, v in effect.strengths.items()})
+            try:
+                stage = self._with(smaller)
+                break
+            except SimulationError as error:
+                told = error
+                self.progress(f"{effect} with {share:g} of its strengths could not be simulated")
+        if stage is None:
+            raise SimulationError(
+                f"{effect} cannot be added: from the start values on, not even with {SHARES[-1]:g} of its strengths "
+                f"({', '.join(f'{k} = {v:g}' for k, v in effect.strengths.items())}) can the machine be simulated; "
+                f"give smaller ones, or other values of {', '.join(effect.shape) or 'the model'}. {told}"
+            ) from told
+        self.stages.append(replace(stage, accepted=accepted))
+        self._made()
+        return self.stages[-1]
 
     def _with(self, effect: Effect, *, trial: bool = False) -> Stage:
         current = self.stage
@@ -206,17 +300,40 @@ class Study:
         """Explain and add, again and again, until nothing significant is left; then conclude."""
         from discrepancy.conclude import conclude
 
+        try:
+            self._search()
+        except KeyboardInterrupt:
+            if len(self.stages) < 2:
+                raise  # nothing has been found yet that would be lost
+            self.interrupted = True
+        return conclude(self)
+
+    def _search(self) -> None:
+        if not self.settled:
+            self._settle()
         while len(self.stage.effects) < self.setup.max_effects:
             step = self.explain()
             if step.accepted is None or step.stage is None:
                 break
             self.progress(f"add {step.accepted.effect}")
+            self.settled = False
             self._accept(step.accepted, step.stage)
-            self._drop_idle()
-            if self._crowded() and self._swap_for_curve():
-                continue
+            self._settle()
         self._free_curves()
-        return conclude(self)
+        first = next((s for s in self.stages if s.accepted is not None), None)
+        if first is not None:
+            from discrepancy.beyond import beyond_priors
+
+            self.progress("would parameters outside their stated uncertainty explain as much?")
+            self.beyond = beyond_priors(self, self.stages[1], first)
+
+    def _settle(self) -> None:
+        """Take out what the latest effect has made idle, and several laws at one place if one curve tells more."""
+        self._drop_idle()
+        if self._crowded():
+            self._swap_for_curve()
+        self.settled = True
+        self._made()
 
     def _accept(self, accepted: Accepted | None, trial: Stage) -> None:
         """Fit the accepted effect fully, from where its trial ended, and make that the latest stage."""
@@ -227,6 +344,7 @@ class Study:
             stage = self._beside_held_out(trial)
         told = replace(accepted, effect=stage.effects[-1]) if accepted is not None else None
         self.stages.append(replace(stage, accepted=told))
+        self._made()
 
     def _beside_held_out(self, stage: Stage) -> Stage:
         """Return a stage laid beside the held-out records as it is."""
@@ -254,8 +372,13 @@ class Study:
             if s.accepted is None or s.accepted.effect.component_name != effect.component_name
         ]
         accepted = self.stages[-1].accepted
-        self.stages[:] = kept
-        self._accept(accepted, stage)
+        before = list(self.stages)
+        try:
+            self.stages[:] = kept
+            self._accept(accepted, stage)
+        except BaseException:  # interrupted: what was there before stays
+            self.stages[:] = before
+            raise
         self.stages[-1] = replace(self.stages[-1], notes=(note,))
 
     def _free_curves(self) -> None:
@@ -285,12 +408,26 @@ class Study:
         if swapped is None:
             return False
         kept, stage = swapped
-        self.stages[:] = self.stages[:kept]
-        self._accept(stage.accepted, stage)
+        before = list(self.stages)
+        try:
+            self.stages[:] = self.stages[:kept]
+            self._accept(stage.accepted, stage)
+        except BaseException:  # interrupted: what was there before stays
+            self.stages[:] = before
+            raise
         return True
 
+    def with_uncertain(self, uncertain: tuple[UncertainParameter, ...], start: Stage) -> Stage:
+        """Fit a stage's model on trial with other deviations of the uncertain parameters."""
+        other = Study(replace(self.setup, uncertain=uncertain), self.progress, confronted=self.confronted)
+        return other._fitted(start.name, start.effects, start, start.noise, trial=True)
+
     def _refit(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
-        return self._fitted(name, effects, start, start.noise, trial=True)
+        """Fit on trial; a fit that was asked for before from the same stage is not done again."""
+        key = ("refit", name, tuple(str(e.parameters()) + e.over for e in effects))
+        if key not in start.worked_out:
+            start.worked_out[key] = self._fitted(name, effects, start, start.noise, trial=True)
+        return start.worked_out[key]
 
     # ---------------------------------------------------------------- showing
 

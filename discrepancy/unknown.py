@@ -18,6 +18,7 @@ from discrepancy.effect_laws import CURVE_OVER, CURVE_POINTS
 from discrepancy.effects import Effect
 from discrepancy.kinds import kind_named
 from estimation.experiment import Push
+from estimation.push_response import forget
 
 if TYPE_CHECKING:
     from discrepancy.scan import ScanResult
@@ -82,32 +83,33 @@ def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Cand
             for run in runs
         ]
         v_s = max(0.01 * float(np.quantile(np.abs(np.concatenate([m["velocity"] for m in motions])), 0.95)), 1e-12)
+        curves = []
         for over in CURVE_OVER:
             arguments = [
                 _argument(over, m, np.array(e.record.time)) for m, e in zip(motions, facts.experiments, strict=True)
             ]
             low, high = min(a.min() for a in arguments), max(a.max() for a in arguments)
-            if high - low < 1e-9:
-                continue
-            blocks = []
-            for i, experiment in enumerate(facts.experiments):
+            if high - low >= 1e-9:
+                curves.append((over, low, high, arguments))
+        blocks: list[list[np.ndarray]] = [[] for _ in curves]
+        for i, experiment in enumerate(facts.experiments):
+            pushes = []
+            for over, low, high, arguments in curves:
                 basis = _tents(arguments[i], low, high)
                 if over == "friction":
                     basis = -basis * np.tanh(motions[i]["velocity"] / v_s)[:, None]
-                pushes = [Push(f"probe.{place.name}", basis[:, k]) for k in range(CURVE_POINTS)]
-                blocks.append(
-                    facts.shaped(
-                        i,
-                        experiment.respond(
-                            facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors
-                        ).derivatives,
-                    )
-                )
+                pushes += [Push(f"probe.{place.name}", basis[:, k]) for k in range(CURVE_POINTS)]
+            found_here = experiment.respond(facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors)
+            dy = found_here.derivatives
+            forget(experiment)
+            for k, mine in enumerate(blocks):
+                mine.append(facts.shaped(i, dy[:, :, k * CURVE_POINTS : (k + 1) * CURVE_POINTS]))
+        for (over, low, high, _), mine in zip(curves, blocks, strict=True):
             found.append(
                 Candidate(
                     f"unknown_force over {over}",
                     place.name,
-                    (tuple(blocks),),
+                    (tuple(mine),),
                     ({"low": float(low), "high": float(high), "v_s": v_s},),
                     amplitudes=tuple(f"curve.y[{k}]" for k in range(CURVE_POINTS)),
                     info={"place": place, "over": over},
@@ -166,6 +168,9 @@ def offer_curves(
     from discrepancy.scan import scan
     from discrepancy.whitening import identity
 
+    key = ("curves", facts.preparation, level, seed, tuple(where) if where is not None else None)
+    if key in stage.worked_out:
+        return stage.worked_out[key]
     places = [p for p in stage.system.places if where is None or p.name in where]
     progress(f"free curves at {len(places)} places")
     candidates = curve_candidates(facts, places)
@@ -183,4 +188,6 @@ def offer_curves(
     by_name = {c.name: c for c in candidates}
     rows = sorted((r for r in found.rows if holds(r)), key=lambda r: r.delta_bic)
     effects = tuple(curve_effect(by_name[r.name], np.atleast_1d(r.amplitude), dict(r.shape), stage) for r in rows)
-    return CurveOffer(effects, tuple(r.p for r in rows), tuple(r.error_drop for r in rows), found)
+    offer = CurveOffer(effects, tuple(r.p for r in rows), tuple(r.error_drop for r in rows), found)
+    stage.worked_out[key] = offer
+    return offer

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +17,11 @@ from estimation.least_squares import solve
 if TYPE_CHECKING:
     from multibody.system import System
 
-T = TypeVar("T")
-
 __all__ = ["Calibration", "Fit", "UncertainParameter", "calibrate", "evaluate"]
+
+#: Fall of the weighted cost, relative, that a further step must promise.  The cost is of the order of the effective
+#: number of samples, so that what is left moves no parameter by more than a few hundredths of its deviation.
+SETTLED, TRIAL = 1e-6, 1e-4
 
 
 def calibrate(
@@ -35,6 +37,7 @@ def calibrate(
     scale: Mapping[str, float] | None = None,
     rounds: int = 3,
     max_evaluations: int = 40,
+    hold: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Calibration:
     """Fit uncertain parameters to records by full simulation.
@@ -59,11 +62,14 @@ def calibrate(
     own : sequence of ndarray, optional
         Where to begin with each record's own unknowns.
     scale : mapping of str to float, optional
-        Weigh each output by this (as in `Calibration.scale`) and fit once, less finely: a trial.
+        Weigh each output by this (as in `Calibration.scale`) and fit once, less finely: a trial, whose intervals
+        are not worked out (they are nan).
     rounds : int
         Rounds of weighing and fitting.
     max_evaluations : int
         Simulations of all records in a round, at most.
+    hold : bool
+        Stay at the start, with the given ``scale``: the result of a fit that was made before.
     progress : callable, optional
         Gets a line of text now and then.
 
@@ -85,9 +91,10 @@ def calibrate(
     still = _still(problem, first)
     moving = np.array([k for k in range(theta.size) if k not in still], dtype=int)
     problem.scale = _weights(problem, first, floor) if scale is None else np.array([scale[n] for n in outputs])
-    trial = scale is not None
+    trial = scale is not None and not hold
     message = "nothing to move"
-    for k in range((1 if trial else rounds) if moving.size else 0):
+    final = not trial and rounds == 1  # as long as the weights still change, an exact minimum is not worth its while
+    for k in range((1 if trial else rounds) if moving.size and not hold else 0):
         here = theta.copy()
 
         def full(part: np.ndarray, here: np.ndarray = here) -> np.ndarray:
@@ -95,15 +102,15 @@ def calibrate(
             whole[moving] = part
             return whole
 
-        inside = theta[moving]
         solution = solve(
-            _after(full, problem.cost),
-            _after(full, problem.rows_of(moving)),
-            inside,
+            lambda part, full=full: problem.residuals(full(part)),  # type: ignore[misc]
+            lambda part, full=full: problem.pieces(full(part), moving),  # type: ignore[misc]
+            theta[moving],
             low[moving],
             high[moving],
-            tolerance=1e-4 if trial else 1e-7,
+            tolerance=SETTLED if final else TRIAL,
             max_evaluations=max_evaluations,
+            confirm=final,
         )
         theta = full(solution.x)
         message = solution.message
@@ -112,16 +119,16 @@ def calibrate(
         responses = problem.respond_all(theta, False)
         weights = _weights(problem, responses, floor)
         if progress is not None:
-            progress(f"calibration round {k + 1}: {solution.evaluations} simulations, cost {solution.cost:.4g}")
-        settled = np.all(np.abs(weights / problem.scale - 1.0) < 0.05)
+            progress(
+                f"calibration round {k + 1}: {solution.evaluations} simulations, {solution.jacobians} of them with "
+                f"derivatives, cost {solution.cost:.4g}"
+            )
+        settled = bool(np.all(np.abs(weights / problem.scale - 1.0) < 0.05))
         problem.scale = weights
-        if settled:
+        if final and settled:
             break
-    return _result(problem, theta, moving, low, high, not_excited, message)
-
-
-def _after(first: Callable[[np.ndarray], np.ndarray], then: Callable[[np.ndarray], T]) -> Callable[[np.ndarray], T]:
-    return lambda x: then(first(x))
+        final = settled or k + 2 >= rounds
+    return _result(problem, theta, moving, low, high, not_excited, message, trial)
 
 
 def _weights(problem: FitProblem, responses: Sequence[Response], floor: np.ndarray) -> np.ndarray:
@@ -161,16 +168,21 @@ def _result(
     high: np.ndarray,
     not_excited: tuple[str, ...],
     message: str,
+    trial: bool,
 ) -> Calibration:
     k = problem.k
     fits, rows, errors = [], [], []
-    for i, (e, response) in enumerate(zip(problem.experiments, problem.respond_all(theta, True), strict=True)):
+    for i, (e, response) in enumerate(zip(problem.experiments, problem.respond_all(theta, not trial), strict=True)):
         names = [*e.free, *(f"offset of {n}" for n in e.offsets)]
         own = dict(zip(names, map(float, theta[problem.first[i] : problem.first[i + 1]]), strict=True))
-        fits.append(Fit(e, response, own))
-        rows.append(problem.weighted(response, i)[:, moving])
+        fits.append(Fit(e, Response(response.outputs, np.empty((*response.outputs.shape, 0))), own))
+        if not trial:
+            part, columns = problem.weighted(response, i, moving)
+            whole = np.zeros((len(part), moving.size))
+            whole[:, columns] = part
+            rows.append(whole)
         errors.append(((e.measured - response.outputs) / problem.scale).ravel())
-    std = np.full(k, np.inf)
+    std = np.full(k, np.nan if trial else np.inf)
     degrees = 1
     confounded: tuple[tuple[str, ...], ...] = ()
     values = theta[:k].copy()
@@ -180,7 +192,7 @@ def _result(
         if _touches(values[j], low[j], p.value) or _touches(values[j], high[j], p.value)
     )
     loose = np.array([j for j in moving if j >= k or problem.parameters[j].name not in at_bound], dtype=int)
-    if loose.size:
+    if loose.size and not trial:
         n_channels = len(problem.experiments[0].outputs)
         lengths = [r.shape[0] for r in rows]
         memory = max(correlation_time(f.residual[:, c]) for f in fits for c in range(n_channels))
@@ -217,17 +229,21 @@ def _confounded(
     problem: FitProblem, jacobian: np.ndarray, prior: np.ndarray, columns: np.ndarray, limit: float = 1e-4
 ) -> tuple[tuple[str, ...], ...]:
     """Return groups of parameters whose effects nearly cancel: small singular values of the scaled sensitivities."""
-    rest = jacobian[:, columns.size :]
-    own = jacobian[:, : columns.size]
-    if rest.shape[1]:
-        q = np.linalg.qr(rest)[0]
-        own = own - q @ (q.T @ own)
-    stacked = np.vstack([own, np.diag(np.sqrt(prior[: columns.size]))])
-    size = np.linalg.norm(stacked, axis=0)
+    n = columns.size
+    normal = jacobian.T @ jacobian
+    own, rest = normal[:n, :n], normal[n:, n:]
+    if rest.size:  # free of what each record's own unknowns take up
+        size = np.sqrt(np.maximum(np.diag(rest), 1e-300))
+        own = own - (normal[:n, n:] / size) @ np.linalg.pinv(rest / np.outer(size, size), hermitian=True) @ (
+            normal[n:, :n] / size[:, None]
+        )
+    own = own + np.diag(prior[:n])
+    size = np.sqrt(np.maximum(np.diag(own), 0.0))
     ok = size > 0
     if np.count_nonzero(ok) < 2:
         return ()
-    _, s, vt = np.linalg.svd(stacked[:, ok] / size[ok], full_matrices=False)
+    square, directions = np.linalg.eigh(own[np.ix_(ok, ok)] / np.outer(size[ok], size[ok]))
+    s, vt = np.sqrt(np.maximum(square[::-1], 0.0)), directions.T[::-1]
     names = [problem.parameters[j].name for j in columns[ok]]
     groups = []
     for value, direction in zip(s, vt, strict=True):

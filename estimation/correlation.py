@@ -19,8 +19,10 @@ def correlation_time(e: np.ndarray, longest: float = 0.2) -> float:
     power = float(x @ x)
     if n < 8 or power == 0.0:
         return 1.0
-    spectrum = np.fft.rfft(x, 2 * n)
-    rho = np.fft.irfft(spectrum * spectrum.conj())[: max(2, int(longest * n))] / power
+    from scipy.fft import irfft, next_fast_len, rfft
+
+    length = next_fast_len(2 * n, real=True)
+    rho = irfft(np.abs(rfft(x, length)) ** 2, length)[: max(2, int(longest * n))] / power
     negative = np.flatnonzero(rho < 0.0)
     end = negative[0] if negative.size else rho.size
     return float(max(1.0, 1.0 + 2.0 * rho[1:end].sum()))

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Experiment", "Push", "Response", "SensorError"]
 
+FEW_DIRECTIONS = 6  # fewer are not worth a second thread, which must simulate the machine as well
 SENSOR_KINDS = ("offset", "gain", "drift", "delay")
 
 
@@ -140,7 +141,8 @@ class Experiment:
 
     def with_preparation(self, preparation: Preparation) -> Experiment:
         """Return the same experiment, prepared otherwise."""
-        return replace(self, preparation=preparation, _cache={})
+        kept = {k: v for k, v in self._cache.items() if k.startswith("table ")}
+        return replace(self, preparation=preparation, _cache=kept)
 
     # ---------------------------------------------------------------- the model
 
@@ -148,15 +150,17 @@ class Experiment:
         """Return the recorded inputs as the system's input table; inputs that are not recorded keep their default."""
         from multibody.simulate import input_table
 
-        key = f"table {id(system)}"
+        # systems of the same inputs share a table: one with more outputs, one with an effect in it
+        of = (system.input_names, tuple(sorted(system.input_delays.items())), tuple(q.value for q in system.inputs))
+        key = f"table {of}"
         if key not in self._cache:
             driven = {n: (self.record.time, self.record.signals[n].values) for n in self.inputs}
             table = input_table(system, driven)
             if self.held:
                 kinds = ["hold" if n in self.held else k for n, k in zip(table.names, table.interpolation, strict=True)]
                 table = replace(table, interpolation=kinds)
-            self._cache[key] = (system, table)
-        return self._cache[key][1]  # type: ignore[index]
+            self._cache[key] = table
+        return self._cache[key]  # type: ignore[return-value]
 
     def start_vector(self, system: System) -> np.ndarray:
         """Return the start state: the study's values, what the sensors read first, else the model's own."""
@@ -192,6 +196,7 @@ class Experiment:
         pushes: Sequence[Push] = (),
         sensors: Sequence[SensorError] = (),
         batch: int = 48,
+        workers: int = 1,
     ) -> Response:
         """Simulate the record and differentiate the outputs along directions, all in compiled code.
 
@@ -209,30 +214,58 @@ class Experiment:
             Errors of the sensors.
         batch : int
             Directions integrated together; limits memory.
+        workers : int
+            Threads among which the directions are divided; the compiled loops leave the interpreter free.
 
         Returns
         -------
         Response
             Derivatives in the order parameters, states, pushes.
         """
+        from estimation.push_response import response_of, worth_it
+
         x0 = self.start_vector(system) if x0 is None else x0
+        if not parameters and not states and worth_it(system, pushes):
+            found = response_of(self, system, p, x0, pushes)
+            return self._prepared(found.outputs, found(pushes), sensors, [], [])
         physical = [n for n in parameters if not n.startswith("sensor.")]
         total = len(physical) + len(states) + len(pushes)
         pick = np.array([system.index("output", n) for n in self.outputs])
-        time = self.record.time
-        raw, parts = None, []
-        for first in range(0, max(total, 1), batch):
+        if workers > 1 and total >= FEW_DIRECTIONS:
+            batch = min(batch, -(-total // workers))
+
+        def part(first: int) -> tuple[np.ndarray, np.ndarray]:
             directions = self._directions(system, physical, states, pushes, slice(first, min(first + batch, total)))
-            y, dy = _integrate(system, self, p, x0, directions, pick)
-            raw = y if raw is None else raw
-            parts.append(dy)
-        assert raw is not None
-        dy = np.concatenate(parts, axis=2)
+            return _integrate(system, self, p, x0, directions, pick)
+
+        firsts = range(0, max(total, 1), batch)
+        if workers > 1 and len(firsts) > 1:
+            from concurrent.futures import ThreadPoolExecutor
+
+            self.table(system)  # made once, before the threads ask for it
+            with ThreadPoolExecutor(workers) as pool:
+                parts = list(pool.map(part, firsts))
+        else:
+            parts = [part(first) for first in firsts]
+        dy = np.concatenate([d for _, d in parts], axis=2)
+        return self._prepared(parts[0][0], dy, sensors, parameters, physical)
+
+    def _prepared(
+        self,
+        raw: np.ndarray,
+        dy: np.ndarray,
+        sensors: Sequence[SensorError],
+        parameters: Sequence[str],
+        physical: Sequence[str],
+    ) -> Response:
+        """Send raw outputs and derivatives through sensors and preparation."""
+        time = self.record.time
         y, dy, own = _apply_sensors(self.outputs, time, raw, dy, sensors, [n for n in parameters if n not in physical])
         order = {n: k for k, n in enumerate(physical)}
-        columns = [dy[:, :, order[n]] if n in order else own[n] for n in parameters]
-        rest = [dy[:, :, k] for k in range(len(physical), total)]
-        stacked = np.stack([y, *columns, *rest], axis=2)
+        if own:
+            columns = [dy[:, :, order[n]] if n in order else own[n] for n in parameters]
+            dy = np.concatenate([np.stack(columns, axis=2), dy[:, :, len(physical) :]], axis=2)
+        stacked = np.concatenate([y[:, :, None], dy], axis=2)
         prepared = self.preparation.apply(time, stacked.reshape(time.size, -1))[1].reshape(-1, *stacked.shape[1:])
         return Response(prepared[:, :, 0], prepared[:, :, 1:])
 

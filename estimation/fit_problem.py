@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from estimation.calibration import UncertainParameter
 from estimation.experiment import Experiment, Response, SensorError
+from estimation.least_squares import Piece
 
 if TYPE_CHECKING:
     from multibody.system import System
@@ -33,6 +34,7 @@ class FitProblem:
     def __post_init__(self) -> None:
         self.k = len(self.parameters)
         self._ran = False
+        self._seen: dict[bool, tuple[np.ndarray, list[Response]]] = {}
         self.own = [(e.free, e.offsets) for e in self.experiments]
         sizes = [len(f) + len(o) for f, o in self.own]
         self.first = self.k + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
@@ -74,7 +76,13 @@ class FitProblem:
         states = experiment.free if derivatives else ()
         self.evaluations += 1
         found = experiment.respond(
-            self.system, p, x0, parameters=wanted, states=states, sensors=tuple(sensors.values())
+            self.system,
+            p,
+            x0,
+            parameters=wanted,
+            states=states,
+            sensors=tuple(sensors.values()),
+            workers=max(1, (os.cpu_count() or 1) // len(self.experiments)),
         )
         outputs = found.outputs.copy()
         extra = []
@@ -90,17 +98,27 @@ class FitProblem:
         return Response(outputs, dy)
 
     def respond_all(self, theta: np.ndarray, derivatives: bool) -> list[Response]:
-        """Simulate every experiment, two at a time: the compiled loops leave the interpreter free."""
+        """Simulate every experiment, two at a time: the compiled loops leave the interpreter free.
+
+        What was last simulated with derivatives, and without, is remembered and not simulated again.
+        """
+        for kind in (True,) if derivatives else (True, False):
+            point, found = self._seen.get(kind, (None, []))
+            if point is not None and np.array_equal(point, theta):
+                return found
         count = len(self.experiments)
         if count < 2:
-            return [self.respond(theta, i, derivatives) for i in range(count)]
-        from concurrent.futures import ThreadPoolExecutor
+            found = [self.respond(theta, i, derivatives) for i in range(count)]
+        else:
+            from concurrent.futures import ThreadPoolExecutor
 
-        with ThreadPoolExecutor(min(count, os.cpu_count() or 1)) as pool:
-            return list(pool.map(lambda i: self.respond(theta, i, derivatives), range(count)))
+            with ThreadPoolExecutor(min(count, os.cpu_count() or 1)) as pool:
+                found = list(pool.map(lambda i: self.respond(theta, i, derivatives), range(count)))
+        self._seen[derivatives] = (theta.copy(), found)
+        return found
 
-    def cost(self, theta: np.ndarray) -> float:
-        """Return half the weighted sum of squares, priors included; infinite where a simulation fails."""
+    def residuals(self, theta: np.ndarray) -> list[np.ndarray] | None:
+        """Return the weighted residual of every experiment, then of the priors; None where a simulation fails."""
         from multibody.errors import SimulationError
 
         try:
@@ -108,12 +126,12 @@ class FitProblem:
         except SimulationError:
             if not self._ran:
                 raise
-            return np.inf
+            return None
         self._ran = True
-        parts = [
-            ((r.outputs - e.measured) / self.scale).ravel() for r, e in zip(found, self.experiments, strict=True)
+        return [
+            *(((r.outputs - e.measured) / self.scale).ravel() for r, e in zip(found, self.experiments, strict=True)),
+            self.prior_residual(theta),
         ]
-        return 0.5 * (sum(float(e @ e) for e in parts) + float(np.sum(self.prior_residual(theta) ** 2)))
 
     def prior_residual(self, theta: np.ndarray) -> np.ndarray:
         """Return how far each parameter with a prior is from its mean, in standard deviations."""
@@ -121,32 +139,32 @@ class FitProblem:
             [(v - p.value) / p.std for p, v in zip(self.parameters, theta, strict=False) if np.isfinite(p.std)]
         )
 
-    def rows_of(self, moving: np.ndarray) -> Callable[[np.ndarray], Iterator[tuple[np.ndarray, np.ndarray]]]:
-        """Return `rows` for what moves."""
-        return lambda theta: self.rows(theta, moving)
-
-    def rows(self, theta: np.ndarray, moving: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield blocks of the Jacobian by what moves, and of the residual."""
+    def pieces(self, theta: np.ndarray, moving: np.ndarray) -> Iterator[Piece]:
+        """Yield the problem's rows, by what moves: every experiment, then the priors."""
         from multibody.errors import SimulationError
 
-        for i, (e, response) in enumerate(zip(self.experiments, self.respond_all(theta, True), strict=True)):
-            jacobian = self.weighted(response, i)[:, moving]
+        found = self.respond_all(theta, True)
+        self._ran = True
+        for i, (e, response) in enumerate(zip(self.experiments, found, strict=True)):
+            jacobian, columns = self.weighted(response, i, moving)
             if not np.all(np.isfinite(jacobian)) or np.max(np.abs(jacobian), initial=0.0) > 1e100:
                 raise SimulationError(
                     f"'{self.system.name}' on record '{e.name}': the derivatives grow beyond all bounds; the machine "
                     "runs away from these inputs, so its windows must be shorter"
                 )
-            yield jacobian, ((response.outputs - e.measured) / self.scale).ravel()
+            yield Piece(jacobian, columns, ((response.outputs - e.measured) / self.scale).ravel())
         with_prior = [k for k, p in enumerate(self.parameters) if np.isfinite(p.std)]
         prior = np.zeros((len(with_prior), theta.size))
         prior[np.arange(len(with_prior)), with_prior] = [1.0 / self.parameters[k].std for k in with_prior]
-        yield prior[:, moving], self.prior_residual(theta)
+        yield Piece(prior[:, moving], np.arange(moving.size), self.prior_residual(theta))
 
-    def weighted(self, response: Response, index: int) -> np.ndarray:
-        """Return one record's derivatives by all unknowns, each output divided by its scale."""
-        dy = response.derivatives / self.scale[:, None]
-        full = np.zeros((dy.shape[0] * dy.shape[1], self.first[-1]))
-        flat = dy.reshape(full.shape[0], dy.shape[2])
-        full[:, : self.k] = flat[:, : self.k]
-        full[:, self.first[index] : self.first[index + 1]] = flat[:, self.k :]
-        return full
+    def weighted(self, response: Response, index: int, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return one record's derivatives by those of the unknowns ``moving`` that it feels, and which these are.
+
+        Each output is divided by its scale.
+        """
+        first, end = self.first[index], self.first[index + 1]
+        mine = (moving < self.k) | ((moving >= first) & (moving < end))
+        picked = np.where(moving < self.k, moving, moving - first + self.k)[mine]
+        dy = response.derivatives[:, :, picked] / self.scale[:, None]
+        return dy.reshape(dy.shape[0] * dy.shape[1], dy.shape[2]), np.flatnonzero(mine)

@@ -129,6 +129,11 @@ def parser() -> argparse.ArgumentParser:
         type=whole(0, "number of effects"),
         help="effects added at most; default: the study's",
     )
+    diagnose.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from history.json in DIR: after an interruption, or to build another's stages again",
+    )
     common(diagnose)
     common(
         _study(

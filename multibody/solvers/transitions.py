@@ -42,7 +42,7 @@ def transitions(
     times: np.ndarray,
     states: np.ndarray,
     directions_in: Sequence[int] = (),
-    substep: float = np.inf,
+    substep: float | np.ndarray = np.inf,
 ) -> Transitions:
     """Return the discrete transitions along a stored trajectory.
 
@@ -59,8 +59,9 @@ def transitions(
     states : ndarray, shape (N, n)
     directions_in : sequence of int
         The m inputs whose additions count.
-    substep : float, s
-        Largest step.  It must be stable: below about 3 over the largest eigenvalue's magnitude.
+    substep : float or ndarray, shape (N - 1,), s
+        Largest step, of all intervals or of each.  It must be stable: below about 3 over the largest
+        eigenvalue's magnitude.
 
     Returns
     -------
@@ -80,8 +81,9 @@ def transitions(
         raise ProblemError("transitions need at least two increasing times")
     if states.shape != (times.size, n):
         raise ProblemError(f"states has the shape {states.shape}, not ({times.size}, {n})")
-    if not substep > 0.0:
-        raise ProblemError(f"substep must be positive, it is {substep}")
+    largest = np.asarray(substep, dtype=np.float64)
+    if largest.shape not in ((), (times.size - 1,)) or not np.all(largest > 0.0):
+        raise ProblemError(f"substep must be positive, a number or one for each of {times.size - 1} intervals")
     if m and (channels.min() < 0 or channels.max() >= problem.table.n_inputs):
         raise ProblemError(f"directions_in names input {channels.max()}, there are {problem.table.n_inputs}")
 
@@ -108,7 +110,7 @@ def transitions(
         clock,
         times,
         states,
-        float(min(substep, 1e300)),
+        np.array(np.broadcast_to(np.minimum(largest, 1e300), (times.size - 1,))),
         np.empty(whole.size),
         np.empty(7 * whole.size),
         np.empty(whole.size),
@@ -121,7 +123,7 @@ def transitions(
     if bad.size:
         raise ProblemError(
             f"the transition from t = {times[bad[0]]:.9g} s on is not finite: the state there is out of the "
-            f"model's range, or substep = {substep:g} s is too large for its fastest motion"
+            f"model's range, or a substep of {np.max(largest):g} s is too large for its fastest motion"
         )
     blocks = out.reshape(times.size - 1, count, n).transpose(0, 2, 1)
     return Transitions(

@@ -66,7 +66,8 @@ def test_everything_is_written(written) -> None:
         "candidates_after.png",
         "parameters.png",
     } <= names
-    assert names == {p.name for p in out.iterdir()}
+    assert set(paths) == {p for p in out.rglob("*") if p.is_file()}
+    assert {p.name for p in (out / "stages").iterdir()} == {"0.json", "1.json", "2.json"}
     assert check_diagnosis(json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))) == []
 
 

@@ -1,0 +1,81 @@
+"""Parameters that may be wrong beyond their stated uncertainty: asked before an effect is believed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.search import TIE, bic_difference
+from discrepancy.wording import quantity
+
+if TYPE_CHECKING:
+    from discrepancy.stage import Stage
+    from discrepancy.study import Study
+
+__all__ = ["Beyond", "beyond_priors"]
+
+WIDER = 1000.0  # by which the stated deviations are multiplied: hardly any pull is left
+FAR = 3.0  # deviations from its stated value at which a parameter counts as outside
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """Parameters outside their stated uncertainty that explain the residual as well as an effect does.
+
+    Parameters
+    ----------
+    moved : tuple of (name, stated, std, value, unit)
+    delta_bic : float
+        BIC with these values minus that with the first effect found.
+    """
+
+    moved: tuple[tuple[str, float, float, float, str], ...]
+    delta_bic: float
+
+    def told(self, effect: str) -> str:
+        """Say it in a sentence or two."""
+        parts = [
+            f"{n} = {quantity(v, u)} (stated: {quantity(s, u)} ± {quantity(d, u)})" for n, s, d, v, u in self.moved
+        ]
+        better = "better than" if self.delta_bic < -TIE else "as well as"
+        return (
+            f"Before {effect} is believed: {' and '.join(parts)} explain{'s' if len(parts) == 1 else ''} these records "
+            f"{better} the effect does. Check {'that value' if len(parts) == 1 else 'these values'}, or state a "
+            "larger uncertainty and ask again."
+        )
+
+
+def beyond_priors(study: Study, baseline: Stage, found: Stage) -> Beyond | None:
+    """Ask whether the uncertain parameters, freed of their stated deviations, explain what an effect explains.
+
+    Parameters
+    ----------
+    study : Study
+    baseline : Stage
+        Recalibrated, without effects.
+    found : Stage
+        With the first effect.
+
+    Returns
+    -------
+    Beyond or None
+        None where no parameter has to leave its uncertainty, or the effect explains more.
+    """
+    if not any(np.isfinite(q.std) for q in study.setup.uncertain):
+        return None
+    wide = tuple(replace(q, std=WIDER * q.std) for q in study.setup.uncertain)
+    try:
+        free = study.with_uncertain(wide, baseline)
+    except RuntimeError:  # values at which the machine cannot be simulated explain nothing
+        return None
+    moved = []
+    for q in study.setup.uncertain:
+        value = free.identify[q.name]
+        if np.isfinite(q.std) and abs(value - q.value) > FAR * q.std:
+            moved.append((q.name, q.value, q.std, value, q.unit))
+    difference = bic_difference(free, found)
+    if not moved or difference > TIE:
+        return None
+    return Beyond(tuple(moved), float(difference))

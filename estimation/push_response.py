@@ -1,0 +1,165 @@
+"""What small additions to inputs change in the outputs: one set of transitions for any number of them.
+
+Around its trajectory a machine is linear, x_{k+1} = Φ_k x_k + Γ0_k φ_k + Γ1_k φ_{k+1} from sample to sample.  The
+matrices are integrated once; hundreds of forces along the motion then cost a few products each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from estimation.experiment import Experiment, Push
+    from multibody.system import System
+
+__all__ = ["PushResponse", "forget", "response_of", "worth_it"]
+
+REACH = 0.7  # step times the largest eigenvalue's magnitude; an explicit step of order 5 is then exact to 2e-4
+KEPT_BYTES = 1 << 25  # transitions larger than this are kept only while one question is answered
+_SQUARINGS = 5
+
+
+def worth_it(system: System, pushes: Sequence[Push]) -> bool:
+    """Tell whether transitions are cheaper than a direction for each push: about twice as many steps, fewer columns."""
+    columns = len(system.states) + 2 * len({p.channel for p in pushes})
+    return len(system.states) > 0 and len(pushes) > 2 * columns
+
+
+@dataclass(frozen=True, eq=False)
+class PushResponse:
+    """A machine along one record, linear in additions to some of its inputs.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Inputs that may be added to.
+    outputs : ndarray, shape (nt, n_channels)
+        Nominal outputs, raw: on the record's grid, before sensors and preparation.
+    phi, gamma0, gamma1 : ndarray
+        See `multibody.solvers.transitions.Transitions`.
+    c, d : ndarray, shape (nt, n_channels, n) and (nt, n_channels, n_pushed)
+        Derivatives of the outputs by states and by the inputs.
+    """
+
+    channels: tuple[str, ...]
+    outputs: np.ndarray
+    phi: np.ndarray
+    gamma0: np.ndarray
+    gamma1: np.ndarray
+    c: np.ndarray
+    d: np.ndarray
+
+    @classmethod
+    def along(
+        cls, experiment: Experiment, system: System, p: np.ndarray, x0: np.ndarray, channels: Sequence[str]
+    ) -> PushResponse:
+        """Integrate the transitions along the trajectory from x0.
+
+        Raises
+        ------
+        SimulationError
+            If the integration fails.
+        """
+        from multibody.errors import SimulationError
+        from multibody.simulate import native_problem
+        from multibody.solvers import Samples, integrate
+        from multibody.solvers.problem import ProblemError
+        from multibody.solvers.transitions import transitions
+
+        time = np.array(experiment.record.time)
+        table = experiment.table(system)
+        problem = native_problem(system, p, table, tangent=True)
+        samples = Samples(time)
+        solution = integrate(
+            problem,
+            (float(time[0]), float(time[-1])),
+            x0,
+            samples=samples,
+            rtol=experiment.rtol,
+            atol=experiment.rtol * 1e-3,
+            max_step=np.inf,
+        )
+        if solution.status < 0 or samples.count < time.size or not np.all(np.isfinite(samples.states)):
+            raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
+        x = np.ascontiguousarray(samples.states)
+        inputs = np.ascontiguousarray(table(time, p).reshape(time.size, -1))
+        a = system.jacobian_along("x", time, x, inputs, p)
+        fastest = _spectral_radius(a)
+        substep = REACH / np.maximum(np.maximum(fastest[1:], fastest[:-1]), 1e-300)
+        chosen = np.array([system.index("input", n) for n in channels])
+        try:
+            found = transitions(problem, time, x, list(chosen), substep)
+        except ProblemError as error:
+            raise SimulationError(f"'{system.name}' on record '{experiment.name}': {error}") from error
+        pick = np.array([system.index("output", n) for n in experiment.outputs])
+        along = {"times": time, "states": x, "inputs": inputs, "p": p, "of": "outputs"}
+        return cls(
+            tuple(channels),
+            system.outputs_along(time, x, inputs, p)[:, pick],
+            found.phi,
+            found.gamma0,
+            found.gamma1,
+            np.ascontiguousarray(system.jacobian_along("x", **along)[:, pick]),  # type: ignore[arg-type]
+            np.ascontiguousarray(system.jacobian_along("u", columns=chosen, **along)[:, pick]),  # type: ignore[arg-type]
+        )
+
+    @property
+    def nbytes(self) -> int:
+        """Memory taken."""
+        return sum(a.nbytes for a in (self.phi, self.gamma0, self.gamma1, self.c, self.d))
+
+    def __call__(self, pushes: Sequence[Push]) -> np.ndarray:
+        """Return what each push changes in the outputs, raw, shape (nt, n_channels, m)."""
+        from multibody.native import load_driver
+
+        channel = np.array([self.channels.index(q.channel) for q in pushes], dtype=np.int64)
+        values = np.ascontiguousarray(np.stack([q.values for q in pushes], axis=1))
+        out = np.empty((*self.outputs.shape, len(pushes)))
+        load_driver("multibody.solvers.kernels.carry").carry(
+            self.phi, self.gamma0, self.gamma1, self.c, self.d, channel, values, out
+        )
+        return out
+
+
+def response_of(
+    experiment: Experiment, system: System, p: np.ndarray, x0: np.ndarray, pushes: Sequence[Push]
+) -> PushResponse:
+    """Return the transitions for some pushes; the last ones are kept with the experiment until `forget`."""
+    channels = tuple(dict.fromkeys(q.channel for q in pushes))
+    kept = experiment._cache.get("pushes")
+    if kept is not None:
+        of, at, start, found = kept  # type: ignore[misc]
+        same = of is system and np.array_equal(at, p) and np.array_equal(start, x0)
+        if same and set(channels) <= set(found.channels):
+            return found
+        if same:
+            channels = tuple(dict.fromkeys((*found.channels, *channels)))
+    found = PushResponse.along(experiment, system, p, x0, channels)
+    experiment._cache["pushes"] = (system, p.copy(), x0.copy(), found)
+    return found
+
+
+def forget(experiment: Experiment) -> None:
+    """Free the memory of transitions that are too large to be kept."""
+    kept = experiment._cache.get("pushes")
+    if kept is not None and kept[3].nbytes > KEPT_BYTES:  # type: ignore[index]
+        del experiment._cache["pushes"]
+
+
+def _spectral_radius(a: np.ndarray) -> np.ndarray:
+    """Return for each matrix about the largest magnitude of its eigenvalues, at most 1.5 times too large; (nt,).
+
+    The norm of a high power, with the scale taken out at every squaring (Gelfand's formula).
+    """
+    power, log = a.copy(), np.zeros(len(a))
+    for k in range(_SQUARINGS + 1):
+        size = np.maximum(np.max(np.abs(power), axis=(1, 2)), 1e-300)
+        log += np.log(size) / 2**k
+        power /= size[:, None, None]
+        if k < _SQUARINGS:
+            power = power @ power
+    return np.exp(log)

@@ -1,0 +1,89 @@
+"""A parameter that is wrong beyond its stated uncertainty is said to be, and no effect is sold in its place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from discrepancy.setup import Setup, experiments_of
+from discrepancy.study import Study
+from estimation.calibrate import UncertainParameter
+from estimation.record import Record, Signal
+from multibody import Model
+from multibody.library import ForceSource, Mass, Spring, ViscousFriction
+
+
+def slide(mass: float = 20.0) -> Model:
+    model = Model("slide")
+    carriage, drive = model.add("carriage", Mass(m=mass)), model.add("drive", ForceSource())
+    guide, spring = model.add("guide", ViscousFriction(viscous=30.0)), model.add("spring", Spring(stiffness=400.0))
+    model.connect(carriage.flange, drive.flange, guide.a, spring.a)
+    model.connect(guide.b, spring.b, model.ground)
+    model.input("drive.force", drive.force)
+    return model
+
+
+def study_of(true_mass: float, std: float) -> Study:
+    model, rng, time = slide(), np.random.default_rng(7), np.arange(0.0, 12.0, 0.01)
+    records = []
+    for k, rate in enumerate((0.4, 0.55)):
+        force = 60.0 * np.sin(2 * np.pi * rate * time) + 20.0 * np.sin(2 * np.pi * 2.3 * rate * time)
+        run = (
+            slide(true_mass)
+            .build()
+            .simulate((0.0, time[-1]), inputs={"drive.force": (time, force)}, times=time, rtol=1e-8)
+        )
+        position = run["carriage.position"] + 2e-4 * rng.standard_normal(time.size)
+        signals = {"drive.force": Signal(force, "N", "f", "N"), "carriage.position": Signal(position, "m", "x", "m")}
+        records.append(Record(f"run{k}", Path(f"run{k}.csv"), time, signals))
+    experiments = experiments_of(model, records, ("drive.force",), ("carriage.position",))
+    uncertain = (UncertainParameter("carriage.m", 20.0, std, 1.0, unit="kg"),)
+    return Study(
+        Setup(
+            "slide", model, uncertain, experiments, (), {"carriage.position": 2e-4},
+            include=("added_inertia@*", "coulomb_friction@*", "linear_stiffness@*"), residual="simulation",
+        )
+    )  # fmt: skip
+
+
+def test_a_wrong_mass_is_named_beside_the_effect_that_would_replace_it():
+    study = study_of(true_mass=24.0, std=0.05)
+    conclusion = study.diagnose()
+    assert conclusion.accepted, "with 80 deviations between them the effect stands out"
+    assert study.beyond is not None
+    assert [m[0] for m in study.beyond.moved] == ["carriage.m"]
+    assert abs(study.beyond.moved[0][3] - 24.0) < 0.1
+    told = [w for w in conclusion.warnings if "carriage.m" in w]
+    assert told
+    assert "stated" in told[0]
+
+
+def test_a_mass_within_its_uncertainty_is_calibrated_and_nothing_is_named():
+    study = study_of(true_mass=24.0, std=4.0)
+    conclusion = study.diagnose()
+    assert conclusion.accepted == ()
+    assert study.beyond is None
+
+
+def test_a_real_effect_is_not_doubted():
+    study = study_of(true_mass=20.0, std=0.5)
+    from discrepancy.effects import Effect
+
+    place = next(p for p in slide().places() if p.name == "guide")
+    effect = Effect.at_place("coulomb_friction", place, strengths={"coulomb": 6.0}, shape={"v_s": 2e-3})
+    machine, experiments = effect.added_to(slide()).build(), []
+    for e in study.setup.identify:
+        force = e.record.signals["drive.force"].values
+        run = machine.simulate(
+            (0.0, float(e.record.time[-1])), inputs={"drive.force": (e.record.time, force)}, times=e.record.time
+        )
+        noise = 2e-4 * np.random.default_rng(1).standard_normal(force.size)
+        position = replace(e.record.signals["carriage.position"], values=run["carriage.position"] + noise)
+        signals = {**e.record.signals, "carriage.position": position}
+        experiments.append(replace(e, record=replace(e.record, signals=signals), _cache={}))
+    study = Study(replace(study.setup, identify=tuple(experiments)))
+    conclusion = study.diagnose()
+    assert [a.effect.kind for a in conclusion.accepted][:1] == ["coulomb_friction"]
+    assert study.beyond is None

@@ -1,0 +1,81 @@
+"""Least squares with corrected Jacobians ends where SciPy's does, and asks for few Jacobians."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from estimation.least_squares import Piece, solve
+
+T = np.linspace(0.0, 4.0, 200)
+
+
+def decay(x):
+    """Amplitude, rate and frequency of a ringing."""
+    return x[0] * np.exp(-x[1] * T) * np.cos(x[2] * T)
+
+
+def problem(data, own=0.3):
+    """Two pieces: the second has an unknown of its own."""
+
+    def residuals(x):
+        return [decay(x) - data, decay(x) + x[3] - data - own]
+
+    def jacobian(x):
+        e, c, s = np.exp(-x[1] * T), np.cos(x[2] * T), np.sin(x[2] * T)
+        return np.column_stack([e * c, -T * x[0] * e * c, -T * x[0] * e * s])
+
+    def pieces(x):
+        j = jacobian(x)
+        first, second = residuals(x)
+        yield Piece(j, np.array([0, 1, 2]), first)
+        yield Piece(np.column_stack([j, np.ones_like(T)]), np.array([0, 1, 2, 3]), second)
+
+    return residuals, pieces
+
+
+def fitted(low=-np.inf, **options):
+    data = decay([2.0, 0.7, 5.0]) + 0.01 * np.random.default_rng(3).standard_normal(T.size)
+    residuals, pieces = problem(data)
+    start, bounds = np.array([1.5, 0.4, 4.6, 0.0]), (np.array([low, -9, -9, -9.0]), np.full(4, 9.0))
+    mine = solve(residuals, pieces, start, *bounds, **options)
+    theirs = least_squares(
+        lambda x: np.concatenate(residuals(x)),
+        np.maximum(start, bounds[0] + 1e-9),
+        bounds=bounds,
+        xtol=1e-12,
+        ftol=1e-14,
+    )
+    return mine, theirs
+
+
+def test_it_ends_where_scipy_ends():
+    mine, theirs = fitted(tolerance=1e-10)
+    assert mine.cost == pytest.approx(theirs.cost, rel=1e-8)
+    assert mine.x == pytest.approx(theirs.x, rel=1e-5)
+
+
+def test_a_bound_holds_and_the_rest_settles_on_it():
+    mine, theirs = fitted(low=2.5, tolerance=1e-10)
+    assert mine.x[0] == 2.5
+    assert mine.cost <= theirs.cost * (1.0 + 1e-6)
+
+
+def test_corrected_jacobians_save_new_ones():
+    mine, _ = fitted(tolerance=1e-7)
+    assert mine.evaluations >= mine.jacobians + 2
+
+
+def test_a_failed_simulation_is_a_bad_step_and_not_the_end():
+    data = decay([2.0, 0.7, 5.0])
+    residuals, pieces = problem(data)
+
+    def fragile(x):
+        return None if x[1] > 0.75 else residuals(x)
+
+    found = solve(fragile, pieces, np.array([1.0, 0.1, 4.8, 0.0]), np.full(4, -9.0), np.full(4, 9.0), tolerance=1e-9)
+    assert found.x[:3] == pytest.approx([2.0, 0.7, 5.0], rel=1e-3)
+
+
+def test_without_confirmation_it_still_ends_near_the_minimum():
+    mine, theirs = fitted(tolerance=1e-4, confirm=False)
+    assert mine.cost <= theirs.cost * (1.0 + 2e-3)
