@@ -35,11 +35,11 @@ class Entry:
     work: Callable[[], float | None]
     times: list[float] = field(default_factory=list)
 
-    def once(self) -> float:
+    def once(self, clock: Callable[[], float] = time.perf_counter) -> float:
         """Seconds that the work took, or that it says it took."""
-        start = time.perf_counter()
+        start = clock()
         said = self.work()
-        took = time.perf_counter() - start
+        took = clock() - start
         return float(said) if isinstance(said, float) else took
 
 
@@ -64,6 +64,8 @@ def load(path: Path) -> Group:
     if spec is None or spec.loader is None:
         raise ValueError(f"{path}: not a Python file")
     module = importlib.util.module_from_spec(spec)
+    if str(path.parent) not in sys.path:
+        sys.path.insert(0, str(path.parent))  # entries of several files share what is beside them
     spec.loader.exec_module(module)
     entries = []
     for name, function in vars(module).items():
@@ -74,14 +76,25 @@ def load(path: Path) -> Group:
         work = function()
         if not callable(work):
             raise ValueError(f"{path.name}: {name} must return the callable to be timed, not {work!r}")
-        entries.append(Entry(function.__doc__.strip().splitlines()[0], work))
+        name = function.__doc__.strip().splitlines()[0]
+        entries.append(Entry(f"{name} ({work.note})" if hasattr(work, "note") else name, work))
     if not entries:
         raise ValueError(f"{path.name}: no function named bench_*")
     title = (module.__doc__ or path.stem).strip().splitlines()[0]
     return Group(path.stem.removeprefix("bench_"), title, entries)
 
 
-def measure(group: Group, rounds: int, seconds: float, rng: random.Random) -> None:
+def processor_time() -> float:
+    """Seconds of processor time that this process and its ended children have used, in all threads."""
+    return sum(os.times()[2:4]) + time.process_time()  # children by the clock tick, this process finely
+
+
+CLOCKS = {"wall": time.perf_counter, "cpu": processor_time}
+
+
+def measure(
+    group: Group, rounds: int, seconds: float, rng: random.Random, clock: Callable[[], float] = time.perf_counter
+) -> None:
     """Time the entries in turns, in a new order each round, after one call each that does not count.
 
     Stops after ``rounds`` rounds, or earlier once ``seconds`` are spent, but not before three rounds.
@@ -93,7 +106,7 @@ def measure(group: Group, rounds: int, seconds: float, rng: random.Random) -> No
         if done >= FEWEST_ROUNDS and time.perf_counter() - start > seconds:
             break
         for entry in rng.sample(group.entries, len(group.entries)):
-            entry.times.append(entry.once())
+            entry.times.append(entry.once(clock))
 
 
 def quartiles(values: Sequence[float]) -> tuple[float, float, float]:
@@ -189,6 +202,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rounds", type=int, default=11, help="rounds at most (%(default)s)")
     parser.add_argument("--seconds", type=float, default=60.0, help="per file; then no new round starts")
     parser.add_argument("--seed", type=int, default=0, help="for the order of the entries")
+    parser.add_argument(
+        "--clock", choices=CLOCKS, default="wall", help="cpu: processor time, where other programs run meanwhile")
     parser.add_argument("--json", type=Path, help="write all single times into this file")
     parser.add_argument("--write-docs", action="store_true", help="write docs/benchmarks/index.md")
     options = parser.parse_args(arguments)
@@ -207,7 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     groups = []
     for path in chosen:
         group = load(path)
-        measure(group, options.rounds, options.seconds, rng)
+        measure(group, options.rounds, options.seconds, rng, CLOCKS[options.clock])
         print(f"\n{plain_table(group)}", flush=True)
         groups.append(group)
     if options.json:

@@ -6,6 +6,7 @@ import ctypes
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -144,3 +145,132 @@ class HandWritten:
             raise ArithmeticError("the step became too small")
         self.evaluations = done
         return self.out
+
+
+# -------------------------------------------------------------------- methods at equal error
+
+TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 1e-7)
+Solve = Callable[[float, float], np.ndarray]
+
+
+@cache
+def truth(kind: str, stiff: bool = False) -> np.ndarray:
+    """Return the watched outputs of a trip, integrated far more exactly than they are asked for."""
+    from multibody.solvers import Rodas5P
+
+    return trip(kind, stiff).watched(_native(kind, stiff, Rodas5P)(1e-9, 1e-12))
+
+
+def _native(kind: str, stiff: bool, method: Any) -> Solve:
+    from multibody.simulate import native_problem
+    from multibody.solvers import integrate
+
+    given = trip(kind, stiff)
+    problem = native_problem(given.system, given.system.p, given.table, tangent=True)
+
+    def solve(rtol: float, atol: float) -> np.ndarray:
+        done = integrate(problem, (0.0, DURATION), given.start, t_eval=given.times, method=method, rtol=rtol, atol=atol)
+        return np.ascontiguousarray(done.y.T)
+
+    return solve
+
+
+def _scipy(kind: str, stiff: bool, method: str) -> Solve:
+    from scipy.integrate import solve_ivp
+
+    given = trip(kind, stiff)
+    rates, jacobian = _python_functions(given)
+    options = {"jac": jacobian} if method in ("Radau", "BDF", "LSODA") else {}
+
+    def solve(rtol: float, atol: float) -> np.ndarray:
+        done = solve_ivp(
+            rates, (0.0, DURATION), given.start, method=method, t_eval=given.times, rtol=rtol, atol=atol, **options
+        )
+        return np.ascontiguousarray(done.y.T)
+
+    return solve
+
+
+def _sundae(kind: str, stiff: bool) -> Solve:
+    from sksundae.cvode import CVODE
+
+    given = trip(kind, stiff)
+    rates, jacobian = _python_functions(given)
+
+    def rhs(t: float, y: np.ndarray, out: np.ndarray) -> None:
+        out[:] = rates(t, y)
+
+    def jac(t: float, y: np.ndarray, rate: np.ndarray, out: np.ndarray) -> None:
+        out[:] = jacobian(t, y)
+
+    def solve(rtol: float, atol: float) -> np.ndarray:
+        done = CVODE(rhs, jacfn=jac, rtol=rtol, atol=atol, max_num_steps=100_000).solve(given.times, given.start)
+        return np.ascontiguousarray(done.y)
+
+    return solve
+
+
+def _python_functions(given: Trip) -> tuple[Callable[..., np.ndarray], Callable[..., np.ndarray]]:
+    """Return rates and exact Jacobian as functions of Python, with as little around the compiled ones as can be."""
+    system, table = (
+        given.system,
+        np.ascontiguousarray(given.table(given.times, given.system.p).reshape(len(given.times), -1)),
+    )
+    p, n, last = system.p, len(system.states), len(table) - 2
+
+    def inputs(t: float) -> np.ndarray:
+        i = min(max(int(t / STEP), 0), last)
+        return table[i] + (t / STEP - i) * (table[i + 1] - table[i])
+
+    def rates(t: float, x: np.ndarray) -> np.ndarray:
+        return system.rhs_function(t, x, inputs(t), p, np.empty(n))
+
+    def jacobian(t: float, x: np.ndarray) -> np.ndarray:
+        return system.jacobian("x", t, x, inputs(t), p)
+
+    return rates, jacobian
+
+
+def entries(kind: str, stiff: bool = False, others: bool = True) -> dict[str, Any]:
+    """Return the entries of one trip, each at its own loosest tolerance that keeps the error below `TARGET`."""
+    from multibody import solvers
+
+    def hand(options: tuple[str, ...]) -> Callable[[], Solve]:
+        return lambda: HandWritten(trip(kind, stiff), options)
+
+    makers: dict[str, Callable[[], Solve]] = {
+        "C by hand, gcc -O3 -march=native": hand(("-O3", "-march=native")),
+        "C by hand, gcc -O3": hand(("-O3",)),
+        "solve_ivp, default method": lambda: _native(kind, stiff, solvers.Automatic),
+        "solve_ivp, DormandPrince54": lambda: _native(kind, stiff, solvers.DormandPrince54),
+        "solve_ivp, Rodas5P": lambda: _native(kind, stiff, solvers.Rodas5P),
+    }
+    if others:
+        makers["CVODE (scikit-sundae), exact Jacobian"] = lambda: _sundae(kind, stiff)
+        for method in ("LSODA", "RK45", "DOP853", "Radau", "BDF"):
+            makers[f"SciPy {method}"] = lambda method=method: _scipy(kind, stiff, method)  # type: ignore[misc]
+    return {f"bench_{k}": _entry(name, make, kind, stiff) for k, (name, make) in enumerate(makers.items())}
+
+
+def _entry(name: str, make: Callable[[], Solve], kind: str, stiff: bool) -> Callable[[], Any]:
+    def prepare() -> Callable[[], None]:
+        solve, given, target = make(), trip(kind, stiff), truth(kind, stiff)
+        for rtol in TOLERANCES:
+            try:
+                states = solve(rtol, 1e-3 * rtol)
+            except ArithmeticError:
+                continue
+            found = given.error(states, target) if len(states) == len(given.times) else np.inf
+            if found <= TARGET:
+                break
+        else:
+            raise ValueError(f"{name} does not reach an error of {TARGET:g} at any tolerance down to {rtol:g}")
+
+        def work() -> None:
+            solve(rtol, 1e-3 * rtol)
+
+        work.note = f"rtol {rtol:g}, error {found:.1e}"  # type: ignore[attr-defined]
+        return work
+
+    prepare.__doc__ = name
+    return prepare

@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from multibody.component import Component
 
-__all__ = ["Kind", "KindText", "MotionRange", "kind_named", "kinds", "register"]
+__all__ = ["SHIPPED", "Kind", "KindText", "MotionRange", "kind_named", "kinds", "register"]
 
 Shapes = list[dict[str, float]]
 
@@ -379,3 +379,5 @@ _add([
         "Measure the force directly at this connection, or repeat the run and see whether the curve comes back."),
         None),
 ])
+SHIPPED = tuple(_KINDS)
+"""Names of the kinds that belong to this package; others are registered by whoever has them."""

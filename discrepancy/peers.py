@@ -247,7 +247,7 @@ def peer_rates(trials: Sequence[PeerTrial]) -> list[dict[str, Any]]:
 def peer_page(trials: Sequence[PeerTrial], date: str) -> str:
     """Return the comparison as a page (Markdown)."""
     from discrepancy.peers_methods import versions
-    from discrepancy.suite import wilson
+    from discrepancy.trials import wilson
 
     counted = [t for t in trials if not t.note]
     seeds = sorted({t.seed for t in trials})

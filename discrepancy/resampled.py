@@ -252,7 +252,7 @@ def resampled_page(
     again: tuple[float, float] = (0.0, 0.0),
 ) -> str:
     """Return the result as a section (Markdown); ``again`` is what `repeats` says of the best model's records."""
-    from discrepancy.suite import wilson
+    from discrepancy.trials import wilson
 
     untied = [t for t in trials if t.scheme != SHIFT or again[1] < REPEATS]
 

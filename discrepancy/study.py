@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discrepancy.effects import Effect
-from discrepancy.export import machine_of
+from discrepancy.fitted import Held, beside_held_out, fitted_stage
 from discrepancy.search import Step, search_step
 from discrepancy.setup import Setup, from_file, noise_floors
 from discrepancy.stage import Accepted, Stage
-from estimation.calibrate import calibrate, evaluate
 
 if TYPE_CHECKING:
     import pandas
@@ -140,67 +139,19 @@ class Study:
         *,
         move: bool = True,
         trial: bool = False,
-        held: tuple[Mapping[str, float], Sequence[np.ndarray], Mapping[str, float]] | None = None,
+        held: Held | None = None,
     ) -> Stage:
-        """Fit the model with some effects in it and lay it beside the held-out records."""
-        model = self.setup.model
-        for effect in effects:
-            model = effect.added_to(model)
-        measured = self.setup.identify[0].outputs
-        system = model.build(probes=True)
-        slim = model.build(probes=True, outputs=measured)
-        sensors = tuple(s for e in effects if (s := e.sensor_error()) is not None)
-        parameters = list(self.setup.uncertain) if move else []
-        begun = start.identify.to_dict() if start is not None else {}
-        own, scale = _own(start), start.identify.scale if trial and start is not None else None
-        if held is not None:
-            begun, own, scale = dict(held[0]), list(held[1]), dict(held[2])
-        base = system.parameter_vector({p.name: p.value for p in self.setup.uncertain})
-        for effect in effects:
-            parameters += effect.uncertain()
-        first = [begun.get(p.name, p.value) for p in parameters]
-        found = calibrate(
-            slim,
-            self.setup.identify,
-            parameters,
-            noise=noise,
-            sensors=sensors,
-            base=base,
-            start=first,
-            own=own,
-            scale=scale,
-            max_evaluations=20 if trial else 40,
-            hold=held is not None,
-            progress=None if trial else self.progress,
-        )
-        p = base.copy()
-        for key, value in found.to_dict().items():
-            if not key.startswith("sensor."):
-                p[system.index("parameter", key)] = value
-        fitted = tuple(e.with_values(found.to_dict()) for e in effects)
-        sensors = tuple(s for e in fitted if (s := e.sensor_error()) is not None)
-        beside = None
-        if self.setup.validate and not trial:
-            beside = evaluate(slim, self.setup.validate, found, noise=noise, sensors=sensors, base=base)
-        values = {k: v for k, v in found.to_dict().items() if not k.startswith("sensor.")}
-        given = {} if move else {q.name: q.value for q in self.setup.uncertain}
-        machine = None
-        if not trial:
-            units = {n: system.unit(n) for n in measured}
-            machine = machine_of(self.given.model, fitted, {**given, **values}, sensors, units)
-        return Stage(
+        return fitted_stage(
+            self.setup,
+            self.given.model,
             name,
-            model.with_values({**given, **values}),
-            system,
-            slim,
-            fitted,
-            None,
-            found,
-            beside,
-            sensors,
-            p,
+            effects,
+            start,
             noise,
-            machine=machine,
+            move=move,
+            trial=trial,
+            held=held,
+            progress=self.progress,
         )
 
     def add(self, effect: Effect, accepted: Accepted | None = None) -> Stage:
@@ -341,20 +292,10 @@ class Study:
             stage = self._fitted(trial.name, trial.effects, trial, trial.noise)
         except RuntimeError as error:  # the trial could be simulated, what is near it cannot
             self.progress(f"{trial.effects[-1]} could not be fitted further, the trial's fit stands: {error}")
-            stage = self._beside_held_out(trial)
+            stage = beside_held_out(self.setup, trial)
         told = replace(accepted, effect=stage.effects[-1]) if accepted is not None else None
         self.stages.append(replace(stage, accepted=told))
         self._made()
-
-    def _beside_held_out(self, stage: Stage) -> Stage:
-        """Return a stage laid beside the held-out records as it is."""
-        if not self.setup.validate:
-            return stage
-        base = stage.system.parameter_vector({p.name: p.value for p in self.setup.uncertain})
-        held = evaluate(
-            stage.slim, self.setup.validate, stage.identify, noise=stage.noise, sensors=stage.sensors, base=base
-        )
-        return replace(stage, validate=held)
 
     def _drop_idle(self) -> None:
         """Take out an earlier effect that a later one has made idle."""
@@ -450,7 +391,3 @@ class Study:
     def __repr__(self) -> str:
         records = f"{len(self.setup.identify)} + {len(self.setup.validate)} records"
         return f"Study({self.setup.name!r}: {records}, {len(self.stages)} stages)"
-
-
-def _own(stage: Stage | None) -> list[np.ndarray] | None:
-    return [np.array(list(f.own.values())) for f in stage.identify.fits] if stage is not None else None

@@ -9,84 +9,19 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Trial", "hidden_trial", "main", "null_trial", "page", "rates", "run_suite", "wilson"]
+from discrepancy.trials import SUITES, Trial, page, rates, read_trials
+
+__all__ = ["hidden_trial", "main", "null_trial", "run_suite"]
 
 TIMES_VISIBLE = 3.0
 NOT_FOUND_ALONE = ("unknown_force",)
-SUITES = ("null", "kinds", "pairs", "unknown")
 BESIDES = ("peers", "resampled")  # comparisons, which have pages of their own
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One case and what the search said.
-
-    Parameters
-    ----------
-    suite : {"null", "kinds", "pairs", "unknown"}
-    seed : int
-    hidden : tuple of str
-        ``kind@where``.
-    verdict : str
-    found : tuple of str
-        ``kind@where`` of the effects added, in order.
-    ties : tuple of str
-        What could not be told from the first.
-    ratio : float
-        Fitted strength over the true one, where kind and place are right.
-    seconds : float
-    note : str
-        Why it was refused or failed.
-    over, curve_over, depends_on : str
-        What an unknown force is a function of: in truth, as the curve that was added, and by the estimate over time.
-    """
-
-    suite: str
-    seed: int
-    hidden: tuple[str, ...]
-    verdict: str
-    found: tuple[str, ...]
-    ties: tuple[str, ...] = ()
-    ratio: float = math.nan
-    seconds: float = math.nan
-    note: str = field(default="")
-    over: str = ""
-    curve_over: str = ""
-    depends_on: str = ""
-
-    @property
-    def first(self) -> bool:
-        """True if what was hidden was named first."""
-        return bool(self.found) and self.found[0] in self.hidden
-
-    @property
-    def in_tie(self) -> bool:
-        """True if what was hidden is among the first effect and what cannot be told from it."""
-        return bool(self.found) and bool({self.found[0], *self.ties} & set(self.hidden))
-
-
-def wilson(hits: int, trials: int) -> tuple[float, float]:
-    """Return the 95 % Wilson interval of a rate.
-
-    Examples
-    --------
-    >>> low, high = wilson(2, 100)
-    >>> round(low, 4), round(high, 4)
-    (0.0055, 0.07)
-    """
-    if trials == 0:
-        return 0.0, 1.0
-    z = 1.959963984540054
-    rate, n = hits / trials, trials
-    middle = (rate + z * z / (2 * n)) / (1 + z * z / n)
-    half = z * math.sqrt(rate * (1 - rate) / n + z * z / (4 * n * n)) / (1 + z * z / n)
-    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def _diagnosed(suite: str, seed: int, hidden: Sequence[str], **rig: Any) -> Trial:
@@ -238,103 +173,6 @@ def run_suite(
                 f"{trial.verdict}: {', '.join(trial.found) or 'nothing'} ({trial.seconds:.0f} s)"
             )
     return done
-
-
-def read_trials(path: Path) -> list[Trial]:
-    """Read the trials of an earlier run."""
-    if not path.exists():
-        return []
-    rows = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
-    return [
-        Trial(**{**r, "hidden": tuple(r["hidden"]), "found": tuple(r["found"]), "ties": tuple(r["ties"])}) for r in rows
-    ]
-
-
-def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
-    """Return rows (what, hits, trials) of one suite."""
-    trials = list(trials)
-    if not trials:
-        return []
-    suite, n = trials[0].suite, len(trials)
-    if suite == "null":
-        return [("false alarms", sum(bool(t.found) for t in trials), n)]
-    if suite == "unknown":
-        return [
-            ("verdict 'unknown effect'", sum(t.verdict == "unknown effect" for t in trials), n),
-            ("a wrong name", sum(t.verdict in ("effect found", "ambiguous") for t in trials), n),
-            *_right_axis(trials),
-        ]
-    if suite == "pairs":
-        return [("both found", sum(set(t.hidden) <= set(t.found) for t in trials), n)]
-    counted = [t for t in trials if t.verdict != "refused"]
-    rows = [
-        ("found (something is named)", sum(bool(t.found) for t in counted), len(counted)),
-        ("truth named first", sum(t.first for t in counted), len(counted)),
-        ("truth in the tie set", sum(t.in_tie for t in counted), len(counted)),
-        (
-            "strength within 20 %",
-            sum(abs(t.ratio - 1) <= 0.2 for t in counted if t.first),
-            sum(t.first for t in counted),
-        ),
-    ]
-    for name in dict.fromkeys(t.hidden[0] for t in counted):
-        of = [t for t in counted if t.hidden[0] == name]
-        rows.append((f"{name}: truth in the tie set", sum(t.in_tie for t in of), len(of)))
-    return rows
-
-
-def _right_axis(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
-    """Return how often an unknown force is said to depend on what it does depend on."""
-    from discrepancy.unknown_laws import OVER
-
-    rows = []
-    for over in OVER:
-        called = [t for t in trials if t.over == over and t.verdict == "unknown effect"]
-        rows += [
-            (f"over {over}: verdict", len(called), sum(t.over == over for t in trials)),
-            (f"over {over}: curve over {over}", sum(t.curve_over == over for t in called), len(called)),
-            (f"over {over}: estimate depends on {over}", sum(t.depends_on == over for t in called), len(called)),
-        ]
-    return rows
-
-
-def page(out: Path, date: str) -> str:
-    """Return the results page (Markdown) of all suites in a folder."""
-    lines = [
-        "# How often the search is right",
-        "",
-        f"Made by `vtsdt validate discrepancy` on {date}; virtual axis.",
-        "",
-    ]
-    for suite in SUITES:
-        trials = read_trials(out / f"{suite}.jsonl")
-        if not trials:
-            continue
-        seeds = sorted({t.seed for t in trials})
-        lines += [
-            f"## {suite}",
-            "",
-            f"Seeds {seeds[0]} to {seeds[-1]}.",
-            "",
-            "| | hits | trials | rate | 95 % interval |",
-            "|---|---|---|---|---|",
-        ]
-        for what, hits, n in rates(trials):
-            low, high = wilson(hits, n)
-            lines.append(f"| {what} | {hits} | {n} | {hits / max(n, 1):.1%} | {low:.1%} to {high:.1%} |")
-        lines += ["", "Misses:", ""]
-        for t in trials:
-            missed = bool(t.found) if suite == "null" else not t.in_tie
-            if suite == "unknown":
-                missed = t.verdict != "unknown effect" or t.over not in (t.curve_over, t.depends_on)
-            if missed:
-                said = ", ".join(t.found) or "nothing"
-                lines.append(
-                    f"- seed {t.seed}, {' + '.join(t.hidden) or 'nothing'} hidden: {t.verdict}, named {said}. {t.note}"
-                    + (f" True over {t.over}, curve over {t.curve_over or 'nothing'}." if t.over else "")
-                )
-        lines.append("")
-    return "\n".join(lines)
 
 
 def main(arguments: Sequence[str]) -> int:

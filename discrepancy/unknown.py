@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.blocks import Candidate
-from discrepancy.columns import MOTION, Confrontation
+from discrepancy.columns import Confrontation
 from discrepancy.effect_laws import CURVE_OVER, CURVE_POINTS
 from discrepancy.effects import Effect
 from discrepancy.kinds import kind_named
+from discrepancy.law_force import MOTION
 from estimation.experiment import Push
 from estimation.push_response import forget
 

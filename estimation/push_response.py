@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -130,9 +130,9 @@ def response_of(
 ) -> PushResponse:
     """Return the transitions for some pushes; the last ones are kept with the experiment until `forget`."""
     channels = tuple(dict.fromkeys(q.channel for q in pushes))
-    kept = experiment._cache.get("pushes")
+    kept: Any = experiment._cache.get("pushes")
     if kept is not None:
-        of, at, start, found = kept  # type: ignore[misc]
+        of, at, start, found = kept
         same = of is system and np.array_equal(at, p) and np.array_equal(start, x0)
         if same and set(channels) <= set(found.channels):
             return found
@@ -145,7 +145,7 @@ def response_of(
 
 def forget(experiment: Experiment) -> None:
     """Free the memory of transitions that are too large to be kept."""
-    kept = experiment._cache.get("pushes")
+    kept: Any = experiment._cache.get("pushes")
     if kept is not None and kept[3].nbytes > KEPT_BYTES:  # type: ignore[index]
         del experiment._cache["pushes"]
 

@@ -263,8 +263,8 @@ def _fig_8(found: Mapping[str, OneAtATimeResult]) -> Chapter:
 
 
 _WHY_8 = {
-    "D_P": "the teeth are pressed in by less than D_P (about 40 µm in the mean at 150 N·m), so D_P scales the damping as C_D "
-    "does",
+    "D_P": "the teeth are pressed in by less than D_P (about 40 µm in the mean at 150 N·m), so D_P scales the damping "
+    "as C_D does",
     "E": "rigid gears feel E only through K (Eq. 15), which is varied by itself: where K is given, E does nothing",
     "rho": "density moves the gears' inertia and with it the resonances that filter the mesh; it matters where one "
     "lies near a mesh line",
@@ -343,8 +343,8 @@ def _similarity(result: UpdatingResult) -> Chapter:
         Row("updated model above 0.7 at all four conditions", "yes", "yes" if above else "no",
             AGREES if above else DIFFERS, "" if above else "see the values above"),
         Row("a similarity above 0.6 “indicates a satisfactory consistency”", "0.6",
-            f"{100 * start.share_above:.0f} % of all lags give more, from {start.lowest:.2f} to {start.value:.2f}",
-            DIFFERS, "without a rule for the lag a similarity says little: two lines with a free lag reach 0.6 easily"),
+            f"before updating {100 * start.share_above:.0f} % of all lags give more, from {start.lowest:.2f} to "
+            f"{start.value:.2f}", UNCHECKED, "the paper gives no rule for its lag, and the lag decides"),
     ]  # fmt: skip
     for told in result.directions:
         rows.append(

@@ -183,7 +183,7 @@ class GuideFilter:
                     f"{run['cabin.v_z'][k]:.2g} m/s, the measured one at {trip.speed[k]:.2g} m/s, because the tension "
                     "says less friction than a sliding cabin has, or far more: check the tension's zero"
                     f"{'' if tension_error else ' (trips of one direction do not show it)'}, the cabin's mass and the "
-                    "friction coefficient in the parameters"
+                    "friction coefficient in the parameters; noisy readings need --tuning quiet"
                 ]
             )
         lost = np.abs(run["cabin.z"] - trip.height) > 0.05

@@ -118,8 +118,8 @@ def rail_profile(
         return size**2 * (1.0 + apart) * np.exp(-apart)
 
     levels = [height + s for s in shoes]
-    k_yy = sum(covariance(a, b) for a in levels for b in levels) / len(levels) ** 2
-    k_xy = sum(covariance(points, b) for b in levels) / len(levels)
+    k_yy = np.mean([covariance(a, b) for a in levels for b in levels], axis=0)
+    k_xy = np.mean([covariance(points, b) for b in levels], axis=0)
     noise = np.diag(np.maximum(std, 0.02e-3) ** 2)
     middle = float(np.mean(deviation))
     weights = np.linalg.solve(k_yy + noise, np.column_stack([deviation - middle, k_xy.T]))

@@ -254,20 +254,20 @@ def _weight(values: Mapping[str, np.ndarray], lift: LiftParameters) -> float:
 
 
 def _is_tension(x: np.ndarray, weight: float) -> bool:
-    return 0.5 * weight < float(np.median(x)) < 2.0 * weight
+    return bool(0.5 * weight < float(np.median(x)) < 2.0 * weight)
 
 
 def _is_height(x: np.ndarray, travel: float) -> bool:
     steps = np.abs(np.diff(x))
-    smooth = float(np.median(steps)) < 0.02 * float(np.ptp(x)) if np.ptp(x) > 0 else False
+    smooth = bool(np.ptp(x) > 0.0 and np.median(steps) < 0.02 * np.ptp(x))
     # Heights stay on their way for long; an acceleration crosses its middle again and again.
     crossings = np.count_nonzero(np.diff(np.sign(x - 0.5 * (x.max() + x.min()))) != 0)
-    return smooth and LEAST_TRAVEL < float(np.ptp(x)) < 1.5 * travel and crossings < 10
+    return bool(smooth and LEAST_TRAVEL < np.ptp(x) < 1.5 * travel and crossings < 10)
 
 
 def _is_acceleration(x: np.ndarray) -> bool:
     crossings = np.count_nonzero(np.diff(np.sign(x - np.median(x))) != 0)
-    return abs(float(np.median(x))) < 0.5 and float(np.std(x)) < 5.0 and crossings >= 10
+    return bool(abs(np.median(x)) < 0.5 and np.std(x) < 5.0 and crossings >= 10)
 
 
 def _swapped(values: Mapping[str, np.ndarray], lift: LiftParameters) -> tuple[str, str] | None:

@@ -54,7 +54,7 @@ def with_rails(parameters: LiftParameters, rails: Mapping[str, Mapping[str, Sequ
     """
     names = ("left_x", "right_x", "left_y", "right_y")
     faults: list[str] = []
-    found: dict[str, dict[str, Profile | None]] = {s: dict.fromkeys(names) for s in ("cabin", "counterweight")}
+    found: dict[str, dict[str, Any]] = {s: dict.fromkeys(names) for s in ("cabin", "counterweight")}
     for key, table in rails.items():
         side, _, name = key.partition(".")
         if side not in found or name not in names:

@@ -30,6 +30,7 @@ ELSEWHERE = {
     ("align",): Elsewhere("vtsdt.alignment:main", "guide rail alignment from cabin vibration"),
     ("what-if",): Elsewhere("vtsdt.whatif:main", "what a change of the lift does to comfort and loads"),
     ("update-gearbox",): Elsewhere("gearbox.updating:main", "update a gear stage model from recordings"),
+    ("warm",): Elsewhere("vtsdt.warm:main", "compile the shipped models before they are needed"),
     ("validate", "papers"): Elsewhere("vtsdt.papers:main", "the papers' tables, made again and compared"),
     ("validate", "discrepancy"): Elsewhere(
         "discrepancy.suite:main", "error rates of finding missing effects"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
@@ -31,9 +32,18 @@ class Progress:
         self.quiet = quiet
         self._status: Any = None
         self._begun = time.monotonic()
+        self._deaf: Callable[[], None] | None = None
 
     def __enter__(self) -> Progress:
+        if not self.quiet:
+            from multibody.compile_events import on_compile
+
+            self._deaf = on_compile(self._compiling)
         return self
+
+    def _compiling(self, name: str, seconds: float | None) -> None:
+        if seconds is None:
+            self(f"compile {name} (once on this machine)")
 
     def __call__(self, text: str) -> None:
         """Say what is being done."""
@@ -56,6 +66,9 @@ class Progress:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self._deaf is not None:
+            self._deaf()
+            self._deaf = None
         if self._status is not None:
             self._status.stop()
             self._status = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,12 +43,21 @@ def sampled_reference(lift: Lift, direction: str = "up", step: float = 1e-3) -> 
 
     A positive speed lets the cabin down, so the reference of a trip up is negative.
     """
-    p, r = lift.parameters, lift.parameters.pulley.R_p
-    times = np.arange(round(p.trip.duration / step) + 1) * step
+    p, trip = lift.parameters, lift.parameters.trip
     way = -trip_sign(direction) * p.hoistway.travel
-    trip = p.trip
-    if trip.jerk > 0.0:
-        speed = [jerk_limited(t - trip.start, way, trip.speed, trip.acceleration, trip.jerk)[1] for t in times]
+    jerk = trip.jerk if trip.jerk > 0.0 else 0.0
+    times, speed = _sampled(trip.duration, step, trip.start, way, trip.speed, trip.acceleration, jerk)
+    return times.copy(), speed / p.pulley.R_p
+
+
+@lru_cache(maxsize=32)
+def _sampled(
+    duration: float, step: float, start: float, way: float, speed: float, acceleration: float, jerk: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times and rope speed; kept, because many trips of one lift have the same."""
+    times = np.arange(round(duration / step) + 1) * step
+    if jerk > 0.0:
+        values = [jerk_limited(t - start, way, speed, acceleration, jerk)[1] for t in times.tolist()]
     else:
-        speed = [trapezoidal(t - trip.start, way, trip.speed, trip.acceleration)[1] for t in times]
-    return times, np.array(speed) / r
+        values = [trapezoidal(t - start, way, speed, acceleration)[1] for t in times.tolist()]
+    return times, np.array(values)

@@ -152,7 +152,7 @@ class TripRunner:
                     guess.update({k: v for k, v in start.to_dict().items() if k != "pulley.angle"})
                 yield native_problem(system, p, table), start.state
 
-        options = {"rtol": self.rtol, "atol": 1e-3 * self.rtol}
+        options: dict[str, Any] = {"rtol": self.rtol, "atol": 1e-3 * self.rtol}
         for found in batch(problems(), (0.0, float(times[-1])), times, **options):
             if not found.success:
                 raise SimulationError(f"'{self.lift.name}', run {found.index + 1} of {len(runs)}: {found.message}")

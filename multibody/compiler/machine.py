@@ -48,7 +48,7 @@ def compiled(text: str) -> bytes:
         module.triple, module.data_layout = target.triple, str(target.target_data)
         options = binding.create_pipeline_tuning_options(speed_level=LEVEL)
         # Vectors made from straight text (slp) took four times as long to compile and ran slower: left off.
-        options.loop_vectorization = options.loop_unrolling = True
+        options.loop_vectorization, options.loop_unrolling = True, False
         builder = binding.create_pass_builder(target, options)
         builder.getModulePassManager().run(module, builder)
         return target.emit_object(module)

@@ -28,6 +28,8 @@ class Automatic(DormandPrince54):
     it rests in dry friction.  If the stiff method's steps turn out not to be longer by more than they cost, the
     explicit one keeps the problem.  A problem without a tangent stays with the explicit method.
 
+    It takes what `NativeSolver` takes, and two more parameters.
+
     Parameters
     ----------
     stiff_problem : callable, optional
@@ -35,8 +37,6 @@ class Automatic(DormandPrince54):
         compiles no tangent.
     history : list, optional
         Gets a pair (time in s, name of the method) at every change.
-    others
-        As of `NativeSolver`.
     """
 
     def __init__(

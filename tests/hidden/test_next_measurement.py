@@ -9,7 +9,8 @@ import pytest
 
 from discrepancy.axis import axis_case, make_axis
 from discrepancy.effects import Effect
-from discrepancy.next_measurement import NextMeasurement, Proposal, chance, compare_trips, repeats_needed
+from discrepancy.next_measurement import compare_trips
+from discrepancy.proposals import NextMeasurement, Proposal, chance, repeats_needed
 from discrepancy.search import TIE, bic_difference
 from discrepancy.study import Study
 from discrepancy.trip_plan import TripPlan

@@ -58,14 +58,14 @@ def test_dry_friction_comes_first_where_there_is_viscous_friction_only(measured_
     before = relative(study.stage, "validate")
     step = study.explain()
     assert step.accepted is not None
-    # The axis has both: dry friction, and an offset that makes it look as if it differed with direction.
-    assert step.accepted.effect.kind in ("coulomb_friction", "asymmetric_coulomb_friction")
+    # The axis also has an offset that makes dry friction look as if it differed with direction: that is for later.
+    assert step.accepted.effect.kind == "coulomb_friction"
     stage = study.add(step.accepted.effect, step.accepted)
     level = np.mean(list(stage.effects[0].strengths.values()))
     # Published: 20.3935 N (Janot, Gautier, Brunot 2019); 5 % is what the offset and the viscous part shift it.
     assert level == pytest.approx(20.39, rel=0.05)
-    # Measured: 17.3 to 4.5 %.
-    assert relative(stage, "validate") < 0.4 * before
+    # Measured: 17.3 to 7.2 %, a factor of 2.4, as in the inverse regression (9.60 N to 4.00 N).
+    assert relative(stage, "validate") < 0.45 * before
 
 
 def test_speed_of_the_controller_is_one_sample_late(measured_data):

@@ -107,10 +107,11 @@ def test_faults_of_a_benchmark_file_are_named(
 def test_every_shipped_benchmark_has_a_title_and_names(runner: ModuleType) -> None:
     """Text only: preparing the entries may take longer than a quick test has."""
     for path in sorted((ROOT / "benchmarks").glob("bench_*.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        tree = ast.parse(text)
         assert ast.get_docstring(tree), path.name
         functions = [n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name.startswith("bench_")]
-        assert functions, path.name
+        assert functions or "globals().update(" in text, path.name  # entries that several files share
         names = [ast.get_docstring(function) for function in functions]
         assert all(names), path.name
         assert len(set(names)) == len(names), path.name

@@ -1,0 +1,78 @@
+"""The force of a law along a motion that is given, without a machine."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.effects import law_class
+from discrepancy.kinds import Kind
+
+if TYPE_CHECKING:
+    from multibody.system import System
+
+__all__ = ["MOTION", "law_force"]
+
+MOTION = ("position", "velocity", "acceleration")
+
+
+@lru_cache(maxsize=128)
+def _law_system(kind: Kind) -> System:
+    """Return a flange moved from outside against the ground with the kind's law between them."""
+    from multibody import Model
+    from multibody.library import PositionSource
+
+    model = Model("law")
+    moved = model.add("moved", PositionSource())
+    part = model.add("effect", law_class(kind, "translation")())
+    model.connect(part.a, moved.flange)
+    model.connect(part.b, model.ground)
+    for signal in MOTION:
+        model.input(signal, f"moved.{signal}", default=0.0)
+    if kind.needs == "load":
+        model.input("load", part.load, default=0.0)
+    return model.build(outputs=("effect.force",))
+
+
+def law_force(
+    kind: Kind, time: np.ndarray, motion: dict[str, np.ndarray], shape: dict[str, float], strength: dict[str, float]
+) -> np.ndarray:
+    """Return the force of a law on side a along a motion, shape (nt,).
+
+    Parameters
+    ----------
+    kind : Kind
+    time : ndarray, shape (nt,), s
+    motion : dict
+        ``position``, ``velocity``, ``acceleration`` and, where the law asks for it, ``load``; each (nt,).
+    shape, strength : dict
+        The law's parameters.
+    """
+    if kind.law == "AddedInertia":
+        return -strength["inertia"] * motion["acceleration"]
+    from multibody.inputs import InputTable
+    from multibody.simulate import native_problem
+    from multibody.solvers import integrate
+
+    system = _law_system(kind)
+    p = system.parameter_vector({f"effect.{k}": v for k, v in {**shape, **strength}.items()})
+    zeros = np.zeros_like(time)
+    columns = {name: motion.get(name, zeros) for name in MOTION}
+    if "load" in system.input_names:
+        columns["load"] = motion["load"]
+    inputs = np.column_stack([columns[n] for n in system.input_names])
+    states = np.zeros((time.size, len(system.states)))
+    if len(system.states):
+        table = InputTable(time, inputs, system.input_names)
+        solution = integrate(
+            native_problem(system, p, table),
+            (float(time[0]), float(time[-1])),
+            system.start,
+            t_eval=time,
+            rtol=1e-5,
+            atol=1e-9,
+        )
+        states = np.ascontiguousarray(solution.y.T)
+    return system.outputs_along(time, states, inputs, p)[:, 0]

@@ -1,0 +1,46 @@
+"""The command that compiles the shipped models before they are needed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from vtsdt.cli import main
+from vtsdt.warm import MODELS, shipped
+
+
+def test_every_shipped_model_is_known_by_name_and_builds():
+    for name in MODELS:
+        assert shipped(name).components
+
+
+def test_after_warming_another_process_compiles_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("VTSDT_CACHE", str(tmp_path))
+    env = {**os.environ, "VTSDT_CACHE": str(tmp_path)}
+    words = [sys.executable, "-m", "vtsdt", "warm", "axis"]
+    told = subprocess.run(words, env=env, capture_output=True, text=True, check=True).stdout
+    assert told.splitlines()[0].startswith("axis")
+    assert str(tmp_path) in told
+    code = (
+        "from multibody.native import on_compile; told = []; on_compile(lambda n, s: told.append(n)); "
+        "from discrepancy.axis import build; s = build().build(); "
+        "run = s.simulate(0.1, inputs={'reference.position': 0.1}); run[s.output_names[0]]; s.linearize(); print(told)"
+    )
+    assert (
+        subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout
+        == "[]\n"
+    )
+
+
+def test_an_unknown_model_is_refused_with_the_names(capsys):
+    assert main(["warm", "elevator"]) == 2
+    assert "take one of lift, lift-1d, lift-cabin, axis, gear" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_all_models_are_warmed(tmp_path, monkeypatch):
+    monkeypatch.setenv("VTSDT_CACHE", str(tmp_path))
+    assert main(["warm", "--quiet"]) == 0

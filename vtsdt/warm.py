@@ -1,0 +1,112 @@
+"""``vtsdt warm``: compile the shipped models before they are needed, once on a machine."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import time
+from collections.abc import Callable, Sequence
+from operator import attrgetter
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from multibody.model import Model
+
+__all__ = ["MODELS", "main", "shipped", "warm"]
+
+_PARTS = {"rhs_function": "rates", "outputs_function": "outputs", "rhs_tangent": "Jacobian of the rates",
+          "outputs_tangent": "Jacobian of the outputs"}  # fmt: skip
+
+
+#: The shipped models by the names that the command takes: what builds each, in its own package.
+MODELS = {
+    "lift": "vtsdt.lift:Lift.reference",
+    "lift-1d": "vtsdt.lift:Lift.one_dimensional",
+    "lift-cabin": "vtsdt.lift:Lift.cabin",
+    "axis": "discrepancy.axis:build",
+    "gear": "gearbox.stage:Stage.paper",
+}
+
+
+def shipped(name: str) -> Model:
+    """Return a shipped model by its name among `MODELS`."""
+    module, _, path = MODELS[name].partition(":")
+    return attrgetter(path)(importlib.import_module(module))()
+
+
+def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, float]:
+    """Compile models and the integrators, and return what each took, s of this process' time.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of `MODELS`.
+    progress : callable
+        Takes a line of text.
+    """
+    from multibody.solvers import DormandPrince54, Rodas5P, integrate
+
+    took = {}
+    for name in names:
+        begun = time.process_time()
+        progress(f"{name}: assemble")
+        system = shipped(name).build()
+        for part, words in _PARTS.items():
+            progress(f"{name}: {words}")
+            getattr(system, part)
+        took[name] = time.process_time() - begun
+    begun = time.process_time()
+    progress("integrators")
+    problem, x0 = _small()
+    for method in (DormandPrince54, Rodas5P):
+        integrate(problem, (0.0, 0.1), x0, [0.1], method)
+        integrate(problem, (0.0, 0.1), x0, [0.1], method, events=lambda t, x: x[0])
+    took["integrators"] = time.process_time() - begun
+    return took
+
+
+def _small():  # type: ignore[no-untyped-def]
+    """Return an oscillator with all that an integrator can be asked for."""
+    from multibody import Model
+    from multibody.library import Mass, Spring
+    from multibody.simulate import input_table, native_problem
+
+    model = Model("oscillator")
+    body, spring = model.add("body", Mass(m=1.0, position=0.1)), model.add("spring", Spring(stiffness=100.0))
+    model.connect(spring.a, model.ground)
+    model.connect(spring.b, body.flange)
+    system = model.build()
+    system.outputs_along(*_one_row(system))
+    system.linearize()
+    table = input_table(system, None)
+    return native_problem(system, system.p, table, tangent=True), system.start
+
+
+def _one_row(system):  # type: ignore[no-untyped-def]
+    import numpy as np
+
+    return np.zeros(1), system.start[None], system.u[None], system.p
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run ``vtsdt warm``."""
+    from vtsdt.cli_arguments import CommandError, Parser
+    from vtsdt.progress import Progress
+
+    parser: argparse.ArgumentParser = Parser(
+        prog="vtsdt warm", description="Compile the shipped models before they are needed; other processes find them."
+    )
+    parser.add_argument("models", nargs="*", metavar="MODEL", help=f"{', '.join(MODELS)}; default: all")
+    parser.add_argument("--quiet", action="store_true", help="say nothing")
+    args = parser.parse_args(list(arguments))
+    if unknown := [name for name in args.models if name not in MODELS]:
+        raise CommandError(f"there is no model '{unknown[0]}': take one of {', '.join(MODELS)}")
+    with Progress(args.quiet) as progress:
+        took = warm(args.models or list(MODELS), progress)
+    if not args.quiet:
+        from multibody.cache import cache_dir
+
+        width = max(map(len, took))
+        print("\n".join(f"{name:<{width}}  {seconds:6.2f} s" for name, seconds in took.items()))
+        print(f"kept in {cache_dir()}")
+    return 0
