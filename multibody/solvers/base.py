@@ -55,6 +55,11 @@ class Samples:
         self.states = np.empty((0, 0))
         self.count = 0
 
+    def follow(self, direction: float) -> bool:
+        """Tell whether the times go in a direction, or stand."""
+        ahead = self.times[1:] >= self.times[:-1] if direction > 0.0 else self.times[1:] <= self.times[:-1]
+        return bool(ahead.all())
+
     def begin(self, size: int) -> np.ndarray:
         """Return the buffer for states of the given size."""
         rows = len(self.times)
@@ -94,6 +99,8 @@ class StoredSteps(DenseOutput):
 
 
 def _tolerance(name: str, value: Any, problem: NativeProblem) -> np.ndarray:
+    if type(value) is float and problem.directions is None and 0.0 <= value < np.inf:
+        return np.full(problem.n, value)
     given = np.asarray(value, dtype=np.float64)
     if given.shape not in ((), (problem.n,), (problem.size,)):
         raise ProblemError(
@@ -220,14 +227,14 @@ class NativeSolver(OdeSolver):
             self._sample_t, self._sample_y = np.empty(0), np.empty((0, self.n))
             return
         t = self._samples.times
-        if np.any(self.direction * np.diff(t) < 0.0):
+        if not self._samples.follow(float(self.direction)):
             raise ProblemError("sample times must follow the direction of integration")
         if t.size and (
             self.direction * (t[0] - self.t) < 0.0 or self.direction * (t[-1] - self.t_bound) > 0.0
         ):
             raise ProblemError(f"sample times must be within {self.t:g} s and {self.t_bound:g} s")
         self._sample_t, self._sample_y = t, self._samples.begin(self.n)
-        at_start = int(np.count_nonzero(t == self.t))
+        at_start = int(np.searchsorted(self.direction * t, self.direction * self.t, side="right"))
         self._sample_y[: min(at_start, len(self._sample_y))] = self.y
         self._tally[SAMPLE] = at_start
         self._samples.count = at_start
