@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from multibody.solvers.kernels.bundle import N_MOVING, TANGENT, M, N, P, U
-from multibody.solvers.kernels.calls import call_tangent, entry, floats, inner, pointer, shift
+from multibody.solvers.kernels.calls import call_tangent, entry, floats, fused, independent, inner, pointer, shift
 from multibody.solvers.kernels.field import evaluate, hold_at, look_up, tangents
 from multibody.solvers.kernels.rodas_tableau import GAMMA, NODES, TIME, A, C, H
 from multibody.solvers.kernels.stepping import (
@@ -51,7 +51,7 @@ from multibody.solvers.kernels.stepping import (
 def jacobian(t, x, c, owner, colours, seed, column, zero, matrix):
     """Write the Jacobian by columns; ``owner`` gives for each colour and row the column of the entry."""
     n = c[N]
-    for i in range(n * n):
+    for i in independent(n * n):
         matrix[i] = 0.0
     for colour in range(colours):
         row = shift(owner, colour * n)
@@ -66,7 +66,7 @@ def jacobian(t, x, c, owner, colours, seed, column, zero, matrix):
                 matrix[row[i] * n + i] = column[i]
 
 
-@inner
+@fused
 def factorize(n, a, pivots):
     """Replace a matrix stored by columns by its LU factors; return False if it is singular."""
     for k in range(n):
@@ -80,14 +80,14 @@ def factorize(n, a, pivots):
             return False
         scale = 1.0 / own[found]
         own[found], own[k] = own[k], own[found]
-        for i in range(k + 1, n):
+        for i in independent(k + 1, n):
             own[i] *= scale
         for j in range(k + 1, n):
             other = shift(a, j * n)
             factor = other[found]
             other[found], other[k] = other[k], factor
             if factor != 0.0:
-                for i in range(k + 1, n):
+                for i in independent(k + 1, n):
                     other[i] -= factor * own[i]
     return True
 
@@ -114,7 +114,7 @@ def culprit(c, t, h, size, y, f, matrix, shifted, result):
     return -1
 
 
-@inner
+@fused
 def solve(n, a, pivots, b):
     """Replace b by the solution of the factorized system."""
     for k in range(n):
@@ -123,13 +123,13 @@ def solve(n, a, pivots, b):
         b[found], b[k] = b[k], value
         if value != 0.0:
             own = shift(a, k * n)
-            for i in range(k + 1, n):
+            for i in independent(k + 1, n):
                 b[i] -= value * own[i]
     for k in range(n - 1, -1, -1):
         own = shift(a, k * n)
         value = b[k] / own[k]
         b[k] = value
-        for i in range(k):
+        for i in independent(k):
             b[i] -= value * own[i]
 
 
@@ -148,34 +148,34 @@ def couple(t, c, size, y, f, increment, shifted, result, out):
         out[i] += (result[i] - f[i]) / step
 
 
-@inner
+@fused
 def stages(c, t, h, size, y, f, f_t, factors, pivots, k, y_new, shifted, result):
     """Compute the eight stages into k and the result into y_new."""
     n = c[N]
     for s in range(8):
         own = shift(k, s * size)
-        for i in range(size):
+        for i in independent(size):
             own[i] = f[i]
         if s > 0:
             last = shift(k, (s - 1) * size)
             if s < 6:
-                for i in range(size):
+                for i in independent(size):
                     y_new[i] = y[i]
                 for j in range(s):
                     a, other = A[s, j], shift(k, j * size)
-                    for i in range(size):
+                    for i in independent(size):
                         y_new[i] += a * other[i]
             else:
-                for i in range(size):
+                for i in independent(size):
                     y_new[i] += last[i]
             evaluate(t + NODES[s] * h, y_new, own, c)
             for j in range(s):
                 a, other = C[s, j] / h, shift(k, j * size)
-                for i in range(size):
+                for i in independent(size):
                     own[i] += a * other[i]
         if TIME[s] != 0.0:
             a = h * TIME[s]
-            for i in range(size):
+            for i in independent(size):
                 own[i] += a * f_t[i]
         solve(n, factors, pivots, own)
         if size > n:
@@ -183,30 +183,30 @@ def stages(c, t, h, size, y, f, f_t, factors, pivots, k, y_new, shifted, result)
             for j in range(c[M]):
                 solve(n, factors, pivots, shift(own, n * (j + 1)))
     last = shift(k, 7 * size)
-    for i in range(size):
+    for i in independent(size):
         y_new[i] += last[i]
 
 
-@inner
+@fused
 def interpolate(z, size, y, k, out):
     """Write the state at the fraction z of a step; k holds its end and three vectors of the interpolant."""
     d1, d2, d3 = shift(k, size), shift(k, 2 * size), shift(k, 3 * size)
-    for i in range(size):
+    for i in independent(size):
         out[i] = (1.0 - z) * y[i] + z * (k[i] + (1.0 - z) * (d1[i] + z * (d2[i] + z * d3[i])))
 
 
-@inner
+@fused
 def store_interpolant(size, k, y_new, out):
     """Write what `interpolate` needs of a step."""
-    for i in range(size):
+    for i in independent(size):
         out[i] = y_new[i]
     for j in range(3):
         row = shift(out, (j + 1) * size)
-        for i in range(size):
+        for i in independent(size):
             row[i] = 0.0
         for s in range(8):
             a, other = H[j, s], shift(k, s * size)
-            for i in range(size):
+            for i in independent(size):
                 row[i] += a * other[i]
 
 
@@ -261,7 +261,7 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
             known = True
         signed = t_new - t
         diagonal = 1.0 / (signed * GAMMA)
-        for i in range(n * n):
+        for i in independent(n * n):
             factors[i] = -matrix[i]
         for i in range(n):
             factors[i * n + i] += diagonal
