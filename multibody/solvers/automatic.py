@@ -8,8 +8,20 @@ from typing import Any
 import numpy as np
 from scipy.integrate import DenseOutput
 
-from multibody.solvers.base import DONE, KNOWN, MORE, SLOT, STEP, STEP_OLD, STIFF, SUSPECT, WANTED, WATCH, T
 from multibody.solvers.dormand_prince import DormandPrince54
+from multibody.solvers.kernels.stepping import (
+    DONE,
+    KNOWN,
+    MORE,
+    SLOT,
+    STEP,
+    STEP_OLD,
+    STIFF,
+    SUSPECT,
+    WANTED,
+    WATCH,
+    T,
+)
 from multibody.solvers.problem import NativeProblem
 from multibody.solvers.rosenbrock import Rodas5P, relative_cost
 

@@ -10,15 +10,26 @@ import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
 
 from multibody.native import load_driver
+from multibody.solvers.kernels.stepping import (
+    BUFFER_FULL,
+    COUNTS,
+    DONE,
+    EVALUATIONS,
+    FACTORIZATIONS,
+    FIRST,
+    JACOBIANS,
+    MORE,
+    SAMPLE,
+    STEP,
+    TICKS,
+    TOO_SMALL,
+    WANTED,
+    WORST,
+    T,
+)
 from multibody.solvers.problem import NativeProblem, ProblemError
 
 __all__ = ["NativeSolver", "Samples", "StoredSteps"]
-
-# Layout of ``clock`` and ``tally``: see kernels/dormand_prince.py, which says what each entry is.
-T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
-WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
-WATCH, SUSPECT, CALM = range(11, 14)
-MORE, FINISHED, BUFFER_FULL, STIFF, TOO_SMALL = 0, 1, 2, 3, -1
 
 STORE_BYTES = 1 << 20
 CHUNK_BYTES = 1 << 23
@@ -213,8 +224,8 @@ class NativeSolver(OdeSolver):
         self._store = (np.empty((slots, 2)), np.empty((slots, size)), np.empty((slots, self.STAGES, size)))
         self._work = np.zeros(3 * size)
         self._state = self.y.copy()
-        self._clock = np.zeros(8)
-        self._tally = np.zeros(14, dtype=np.int64)
+        self._clock = np.zeros(TICKS)
+        self._tally = np.zeros(COUNTS, dtype=np.int64)
         self._tally[WANTED] = self._steps
         self._begin_samples()
         # Infinity would become nan in products with zero, and no interval is longer than this.
@@ -245,17 +256,17 @@ class NativeSolver(OdeSolver):
 
     def _advance(self) -> int:
         return self._driver.advance(
-            self.field.numbers,
-            self._clock,
-            self._tally,
-            self._state,
+            self.field.numbers[None],
+            self._clock[None],
+            self._tally[None],
+            self._state[None],
             self._work,
             *self._store,
             self.rtol,
             self.atol,
             self._count,
             self._sample_t,
-            self._sample_y,
+            self._sample_y[None],
             *self._extra(),
         )
 

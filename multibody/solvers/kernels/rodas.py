@@ -19,14 +19,12 @@ from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
     DIRECTION,
     DONE,
-    END,
     EVALUATIONS,
     FACTORIZATIONS,
-    FINISHED,
     FIRST,
+    GO_ON,
     JACOBIANS,
     LARGEST,
-    MORE,
     REJECTED,
     SAMPLE,
     SLOT,
@@ -38,11 +36,15 @@ from multibody.solvers.kernels.stepping import (
     WORST,
     T,
     direction_error,
+    due,
     first_step,
     mean_error,
     plan,
     remember_largest,
+    remember_step,
     settle,
+    state_before,
+    step_of,
     worst,
 )
 
@@ -213,16 +215,13 @@ def store_interpolant(size, k, y_new, out):
 @inner
 def write_samples(clock, tally, size, y, k, count, sample_t, rows, sample_y):
     """Write the samples inside the last step; return False when the buffer is full before its end."""
-    direction, t, t_old, h = clock[DIRECTION], clock[T], clock[T_OLD], clock[STEP_OLD]
-    j = tally[SAMPLE]
-    while j < count and direction * (sample_t[j] - t) <= 0.0:
+    while due(clock, tally, count, sample_t):
+        j = tally[SAMPLE]
         row = j - tally[FIRST]
         if row == rows:
-            tally[SAMPLE] = j
             return False
-        interpolate((sample_t[j] - t_old) / h, size, y, k, shift(sample_y, row * size))
-        j += 1
-    tally[SAMPLE] = j
+        interpolate((sample_t[j] - clock[T_OLD]) / clock[STEP_OLD], size, y, k, shift(sample_y, row * size))
+        tally[SAMPLE] = j + 1
     return True
 
 
@@ -308,28 +307,25 @@ def advance(
     pivots,
     largest,
 ):
-    """Take many steps; as `dormand_prince.advance`, with four vectors for the interpolant of each step."""
-    size, c = y.size, pointer(numbers)
+    """Take many steps; as `dormand_prince.advance` of one run, with four vectors for the interpolant of each step."""
+    size, c = y.shape[1], pointer(numbers)
     ticks, counts, times, samples = pointer(clock), pointer(tally), pointer(sample_t), pointer(sample_y)
-    states, derivatives, space = pointer(store_y), pointer(store_k), pointer(work)
-    relative, absolute, rows, columns = pointer(rtol), pointer(atol), pointer(pivots), pointer(owner)
-    tally[DONE] = 0
+    spans, states, vectors, space = pointer(store_t), pointer(store_y), pointer(store_k), pointer(work)
+    state, rows = pointer(y), sample_y.shape[1]
+    counts[DONE] = 0
     while True:
-        slot = tally[SLOT]
-        start, k = shift(states, slot * size), shift(derivatives, slot * 4 * size)
-        if tally[SAMPLE] < sample_t.size and not write_samples(
-            ticks, counts, size, start, k, sample_t.size, times, sample_y.shape[0], samples
-        ):
+        slot = counts[SLOT]
+        start, k = shift(states, slot * size), shift(vectors, slot * 4 * size)
+        if not write_samples(ticks, counts, size, start, k, sample_t.size, times, rows, samples):
             return BUFFER_FULL
-        if clock[T] == clock[END]:
-            return FINISHED
-        if tally[DONE] >= tally[WANTED]:
-            return MORE
-        slot = tally[DONE] % store_t.shape[0]
-        tally[SLOT] = slot
-        start, k = shift(states, slot * size), shift(derivatives, slot * 4 * size)
+        standing = state_before(ticks, counts, counts[WANTED])
+        if standing != GO_ON:
+            return standing
+        slot = counts[DONE] % store_t.shape[0]
+        counts[SLOT] = slot
+        start, k = shift(states, slot * size), shift(vectors, slot * 4 * size)
         for i in range(size):
-            start[i] = y[i]
+            start[i] = state[i]
         if not one_step(
             c,
             ticks,
@@ -338,34 +334,29 @@ def advance(
             count,
             start,
             space,
-            rows,
-            columns,
+            pointer(pivots),
+            pointer(owner),
             owner.shape[0],
-            relative,
-            absolute,
+            pointer(rtol),
+            pointer(atol),
             pointer(largest),
         ):
             return TOO_SMALL
         store_interpolant(size, shift(space, 6 * size), space, k)
-        store_t[slot, 0] = clock[T_OLD]
-        store_t[slot, 1] = clock[STEP_OLD]
-        tally[DONE] += 1
+        remember_step(ticks, counts, spans)
         for i in range(size):
-            y[i] = work[i]
+            state[i] = space[i]
 
 
 @entry
 def interpolate_many(t, direction, steps, store_t, store_y, store_k, out):
     """Write the states at the times t, each in the stored step that holds it, into the rows of out."""
     size = out.shape[1]
-    states, vectors, rows = pointer(store_y), pointer(store_k), pointer(out)
+    spans, states, vectors, rows = pointer(store_t), pointer(store_y), pointer(store_k), pointer(out)
     j = 0
     for i in range(t.size):
-        while j > 0 and direction * (t[i] - store_t[j, 0]) < 0.0:
-            j -= 1
-        while j + 1 < steps and direction * (t[i] - store_t[j + 1, 0]) > 0.0:
-            j += 1
-        z = (t[i] - store_t[j, 0]) / store_t[j, 1]
+        j = step_of(t[i], direction, steps, spans, j)
+        z = (t[i] - spans[2 * j]) / spans[2 * j + 1]
         interpolate(z, size, shift(states, j * size), shift(vectors, j * 4 * size), shift(rows, i * size))
 
 

@@ -5,7 +5,7 @@ begin and size of the last accepted step.  Indices into ``tally`` (int64): steps
 steps, evaluations, next sample, first sample of the buffer, state of the largest error, whether the
 derivative at y is known (0 no, 1 as stage 1, 2 as stage 7 of the last step), slot of the last step,
 Jacobians, factorizations, whether to watch for stiffness, steps in a row that stability limited, steps since
-the last of them.
+the last of them, how the run stands (one of the numbers below).
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ from multibody.solvers.kernels.field import evaluate, hold_at, next_break
 
 T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
 WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
-WATCH, SUSPECT, CALM = range(11, 14)
-MORE, FINISHED, BUFFER_FULL, STIFF, TOO_SMALL = 0, 1, 2, 3, -1
+WATCH, SUSPECT, CALM, STATUS = range(11, 15)
+TICKS, COUNTS = 8, 15  # lengths of clock and tally
+MORE, FINISHED, BUFFER_FULL, STIFF, GO_ON, TOO_SMALL = 0, 1, 2, 3, 4, -1
+ROW = 15  # steps in a row on the edge of stability that make a problem stiff
 NEGLIGIBLE = 1e-4  # share of a direction's largest component below which a component needs no relative accuracy
 
 
@@ -165,3 +167,39 @@ def worst(count, errors):
         if e > largest:
             found, largest = i, e
     return found
+
+
+@inner
+def due(clock, tally, count, times):
+    """Tell whether the next sample lies within the last step."""
+    j = tally[SAMPLE]
+    return j < count and clock[DIRECTION] * (times[j] - clock[T]) <= 0.0
+
+
+@inner
+def step_of(t, direction, steps, spans, j):
+    """Return the stored step that holds a time, beginning the search at j; ``spans`` holds begin and size of each."""
+    while j > 0 and direction * (t - spans[2 * j]) < 0.0:
+        j -= 1
+    while j + 1 < steps and direction * (t - spans[2 * j + 2]) > 0.0:
+        j += 1
+    return j
+
+
+@inner
+def state_before(clock, tally, wanted):
+    """Return how a run stands before its next step: finished, stiff, with enough steps, or to be gone on with."""
+    if clock[T] == clock[END]:
+        return FINISHED
+    if tally[SUSPECT] >= ROW:
+        tally[SUSPECT] = 0
+        return STIFF
+    return MORE if tally[DONE] >= wanted else GO_ON
+
+
+@inner
+def remember_step(clock, tally, spans):
+    """Note begin and size of the step just taken in its slot."""
+    slot = tally[SLOT]
+    spans[2 * slot], spans[2 * slot + 1] = clock[T_OLD], clock[STEP_OLD]
+    tally[DONE] += 1
