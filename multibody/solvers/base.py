@@ -209,7 +209,8 @@ class NativeSolver(OdeSolver):
             raise ProblemError(f"direction_rtol must be positive, it is {direction_rtol}")
         if not control_directions and np.shape(rtol) != (problem.size,):
             self.rtol[problem.n :] = min(direction_rtol, 1e300)
-        self.field = problem.field(float(self.rtol[: problem.n].min(initial=1.0)))
+        self.tolerance = float(self.rtol[: problem.n].min(initial=1.0))
+        self.field = problem.field(self.tolerance)
         self._driver = load_driver(self.DRIVER)
         self._count = problem.size if control_directions else problem.n
         self._samples = samples
