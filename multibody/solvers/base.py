@@ -18,6 +18,7 @@ from multibody.solvers.kernels.stepping import (
     FACTORIZATIONS,
     FIRST,
     JACOBIANS,
+    LONGEST,
     MORE,
     SAMPLE,
     STEP,
@@ -56,6 +57,8 @@ class Samples:
         The samples, if there is no ``receive``.
     count : int
         Number of samples written so far.
+    longest : float, s
+        Largest step that was taken.
     """
 
     def __init__(
@@ -65,6 +68,7 @@ class Samples:
         self.receive = receive
         self.states = np.empty((0, 0))
         self.count = 0
+        self.longest = 0.0
 
     def follow(self, direction: float) -> bool:
         """Tell whether the times go in a direction, or stand."""
@@ -285,6 +289,8 @@ class NativeSolver(OdeSolver):
             int(tally[JACOBIANS]),
             int(tally[FACTORIZATIONS]),
         )
+        if self._samples is not None:
+            self._samples.longest = float(clock[LONGEST])
         if status == TOO_SMALL and tally[DONE] == 0:
             return False, self._explanation()
         self.t = float(clock[T])

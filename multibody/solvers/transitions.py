@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multibody.native import load_driver
+from multibody.solvers.kernels.stepping import TICKS
 from multibody.solvers.problem import Directions, NativeProblem, ProblemError
 
 __all__ = ["Transitions", "transitions"]
@@ -103,7 +104,7 @@ def transitions(
     whole = replace(problem, directions=directions)
     field = whole.field()
     out, ends = np.empty((times.size - 1, count * n)), np.empty((times.size - 1, n))
-    clock = np.zeros(8)
+    clock = np.zeros(TICKS)
     clock[4] = 1.0
     load_driver("multibody.solvers.kernels.intervals").transition_blocks(
         field.numbers,

@@ -1,7 +1,7 @@
 """What every method with error control does around its formulas: plan a step, settle the next one.
 
 Indices into ``clock`` (float64): time, proposed step, error of the last step, end, direction, largest step,
-begin and size of the last accepted step.  Indices into ``tally`` (int64): steps wanted, steps done, rejected
+begin and size of the last accepted step, largest accepted step.  Indices into ``tally`` (int64): steps wanted, steps done, rejected
 steps, evaluations, next sample, first sample of the buffer, state of the largest error, whether the
 derivative at y is known (0 no, 1 as stage 1, 2 as stage 7 of the last step), slot of the last step,
 Jacobians, factorizations, whether to watch for stiffness, steps in a row that stability limited, steps since
@@ -16,10 +16,10 @@ from multibody.solvers.kernels.bundle import DELAYED, JUMPS, N_GROUPS, N_HELD, W
 from multibody.solvers.kernels.calls import floats, inner, ints
 from multibody.solvers.kernels.field import evaluate, hold_at, next_break
 
-T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
+T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD, LONGEST = range(9)
 WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
 WATCH, SUSPECT, CALM, STATUS = range(11, 15)
-TICKS, COUNTS = 8, 15  # lengths of clock and tally
+TICKS, COUNTS = 9, 15  # lengths of clock and tally
 MORE, FINISHED, BUFFER_FULL, STIFF, GO_ON, TOO_SMALL = 0, 1, 2, 3, 4, -1
 ROW = 15  # steps in a row on the edge of stability that make a problem stiff
 NEGLIGIBLE = 1e-4  # share of a direction's largest component below which a component needs no relative accuracy
@@ -108,6 +108,7 @@ def settle(clock, h, t_new, error, exponent, damping, keep, limit):
     clock[ERROR] = max(error, 1e-4)
     clock[T_OLD] = t
     clock[STEP_OLD] = t_new - t
+    clock[LONGEST] = max(clock[LONGEST], h)
     clock[T] = t_new
 
 
