@@ -163,6 +163,8 @@ class NativeSolver(OdeSolver):
         Otherwise the error of a step in a direction is at most about this share of the direction's own size.  A
         direction can need smaller steps than the state: where the state rests and the direction grows or stiffly
         decays, the state's error says nothing.  Infinity leaves the directions without control.
+    max_evaluations : int, optional
+        Give up, with a message, after a call that has taken the right-hand side beyond this number of evaluations.
     """
 
     ORDER: ClassVar[int] = 5
@@ -185,6 +187,7 @@ class NativeSolver(OdeSolver):
         samples: Samples | None = None,
         control_directions: bool = False,
         direction_rtol: float = 1e-3,
+        max_evaluations: int | None = None,
         **extraneous: Any,
     ) -> None:
         if problem is None:
@@ -206,7 +209,7 @@ class NativeSolver(OdeSolver):
             )
         self.problem = problem
         self.y = np.array(self.y, dtype=np.float64)
-        self.max_step = max_step
+        self.max_step, self.max_evaluations = max_step, max_evaluations
         self.rtol = np.maximum(_tolerance("rtol", rtol, problem), 100 * np.finfo(float).eps)
         self.atol = _tolerance("atol", atol, problem)
         if not direction_rtol > 0.0:
@@ -295,6 +298,11 @@ class NativeSolver(OdeSolver):
             return False, self._explanation()
         self.t = float(clock[T])
         self.y = self._state.copy()
+        if self.max_evaluations is not None and self.nfev > self.max_evaluations and status != FINISHED:
+            return False, (
+                f"{self.nfev} evaluations of the equations, more than the {self.max_evaluations} allowed, came only "
+                f"to t = {self.t:.9g} s: the steps are very small there"
+            )
         return True, None
 
     def _explanation(self) -> str:

@@ -44,7 +44,8 @@ def integrate(
     samples : Samples, optional
         In place of ``t_eval``, to receive states piece by piece.
     options
-        Options of `NativeSolver`: rtol, atol, max_step, first_step, control_directions, direction_rtol, internal_steps.
+        Options of `NativeSolver`: rtol, atol, max_step, first_step, control_directions, direction_rtol, internal_steps,
+        max_evaluations.
 
     Returns
     -------
