@@ -25,7 +25,8 @@ STEPS = tuple(PERIOD / 2**k for k in range(12))
 def _tests(name: str) -> Any:
     """Return the module of tests that builds a peer."""
     spec = importlib.util.spec_from_file_location(name, PEERS / f"{name}.py")
-    assert spec is not None and spec.loader is not None
+    if spec is None or spec.loader is None:
+        raise ImportError(f"there is no {PEERS / name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -1,4 +1,4 @@
-"""Growth with the number of candidate effects: sensitivities of candidates on six records of 6 s of the virtual axis."""
+"""Growth with the number of candidate effects: their sensitivities on six records of 6 s of the virtual axis."""
 
 from __future__ import annotations
 

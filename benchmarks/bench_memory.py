@@ -1,4 +1,4 @@
-"""Memory that a batch takes at most beyond what its process had before it: 17-state trips with 6001 samples (0.8 MB each)."""
+"""Memory that a batch of 17-state trips takes beyond what its process had before; one result is 0.8 MB."""
 
 from __future__ import annotations
 

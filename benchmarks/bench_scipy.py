@@ -1,4 +1,4 @@
-"""The 37-state trip through `System.simulate` at its default tolerances, by SciPy's methods, and what SciPy itself takes."""
+"""The 37-state trip by `System.simulate`, default tolerances, by SciPy's methods, and what SciPy itself takes."""
 
 from __future__ import annotations
 

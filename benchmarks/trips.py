@@ -144,7 +144,8 @@ class HandWritten:
         """Integrate, and return the states at the trip's times."""
         done = self._integrate(
             self.trip.start.ctypes.data, self.p.ctypes.data, self.table.ctypes.data, len(self.table), STEP,
-            self.trip.times.ctypes.data, self.trip.times.size, rtol, atol, self.largest, self.out.ctypes.data)  # fmt: skip
+            self.trip.times.ctypes.data, self.trip.times.size, rtol, atol, self.largest,
+            self.out.ctypes.data)  # fmt: skip
         if done < 0:
             raise ArithmeticError("the step became too small")
         self.evaluations = done

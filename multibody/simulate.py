@@ -347,10 +347,10 @@ def _feature_step(system: System, run: Trajectory, limit: float) -> float | None
         speed = _fastest(run, signal)
         if isinstance(given, str):
             owner, _, table = given.partition(".")
-            component = system.model.components.get(owner)
-            if component is None or table not in component.tables:
+            held = system.model.components.get(owner)
+            if held is None or table not in held.tables:
                 continue
-            given = float(np.diff(component.tables[table][0]).min(initial=np.inf))
+            given = float(np.diff(held.tables[table][0]).min(initial=np.inf))
         if speed > 0.0 and given > 0.0:
             finest = min(finest, 0.5 * given / speed)
     if float(run.statistics.get("longest_step", np.inf)) <= finest:

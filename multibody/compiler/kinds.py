@@ -120,7 +120,7 @@ def kind_of_argument(value: Any) -> Kind:
 def address_of(array: np.ndarray) -> int:
     """Return the address of a contiguous array's first element; NumPy's own ways take three times as long."""
     try:
-        return ctypes.addressof(_NOTHING_OF(array))
+        return ctypes.addressof(_NOTHING_OF(array))  # type: ignore[arg-type]
     except (TypeError, ValueError):  # not writable, or not contiguous
         return int(array.__array_interface__["data"][0])
 

@@ -16,6 +16,7 @@ from multibody.solvers.kernels.stepping import (
     DONE,
     EVALUATIONS,
     FACTORIZATIONS,
+    FINISHED,
     FIRST,
     JACOBIANS,
     LONGEST,

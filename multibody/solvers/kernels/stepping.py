@@ -1,7 +1,8 @@
 """What every method with error control does around its formulas: plan a step, settle the next one.
 
 Indices into ``clock`` (float64): time, proposed step, error of the last step, end, direction, largest step,
-begin and size of the last accepted step, largest accepted step.  Indices into ``tally`` (int64): steps wanted, steps done, rejected
+begin and size of the last accepted step, largest accepted step.
+Indices into ``tally`` (int64): steps wanted, steps done, rejected
 steps, evaluations, next sample, first sample of the buffer, state of the largest error, whether the
 derivative at y is known (0 no, 1 as stage 1, 2 as stage 7 of the last step), slot of the last step,
 Jacobians, factorizations, whether to watch for stiffness, steps in a row that stability limited, steps since
