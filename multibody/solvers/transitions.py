@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multibody.native import load_driver
-from multibody.solvers.kernels.stepping import TICKS
 from multibody.solvers.problem import Directions, NativeProblem, ProblemError
 
 __all__ = ["Transitions", "transitions"]
@@ -104,7 +103,7 @@ def transitions(
     whole = replace(problem, directions=directions)
     field = whole.field()
     out, ends = np.empty((times.size - 1, count * n)), np.empty((times.size - 1, n))
-    clock = np.zeros(TICKS)
+    clock = np.zeros(8)
     clock[4] = 1.0
     load_driver("multibody.solvers.kernels.intervals").transition_blocks(
         field.numbers,
