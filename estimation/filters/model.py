@@ -206,11 +206,24 @@ def _blocks(parts: list[np.ndarray]) -> np.ndarray:
     return out
 
 
+def _directions(model: FilterModel) -> dict[int, np.ndarray]:
+    """Return the direction of every state as columns over states, inputs and parameters."""
+    from estimation.filters.kernels import layout as at
+
+    system, n = model.system, len(model.system.states)
+    x, u, p = (np.zeros((size, model.ld)) for size in (n, len(system.inputs), len(model.p)))
+    x[:, :n] = np.eye(n)
+    for state, kind, index, weight in model.readouts:
+        (u if kind == 0 else p)[index, state] = weight
+    return {at.X_WIDE: x, at.U_WIDE: u, at.P_WIDE: p}
+
+
 class Bundle:
     """Numbers and addresses of a model for one run, with the arrays that they point into."""
 
     def __init__(self, model: FilterModel):
         from estimation.filters.kernels import layout as at
+        from multibody.directions import along_directions
 
         system, n = model.system, model.n
         exact = model.jacobian == "exact"
@@ -242,12 +255,17 @@ class Bundle:
             at.HIGH: model.bounds[:, 1].copy(),
         }
         functions = {at.RHS: system.rhs_function}
-        if exact:
-            functions[at.RHS_T] = system.rhs_tangent
         if generic:
             functions[at.OUT] = system.outputs_function
-            if exact:
+        if exact:
+            functions[at.RHS_T] = system.rhs_tangent
+            if generic:
                 functions[at.OUT_T] = system.outputs_tangent
+            wide = {at.RHS_W: along_directions(functions[at.RHS_T], model.ld)}
+            if generic:
+                wide[at.OUT_W] = along_directions(functions[at.OUT_T], model.ld)
+            functions |= {index: function for index, function in wide.items() if function is not None}
+            arrays |= _directions(model)
         numbers = np.zeros(at.SIZE, dtype=np.int64)
         for index, function in functions.items():
             numbers[index] = function.address
