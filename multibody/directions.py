@@ -36,8 +36,9 @@ def along_directions(tangent: NativeFunction, count: int) -> NativeFunction | No
     Returns
     -------
     NativeFunction or None
-        ``f(t, x, u, p, x_dot, u_dot, p_dot, out)`` with directions ``x_dot`` (n, count), ``u_dot`` (n_u, count), ``p_dot``
-        (n_p, count), and ``out`` (rows, count).  None for tables and implicit blocks, and where nothing is compiled.
+        ``f(t, x, u, p, x_dot, u_dot, p_dot, out)`` with directions ``x_dot`` (n, count), ``u_dot`` (n_u, count),
+        ``p_dot`` (n_p, count), and ``out`` (rows, count).  None for tables and implicit blocks, and where nothing is
+        compiled.
     """
     text, stem = tangent.origin
     return _made(text, stem, tangent.name, count) if tangent.compiled and text else None
@@ -71,9 +72,8 @@ def widened(text: str, name: str, count: int) -> str | None:
         before, inside = _parted(function, count)
     except _Outside:
         return None
-    loop = ast.For(
-        ast.Name(_LANE, ast.Store()), ast.Call(ast.Name("independent", ast.Load()), [ast.Constant(count)], []), inside, []
-    )  # fmt: skip
+    lanes = ast.Call(ast.Name("independent", ast.Load()), [ast.Constant(count)], [])
+    loop = ast.For(ast.Name(_LANE, ast.Store()), lanes, inside, [])
     function.body = [*before, loop]
     tree.body = [n for n in tree.body if isinstance(n, ast.FunctionDef)]
     return _HEADER + "\n" + ast.unparse(ast.fix_missing_locations(tree)) + "\n"

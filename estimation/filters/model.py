@@ -185,6 +185,16 @@ class FilterModel:
                 return float(self.p[self.system.index("parameter", latent.target)])
         return 0.0
 
+    @cached_property
+    def directions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Direction of every state as columns over states, inputs and parameters; each of `ld` columns."""
+        system, n = self.system, len(self.system.states)
+        x, u, p = (np.zeros((size, self.ld)) for size in (n, len(system.inputs), len(self.p)))
+        x[:, :n] = np.eye(n)
+        for state, kind, index, weight in self.readouts:
+            (u if kind == 0 else p)[index, state] = weight
+        return x, u, p
+
     def bundle(self) -> Bundle:
         """Return what the compiled loops need."""
         return Bundle(self)
@@ -204,18 +214,6 @@ def _blocks(parts: list[np.ndarray]) -> np.ndarray:
         out[at : at + len(part), at : at + len(part)] = part
         at += len(part)
     return out
-
-
-def _directions(model: FilterModel) -> dict[int, np.ndarray]:
-    """Return the direction of every state as columns over states, inputs and parameters."""
-    from estimation.filters.kernels import layout as at
-
-    system, n = model.system, len(model.system.states)
-    x, u, p = (np.zeros((size, model.ld)) for size in (n, len(system.inputs), len(model.p)))
-    x[:, :n] = np.eye(n)
-    for state, kind, index, weight in model.readouts:
-        (u if kind == 0 else p)[index, state] = weight
-    return {at.X_WIDE: x, at.U_WIDE: u, at.P_WIDE: p}
 
 
 class Bundle:
@@ -265,7 +263,7 @@ class Bundle:
             if generic:
                 wide[at.OUT_W] = along_directions(functions[at.OUT_T], model.ld)
             functions |= {index: function for index, function in wide.items() if function is not None}
-            arrays |= _directions(model)
+            arrays |= dict(zip((at.X_WIDE, at.U_WIDE, at.P_WIDE), model.directions, strict=True))
         numbers = np.zeros(at.SIZE, dtype=np.int64)
         for index, function in functions.items():
             numbers[index] = function.address
