@@ -58,8 +58,9 @@ def widened(text: str, name: str, count: int) -> str | None:
 
     Examples
     --------
-    >>> text = "def f(t, x, u, p, x_dot, u_dot, p_dot, out):\\n    a = x[0]\\n    _d_a = x_dot[0]\\n    out[0] = 2.0 * a * _d_a"
-    >>> print(widened(text, "f", 4).partition("\\n\\n\\n")[2])
+    >>> head = "def f(t, x, u, p, x_dot, u_dot, p_dot, out):"
+    >>> text = widened("\\n    ".join([head, "a = x[0]", "_d_a = x_dot[0]", "out[0] = 2.0 * a * _d_a"]), "f", 4)
+    >>> print(text.partition("\\n\\n\\n")[2])
     def f(t, x, u, p, x_dot, u_dot, p_dot, out):
         a = x[0]
         for lane in independent(4):

@@ -299,8 +299,8 @@ def page(lifts: Sequence[Case], rows: Sequence[Row], command: str) -> str:
         "recorded before and after, and the friction coefficient of the filter was scaled until δ grew by as much.",
         "",
         "| lift | true friction μ K over nominal | factor found by the scaling | true mass over nominal | spread of "
-        "the true deviation over height [mm] | correlation | expected from the trips | RMS error [mm] | false | missed | "
-        "correlation, twenty trips |",
+        "the true deviation over height [mm] | correlation | expected from the trips | RMS error [mm] | false | "
+        "missed | correlation, twenty trips |",
         "|---|" + "---:|" * 10,
     ]
     by_name = {row.what: row.scores for row in rows}
