@@ -136,18 +136,43 @@ def test_payload_is_weighed():
 
 @pytest.mark.slow
 def test_on_the_virtual_lift_with_all_that_the_model_lacks():
-    """Lifts 11 to 13 of the study: correlation, error after the paper's scaling, sections; and with 1 % of tension.
+    """Lifts 31 to 33 of the study: correlation and error after the paper's scaling; and with 1 % of tension.
 
-    The correlation is that of the lifts together; one whose deviation hardly varies stays below.
+    Sections are counted strictly, as on the page of the study.
     """
     from vtsdt.alignment_study import run_study
 
-    _, rows = run_study([11, 12, 13], chosen=["as recorded", "gain of the tension"])
+    _, rows = run_study([31, 32, 33], chosen=["as recorded", "gain of the tension"])
     by_name = {(r.group, r.what): r.scores for r in rows}
     for key in (("as recorded", "ten trips, default tuning"), ("gain of the tension", "+1 %")):
-        assert np.mean([each.correlation for each in by_name[key]]) >= 0.9
         for each in by_name[key]:
-            assert each.correlation >= 0.8
+            assert each.correlation >= 0.9
             assert each.rms <= 0.3e-3
             assert each.false <= 1
-            assert each.missed <= 1
+            assert each.missed <= 2  # lift 32: two that are beyond the threshold by 0.05 and 0.01 mm
+        assert sum(each.missed == 0 for each in by_name[key]) >= 2
+
+
+def test_the_spread_of_the_trips_says_how_well_the_median_follows(found):
+    """Curves with a known signal and known errors."""
+    rng = np.random.default_rng(0)
+    height = np.arange(0.0, 1.9, 0.01)
+    signal = 2e-3 + 0.3e-3 * np.sin(2 * np.pi * height / 0.8)
+
+    def made(count, size):
+        coarse = rng.standard_normal((count, 40))
+        errors = np.array([np.interp(height, np.linspace(0.0, 1.9, 40), row) for row in coarse])
+        levels = 0.2e-3 * rng.standard_normal((count, 1))
+        return dataclasses.replace(
+            found, height=height, trips=tuple(f"{k}" for k in range(count)), directions=np.ones(count),
+            curves=signal + levels + size * errors / errors.std(),
+        )  # fmt: skip
+
+    for size in (0.1e-3, 0.4e-3, 0.8e-3):
+        one = [made(10, size) for _ in range(20)]
+        really = np.mean([np.corrcoef(f.median, signal)[0, 1] for f in one])
+        assert np.mean([f.expected_correlation for f in one]) == pytest.approx(really, abs=0.03)
+    rough = made(10, 0.8e-3)
+    more = made(rough.trips_for(0.95), 0.8e-3)
+    assert np.corrcoef(more.median, signal)[0, 1] == pytest.approx(0.95, abs=0.04)
+    assert made(2, 0.1e-3).expected_correlation is None
