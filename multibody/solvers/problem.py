@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,29 @@ class ProblemError(ValueError):
 
 def _array(value: Any, shape: tuple[int, ...]) -> np.ndarray:
     return np.zeros(shape) if value is None else np.array(value, dtype=np.float64, order="C")
+
+
+@lru_cache(maxsize=256)
+def _shared(n: int, colours: bytes, pattern: bytes) -> tuple[str, ...]:
+    """Name the columns that share a colour and a row."""
+    colour, filled = np.frombuffer(colours, dtype=np.int64), np.frombuffer(pattern, dtype=bool).reshape(n, n)
+    return tuple(
+        f"columns {np.flatnonzero(colour == own).tolist()} share a colour and a row"
+        for own in np.unique(colour)
+        if np.any(filled[:, colour == own].sum(axis=1) > 1)
+    )
+
+
+@lru_cache(maxsize=256)
+def _owners(n: int, colours: bytes, pattern: bytes) -> np.ndarray:
+    """Return what `NativeProblem.owners` does."""
+    _, colour = np.unique(np.frombuffer(colours, dtype=np.int64), return_inverse=True)
+    filled = np.frombuffer(pattern, dtype=bool).reshape(n, n)
+    owner = np.full((colour.max(initial=-1) + 1, n), -1, dtype=np.int64)
+    for column in range(n):
+        owner[colour[column], filled[:, column]] = column
+    owner.flags.writeable = False
+    return owner
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,18 +185,17 @@ class NativeProblem:
     def _colour_faults(self, colours: np.ndarray) -> list[str]:
         if colours.shape != (self.n,):
             return [f"colours has the shape {colours.shape}, not ({self.n},)"]
+        if self.pattern is not None and np.shape(self.pattern) == (self.n, self.n):
+            return list(_shared(*self._structure()))
         if np.unique(colours).size == self.n:
             return []
-        if self.pattern is None or np.shape(self.pattern) != (self.n, self.n):
-            return [
-                f"columns share colours, so the pattern of the Jacobian is needed, shape ({self.n}, {self.n})"
-            ]
-        pattern = np.asarray(self.pattern, dtype=bool)
-        return [
-            f"columns {np.flatnonzero(colours == colour).tolist()} share a colour and a row"
-            for colour in np.unique(colours)
-            if np.any(pattern[:, colours == colour].sum(axis=1) > 1)
-        ]
+        return [f"columns share colours, so the pattern of the Jacobian is needed, shape ({self.n}, {self.n})"]
+
+    def _structure(self) -> tuple[int, bytes, bytes]:
+        """Number of states, colours and pattern as what a cache can be asked with."""
+        n = self.n
+        pattern = np.ones((n, n), bool) if self.pattern is None else np.asarray(self.pattern, dtype=bool)
+        return n, np.asarray(self.colours, dtype=np.int64).tobytes(), pattern.tobytes()
 
     @property
     def n_directions(self) -> int:
@@ -207,14 +230,7 @@ class NativeProblem:
         """Return for each colour and row the column that the entry belongs to, or -1; shape (colours, n)."""
         if self.colours is None:
             return np.repeat(np.arange(self.n)[:, None], self.n, axis=1)
-        _, colour = np.unique(np.asarray(self.colours), return_inverse=True)
-        owner = np.full((colour.max() + 1, self.n), -1)
-        pattern = (
-            np.ones((self.n, self.n), bool) if self.pattern is None else np.asarray(self.pattern, dtype=bool)
-        )
-        for column in range(self.n):
-            owner[colour[column], pattern[:, column]] = column
-        return owner
+        return _owners(*self._structure())
 
     def field(self, tolerance: float = 0.0) -> Any:
         """Return a new `Field` for compiled drivers, with its own workspace.

@@ -1,11 +1,12 @@
 """What every method with error control does around its formulas: plan a step, settle the next one.
 
 Indices into ``clock`` (float64): time, proposed step, error of the last step, end, direction, largest step,
-begin and size of the last accepted step.  Indices into ``tally`` (int64): steps wanted, steps done, rejected
+begin and size of the last accepted step, largest accepted step.
+Indices into ``tally`` (int64): steps wanted, steps done, rejected
 steps, evaluations, next sample, first sample of the buffer, state of the largest error, whether the
 derivative at y is known (0 no, 1 as stage 1, 2 as stage 7 of the last step), slot of the last step,
 Jacobians, factorizations, whether to watch for stiffness, steps in a row that stability limited, steps since
-the last of them.
+the last of them, how the run stands (one of the numbers below).
 """
 
 from __future__ import annotations
@@ -16,11 +17,14 @@ from multibody.solvers.kernels.bundle import DELAYED, JUMPS, N_GROUPS, N_HELD, W
 from multibody.solvers.kernels.calls import floats, inner, ints
 from multibody.solvers.kernels.field import evaluate, hold_at, next_break
 
-T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
+T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD, LONGEST = range(9)
 WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
-WATCH, SUSPECT, CALM = range(11, 14)
-MORE, FINISHED, BUFFER_FULL, STIFF, TOO_SMALL = 0, 1, 2, 3, -1
+WATCH, SUSPECT, CALM, STATUS = range(11, 15)
+TICKS, COUNTS = 9, 15  # lengths of clock and tally
+MORE, FINISHED, BUFFER_FULL, STIFF, GO_ON, TOO_SMALL = 0, 1, 2, 3, 4, -1
+ROW = 15  # steps in a row on the edge of stability that make a problem stiff
 NEGLIGIBLE = 1e-4  # share of a direction's largest component below which a component needs no relative accuracy
+TINY = 1e-150  # what is smaller has died away; its square is still a normal number
 
 
 @inner
@@ -106,6 +110,7 @@ def settle(clock, h, t_new, error, exponent, damping, keep, limit):
     clock[ERROR] = max(error, 1e-4)
     clock[T_OLD] = t
     clock[STEP_OLD] = t_new - t
+    clock[LONGEST] = max(clock[LONGEST], h)
     clock[T] = t_new
 
 
@@ -155,6 +160,17 @@ def remember_largest(n, size, y_new, largest):
 
 
 @inner
+def forget_tiny(size, y_new):
+    """Set to zero what has died away: the processor needs a hundred times longer for numbers below 1e-308.
+
+    The derivatives by a start state get there within seconds in a machine that forgets how it began.
+    """
+    for i in range(size):
+        if abs(y_new[i]) < TINY:
+            y_new[i] = 0.0
+
+
+@inner
 def worst(count, errors):
     """Return the index of the largest scaled error; one that is not finite wins."""
     found, largest = 0, -1.0
@@ -165,3 +181,39 @@ def worst(count, errors):
         if e > largest:
             found, largest = i, e
     return found
+
+
+@inner
+def due(clock, tally, count, times):
+    """Tell whether the next sample lies within the last step."""
+    j = tally[SAMPLE]
+    return j < count and clock[DIRECTION] * (times[j] - clock[T]) <= 0.0
+
+
+@inner
+def step_of(t, direction, steps, spans, j):
+    """Return the stored step that holds a time, beginning the search at j; ``spans`` holds begin and size of each."""
+    while j > 0 and direction * (t - spans[2 * j]) < 0.0:
+        j -= 1
+    while j + 1 < steps and direction * (t - spans[2 * j + 2]) > 0.0:
+        j += 1
+    return j
+
+
+@inner
+def state_before(clock, tally, wanted):
+    """Return how a run stands before its next step: finished, stiff, with enough steps, or to be gone on with."""
+    if clock[T] == clock[END]:
+        return FINISHED
+    if tally[SUSPECT] >= ROW:
+        tally[SUSPECT] = 0
+        return STIFF
+    return MORE if tally[DONE] >= wanted else GO_ON
+
+
+@inner
+def remember_step(clock, tally, spans):
+    """Note begin and size of the step just taken in its slot."""
+    slot = tally[SLOT]
+    spans[2 * slot], spans[2 * slot + 1] = clock[T_OLD], clock[STEP_OLD]
+    tally[DONE] += 1
