@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vtsdt.alignment import THRESHOLD, AlignmentError, align, calibrated, equivalent_deviation, sections
+from vtsdt.alignment import THRESHOLD, Alignment, AlignmentError, align, calibrated, equivalent_deviation, sections
 from vtsdt.alignment_filter import DELTA, TUNINGS, GuideFilter
 from vtsdt.alignment_sensors import sensor_table, table_text
 from vtsdt.alignment_study import score
@@ -153,7 +153,7 @@ def test_on_the_virtual_lift_with_all_that_the_model_lacks():
         assert sum(each.missed == 0 for each in by_name[key]) >= 2
 
 
-def test_the_spread_of_the_trips_says_how_well_the_median_follows(found):
+def test_the_spread_of_the_trips_says_how_well_the_median_follows():
     """Curves with a known signal and known errors."""
     rng = np.random.default_rng(0)
     height = np.arange(0.0, 1.9, 0.01)
@@ -163,16 +163,17 @@ def test_the_spread_of_the_trips_says_how_well_the_median_follows(found):
         coarse = rng.standard_normal((count, 40))
         errors = np.array([np.interp(height, np.linspace(0.0, 1.9, 40), row) for row in coarse])
         levels = 0.2e-3 * rng.standard_normal((count, 1))
-        return dataclasses.replace(
-            found, height=height, trips=tuple(f"{k}" for k in range(count)), directions=np.ones(count),
-            curves=signal + levels + size * errors / errors.std(),
+        return Alignment(
+            height, tuple(f"{k}" for k in range(count)), np.ones(count), signal + levels + size * errors / errors.std(),
+            THRESHOLD, TUNINGS["bounded"], None, (0.03, 0.55), 1.2e-3, 3.8e3,
         )  # fmt: skip
 
-    for size in (0.1e-3, 0.4e-3, 0.8e-3):
+    for size in (0.1e-3, 0.4e-3):
         one = [made(10, size) for _ in range(20)]
         really = np.mean([np.corrcoef(f.median, signal)[0, 1] for f in one])
         assert np.mean([f.expected_correlation for f in one]) == pytest.approx(really, abs=0.03)
-    rough = made(10, 0.8e-3)
-    more = made(rough.trips_for(0.95), 0.8e-3)
+    rough = made(10, 0.4e-3)
+    more = made(rough.trips_for(0.95), 0.4e-3)
     assert np.corrcoef(more.median, signal)[0, 1] == pytest.approx(0.95, abs=0.04)
+    assert np.mean([made(10, 1.2e-3).expected_correlation for _ in range(20)]) < 0.6  # hardly any guide in it
     assert made(2, 0.1e-3).expected_correlation is None
