@@ -35,7 +35,8 @@ def frozen_transitions(a: np.ndarray, b: np.ndarray, h: np.ndarray) -> tuple[np.
     --------
     A first-order lag of 1 ms over an interval of 0.1 s forgets its state, and follows a ramp one time constant late:
 
-    >>> phi, gamma0, gamma1 = frozen_transitions(np.full((1, 1, 1, 1), -1e3), np.full((1, 1, 1, 1), 1e3), np.array([0.1]))
+    >>> rate = np.full((1, 1, 1, 1), 1e3)
+    >>> phi, gamma0, gamma1 = frozen_transitions(-rate, rate, np.array([0.1]))
     >>> round(float(phi[0, 0, 0]), 6), round(float(gamma0[0, 0, 0]), 6), round(float(gamma1[0, 0, 0]), 6)
     (0.0, 0.01, 0.99)
     """

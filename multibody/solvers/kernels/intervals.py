@@ -36,8 +36,8 @@ def cross(c, clock, substep, size, y, k, y_new):
 def transition_blocks(numbers, clock, times, states, substep, y, k, y_new, start, out, ends):
     """Write the directions' columns that begin as ``start`` at the end of every interval into out.
 
-    Steps in interval i are at most ``substep[i]``; where that is zero the interval is left out.  The inputs' tangents are given at the two ends of an
-    interval, whose times go into the field's grid; ``ends`` gets the states.
+    Steps in interval i are at most ``substep[i]``; where that is zero the interval is left out.  The inputs' tangents
+    are given at the two ends of an interval, whose times go into the field's grid; ``ends`` gets the states.
     """
     c = pointer(numbers)
     n, size = c[N], c[N] * (c[M] + 1)
