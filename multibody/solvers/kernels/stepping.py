@@ -25,6 +25,7 @@ MORE, FINISHED, BUFFER_FULL, STIFF, GO_ON, TOO_SMALL = 0, 1, 2, 3, 4, -1
 ROW = 15  # steps in a row on the edge of stability that make a problem stiff
 NEGLIGIBLE = 1e-4  # share of a direction's largest component below which a component needs no relative accuracy
 TINY = 1e-150  # what is smaller has died away; its square is still a normal number
+FAINT = 1e-130  # a direction that is smaller has not begun: its error counts from there
 
 
 @inner
@@ -137,12 +138,12 @@ def direction_error(n, size, y, y_new, raw, rtol, atol, largest):
     for j in range(1, size // n):
         first, most = j * n, 0.0
         for i in range(n):
-            own = max(largest[first + i], abs(y_new[first + i]))
+            own = max(largest[first + i], abs(y_new[first + i]), FAINT)
             most = max(most, own / (atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i]))))
         total = 0.0
         for i in range(n):
             unit = atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i]))
-            own = max(largest[first + i], abs(y_new[first + i]))
+            own = max(largest[first + i], abs(y_new[first + i]), FAINT)
             allowed = rtol[first + i] * max(own, NEGLIGIBLE * most * unit)
             if allowed > 0.0:
                 total += (raw[first + i] / allowed) ** 2
