@@ -75,10 +75,11 @@ class Automatic(DormandPrince54):
         self._spell = LEAST_SPELL
         self._done = 0  # steps since the last change
         self._since = float(self.t)  # time of the last change
-        self._explicit_step = self._stiff_step = 0.0
+        self._explicit_step = 0.0
         self._cost = 0.0  # of a stiff step over an explicit one
         self._mark = float(self.t)  # time at the end of the stiff method's run-up
         self._patience = PATIENCE
+        self._proven = False  # whether the last spell paid to its end: then the next is not judged early
         self._rest = 0  # explicit steps before stiffness is watched for again
 
     def _advance(self) -> int:
@@ -122,7 +123,6 @@ class Automatic(DormandPrince54):
         else:
             self._spell = LEAST_SPELL
         self._explicit_step = abs(float(self._clock[STEP_OLD]))
-        self._clock[STEP] = max(float(self._clock[STEP]), self._stiff_step)
         self._change(True)
 
     def _change(self, stiff: bool) -> None:
@@ -150,7 +150,7 @@ class Automatic(DormandPrince54):
 
     def _advance_stiff(self) -> int:
         assert self._stiff is not None
-        goal = next(n for n in (RUN_UP, JUDGED, self._spell) if self._done < n)
+        goal = next(n for n in (RUN_UP, JUDGED, self._spell) if self._done < n and (n > JUDGED or not self._proven))
         status = self._limited(goal - self._done, self._stiff._advance)
         if status != MORE or self._done < goal:
             return status
@@ -169,10 +169,10 @@ class Automatic(DormandPrince54):
     def _leave(self, step: float) -> None:
         """Go back to the explicit method, and stay there for a while if the stiff steps did not pay."""
         clock, tally = self._clock, self._tally
-        if not self._pays(step):
+        self._proven = self._pays(step)
+        if not self._proven:
             tally[WATCH] = 0
             self._rest, self._patience = self._patience, 2 * self._patience
-        self._stiff_step = float(clock[STEP])  # what the next spell begins with
         clock[STEP] = min(clock[STEP], self._explicit_step)
         self._change(False)
 
