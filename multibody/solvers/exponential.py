@@ -25,8 +25,8 @@ class Exponential43(NativeSolver):
     else moves.  Its rate limits the step of an explicit method, and a Rosenbrock method pays for a whole Jacobian and
     its factors.  Here that one direction is split off and its exponential, a number, does the rest: five evaluations a
     step, no matrix.  The direction is that of the eigenvalue of largest magnitude, found at the start and looked at
-    again now and then; its rate is renewed at every step.  Without a motion that stands out the method is the classical one of Runge
-    and Kutta with error control.
+    again now and then; its rate is renewed at every step.  Without a motion that stands out the method is the classical
+    one of Runge and Kutta with error control.
 
     Parameters are those of `NativeSolver`; directions are not carried along.  Between steps a cubic is used, and the
     samples of compiled loops are put back on the fast motion's path.
@@ -36,9 +36,7 @@ class Exponential43(NativeSolver):
     STAGES = 3
     DRIVER = "multibody.solvers.kernels.exponential"
 
-    def __init__(
-        self, fun: Any, t0: float, y0: Any, t_bound: float, problem: Any = None, **options: Any
-    ) -> None:
+    def __init__(self, fun: Any, t0: float, y0: Any, t_bound: float, problem: Any = None, **options: Any) -> None:
         if problem is not None and problem.n_directions:
             raise ProblemError("Exponential43 carries no directions along: take DormandPrince54 or Rodas5P")
         super().__init__(fun, t0, y0, t_bound, problem=problem, **options)
@@ -72,9 +70,7 @@ class Exponential43(NativeSolver):
         self._due = SPELLS[int(self._fastest < 0.0)]
 
 
-def fast_motion(
-    rates: Any, t: float, x: np.ndarray, sizes: np.ndarray
-) -> tuple[float, np.ndarray, np.ndarray] | None:
+def fast_motion(rates: Any, t: float, x: np.ndarray, sizes: np.ndarray) -> tuple[float, np.ndarray, np.ndarray] | None:
     """Return rate, left and right eigenvector (with the product one) of the fastest motion, if it stands out.
 
     Parameters

@@ -133,9 +133,7 @@ class NativeProblem:
         faults = []
         delays = self.table.kernel["delays"]
         if np.any(delays >= self.p.size):
-            faults.append(
-                f"a delay parameter has the index {delays.max()}, but there are {self.p.size} parameters"
-            )
+            faults.append(f"a delay parameter has the index {delays.max()}, but there are {self.p.size} parameters")
         if not np.all(np.isfinite(self.p)):
             faults.append(f"parameter {int(np.flatnonzero(~np.isfinite(self.p))[0])} is not finite")
         d = self.directions
@@ -148,9 +146,7 @@ class NativeProblem:
                     f"the problem has {self.n} and {self.p.size}"
                 )
             if d.channel is not None and np.any(d.channel >= self.table.n_inputs):
-                faults.append(
-                    f"a direction acts on input {d.channel.max()}, but there are {self.table.n_inputs}"
-                )
+                faults.append(f"a direction acts on input {d.channel.max()}, but there are {self.table.n_inputs}")
         if self.colours is not None:
             faults += self._colour_faults(np.asarray(self.colours))
         if self.state_names and len(self.state_names) != self.n:
@@ -164,9 +160,7 @@ class NativeProblem:
         if np.unique(colours).size == self.n:
             return []
         if self.pattern is None or np.shape(self.pattern) != (self.n, self.n):
-            return [
-                f"columns share colours, so the pattern of the Jacobian is needed, shape ({self.n}, {self.n})"
-            ]
+            return [f"columns share colours, so the pattern of the Jacobian is needed, shape ({self.n}, {self.n})"]
         pattern = np.asarray(self.pattern, dtype=bool)
         return [
             f"columns {np.flatnonzero(colours == colour).tolist()} share a colour and a row"
@@ -209,9 +203,7 @@ class NativeProblem:
             return np.repeat(np.arange(self.n)[:, None], self.n, axis=1)
         _, colour = np.unique(np.asarray(self.colours), return_inverse=True)
         owner = np.full((colour.max() + 1, self.n), -1)
-        pattern = (
-            np.ones((self.n, self.n), bool) if self.pattern is None else np.asarray(self.pattern, dtype=bool)
-        )
+        pattern = np.ones((self.n, self.n), bool) if self.pattern is None else np.asarray(self.pattern, dtype=bool)
         for column in range(self.n):
             owner[colour[column], pattern[:, column]] = column
         return owner
@@ -230,9 +222,7 @@ class NativeProblem:
             weight = np.zeros((d.count, self.table.n_inputs))
             for column in np.flatnonzero(table["delays"] >= 0):
                 weight[:, column] = -d.p_dot[:, table["delays"][column]]
-            directions = {
-                name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")
-            }
+            directions = {name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")}
             directions["weight"] = weight
             table = self._with_breaks(d, own)
         return Field(self.rhs.address, tangent, self.n, self.p, table, directions)
@@ -244,9 +234,7 @@ class NativeProblem:
             return own
         added = InputTable(times, shape).kernel
         table = {name: np.append(own[name], added[name]) for name in ("breaks", "jumps", "break_delay")}
-        table["break_start"] = np.append(
-            own["break_start"], own["break_start"][-1] + added["break_start"][1:]
-        )
+        table["break_start"] = np.append(own["break_start"], own["break_start"][-1] + added["break_start"][1:])
         return {name: value for name, value in own.items() if name != "numbers"} | table
 
     def derivative(self, t: float, x: np.ndarray) -> np.ndarray:

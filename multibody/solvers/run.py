@@ -60,9 +60,7 @@ def integrate(
     if events is not None or dense_output:
         if events is not None:
             common.setdefault("internal_steps", 1)
-        return solve_ivp(
-            _unused, t_span, y0, t_eval=t_eval, events=events, dense_output=dense_output, **common
-        )
+        return solve_ivp(_unused, t_span, y0, t_eval=t_eval, events=events, dense_output=dense_output, **common)
     kept = samples is None and t_eval is not None
     if kept:
         samples = Samples(t_eval)

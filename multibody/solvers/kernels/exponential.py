@@ -1,8 +1,8 @@
 """Many steps of Krogstad's exponential Runge-Kutta method of order 4 with one fast motion, in one call.
 
 The rates are split as f(y) = L·y + N(y) with L = u·wᵀ of rank one: w is the left eigenvector of the fast motion, kept
-from call to call, and u = (∂f/∂y)·v, from one more evaluation along the right eigenvector v (w·v = 1) at each step.  Its
-functions are then numbers: φ(hL)·x = φ(0)·x + h·φ₊(hλ)·(w·x)·u with φ₊ the next function and λ = w·u.
+from call to call, and u = (∂f/∂y)·v, from one more evaluation along the right eigenvector v (w·v = 1) at each step.
+Its functions are then numbers: φ(hL)·x = φ(0)·x + h·φ₊(hλ)·(w·x)·u with φ₊ the next function and λ = w·u.
 
 Krogstad (2005), Generalized integrating factor methods for stiff PDEs, J. Comput. Phys. 203, 72-88.  The rates at the
 end of the step in place of those of the fourth stage give a result of order 3 for the control of the step.
@@ -211,7 +211,21 @@ def advance(
         slot = tally[SLOT]
         start, k = shift(states, slot * size), shift(derivatives, slot * 3 * size)
         if tally[SAMPLE] < sample_t.size and not write_samples(
-            c, ticks, counts, size, start, k, w, v, rates[0], moved, d2, sample_t.size, times, sample_y.shape[0], samples
+            c,
+            ticks,
+            counts,
+            size,
+            start,
+            k,
+            w,
+            v,
+            rates[0],
+            moved,
+            d2,
+            sample_t.size,
+            times,
+            sample_y.shape[0],
+            samples,
         ):
             return BUFFER_FULL
         if clock[T] == clock[END]:
