@@ -50,34 +50,30 @@ class Bands:
         return len(self.edges) - 1
 
     def spectra(self, stacked: Array, block: int) -> Array:
-        """Fourier coefficients of one block, (n_f, n_channels, …), so that Σ weight·|·|² is the energy."""
-        x = self.layout.view(stacked, block)
-        out: Array = np.fft.rfft(x, axis=0) / np.sqrt(x.shape[0])
+        """Fourier coefficients of one block, (m, n_channels, n_f), so that Σ weight·|·|² is the energy."""
+        x = np.ascontiguousarray(self.layout.view(stacked, block).T)
+        out: Array = np.fft.rfft(x, axis=2)
+        out /= np.sqrt(x.shape[2])
         return out
 
-    def reduce(self, block: int, per_ordinate: Array) -> Array:
-        """Sum ordinates (already weighted) into bands along axis 0."""
+    def ranges(self, block: int) -> list[tuple[int, slice]]:
+        """Return the bands that have ordinates in a block, each with the slice of its ordinates."""
         idx = self.index[block]
         starts = np.flatnonzero(np.concatenate([[True], idx[1:] != idx[:-1]]))
-        out = np.zeros((self.n, *per_ordinate.shape[1:]), dtype=per_ordinate.dtype)
-        out[idx[starts]] = np.add.reduceat(per_ordinate, starts, axis=0)
-        return out
+        ends = np.append(starts[1:], idx.size)
+        return [(int(idx[a]), slice(int(a), int(z))) for a, z in zip(starts, ends, strict=True)]
 
     def cross(self, stacked: Array) -> Array:
         """Band cross-energies Σ w x_c conj(x_d), shape (n_bands, n_channels, n_channels, m), complex."""
-        m = stacked.shape[1]
         C = self.layout.n_channels
-        out = np.zeros((self.n, C, C, m), dtype=complex)
+        out = np.zeros((self.n, stacked.shape[1], C, C), dtype=complex)
         for b in range(len(self.layout.lengths)):
             X = self.spectra(stacked, b)
-            w = self.weight[b][:, None]
-            for c in range(C):
-                for d in range(c, C):
-                    part = self.reduce(b, w * X[:, c] * np.conj(X[:, d]))
-                    out[:, c, d] += part
-                    if d > c:
-                        out[:, d, c] += np.conj(part)
-        return out
+            X *= np.sqrt(self.weight[b])
+            for k, part in self.ranges(b):
+                x = X[:, :, part]
+                out[k] += x @ x.conj().swapaxes(1, 2)
+        return np.moveaxis(out, 1, 3)
 
     def normalised(self, cross: Array) -> Array:
         """Spectral matrices: cross-energies divided by the degrees of freedom (1 for white noise)."""
@@ -197,14 +193,14 @@ def score_variance(Z: Array, groups: list[slice], bands: Bands) -> ScoreVariance
     col_group = np.empty(Z.shape[1], dtype=int)
     for g, cols in enumerate(groups):
         col_group[cols] = g
+    per_column = A[col_group]
     for b, n in enumerate(lay.lengths):
         X = bands.spectra(Z, b)
-        out = np.zeros_like(X)
-        idx = bands.index[b]
-        for c in range(C):
-            for d in range(C):
-                out[:, d] += A[col_group][:, :, d, c].T[idx] * X[:, c]
-        M[lay.rows(b)] = (np.fft.irfft(out, n=n, axis=0) * np.sqrt(n)).reshape(-1, Z.shape[1])
+        for k, part in bands.ranges(b):
+            X[:, :, part] = per_column[:, k] @ X[:, :, part]
+        back = np.fft.irfft(X, n=n, axis=2)
+        back *= np.sqrt(n)
+        M[lay.rows(b)] = back.T.reshape(-1, Z.shape[1])
     own = [Z[:, cols].T @ M[:, cols] for cols in groups]
     weights = np.transpose(A, (0, 1, 3, 2)).reshape(len(groups), -1)
     prior = np.array([np.sum(Z[lay.n_data :, cols] ** 2) / (cols.stop - cols.start) for cols in groups])

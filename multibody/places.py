@@ -87,10 +87,15 @@ def places_of(model: Model, net: Network, kinematics: Kinematics) -> list[Place]
             note(port.owner, port.name, "ground", node, None)
     places = []
     for entries in found.values():
-        name, first, second, node, other = entries[0]
-        also = tuple(dict.fromkeys(e[0] for e in entries[1:] if e[0] != name))
+        name, first, second, node, other = next(e for e in entries if not _named_after_another(e[0], entries))
+        also = tuple(dict.fromkeys(e[0] for e in entries if e[0] != name))
         places.append(Place(name, node.domain, first, second, node, other, also))
     return _told_apart(places)
+
+
+def _named_after_another(name: str, entries: list[tuple[str, str, str, Node, Node | None]]) -> bool:
+    """Tell whether a part has its name from a place, as ``coulomb_friction.motor`` has: it gives the place none."""
+    return any(f".{e[0]}." in f"{name}." for e in entries if e[0] != name)
 
 
 def _told_apart(places: list[Place]) -> list[Place]:

@@ -335,3 +335,16 @@ def test_places_are_known_before_building():
     assert "spring" in [p.name for p in places]
     with pytest.raises(ModelError, match="no components"):
         Model("m").places()
+
+
+def test_an_effect_leaves_the_names_of_the_places_as_they_are():
+    from discrepancy.axis import axis_case
+    from discrepancy.effects import Effect
+
+    model = axis_case(1).setup(seed=1).model
+    before = {p.name: (p.first_port, p.second_port) for p in model.places()}
+    for name in before:
+        place = next(p for p in model.places() if p.name == name)
+        once = Effect.at_place("coulomb_friction", place).added_to(model)
+        twice = Effect.at_place("coulomb_friction", place, number=2).added_to(once)
+        assert {p.name: (p.first_port, p.second_port) for p in twice.places()} == before

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, types
 
+from multibody.solvers.kernels.stepping import TINY
+
 I = types.int64[::1]  # noqa: E741
 M = types.float64[:, ::1]
 T = types.float64[:, :, ::1]
@@ -29,6 +31,9 @@ def carry(phi, gamma0, gamma1, c, d, channel, push, out):
                     if f != 0.0:
                         for j in range(m):
                             then[i, j] += f * now[h, j]
+                for j in range(m):
+                    if abs(then[i, j]) < TINY:
+                        then[i, j] = 0.0
             now, then = then, now
         for i in range(c.shape[1]):
             for j in range(m):

@@ -39,6 +39,7 @@ from multibody.solvers.kernels.stepping import (
     T,
     direction_error,
     first_step,
+    forget_tiny,
     mean_error,
     plan,
     remember_largest,
@@ -206,6 +207,7 @@ def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, larg
         tally[REJECTED] += 1
         tally[WORST] = worst(count, errors)
         proposal = h * max(0.2, 0.9 * error**-0.17) if math.isfinite(error) else 0.2 * h
+    forget_tiny(size, y_new)
     if count < size:
         remember_largest(c[N], size, y_new, largest)
     # 0.17 = 1/5 - 0.75 * 0.04

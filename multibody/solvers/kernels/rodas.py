@@ -39,6 +39,7 @@ from multibody.solvers.kernels.stepping import (
     T,
     direction_error,
     first_step,
+    forget_tiny,
     mean_error,
     plan,
     remember_largest,
@@ -283,6 +284,7 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
         limit = h
         tally[REJECTED] += 1
         proposal = h * max(0.2, 0.9 * error**-0.2) if math.isfinite(error) else 0.2 * h
+    forget_tiny(size, y_new)
     if count < size:
         remember_largest(n, size, y_new, largest)
     settle(clock, h, t_new, error, 0.2, 0.0, proposal if clipped else 0.0, limit)
