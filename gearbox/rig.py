@@ -141,8 +141,8 @@ class GearRig:
             With every kind or place that does not exist.
         """
         hidden = choose(hide, self.stream(2), self.strength)
-        places = {(each.kind.name, each.where) for each in hidden}
-        usual = [f for f in manufacturing(self.stream(3), self.manufacturing) if (f.kind.name, f.where) not in places]
+        places = {(each.kind.kind, each.where) for each in hidden}
+        usual = [f for f in manufacturing(self.stream(3), self.manufacturing) if (f.kind.kind, f.where) not in places]
         return hidden + usual
 
 
@@ -179,14 +179,9 @@ def true_stage(rig: GearRig, faults: Sequence[HiddenFault]) -> tuple[Stage, dict
     """The stage on the rig and the values of its parameters by full name."""
     from gearbox.stage import Stage, Structure
 
-    pits = any(f.kind.name == "bearing_defect" for f in faults)
+    pits = any(f.kind.kind == "bearing_defect" for f in faults)
     structure = Structure(housing=rig.housing, imperfect=bool(faults), bearing_defects=pits)
     stage = Stage(None, structure, name="rig of a gear stage")
-    if any(f.kind.name == "mesh_backlash" for f in faults):
-        wider = next(f.size for f in faults if f.kind.name == "mesh_backlash")
-        stage = Stage(
-            stage.parameters.replaced("gears", backlash=stage.parameters.gears.backlash + wider), structure,
-            name="rig of a gear stage")  # fmt: skip
     mesh = stage.components["mesh"]
     for fault in faults:
         mesh.tables.update(fault.patterns(TEETH))
@@ -329,8 +324,8 @@ def listing(strength: float = 1.0) -> list[tuple[str, str, str, str]]:
     """Kind, place, usual size and meaning of everything that can be hidden."""
     rows = []
     for kind in KINDS.values():
-        for where in kind.where:
-            rows.append((kind.name, where, f"{strength * kind.size:.3g} {kind.unit}".rstrip(), kind.what))
+        size = f"{strength * kind.usual * kind.size:.3g} {kind.unit}".rstrip()
+        rows += [(kind.kind, where, size, kind.what) for where in kind.places]
     return rows
 
 
