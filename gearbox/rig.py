@@ -353,6 +353,8 @@ def main(arguments: list[str]) -> int:
                         help="noise of the accelerometers, m/s² (default 0.3)")  # fmt: skip
     parser.add_argument("--housing", choices=("flexible", "rigid", "clamped"), default="flexible",
                         help="of the rig and of the model under test (default flexible)")  # fmt: skip
+    parser.add_argument("--encoders", action="store_true",
+                        help="turn the stage slowly and record encoders and torque, for vtsdt diagnose")  # fmt: skip
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     given = parser.parse_args(arguments)
@@ -370,8 +372,13 @@ def main(arguments: list[str]) -> int:
         given.seed, given.manufacturing, given.strength, noise=given.noise, housing=given.housing)  # fmt: skip
     with Teller(given.quiet) as progress:
         progress("preparing the stage of the rig")
-        study = make_gear(given.out, given.hide, rig=rig, progress=progress)
+        if given.encoders:
+            from gearbox.rig_encoders import make_encoders as make
+        else:
+            make = make_gear
+        study = make(given.out, given.hide, rig=rig, progress=progress)
     if not given.quiet:
-        print(f"{len(rig.conditions)} synthetic recordings of a virtual gear stage are in {study.parent}")
-        print(f"next: vtsdt update-gearbox {study} --out {study.parent / 'updating'}")
+        command, result = ("diagnose", "diagnosis") if given.encoders else ("update-gearbox", "updating")
+        print(f"Synthetic recordings of a virtual gear stage are in {study.parent}")
+        print(f"next: vtsdt {command} {study} --out {study.parent / result}")
     return 0
