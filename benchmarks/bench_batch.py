@@ -1,4 +1,4 @@
-"""A hundred different 37-state trips (parameters drawn at random), one after another and on all processors."""
+"""A hundred different 37-state trips (parameters drawn at random), one after another and on two processors."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from trips import DURATION, reference_trip
 
 COUNT = 100
+OPTIONS = {"rtol": 1e-3, "atol": 1e-6}
 
 
 def _plan(count: int) -> Iterator[tuple[Any, np.ndarray]]:
@@ -21,6 +22,20 @@ def _plan(count: int) -> Iterator[tuple[Any, np.ndarray]]:
         yield replace(problem, p=problem.p * (1.0 + 0.01 * rng.normal(size=problem.p.size))), given.start
 
 
+def _in_turn(count: int) -> Callable[[], None]:
+    from multibody.solvers import DormandPrince54, integrate
+
+    times = reference_trip().times
+
+    def work() -> None:
+        for problem, start in _plan(count):
+            run = integrate(problem, (0.0, DURATION), start, t_eval=times, method=DormandPrince54, **OPTIONS)
+            if not run.success:
+                raise RuntimeError(run.message)
+
+    return work
+
+
 def _batch(count: int, workers: int) -> Callable[[], None]:
     from multibody.solvers import DormandPrince54
     from multibody.solvers.batch import batch
@@ -28,8 +43,7 @@ def _batch(count: int, workers: int) -> Callable[[], None]:
     times = reference_trip().times
 
     def work() -> None:
-        options = dict(method=DormandPrince54, rtol=1e-3, atol=1e-6)
-        for run in batch(_plan(count), (0.0, DURATION), times, workers, **options):
+        for run in batch(_plan(count), (0.0, DURATION), times, workers, method=DormandPrince54, **OPTIONS):
             if not run.success:
                 raise RuntimeError(run.message)
 
@@ -37,15 +51,20 @@ def _batch(count: int, workers: int) -> Callable[[], None]:
 
 
 def bench_fifty_in_turn() -> Callable[[], None]:
-    """50 trips one after another"""
-    return _batch(COUNT // 2, 1)
+    """50 trips through solve_ivp, one after another"""
+    return _in_turn(COUNT // 2)
 
 
 def bench_hundred_in_turn() -> Callable[[], None]:
-    """100 trips one after another"""
+    """100 trips through solve_ivp, one after another"""
+    return _in_turn(COUNT)
+
+
+def bench_hundred_in_one_thread() -> Callable[[], None]:
+    """100 trips as a batch on one thread"""
     return _batch(COUNT, 1)
 
 
 def bench_hundred_at_once() -> Callable[[], None]:
-    """100 trips on two threads"""
+    """100 trips as a batch on two threads"""
     return _batch(COUNT, 2)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 
 
@@ -32,3 +34,23 @@ def bench_vtsdt() -> Callable[[], None]:
 def bench_all_packages() -> Callable[[], None]:
     """import all six packages"""
     return _python("import multibody, estimation, surrogate, discrepancy, vtsdt, gearbox")
+
+
+TRIP = "from vtsdt.lift import Lift; Lift.reference().trip('up')"
+
+
+def bench_first_trip() -> Callable[[], None]:
+    """a new process from its start to the end of its first 37-state trip, everything in the cache"""
+    work = _python(TRIP)
+    work()
+    return work
+
+
+def bench_cold_trip() -> Callable[[], None]:
+    """the same with an empty cache: everything compiled"""
+
+    def work() -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run([sys.executable, "-c", TRIP], check=True, env={**os.environ, "VTSDT_CACHE": folder})
+
+    return work

@@ -16,9 +16,9 @@ static void inputs_at(double t, const double *table, long long rows, double spac
         u[j] = table[i * N_U + j] + z * (table[(i + 1) * N_U + j] - table[i * N_U + j]);
 }
 
-/* Integrates from 0 to the last of the times; returns the number of evaluations, or -1. */
+/* Integrates from 0 to the last of the times in steps of at most `largest`; returns the number of evaluations, or -1. */
 long long integrate(const double *x0, double *p, const double *table, long long rows, double spacing,
-                    const double *times, long long count, double rtol, double atol, double *out)
+                    const double *times, long long count, double rtol, double atol, double largest, double *out)
 {
     double y[N], new[N], k1[N], k2[N], k3[N], k4[N], k5[N], k6[N], k7[N], u[N_U > 0 ? N_U : 1];
     double t = 0.0, end = times[count - 1], h = 1e-5, last = 1e-4;
@@ -28,6 +28,7 @@ long long integrate(const double *x0, double *p, const double *table, long long 
     RATES(0.0, y, k1);
     while (next < count && times[next] <= 0.0) memcpy(out + N * next++, y, sizeof y);
     while (t < end) {
+        if (h > largest) h = largest;
         if (t + 1.01 * h >= end) h = end - t;
         if (h < 1e-14) return -1;
         for (int i = 0; i < N; i++) new[i] = y[i] + h * (1.0 / 5) * k1[i];

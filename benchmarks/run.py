@@ -50,6 +50,7 @@ class Group:
     subject: str
     title: str
     entries: list[Entry]
+    unit: str = "s"
 
 
 def load(path: Path) -> Group:
@@ -81,7 +82,7 @@ def load(path: Path) -> Group:
     if not entries:
         raise ValueError(f"{path.name}: no function named bench_*")
     title = (module.__doc__ or path.stem).strip().splitlines()[0]
-    return Group(path.stem.removeprefix("bench_"), title, entries)
+    return Group(path.stem.removeprefix("bench_"), title, entries, getattr(module, "UNIT", "s"))
 
 
 def processor_time() -> float:
@@ -135,6 +136,17 @@ def duration(seconds: float) -> str:
     return f"{seconds / 1e-9:.0f} ns"
 
 
+def amount(value: float, unit: str) -> str:
+    """Write a measured value: a duration, or a size in bytes.
+
+    Examples
+    --------
+    >>> amount(0.25, "s"), amount(3.2e7, "B")
+    ('250 ms', '32.0 MB')
+    """
+    return duration(value) if unit == "s" else f"{value / 1e6:.1f} MB"
+
+
 def rows(group: Group) -> list[tuple[str, ...]]:
     """Cells of a group's table: name, median, quartiles, ratio with its quartiles, rounds."""
     base = group.entries[0].times
@@ -146,8 +158,9 @@ def rows(group: Group) -> list[tuple[str, ...]]:
         else:
             a, b, c = quartiles([t / t0 for t, t0 in zip(entry.times, base, strict=True)])
             ratio = f"{b:.3g} ({a:.3g} to {c:.3g})"
-        spread = f"{duration(low)} to {duration(high)}"
-        cells.append((entry.name, duration(mid), spread, ratio, str(len(entry.times))))
+        unit = group.unit
+        spread = f"{amount(low, unit)} to {amount(high, unit)}"
+        cells.append((entry.name, amount(mid, unit), spread, ratio, str(len(entry.times))))
     return cells
 
 

@@ -108,9 +108,13 @@ class HandWritten:
     trip : Trip
     options : sequence of str
         For gcc.
+    largest : float, s
+        Largest step.
     """
 
-    def __init__(self, trip: Trip, options: tuple[str, ...] = ("-O3", "-march=native")) -> None:
+    def __init__(
+        self, trip: Trip, options: tuple[str, ...] = ("-O3", "-march=native"), largest: float = 1e300
+    ) -> None:
         from multibody.compiler.c_source import c_source
         from multibody.compiler.units import unit_of_text
 
@@ -130,8 +134,8 @@ class HandWritten:
         self._integrate.restype = ctypes.c_longlong
         pointer, number, whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_longlong
         self._integrate.argtypes = [
-            pointer, pointer, pointer, whole, number, pointer, whole, number, number, pointer]  # fmt: skip
-        self.trip = trip
+            pointer, pointer, pointer, whole, number, pointer, whole, number, number, number, pointer]  # fmt: skip
+        self.trip, self.largest = trip, largest
         self.table = np.ascontiguousarray(trip.table(trip.times, system.p).reshape(trip.times.size, -1))
         self.out = np.empty((trip.times.size, len(system.states)))
         self.p = system.p.copy()
@@ -140,7 +144,8 @@ class HandWritten:
         """Integrate, and return the states at the trip's times."""
         done = self._integrate(
             self.trip.start.ctypes.data, self.p.ctypes.data, self.table.ctypes.data, len(self.table), STEP,
-            self.trip.times.ctypes.data, self.trip.times.size, rtol, atol, self.out.ctypes.data)  # fmt: skip
+            self.trip.times.ctypes.data, self.trip.times.size, rtol, atol, self.largest,
+            self.out.ctypes.data)  # fmt: skip
         if done < 0:
             raise ArithmeticError("the step became too small")
         self.evaluations = done
@@ -241,6 +246,9 @@ def entries(kind: str, stiff: bool = False, others: bool = True) -> dict[str, An
     makers: dict[str, Callable[[], Solve]] = {
         "C by hand, gcc -O3 -march=native": hand(("-O3", "-march=native")),
         "C by hand, gcc -O3": hand(("-O3",)),
+        "C by hand, -O3 -march=native, no step longer than a sample": lambda: HandWritten(
+            trip(kind, stiff), largest=STEP
+        ),
         "solve_ivp, default method": lambda: _native(kind, stiff, solvers.Automatic),
         "solve_ivp, DormandPrince54": lambda: _native(kind, stiff, solvers.DormandPrince54),
         "solve_ivp, Rodas5P": lambda: _native(kind, stiff, solvers.Rodas5P),

@@ -18,6 +18,7 @@ from discrepancy.blocks import Candidate, Residual, Sensitivities
 from discrepancy.built_in import Plan, built_in_columns
 from discrepancy.catalogue import Entry
 from discrepancy.effects import Effect
+from discrepancy.from_scan import DIFFERENCE, differs_from
 from discrepancy.kinds import MotionRange
 from discrepancy.law_force import MOTION, law_force
 from discrepancy.secants import far_away, secant_columns, takes_secants
@@ -193,7 +194,7 @@ def _small_strength(motion: MotionRange) -> float:
 
 
 def candidate_columns(
-    facts: Confrontation, entries: Sequence[Entry], progress: Any = None
+    facts: Confrontation, entries: Sequence[Entry], progress: Any = None, effects: Sequence[Effect] = ()
 ) -> tuple[list[Candidate], list[tuple[Entry, str]]]:
     """Return the candidates with their columns, and the entries that these records cannot speak about.
 
@@ -203,6 +204,8 @@ def candidate_columns(
     entries : sequence of Entry
     progress : callable, optional
         Gets a line of text now and then.
+    effects : sequence of Effect
+        What has been added to the model: of a richer law of one of them only what is new is a candidate.
     """
     refused: list[tuple[Entry, str]] = []
     plans: list[Plan] = []
@@ -237,13 +240,17 @@ def candidate_columns(
             refused.append((entry, "it would not change any measured output of these records"))
             continue
         kept = [k for k, q in enumerate(quiet) if not q]
+        one_sided = entry.kind.one_sided
+        if differs_from(effects, entry.kind, entry.where):
+            cols = [[c[:, :, :1] - c[:, :, 1:] for c in shape] for shape in cols]
+            strengths, one_sided = [DIFFERENCE], False
         found.append(
             Candidate(
                 entry.kind.name,
                 entry.where,
                 tuple(tuple(cols[k]) for k in kept),
                 tuple(shapes[k] for k in kept),
-                one_sided=entry.kind.one_sided,
+                one_sided=one_sided,
                 amplitudes=tuple(strengths),
                 info={"entry": entry},
             )

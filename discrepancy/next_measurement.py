@@ -272,7 +272,7 @@ def _against(study: Study, accepted: Accepted, rival: Rival) -> NextMeasurement:
 def _rival_effect(study: Study, accepted: Accepted, rival: Rival) -> Effect | None:
     """Return the rival as an effect at the strength that the scan expected of it."""
     from discrepancy.catalogue import catalogue
-    from discrepancy.effects import Effect
+    from discrepancy.from_scan import effect_of
 
     name = f"{rival.kind}@{rival.where}"
     stage = study.stages[-1]
@@ -290,13 +290,4 @@ def _rival_effect(study: Study, accepted: Accepted, rival: Rival) -> Effect | No
     )
     if entry is None or step is None:
         return None
-    row = step.scan[name]
-    amplitude = np.atleast_1d(row.amplitude)
-    if entry.kind.one_sided:
-        amplitude = np.maximum(amplitude, 1e-3 * max(float(np.max(np.abs(amplitude))), 1e-12))
-    strengths = dict(zip(entry.kind.strengths, map(float, amplitude), strict=True))
-    number = 1 + sum(1 for e in stage.effects if e.kind == rival.kind and e.where == rival.where)
-    if entry.place is None:
-        return Effect(rival.kind, rival.where, strengths, number=number)
-    shape = {k: v for k, v in row.shape.items() if k != "secant"}
-    return Effect.at_place(rival.kind, entry.place, strengths=strengths, shape=shape, load=entry.load, number=number)
+    return effect_of(entry, step.scan[name], stage.effects)

@@ -12,6 +12,7 @@ from discrepancy.blocks import Candidate, Residual, Sensitivities
 from discrepancy.catalogue import Entry, catalogue
 from discrepancy.columns import Confrontation, candidate_columns, cannot_be_built
 from discrepancy.effects import Effect
+from discrepancy.from_scan import effect_of, simpler_in
 from discrepancy.kinds import kind_named
 from discrepancy.stage import Accepted, Rival, Stage
 from estimation.correlation import correlation_time
@@ -31,7 +32,8 @@ LOOKS = 3  # plain scan, whitened scan, free curves: each may raise a false alar
 TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
 MOST = 0.8  # share of a richer law's gain that makes the simpler law in it the first answer
 
-Refit = Callable[[Effect], Stage]
+#: Adds an effect to the stage's model in the place of others, and fits everything again.
+Refit = Callable[[Effect, Sequence[Effect]], Stage]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,8 @@ def search_step(
     ----------
     stage : Stage
     refit : callable
-        Adds an effect to the stage's model, fits everything again and returns the new stage.
+        Puts an effect into the stage's model, in the place of the simpler ones that it contains, fits everything again
+        and returns the new stage.
     include, exclude : sequence of str
     level : float
         Family-wise level.
@@ -103,20 +106,23 @@ def search_step(
     facts = Confrontation.of_stage(stage, scan_preparation(stage))
     experiment = stage.identify.fits[0].experiment
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
-    candidates, refused = candidate_columns(facts, entries, progress)
+    candidates, refused = candidate_columns(facts, entries, progress, stage.effects)
     residual, sensitivities = facts.residual(), facts.sensitivities()
     progress(f"scores of {len(candidates)} candidates")
     scans = _scans(residual, sensitivities, candidates, level, seed, stage.noise)
-    rows = _finalists(scans, [c.name for c in candidates])
+    rows = _finalists(scans, [c.name for c in candidates], stage.effects)
     if not rows:
         return Step(scans[0], None, None, tuple(refused))
     by_name = {c.name: c for c in candidates}
     tried: list[tuple[Stage, Row]] = []
     for row in rows:
-        effect = _effect(by_name[row.name], row, stage)
-        progress(f"refit with {effect}")
+        simpler = simpler_in(stage.effects, row.kind, row.where)
+        effect = effect_of(by_name[row.name].info["entry"], row, stage.effects, simpler)
+        progress(f"refit with {effect}" + (f" in the place of {simpler[0]}" if simpler else ""))
         try:
-            tried.append((refit(effect), row))
+            tried.append((refit(effect, simpler), row))
+            if simpler and bic_difference(tried[-1][0], stage) >= 0.0:  # it does not stand alone: is it beside them?
+                tried[-1] = (refit(effect_of(by_name[row.name].info["entry"], row, stage.effects), ()), row)
         except RuntimeError as error:  # a simulation that fails is a bad explanation, not the end of the search
             progress(f"{effect} could not be simulated: {error}")
         except ModelError as error:  # say an algebraic loop: these records cannot speak about it in this model
@@ -165,8 +171,12 @@ def _scans(
     return [first, scanned(None)]
 
 
-def _finalists(scans: Sequence[ScanResult], known: Sequence[str]) -> list[Row]:
-    """Return the significant candidates worth a refit, best first, each with the simpler kinds that it contains."""
+def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Sequence[Effect]) -> list[Row]:
+    """Return the significant candidates worth a refit, best first.
+
+    Each brings the simpler kinds that it contains with it.  Where anything is significant, the richer kinds of the
+    effects that are in the model already are tried as well: a law that was only the first answer may be what is wrong.
+    """
     from discrepancy.verdict import Verdict
 
     scan = scans[-1]
@@ -176,29 +186,10 @@ def _finalists(scans: Sequence[ScanResult], known: Sequence[str]) -> list[Row]:
     worth = [r for r in significant if r.error_drop > 0.5 * significant[0].error_drop][:FINALISTS]
     simpler = [f"{kind}@{r.where}" for r in worth for kind in kind_named(r.kind).contains]
     names = [r.name for r in worth]
-    names += [n for n in dict.fromkeys(simpler) if n not in names and n in known and n not in scan.refused]
+    richer = [r.name for r in scan.rows if simpler_in(effects, r.kind, r.where)]
+    more = dict.fromkeys([*simpler, *richer])
+    names += [n for n in more if n not in names and n in known and n not in scan.refused]
     return [scan[n] for n in names]
-
-
-def _effect(candidate: Candidate, row: Row, stage: Stage) -> Effect:
-    """Return the effect that a row of the scan stands for, at its expected strength."""
-    entry: Entry = candidate.info["entry"]
-    kind = entry.kind
-    amplitude = np.atleast_1d(row.amplitude)
-    if kind.one_sided:
-        amplitude = np.maximum(amplitude, 1e-3 * max(float(np.max(np.abs(amplitude))), 1e-12))
-    strengths = dict(zip(kind.strengths, map(float, amplitude), strict=True))
-    number = 1 + sum(1 for e in stage.effects if e.kind == kind.name and e.where == entry.where)
-    if entry.place is None:
-        return Effect(kind.name, entry.where, strengths, dict(row.shape), number=number)
-    return Effect.at_place(
-        kind.name,
-        entry.place,
-        strengths=strengths,
-        shape={k: v for k, v in row.shape.items() if k != "secant"},
-        load=entry.load,
-        number=number,
-    )
 
 
 def bic_difference(richer: Stage, poorer: Stage) -> float:
@@ -236,7 +227,7 @@ def _simplest_first(tried: list[tuple[Stage, Row]], stage: Stage) -> list[tuple[
     best = tried[0][0]
     least = bic_difference(best, stage)
     close = [t for t in tried if bic_difference(t[0], stage) - least < TIE]
-    first = min(close, key=lambda t: (len(t[0].effects[-1].strengths), len(t[0].effects[-1].definition.contains)))
+    first = min(close, key=_size)
     inside = [
         t
         for t in tried
@@ -246,6 +237,12 @@ def _simplest_first(tried: list[tuple[Stage, Row]], stage: Stage) -> list[tuple[
     ]
     first = inside[0] if inside else first
     return [first, *(t for t in tried if t is not first)]
+
+
+def _size(tried: tuple[Stage, Row]) -> tuple[int, int, int]:
+    """Return what makes an explanation long: strengths and effects of its model, and what its last law contains."""
+    effects = tried[0].effects
+    return sum(len(e.strengths) for e in effects), len(effects), len(effects[-1].definition.contains)
 
 
 def _taken(richer: Stage, poorer: Stage) -> float:

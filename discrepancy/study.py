@@ -98,10 +98,11 @@ class Study:
     def prepare(self) -> None:
         """Choose how the model is confronted with its records, if that has not been done yet."""
         from discrepancy.confront import confront
+        from discrepancy.effort import bounded_effort
 
         if self.confronted is None:
             self.confronted = confront(self.setup, self.progress)
-            self.setup = self.confronted.setup
+            self.setup = bounded_effort(self.confronted.setup)
 
     def _begin(self) -> None:
         self.prepare()
@@ -185,9 +186,10 @@ class Study:
         self._made()
         return self.stages[-1]
 
-    def _with(self, effect: Effect, *, trial: bool = False) -> Stage:
+    def _with(self, effect: Effect, instead_of: Sequence[Effect] = (), *, trial: bool = False) -> Stage:
         current = self.stage
-        return self._fitted(f"+ {effect}", (*current.effects, effect), current, current.noise, trial=trial)
+        kept = tuple(e for e in current.effects if e not in instead_of)
+        return self._fitted(f"+ {effect}", (*kept, effect), current, current.noise, trial=trial)
 
     def undo(self) -> Stage:
         """Take the latest effect out again."""
@@ -236,7 +238,7 @@ class Study:
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""
         step = search_step(
             self.stage,
-            lambda effect: self._with(effect, trial=True),
+            lambda effect, instead_of: self._with(effect, instead_of, trial=True),
             include=self.setup.include,
             exclude=self.setup.exclude,
             level=self.setup.level,
@@ -268,7 +270,7 @@ class Study:
                 break
             self.progress(f"add {step.accepted.effect}")
             self.settled = False
-            self._accept(step.accepted, step.stage)
+            self._accept_instead(step.accepted, step.stage)
             self._settle()
         self._free_curves()
         first = next((s for s in self.stages if s.accepted is not None), None)
@@ -307,16 +309,29 @@ class Study:
         stage, effect = dropped
         note = f"{effect} was taken out again: the effect added after it explains it"
         self.progress(note)
-        kept = [
-            s
-            for s in self.stages[:-1]
-            if s.accepted is None or s.accepted.effect.component_name != effect.component_name
-        ]
-        accepted = self.stages[-1].accepted
+        self._again(self.stages[-1].accepted, stage, self.stages[:-1], [effect], note)
+
+    def _accept_instead(self, accepted: Accepted, trial: Stage) -> None:
+        """Accept an effect, and take the stages of those out of the story in whose place it stands."""
+        names = {e.component_name for e in trial.effects}
+        gone = [e for e in self.stage.effects if e.component_name not in names]
+        if not gone:
+            self._accept(accepted, trial)
+            return
+        note = f"{accepted.effect} stands in the place of {', '.join(map(str, gone))}, which it contains"
+        self.progress(note)
+        self._again(accepted, trial, self.stages, gone, note)
+
+    def _again(
+        self, accepted: Accepted | None, trial: Stage, stages: Sequence[Stage], gone: Sequence[Effect], note: str
+    ) -> None:
+        """Accept a trial after the given stages without those that added effects that have gone."""
+        names = {e.component_name for e in gone}
+        kept = [s for s in stages if s.accepted is None or s.accepted.effect.component_name not in names]
         before = list(self.stages)
         try:
             self.stages[:] = kept
-            self._accept(accepted, stage)
+            self._accept(accepted, trial)
         except BaseException:  # interrupted: what was there before stays
             self.stages[:] = before
             raise

@@ -73,10 +73,13 @@ class Response:
     ----------
     outputs : ndarray, shape (n, n_channels)
     derivatives : ndarray, shape (n, n_channels, m)
+    evaluations : int
+        Evaluations of the equations that the simulation took.
     """
 
     outputs: np.ndarray
     derivatives: np.ndarray
+    evaluations: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +106,8 @@ class Experiment:
         Inputs that keep their value until the next sample; the others change in a straight line.
     input_noise : mapping of str to float
         Noise of recorded inputs that a scan has to reckon with, SI; empty where it does not matter.
+    max_evaluations : int, optional
+        A simulation that needs more evaluations of the equations than this is given up.
     """
 
     record: Record
@@ -115,6 +120,7 @@ class Experiment:
     rtol: float = 1e-6
     held: tuple[str, ...] = ()
     input_noise: Mapping[str, float] = field(default_factory=dict)
+    max_evaluations: int | None = None
     _cache: dict[str, object] = field(default_factory=dict, repr=False)
 
     # ---------------------------------------------------------------- the measurement
@@ -226,15 +232,15 @@ class Experiment:
 
         x0 = self.start_vector(system) if x0 is None else x0
         if not parameters and not states and worth_it(system, pushes):
-            found = response_of(self, system, p, x0, pushes)
-            return self._prepared(found.outputs, found(pushes), sensors, [], [])
+            carried = response_of(self, system, p, x0, pushes)
+            return self._prepared(carried.outputs, carried(pushes), sensors, [], [])
         physical = [n for n in parameters if not n.startswith("sensor.")]
         total = len(physical) + len(states) + len(pushes)
         pick = np.array([system.index("output", n) for n in self.outputs])
         if workers > 1 and total >= FEW_DIRECTIONS:
             batch = min(batch, -(-total // workers))
 
-        def part(first: int) -> tuple[np.ndarray, np.ndarray]:
+        def part(first: int) -> tuple[np.ndarray, np.ndarray, int]:
             directions = self._directions(system, physical, states, pushes, slice(first, min(first + batch, total)))
             return _integrate(system, self, p, x0, directions, pick)
 
@@ -247,8 +253,9 @@ class Experiment:
                 parts = list(pool.map(part, firsts))
         else:
             parts = [part(first) for first in firsts]
-        dy = np.concatenate([d for _, d in parts], axis=2)
-        return self._prepared(parts[0][0], dy, sensors, parameters, physical)
+        dy = np.concatenate([d for _, d, _ in parts], axis=2)
+        found = self._prepared(parts[0][0], dy, sensors, parameters, physical)
+        return replace(found, evaluations=parts[0][2])
 
     def _prepared(
         self,
@@ -297,8 +304,8 @@ class Experiment:
 def _integrate(
     system: System, experiment: Experiment, p: np.ndarray, x0: np.ndarray, directions: Directions | None,
     pick: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return outputs (nt, n_channels) and their derivatives (nt, n_channels, m) on the record's grid."""
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return outputs (nt, n_channels), their derivatives (nt, n_channels, m) on the record's grid, and evaluations."""
     from multibody.errors import SimulationError
     from multibody.native import load_driver
     from multibody.simulate import native_problem
@@ -340,13 +347,14 @@ def _integrate(
 
     if n == 0:  # the motion is given: nothing to integrate
         receive(0, time, np.zeros((time.size, 0)))
-        return y, dy
+        return y, dy, 0
     solution = integrate(
         problem, (float(time[0]), float(time[-1])), x0, samples=Samples(time, receive), rtol=experiment.rtol,
-        atol=experiment.rtol * 1e-3, max_step=np.inf)
+        atol=experiment.rtol * 1e-3, max_step=np.inf, max_evaluations=experiment.max_evaluations,
+        stiff_problem=lambda: native_problem(system, p, table, directions, tangent=True))
     if solution.status < 0 or not np.all(np.isfinite(y)):
         raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
-    return y, dy
+    return y, dy, int(solution.nfev)
 
 
 def _apply_sensors(

@@ -14,12 +14,16 @@ import numpy as np
 
 if TYPE_CHECKING:
     from estimation.experiment import Experiment, Push
+    from multibody.solvers.problem import NativeProblem
+    from multibody.solvers.transitions import Transitions
     from multibody.system import System
 
 __all__ = ["PushResponse", "forget", "response_of", "worth_it"]
 
 REACH = 0.7  # step times the largest eigenvalue's magnitude; an explicit step of order 5 is then exact to 2e-4
 KEPT_BYTES = 1 << 25  # transitions larger than this are kept only while one question is answered
+STIFF = 50  # explicit steps in an interval from which matrix exponentials are cheaper
+PIECES = 8  # of a stiff interval, each with a Jacobian of its own
 _SQUARINGS = 5
 
 
@@ -91,10 +95,14 @@ class PushResponse:
         fastest = _spectral_radius(a)
         substep = REACH / np.maximum(np.maximum(fastest[1:], fastest[:-1]), 1e-300)
         chosen = np.array([system.index("input", n) for n in channels])
+        stiff = np.flatnonzero(np.diff(time) > STIFF * substep)
+        substep[stiff] = 0.0
         try:
             found = transitions(problem, time, x, list(chosen), substep)
         except ProblemError as error:
             raise SimulationError(f"'{system.name}' on record '{experiment.name}': {error}") from error
+        if stiff.size:
+            _fill_stiff(found, stiff, experiment, system, problem, p, x0, chosen)
         pick = np.array([system.index("output", n) for n in experiment.outputs])
         along = {"times": time, "states": x, "inputs": inputs, "p": p, "of": "outputs"}
         return cls(
@@ -123,6 +131,34 @@ class PushResponse:
             self.phi, self.gamma0, self.gamma1, self.c, self.d, channel, values, out
         )
         return out
+
+
+def _fill_stiff(
+    found: Transitions,
+    stiff: np.ndarray,
+    experiment: Experiment,
+    system: System,
+    problem: NativeProblem,
+    p: np.ndarray,
+    x0: np.ndarray,
+    chosen: np.ndarray,
+) -> None:
+    """Write the transitions of the stiff intervals: the trajectory is looked at again inside them."""
+    from multibody.solvers import Samples, integrate
+    from multibody.solvers.frozen import frozen_transitions
+
+    time = np.array(experiment.record.time)
+    h = np.diff(time)[stiff]
+    middles = (time[stiff][:, None] + h[:, None] * ((np.arange(PIECES) + 0.5) / PIECES)).ravel()
+    samples = Samples(middles)
+    integrate(
+        problem, (float(time[0]), float(time[-1])), x0, samples=samples, rtol=experiment.rtol,
+        atol=experiment.rtol * 1e-3)
+    inputs = np.ascontiguousarray(experiment.table(system)(middles, p).reshape(middles.size, -1))
+    at = (middles, np.ascontiguousarray(samples.states), inputs, p)
+    a = system.jacobian_along("x", *at).reshape(stiff.size, PIECES, *found.phi.shape[1:])
+    b = system.jacobian_along("u", *at, columns=chosen).reshape(stiff.size, PIECES, *found.gamma0.shape[1:])
+    found.phi[stiff], found.gamma0[stiff], found.gamma1[stiff] = frozen_transitions(a, b, h)
 
 
 def response_of(

@@ -219,6 +219,7 @@ class Stage(Model):
         }
         for name, source in names.items():
             self.output(name, source)
+        self.feature("tooth of the driving gear", 2.0 * np.pi / self.pair.teeth_1, "speed_1")
 
     # ---------------------------------------------------------------- running it
 

@@ -7,6 +7,7 @@ import numpy as np
 __all__ = ["breaks", "rough"]
 
 SMOOTH = 0.1
+NONE = 0.1
 STRIDE, LEVELS = 10, 5
 
 
@@ -58,27 +59,30 @@ def _passed_over(values: np.ndarray, tolerance: float) -> np.ndarray:
     ``2 π / sqrt(SMOOTH)`` samples to a period, which shows in fourth differences that are small beside the second;
     noise, spikes, corners and bends do not look like that.  One of ``STRIDE`` samples, half a period of that sine,
     still ends a step, so that no motion of the signal is jumped over.  The same holds for every second sample, every
-    fourth and so on, as long as they too are fine: then steps end twice, four times as far apart.
+    fourth and so on, as long as they too are fine: then steps end twice, four times as far apart.  A motion counts as
+    none where every sample lies within ``NONE`` times the tolerance of the cubic through samples half a stride and a
+    stride away.
     """
     n = len(values)
     marks, row = np.zeros(n, dtype=bool), np.arange(n)
     smooth = np.ones(n, dtype=bool)
+    extent = float(np.ptp(values))
     apart = np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2]) / 8.0  # polygon and curve, in the middle of a side
-    smooth[1:-1] = apart <= tolerance * np.ptp(values)
+    smooth[1:-1] = apart <= tolerance * extent
     for level in range(LEVELS):
         d = 2**level
         if 8 * d > n:
             break
-        rise = values[d:] - values[:-d]
-        bend = rise[d:] - rise[:-d]
-        second, fourth = np.zeros(n), np.full(n, np.inf)
-        second[d:-d] = np.abs(bend)
-        fourth[2 * d : -2 * d] = np.abs(bend[2 * d :] - 2.0 * bend[d:-d] + bend[: -2 * d])
+        second, fourth = _differences(values, d)
         size = second.copy()  # the second difference passes through zero where the slope turns: the largest near by
         for shift in (d, 2 * d, 3 * d):
             np.maximum(size[shift:], second[:-shift], out=size[shift:])
             np.maximum(size[:-shift], second[shift:], out=size[:-shift])
-        fine = smooth & (fourth <= SMOOTH * size)
+        still = fourth <= SMOOTH * size
+        if 2 * STRIDE * d < n:
+            _, across = _differences(values, STRIDE * d // 2)
+            still |= np.maximum(fourth, across) / 6.0 <= NONE * tolerance * extent
+        fine = smooth & still
         smooth = fine.copy()  # on both sides as well
         smooth[d:] &= fine[:-d]
         smooth[:-d] &= fine[d:]
@@ -86,6 +90,16 @@ def _passed_over(values: np.ndarray, tolerance: float) -> np.ndarray:
             break
         marks[smooth] = row[smooth] % (STRIDE * d) != 0
     return marks
+
+
+def _differences(values: np.ndarray, d: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sizes of second and fourth differences of every d-th value, centred, shape (nt,) each."""
+    second, fourth = np.zeros(len(values)), np.full(len(values), np.inf)
+    rise = values[d:] - values[:-d]
+    bend = rise[d:] - rise[:-d]
+    second[d:-d] = np.abs(bend)
+    fourth[2 * d : -2 * d] = np.abs(bend[2 * d :] - 2.0 * bend[d:-d] + bend[: -2 * d])
+    return second, fourth
 
 
 def breaks(

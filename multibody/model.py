@@ -88,6 +88,7 @@ class _Graph:
     connections: list[tuple[str, ...]] = field(default_factory=list)
     inputs: dict[str, ModelInput] = field(default_factory=dict)
     outputs: dict[str, str] = field(default_factory=dict)
+    features: dict[str, tuple[float | str, str]] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
 
 
@@ -160,6 +161,25 @@ class Model:
 
     # ---------------------------------------------------------------- looking
 
+    def feature(self, what: str, width: float | str, speed: str) -> None:
+        """Declare that something narrow passes by, such as a tooth or a bend of a rail, which no step may jump over.
+
+        Parameters
+        ----------
+        what : str
+            A name for it.
+        width : float or str
+            How wide it is, or ``"component.table"`` whose closest points count.
+        speed : str
+            State or output of the model at whose speed it passes; without that signal it does not count.
+        """
+        self._graph.features[what] = (width, speed)
+
+    @property
+    def features(self) -> dict[str, tuple[float | str, str]]:
+        """What passes by: width and speed by name (see `feature`)."""
+        return dict(self._graph.features)
+
     @property
     def components(self) -> dict[str, Component]:
         """The components by name, in the order in which they were added."""
@@ -210,7 +230,7 @@ class Model:
         """Return an independent copy; components are values and are shared."""
         other = Model(name or self.name)
         other._graph = copy.copy(self._graph)
-        for slot in ("components", "connections", "inputs", "outputs", "faults"):
+        for slot in ("components", "connections", "inputs", "outputs", "features", "faults"):
             setattr(other._graph, slot, copy.copy(getattr(self._graph, slot)))
         other._graph.inputs = {k: copy.deepcopy(v) for k, v in self._graph.inputs.items()}
         return other

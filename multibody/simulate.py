@@ -275,6 +275,7 @@ def _run(
         "njev": solution.njev,
         "nlu": solution.nlu,
         "max_step": limit,
+        "longest_step": getattr(solution, "longest_step", np.inf),
         "rtol": rtol,
         "atol": atol,
     }
@@ -330,7 +331,7 @@ def _failure(system: System, solution: Any, x0: np.ndarray, span: tuple[float, f
 
 
 def _feature_step(system: System, run: Trajectory, limit: float) -> float | None:
-    """Return a smaller largest step when a step could jump over a feature of a component, else None."""
+    """Return a smaller largest step when a step could have jumped over a feature, else None."""
     finest = limit
     for owner, component in system.model.components.items():
         for width_name, speed_name in getattr(component, "features", {}).items():
@@ -340,11 +341,26 @@ def _feature_step(system: System, run: Trajectory, limit: float) -> float | None
                 width = float(run.p[system.index("parameter", f"{owner}.{width_name}")])
             else:
                 width = float(np.min(np.abs(run[f"{owner}.{width_name}"])))
-            speed = (
-                1.0
-                if speed_name == "time"
-                else float(np.max(np.abs(run[f"{owner}.{speed_name}"]), initial=0.0))
-            )
+            speed = 1.0 if speed_name == "time" else _fastest(run, f"{owner}.{speed_name}")
             if speed > 0.0 and width > 0.0:
                 finest = min(finest, 0.5 * width / speed)
+    for given, signal in system.model.features.values():
+        speed = _fastest(run, signal)
+        if isinstance(given, str):
+            owner, _, table = given.partition(".")
+            held = system.model.components.get(owner)
+            if held is None or table not in held.tables:
+                continue
+            given = float(np.diff(held.tables[table][0]).min(initial=np.inf))
+        if speed > 0.0 and given > 0.0:
+            finest = min(finest, 0.5 * given / speed)
+    if float(run.statistics.get("longest_step", np.inf)) <= finest:
+        return None
     return finest if finest < 0.8 * limit else None  # the same speed, sampled anew, is no reason to run again
+
+
+def _fastest(run: Trajectory, signal: str) -> float:
+    """Return the largest magnitude of a signal; zero if the system does not have it."""
+    if signal not in run.system.state_names and signal not in run.system.output_names:
+        return 0.0
+    return float(np.max(np.abs(run[signal]), initial=0.0))

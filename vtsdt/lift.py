@@ -260,6 +260,10 @@ class Lift(Model):
                 names |= {"phi_A": "support.tilt_A_angle", "phi_B": "support.tilt_B_angle"}
         for name, source in names.items():
             self.output(name, source)
+        for body in ("cabin", "counterweight"):
+            guide = self.components.get(f"{body}_guide")
+            for table in guide.tables if guide is not None else ():
+                self.feature(f"points of {body}_guide.{table}", f"{body}_guide.{table}", f"{body}.v_z")
 
     # ---------------------------------------------------------------- running it
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from multibody.compiler.kinds import FLOAT, INT, TRUTH, Array, Kind, Outside, kind_of_argument
+from multibody.compiler.kinds import FLOAT, INT, TRUTH, Array, Kind, Outside, address_of, kind_of_argument
 
 __all__ = ["Entry", "Inner", "Instruction", "module_texts"]
 
@@ -97,6 +97,7 @@ class Entry(Inner):
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         self._native: dict[tuple[Kind, ...], Any] = {}
+        self._quick: dict[tuple[int, ...], Any] = {}
 
     def __call__(self, *arguments: Any) -> Any:
         return self.bound(*arguments)()
@@ -110,11 +111,14 @@ class Entry(Inner):
         for value in arguments:
             kinds.append(kind_of_argument(value))
             if isinstance(value, np.ndarray):
-                given.append(value.__array_interface__["data"][0])
+                given.append(address_of(value))
                 given += value.shape
             else:
                 given.append(value.item() if isinstance(value, np.generic) else value)
-        native = self._native.get(tuple(kinds)) or self._compile(tuple(kinds))
+        known = tuple(map(id, kinds))  # each kind is one object for ever; its own hash takes longer than the search
+        native = self._quick.get(known)
+        if native is None:
+            native = self._quick[known] = self._native.get(tuple(kinds)) or self._compile(tuple(kinds))
         if not isinstance(native, _Native):
             return functools.partial(native, *arguments)
         return native.bound(given, arguments)

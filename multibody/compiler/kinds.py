@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 __all__ = [
-    "FLOAT", "FLOATS", "INT", "INTS", "NOTHING", "TRUTH", "Array", "Kind", "Outside", "Value", "element", "joined",
-    "kind_of_argument", "llvm_type", "real",
+    "FLOAT", "FLOATS", "INT", "INTS", "NOTHING", "TRUTH", "Array", "Kind", "Outside", "Value", "address_of", "element",
+    "joined", "kind_of_argument", "llvm_type", "real",
 ]  # fmt: skip
+
+
+_NOTHING_OF = (ctypes.c_char * 0).from_buffer
 
 
 class Outside(Exception):
@@ -32,6 +36,7 @@ _RANK = {TRUTH: 0, INT: 1, FLOAT: 2}
 
 
 _PLAIN: dict[type, Kind] = {int: INT, float: FLOAT, bool: TRUTH, np.int64: INT, np.float64: FLOAT}
+_REAL, _WHOLE = np.dtype(np.float64), np.dtype(np.int64)
 _HELD = {np.dtype(k).str: [Array(of, n) for n in range(8)] for k, of in ((np.float64, FLOAT), (np.int64, INT))}
 
 
@@ -98,7 +103,8 @@ def kind_of_argument(value: Any) -> Kind:
     if found is not None:
         return found
     if isinstance(value, np.ndarray):
-        held = _HELD.get(value.dtype.str)
+        own = value.dtype
+        held = _HELD[_REAL.str] if own is _REAL else _HELD[_WHOLE.str] if own is _WHOLE else _HELD.get(own.str)
         if held is None or not value.flags.c_contiguous:
             raise TypeError(f"compiled code takes contiguous arrays of float64 or int64, not {value.dtype}")
         return held[value.ndim]
@@ -109,6 +115,14 @@ def kind_of_argument(value: Any) -> Kind:
     if isinstance(value, float | np.floating):
         return FLOAT
     raise TypeError(f"compiled code takes numbers and arrays, not {type(value).__name__}")
+
+
+def address_of(array: np.ndarray) -> int:
+    """Return the address of a contiguous array's first element; NumPy's own ways take three times as long."""
+    try:
+        return ctypes.addressof(_NOTHING_OF(array))  # type: ignore[arg-type]
+    except (TypeError, ValueError):  # not writable, or not contiguous
+        return int(array.__array_interface__["data"][0])
 
 
 def real(value: float) -> str:

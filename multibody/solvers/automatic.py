@@ -8,14 +8,28 @@ from typing import Any
 import numpy as np
 from scipy.integrate import DenseOutput
 
-from multibody.solvers.base import DONE, KNOWN, MORE, SLOT, STEP, STEP_OLD, STIFF, SUSPECT, WANTED, WATCH, T
 from multibody.solvers.dormand_prince import DormandPrince54
+from multibody.solvers.kernels.stepping import (
+    DONE,
+    KNOWN,
+    MORE,
+    SLOT,
+    STEP,
+    STEP_OLD,
+    STIFF,
+    SUSPECT,
+    WANTED,
+    WATCH,
+    T,
+)
 from multibody.solvers.problem import NativeProblem
 from multibody.solvers.rosenbrock import Rodas5P, relative_cost
 
 __all__ = ["Automatic", "in_words"]
 
 LEAST_SPELL, LONGEST_SPELL = 64, 4096  # steps of the stiff method before the explicit one is tried again
+RUN_UP, JUDGED = 8, 16  # steps of the stiff method until its own pace is reached, and until that pace is judged
+PATIENCE = 4096  # explicit steps before a stiff method that did not pay is tried again, longer each time
 SHORT_TRIAL = 64  # explicit steps after which, if they turn out stiff again, the next spell is longer
 
 
@@ -26,7 +40,7 @@ class Automatic(DormandPrince54):
     Ordinary Differential Equations II, IV.2).  After fifteen steps in a row on the edge of its stability the stiff
     method goes on from there; after a spell the explicit one is tried again, because a machine may be stiff only while
     it rests in dry friction.  If the stiff method's steps turn out not to be longer by more than they cost, the
-    explicit one keeps the problem.  A problem without a tangent stays with the explicit method.
+    explicit one goes on, at first for some thousand steps.  A problem without a tangent stays with the explicit method.
 
     It takes what `NativeSolver` takes, and two more parameters.
 
@@ -62,11 +76,17 @@ class Automatic(DormandPrince54):
         self._done = 0  # steps since the last change
         self._since = float(self.t)  # time of the last change
         self._explicit_step = 0.0
+        self._cost = 0.0  # of a stiff step over an explicit one
+        self._mark = float(self.t)  # time at the end of the stiff method's run-up
+        self._patience = PATIENCE
+        self._rest = 0  # explicit steps before stiffness is watched for again
 
     def _advance(self) -> int:
         self._stored_stiff = self._in_stiff
         if self._in_stiff:
             return self._advance_stiff()
+        if self._rest > 0:
+            return self._advance_unwatched()
         status = super()._advance()
         self._done += int(self._tally[DONE])
         if status == STIFF:
@@ -74,10 +94,29 @@ class Automatic(DormandPrince54):
             return MORE
         return status
 
+    def _advance_unwatched(self) -> int:
+        tally = self._tally
+        status = self._limited(self._rest, super()._advance)
+        self._rest -= int(tally[DONE])
+        if self._rest <= 0:
+            tally[WATCH] = 1
+        return status
+
+    def _limited(self, steps: int, advance: Callable[[], int]) -> int:
+        """Advance by at most so many steps; return what became of it."""
+        tally = self._tally
+        wanted = int(tally[WANTED])
+        tally[WANTED] = min(steps, wanted)
+        status = advance()
+        tally[WANTED] = wanted
+        self._done += int(tally[DONE])
+        return status
+
     def _enter(self) -> None:
         """Prepare the stiff method to go on from here."""
         if self._stiff is None:
             self._stiff = self._partner()
+            self._cost = relative_cost(self._stiff.problem)
         elif self._done <= SHORT_TRIAL:
             self._spell = min(2 * self._spell, LONGEST_SPELL)
         else:
@@ -110,23 +149,28 @@ class Automatic(DormandPrince54):
 
     def _advance_stiff(self) -> int:
         assert self._stiff is not None
-        tally = self._tally
-        wanted = int(tally[WANTED])
-        tally[WANTED] = min(self._spell - self._done, wanted)
-        status = self._stiff._advance()
-        tally[WANTED] = wanted
-        self._done += int(tally[DONE])
-        if status == MORE and self._done >= self._spell:
-            self._leave()
+        goal = next(n for n in (RUN_UP, JUDGED, self._spell) if self._done < n)
+        status = self._limited(goal - self._done, self._stiff._advance)
+        if status != MORE or self._done < goal:
+            return status
+        if goal == RUN_UP:
+            self._mark = float(self._clock[T])
+        elif goal == self._spell:
+            self._leave((float(self._clock[T]) - self._since) / self._done)
+        elif not self._pays(pace := (float(self._clock[T]) - self._mark) / (JUDGED - RUN_UP)):
+            self._leave(pace)
         return status
 
-    def _leave(self) -> None:
-        """Go back to the explicit method, and stay there if the stiff steps did not pay."""
-        assert self._stiff is not None
+    def _pays(self, step: float) -> bool:
+        """Tell whether stiff steps of a size are longer than explicit ones by more than they cost."""
+        return abs(step) >= self._explicit_step * self._cost
+
+    def _leave(self, step: float) -> None:
+        """Go back to the explicit method, and stay there for a while if the stiff steps did not pay."""
         clock, tally = self._clock, self._tally
-        step = abs(float(clock[T]) - self._since) / self._done
-        if step < self._explicit_step * relative_cost(self._stiff.problem):
+        if not self._pays(step):
             tally[WATCH] = 0
+            self._rest, self._patience = self._patience, 2 * self._patience
         clock[STEP] = min(clock[STEP], self._explicit_step)
         self._change(False)
 

@@ -10,15 +10,28 @@ import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
 
 from multibody.native import load_driver
+from multibody.solvers.kernels.stepping import (
+    BUFFER_FULL,
+    COUNTS,
+    DONE,
+    EVALUATIONS,
+    FACTORIZATIONS,
+    FINISHED,
+    FIRST,
+    JACOBIANS,
+    LONGEST,
+    MORE,
+    SAMPLE,
+    STEP,
+    TICKS,
+    TOO_SMALL,
+    WANTED,
+    WORST,
+    T,
+)
 from multibody.solvers.problem import NativeProblem, ProblemError
 
 __all__ = ["NativeSolver", "Samples", "StoredSteps"]
-
-# Layout of ``clock`` and ``tally``: see kernels/dormand_prince.py, which says what each entry is.
-T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
-WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
-WATCH, SUSPECT, CALM = range(11, 14)
-MORE, FINISHED, BUFFER_FULL, STIFF, TOO_SMALL = 0, 1, 2, 3, -1
 
 STORE_BYTES = 1 << 20
 CHUNK_BYTES = 1 << 23
@@ -45,13 +58,23 @@ class Samples:
         The samples, if there is no ``receive``.
     count : int
         Number of samples written so far.
+    longest : float, s
+        Largest step that was taken.
     """
 
-    def __init__(self, times: Any, receive: Callable[[int, np.ndarray, np.ndarray], None] | None = None) -> None:
+    def __init__(
+        self, times: Any, receive: Callable[[int, np.ndarray, np.ndarray], None] | None = None
+    ) -> None:
         self.times = np.ascontiguousarray(times, dtype=np.float64)
         self.receive = receive
         self.states = np.empty((0, 0))
         self.count = 0
+        self.longest = 0.0
+
+    def follow(self, direction: float) -> bool:
+        """Tell whether the times go in a direction, or stand."""
+        ahead = self.times[1:] >= self.times[:-1] if direction > 0.0 else self.times[1:] <= self.times[:-1]
+        return bool(ahead.all())
 
     def begin(self, size: int) -> np.ndarray:
         """Return the buffer for states of the given size."""
@@ -75,7 +98,9 @@ class Samples:
 class StoredSteps(DenseOutput):
     """The solution between two calls: the interpolants of the steps in between."""
 
-    def __init__(self, t_old: float, t: float, direction: float, steps: int, store: Any, kernel: Callable) -> None:
+    def __init__(
+        self, t_old: float, t: float, direction: float, steps: int, store: Any, kernel: Callable
+    ) -> None:
         super().__init__(t_old, t)
         self._direction = direction
         self._steps = steps
@@ -90,9 +115,13 @@ class StoredSteps(DenseOutput):
 
 
 def _tolerance(name: str, value: Any, problem: NativeProblem) -> np.ndarray:
+    if type(value) is float and problem.directions is None and 0.0 <= value < np.inf:
+        return np.full(problem.n, value)
     given = np.asarray(value, dtype=np.float64)
     if given.shape not in ((), (problem.n,), (problem.size,)):
-        raise ProblemError(f"{name} has the shape {given.shape}; give a number or one for each of {problem.n} states")
+        raise ProblemError(
+            f"{name} has the shape {given.shape}; give a number or one for each of {problem.n} states"
+        )
     if not np.all(np.isfinite(given)) or np.any(given < 0.0):
         raise ProblemError(f"{name} must be finite and not negative")
     if given.shape == () and problem.directions is None:
@@ -135,6 +164,8 @@ class NativeSolver(OdeSolver):
         Otherwise the error of a step in a direction is at most about this share of the direction's own size.  A
         direction can need smaller steps than the state: where the state rests and the direction grows or stiffly
         decays, the state's error says nothing.  Infinity leaves the directions without control.
+    max_evaluations : int, optional
+        Give up, with a message, after a call that has taken the right-hand side beyond this number of evaluations.
     """
 
     ORDER: ClassVar[int] = 5
@@ -157,6 +188,7 @@ class NativeSolver(OdeSolver):
         samples: Samples | None = None,
         control_directions: bool = False,
         direction_rtol: float = 1e-3,
+        max_evaluations: int | None = None,
         **extraneous: Any,
     ) -> None:
         if problem is None:
@@ -173,17 +205,20 @@ class NativeSolver(OdeSolver):
             raise ProblemError(f"max_step must be positive, it is {max_step}")
         span = abs(t_bound - t0)
         if first_step is not None and not 0.0 < first_step <= max(span, np.finfo(float).tiny):
-            raise ProblemError(f"first_step must be positive and within the interval of {span:g} s, it is {first_step}")
+            raise ProblemError(
+                f"first_step must be positive and within the interval of {span:g} s, it is {first_step}"
+            )
         self.problem = problem
         self.y = np.array(self.y, dtype=np.float64)
-        self.max_step = max_step
+        self.max_step, self.max_evaluations = max_step, max_evaluations
         self.rtol = np.maximum(_tolerance("rtol", rtol, problem), 100 * np.finfo(float).eps)
         self.atol = _tolerance("atol", atol, problem)
         if not direction_rtol > 0.0:
             raise ProblemError(f"direction_rtol must be positive, it is {direction_rtol}")
         if not control_directions and np.shape(rtol) != (problem.size,):
             self.rtol[problem.n :] = min(direction_rtol, 1e300)
-        self.field = problem.field(float(self.rtol[: problem.n].min(initial=1.0)))
+        self.tolerance = float(self.rtol[: problem.n].min(initial=1.0))
+        self.field = problem.field(self.tolerance)
         self._driver = load_driver(self.DRIVER)
         self._count = problem.size if control_directions else problem.n
         self._samples = samples
@@ -198,8 +233,8 @@ class NativeSolver(OdeSolver):
         self._store = (np.empty((slots, 2)), np.empty((slots, size)), np.empty((slots, self.STAGES, size)))
         self._work = np.zeros(3 * size)
         self._state = self.y.copy()
-        self._clock = np.zeros(8)
-        self._tally = np.zeros(14, dtype=np.int64)
+        self._clock = np.zeros(TICKS)
+        self._tally = np.zeros(COUNTS, dtype=np.int64)
         self._tally[WANTED] = self._steps
         self._begin_samples()
         # Infinity would become nan in products with zero, and no interval is longer than this.
@@ -212,12 +247,14 @@ class NativeSolver(OdeSolver):
             self._sample_t, self._sample_y = np.empty(0), np.empty((0, self.n))
             return
         t = self._samples.times
-        if np.any(self.direction * np.diff(t) < 0.0):
+        if not self._samples.follow(float(self.direction)):
             raise ProblemError("sample times must follow the direction of integration")
-        if t.size and (self.direction * (t[0] - self.t) < 0.0 or self.direction * (t[-1] - self.t_bound) > 0.0):
+        if t.size and (
+            self.direction * (t[0] - self.t) < 0.0 or self.direction * (t[-1] - self.t_bound) > 0.0
+        ):
             raise ProblemError(f"sample times must be within {self.t:g} s and {self.t_bound:g} s")
         self._sample_t, self._sample_y = t, self._samples.begin(self.n)
-        at_start = int(np.count_nonzero(t == self.t))
+        at_start = int(np.searchsorted(self.direction * t, self.direction * self.t, side="right"))
         self._sample_y[: min(at_start, len(self._sample_y))] = self.y
         self._tally[SAMPLE] = at_start
         self._samples.count = at_start
@@ -228,17 +265,17 @@ class NativeSolver(OdeSolver):
 
     def _advance(self) -> int:
         return self._driver.advance(
-            self.field.numbers,
-            self._clock,
-            self._tally,
-            self._state,
+            self.field.numbers[None],
+            self._clock[None],
+            self._tally[None],
+            self._state[None],
             self._work,
             *self._store,
             self.rtol,
             self.atol,
             self._count,
             self._sample_t,
-            self._sample_y,
+            self._sample_y[None],
             *self._extra(),
         )
 
@@ -256,18 +293,26 @@ class NativeSolver(OdeSolver):
             int(tally[JACOBIANS]),
             int(tally[FACTORIZATIONS]),
         )
+        if self._samples is not None:
+            self._samples.longest = float(clock[LONGEST])
         if status == TOO_SMALL and tally[DONE] == 0:
             return False, self._explanation()
         self.t = float(clock[T])
         self.y = self._state.copy()
+        if self.max_evaluations is not None and self.nfev > self.max_evaluations and status != FINISHED:
+            return False, (
+                f"{self.nfev} evaluations of the equations, more than the {self.max_evaluations} allowed, came only "
+                f"to t = {self.t:.9g} s: the steps are very small there"
+            )
         return True, None
 
     def _explanation(self) -> str:
         derivative = self.problem.derivative(self.t, self.y[: self.problem.n])
         bad = np.flatnonzero(~np.isfinite(derivative))
         if bad.size:
-            return f"the derivative of {self.problem.name_of(int(bad[0]))} is not finite at t = {self.t:.9g} s" + (
-                f" ({bad.size} derivatives in all)" if bad.size > 1 else ""
+            return (
+                f"the derivative of {self.problem.name_of(int(bad[0]))} is not finite at t = {self.t:.9g} s"
+                + (f" ({bad.size} derivatives in all)" if bad.size > 1 else "")
             )
         return (
             f"the step became too small at t = {self.t:.9g} s; the largest scaled error was that of "
@@ -276,6 +321,10 @@ class NativeSolver(OdeSolver):
 
     def _dense_output_impl(self) -> DenseOutput:
         if self._samples is not None:
-            raise RuntimeError("samples replace dense output: leave out samples to use t_eval, events or dense_output")
+            raise RuntimeError(
+                "samples replace dense output: leave out samples to use t_eval, events or dense_output"
+            )
         steps = int(self._tally[DONE])
-        return StoredSteps(self.t_old, self.t, float(self.direction), steps, self._store, self._driver.interpolate_many)
+        return StoredSteps(
+            self.t_old, self.t, float(self.direction), steps, self._store, self._driver.interpolate_many
+        )

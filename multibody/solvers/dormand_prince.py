@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from multibody.solvers.base import NativeSolver
 
 __all__ = ["DormandPrince54"]
@@ -22,3 +24,17 @@ class DormandPrince54(NativeSolver):
     ORDER = 5
     STAGES = 7
     DRIVER = "multibody.solvers.kernels.dormand_prince"
+
+    def advance_many(
+        self,
+        numbers: np.ndarray,
+        clock: np.ndarray,
+        tally: np.ndarray,
+        y: np.ndarray,
+        times: np.ndarray,
+        samples: np.ndarray,
+    ) -> None:
+        """Integrate other runs with this one's tolerances, one row of each array for each, samples (runs, nt, n)."""
+        self._driver.advance(
+            numbers, clock, tally, y, self._work, *self._store, self.rtol, self.atol, self._count, times, samples
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,29 @@ class ProblemError(ValueError):
 
 def _array(value: Any, shape: tuple[int, ...]) -> np.ndarray:
     return np.zeros(shape) if value is None else np.array(value, dtype=np.float64, order="C")
+
+
+@lru_cache(maxsize=256)
+def _shared(n: int, colours: bytes, pattern: bytes) -> tuple[str, ...]:
+    """Name the columns that share a colour and a row."""
+    colour, filled = np.frombuffer(colours, dtype=np.int64), np.frombuffer(pattern, dtype=bool).reshape(n, n)
+    return tuple(
+        f"columns {np.flatnonzero(colour == own).tolist()} share a colour and a row"
+        for own in np.unique(colour)
+        if np.any(filled[:, colour == own].sum(axis=1) > 1)
+    )
+
+
+@lru_cache(maxsize=256)
+def _owners(n: int, colours: bytes, pattern: bytes) -> np.ndarray:
+    """Return what `NativeProblem.owners` does."""
+    _, colour = np.unique(np.frombuffer(colours, dtype=np.int64), return_inverse=True)
+    filled = np.frombuffer(pattern, dtype=bool).reshape(n, n)
+    owner = np.full((colour.max(initial=-1) + 1, n), -1, dtype=np.int64)
+    for column in range(n):
+        owner[colour[column], filled[:, column]] = column
+    owner.flags.writeable = False
+    return owner
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +157,9 @@ class NativeProblem:
         faults = []
         delays = self.table.kernel["delays"]
         if np.any(delays >= self.p.size):
-            faults.append(f"a delay parameter has the index {delays.max()}, but there are {self.p.size} parameters")
+            faults.append(
+                f"a delay parameter has the index {delays.max()}, but there are {self.p.size} parameters"
+            )
         if not np.all(np.isfinite(self.p)):
             faults.append(f"parameter {int(np.flatnonzero(~np.isfinite(self.p))[0])} is not finite")
         d = self.directions
@@ -146,7 +172,9 @@ class NativeProblem:
                     f"the problem has {self.n} and {self.p.size}"
                 )
             if d.channel is not None and np.any(d.channel >= self.table.n_inputs):
-                faults.append(f"a direction acts on input {d.channel.max()}, but there are {self.table.n_inputs}")
+                faults.append(
+                    f"a direction acts on input {d.channel.max()}, but there are {self.table.n_inputs}"
+                )
         if self.colours is not None:
             faults += self._colour_faults(np.asarray(self.colours))
         if self.state_names and len(self.state_names) != self.n:
@@ -157,16 +185,17 @@ class NativeProblem:
     def _colour_faults(self, colours: np.ndarray) -> list[str]:
         if colours.shape != (self.n,):
             return [f"colours has the shape {colours.shape}, not ({self.n},)"]
+        if self.pattern is not None and np.shape(self.pattern) == (self.n, self.n):
+            return list(_shared(*self._structure()))
         if np.unique(colours).size == self.n:
             return []
-        if self.pattern is None or np.shape(self.pattern) != (self.n, self.n):
-            return [f"columns share colours, so the pattern of the Jacobian is needed, shape ({self.n}, {self.n})"]
-        pattern = np.asarray(self.pattern, dtype=bool)
-        return [
-            f"columns {np.flatnonzero(colours == colour).tolist()} share a colour and a row"
-            for colour in np.unique(colours)
-            if np.any(pattern[:, colours == colour].sum(axis=1) > 1)
-        ]
+        return [f"columns share colours, so the pattern of the Jacobian is needed, shape ({self.n}, {self.n})"]
+
+    def _structure(self) -> tuple[int, bytes, bytes]:
+        """Number of states, colours and pattern as what a cache can be asked with."""
+        n = self.n
+        pattern = np.ones((n, n), bool) if self.pattern is None else np.asarray(self.pattern, dtype=bool)
+        return n, np.asarray(self.colours, dtype=np.int64).tobytes(), pattern.tobytes()
 
     @property
     def n_directions(self) -> int:
@@ -201,12 +230,7 @@ class NativeProblem:
         """Return for each colour and row the column that the entry belongs to, or -1; shape (colours, n)."""
         if self.colours is None:
             return np.repeat(np.arange(self.n)[:, None], self.n, axis=1)
-        _, colour = np.unique(np.asarray(self.colours), return_inverse=True)
-        owner = np.full((colour.max() + 1, self.n), -1)
-        pattern = np.ones((self.n, self.n), bool) if self.pattern is None else np.asarray(self.pattern, dtype=bool)
-        for column in range(self.n):
-            owner[colour[column], pattern[:, column]] = column
-        return owner
+        return _owners(*self._structure())
 
     def field(self, tolerance: float = 0.0) -> Any:
         """Return a new `Field` for compiled drivers, with its own workspace.
@@ -222,7 +246,9 @@ class NativeProblem:
             weight = np.zeros((d.count, self.table.n_inputs))
             for column in np.flatnonzero(table["delays"] >= 0):
                 weight[:, column] = -d.p_dot[:, table["delays"][column]]
-            directions = {name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")}
+            directions = {
+                name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")
+            }
             directions["weight"] = weight
             table = self._with_breaks(d, own)
         return Field(self.rhs.address, tangent, self.n, self.p, table, directions)
@@ -234,7 +260,9 @@ class NativeProblem:
             return own
         added = InputTable(times, shape).kernel
         table = {name: np.append(own[name], added[name]) for name in ("breaks", "jumps", "break_delay")}
-        table["break_start"] = np.append(own["break_start"], own["break_start"][-1] + added["break_start"][1:])
+        table["break_start"] = np.append(
+            own["break_start"], own["break_start"][-1] + added["break_start"][1:]
+        )
         return {name: value for name, value in own.items() if name != "numbers"} | table
 
     def derivative(self, t: float, x: np.ndarray) -> np.ndarray:

@@ -44,12 +44,14 @@ def integrate(
     samples : Samples, optional
         In place of ``t_eval``, to receive states piece by piece.
     options
-        Options of `NativeSolver`: rtol, atol, max_step, first_step, control_directions, direction_rtol, internal_steps.
+        Options of `NativeSolver`: rtol, atol, max_step, first_step, control_directions, direction_rtol, internal_steps,
+        max_evaluations.
 
     Returns
     -------
     OdeResult
-        As from ``solve_ivp``; ``y`` has the shape (size, nt), see `NativeProblem.split`.
+        As from ``solve_ivp``; ``y`` has the shape (size, nt), see `NativeProblem.split`;
+        ``longest_step`` (s) unless there are events or dense output.
     """
     import scipy.integrate
 
@@ -60,11 +62,15 @@ def integrate(
     if events is not None or dense_output:
         if events is not None:
             common.setdefault("internal_steps", 1)
-        return solve_ivp(_unused, t_span, y0, t_eval=t_eval, events=events, dense_output=dense_output, **common)
+        return solve_ivp(
+            _unused, t_span, y0, t_eval=t_eval, events=events, dense_output=dense_output, **common
+        )
     kept = samples is None and t_eval is not None
     if kept:
         samples = Samples(t_eval)
     solution = solve_ivp(_unused, t_span, y0, samples=samples, **common)
+    if samples is not None:
+        solution.longest_step = samples.longest
     if kept and samples is not None:
         solution.t = samples.times[: samples.count]
         solution.y = np.asarray(samples.states[: samples.count].T)

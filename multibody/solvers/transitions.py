@@ -61,7 +61,7 @@ def transitions(
         The m inputs whose additions count.
     substep : float or ndarray, shape (N - 1,), s
         Largest step, of all intervals or of each.  It must be stable: below about 3 over the largest
-        eigenvalue's magnitude.
+        eigenvalue's magnitude.  An interval with zero is left out, and has zeros in the result.
 
     Returns
     -------
@@ -82,8 +82,8 @@ def transitions(
     if states.shape != (times.size, n):
         raise ProblemError(f"states has the shape {states.shape}, not ({times.size}, {n})")
     largest = np.asarray(substep, dtype=np.float64)
-    if largest.shape not in ((), (times.size - 1,)) or not np.all(largest > 0.0):
-        raise ProblemError(f"substep must be positive, a number or one for each of {times.size - 1} intervals")
+    if largest.shape not in ((), (times.size - 1,)) or not np.all(largest >= 0.0):
+        raise ProblemError(f"substep must not be negative, a number or one for each of {times.size - 1} intervals")
     if m and (channels.min() < 0 or channels.max() >= problem.table.n_inputs):
         raise ProblemError(f"directions_in names input {channels.max()}, there are {problem.table.n_inputs}")
 
@@ -102,7 +102,7 @@ def transitions(
     )
     whole = replace(problem, directions=directions)
     field = whole.field()
-    out, ends = np.empty((times.size - 1, count * n)), np.empty((times.size - 1, n))
+    out, ends = np.zeros((times.size - 1, count * n)), np.zeros((times.size - 1, n))
     clock = np.zeros(8)
     clock[4] = 1.0
     load_driver("multibody.solvers.kernels.intervals").transition_blocks(

@@ -132,3 +132,26 @@ def test_all_faults_at_once():
         InputTable([0.0, 0.0], [[np.nan, 1.0], [1.0, np.inf]], ("force", "speed"), ("hold", "bezier"))
     for words in ("'force' is not finite in 1 rows, first row 0", "'speed' is not finite", "bezier", "row 1"):
         assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [3e-3, 3e-5])
+def test_motions_far_below_the_tolerance_end_no_steps(share):
+    times = np.arange(3001) * 1e-3
+    slow = np.sin(2.0 * np.pi * 0.3 * times)
+    ripple = share * np.sin(2.0 * np.pi * 60.0 * times)  # 17 samples to a period: not resolved finely
+    ends = InputTable.from_columns(times, {"a": slow + ripple}).kernel_for(1e-3)["breaks"]
+    longest = np.diff(np.append(np.append(0.0, ends), 3.0)).max()
+    if share > 1e-3:
+        assert longest < 0.5 / 60.0  # half a period of the ripple
+    else:
+        assert longest > 5.0 / 60.0
+
+
+def test_a_spike_is_never_passed_over():
+    times = np.arange(3001) * 1e-3
+    for width in (1, 3, 8, 20, 60):
+        values = np.sin(2.0 * np.pi * 0.3 * times)
+        values[1500 : 1500 + width] += 0.05 * np.hanning(width + 2)[1:-1]
+        ends = InputTable.from_columns(times, {"a": values}).kernel_for(1e-2)["breaks"]
+        inside = (ends > 1.499 - 1e-9) & (ends < 1.5 + 1e-3 * width + 1e-9)
+        assert np.count_nonzero(inside) >= 1, width

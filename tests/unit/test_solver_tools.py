@@ -191,3 +191,54 @@ def test_batch_can_be_left_early():
     results = batch(((prob, np.ones(3)) for _ in range(10**9)), (0.0, 0.1), [0.1], workers=2)
     assert [next(results).index for _ in range(3)] == [0, 1, 2]
     results.close()
+
+
+def test_batch_in_groups_is_the_same_to_the_last_bit_and_loses_no_run_to_another():
+    prob = linear()
+    rng = np.random.default_rng(5)
+    starts, told = rng.normal(size=(400, 3)), []
+    starts[[3, 250]] = np.inf
+    stiff = linear(np.diag([-1.0, -2.0, -4e4]))  # the default method hands these over to the stiff one
+    whole = [stiff if i % 97 == 5 else prob for i in range(400)]
+    t = np.linspace(0.0, 0.2, 5)
+    options = dict(rtol=1e-5, atol=1e-8)
+    done = list(batch(zip(whole, starts, strict=True), (0.0, 0.2), t, 2, told.append, **options))
+    assert [run.index for run in done] == list(range(400))
+    assert [run.index for run in done if not run.success] == [3, 250]
+    assert told[-1] == "run 400, 2 failed"
+    for i in (0, 4, 5, 102, 200, 399):
+        alone = integrate(whole[i], (0.0, 0.2), starts[i], t, **options)
+        np.testing.assert_array_equal(done[i].y, alone.y)
+
+
+def test_runs_are_the_same_to_the_last_bit_from_time_to_time():
+    table = InputTable.from_columns(np.linspace(0.0, 2.0, 201), {"a": np.random.default_rng(3).normal(size=201)})
+    prob = problem("pendulum", [9.0, 0.1, 0.0], table, 2)
+    for method in (DormandPrince54, Rodas5P):
+        first, second = (integrate(prob, (0.0, 2.0), [1.0, 0.0], [0.5, 2.0], method=method) for _ in range(2))
+        assert first.nfev == second.nfev
+        np.testing.assert_array_equal(first.y, second.y)
+
+
+def test_arrays_of_any_layout_compile_nothing_anew():
+    prob = linear()
+    t = np.linspace(0.0, 0.5, 11)
+    wide = np.zeros((3, 4), order="F")
+    wide[:, 1] = 1.0
+    plain = integrate(prob, (0.0, 0.5), np.ones(3), t, method=DormandPrince54)
+    told = []
+    stop = native.on_compile(lambda name, seconds: told.append(name))
+    spread = NativeProblem(prob.rhs, np.repeat(prob.p, 2)[::2], prob.table, 3, prob.tangent)
+    start = np.stack([np.ones(3), np.zeros(3)], axis=1)[:, 0]
+    assert not start.flags.c_contiguous
+    other = integrate(spread, (0.0, 0.5), start, np.repeat(t, 2)[::2], method=DormandPrince54, atol=wide[:, 1] * 1e-6)
+    stop()
+    assert told == []
+    np.testing.assert_array_equal(other.y, plain.y)
+
+
+def test_the_longest_step_is_told():
+    prob = linear()
+    free = integrate(prob, (0.0, 2.0), np.ones(3), [2.0], method=DormandPrince54)
+    held = integrate(prob, (0.0, 2.0), np.ones(3), [2.0], method=DormandPrince54, max_step=0.01)
+    assert held.longest_step <= 0.01 < free.longest_step

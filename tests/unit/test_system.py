@@ -298,3 +298,19 @@ def test_only_the_outputs_that_are_asked_for():
     system = driven(outputs=["wall"], compiled=False)
     assert system.output_names == ("wall",)
     assert system.simulate(0.1, inputs={"force": 1.0}, method="RK45")["wall"].size == 1001
+
+
+def test_no_step_jumps_over_a_feature_that_the_model_names():
+    model = Model("slide")
+    body = model.add("body", Mass(m=1.0, velocity=2.0))
+    spring = model.add("spring", Spring(stiffness=1e-3))
+    model.connect(spring.a, model.ground)
+    model.connect(spring.b, body.flange)
+    free = model.build().simulate(1.0, method="Rodas5P")
+    model.feature("joint", 0.02, "body.velocity")
+    model.feature("absent", 1e-9, "no.such_signal")
+    held = model.copy("other").build().simulate(1.0, method="Rodas5P")
+    assert free.statistics["longest_step"] > 0.05
+    assert held.statistics["longest_step"] <= 0.5 * 0.02 / 2.0 * 1.0001
+    fine = model.build().simulate(1.0, method="Rodas5P", rtol=1e-13, atol=1e-16, max_step=1e-3)
+    assert fine["body.position"][-1] == pytest.approx(held["body.position"][-1], rel=1e-6)

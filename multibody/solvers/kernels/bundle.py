@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from multibody.compiler.kinds import address_of
+
 __all__ = ["CUBIC", "HOLD", "LINEAR", "Field"]
 
 HOLD, LINEAR, CUBIC = 0, 1, 2
@@ -23,7 +25,7 @@ P_DOT, CHANNEL, WEIGHT, SHAPE_T, SHAPE, SHAPE_CURSOR = range(24, 30)
 # times at which a step must end, whether a held input jumps there; begin, delay, remembered time of each
 # group;
 BREAKS, JUMPS, BREAK_START, BREAK_DELAY, BREAK_CURSOR = range(30, 35)
-# and the interval within which rates of inputs are looked up.
+# and the interval within which rates of inputs are looked up, with the time of the inputs that u holds.
 WINDOW = 35
 SIZE = 36
 
@@ -40,11 +42,8 @@ _TABLE = {
     "break_start": BREAK_START,
     "break_delay": BREAK_DELAY,
 }
+_OWN = [RHS, TANGENT, N, N_P, P, U, RATE, U_DOT, WINDOW, CURSOR, SHAPE_CURSOR, BREAK_CURSOR]
 _DIRECTIONS = {"p_dot": P_DOT, "channel": CHANNEL, "weight": WEIGHT, "shape_t": SHAPE_T, "shape": SHAPE}
-
-
-def _address(array: np.ndarray) -> int:
-    return int(array.__array_interface__["data"][0])
 
 
 def _numbers_of(table: dict[str, np.ndarray]) -> np.ndarray:
@@ -52,7 +51,7 @@ def _numbers_of(table: dict[str, np.ndarray]) -> np.ndarray:
     if "numbers" not in table:
         numbers = np.zeros(SIZE, dtype=np.int64)
         for name, index in _TABLE.items():
-            numbers[index] = _address(table[name])
+            numbers[index] = address_of(table[name])
         numbers[N_U], numbers[ROWS] = table["values"].shape[1], table["times"].size
         numbers[N_HELD], numbers[N_MOVING] = table["held"].size, table["moving"].size
         numbers[N_GROUPS] = table["break_delay"].size
@@ -97,27 +96,31 @@ class Field:
         directions: dict[str, np.ndarray] | None = None,
     ) -> None:
         self.numbers = _numbers_of(table).copy()
-        n_u, groups = self.numbers[N_U], self.numbers[N_GROUPS]
-        self.u = table["values"][0].copy()
-        work = np.zeros(2 * n_u + 2)
-        work[2 * n_u :] = -np.inf, np.inf
+        n_u, groups = table["values"].shape[1], table["break_delay"].size
+        work = np.zeros(3 * n_u + 3)
+        self.u = work[:n_u]
+        self.u[:] = table["values"][0]
+        work[3 * n_u :] = -np.inf, np.inf, np.nan
         cursors = np.zeros(n_u + groups + 1, dtype=np.int64)
         cursors[n_u + 1 :] = table["break_start"][:-1]
         self._owned: tuple[Any, ...] = (p, table, work, cursors, directions)
-        self.numbers[[RHS, TANGENT, N, N_P]] = rhs, tangent, n, p.size
-        floats, counts = _address(work), _address(cursors)
-        self.numbers[[P, U, RATE, U_DOT, WINDOW, CURSOR, SHAPE_CURSOR, BREAK_CURSOR]] = (
-            _address(p),
-            _address(self.u),
+        floats, counts = address_of(work), address_of(cursors)
+        self.numbers[_OWN] = (
+            rhs,
+            tangent,
+            n,
+            p.size,
+            address_of(p),
             floats,
             floats + 8 * n_u,
             floats + 16 * n_u,
+            floats + 24 * n_u,
             counts,
             counts + 8 * n_u,
             counts + 8 * (n_u + 1),
         )
         if directions is not None:
             for name, index in _DIRECTIONS.items():
-                self.numbers[index] = _address(directions[name])
+                self.numbers[index] = address_of(directions[name])
             self.numbers[M], self.numbers[SHAPE_ROWS] = len(directions["channel"]), directions["shape_t"].size
             self.numbers[DELAYED] = int(np.any(directions["weight"] != 0.0))

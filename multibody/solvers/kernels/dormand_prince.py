@@ -15,40 +15,43 @@ from multibody.solvers.kernels.field import evaluate
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
     CALM,
-    DIRECTION,
+    COUNTS,
     DONE,
-    END,
     EVALUATIONS,
-    FINISHED,
     FIRST,
+    GO_ON,
     KNOWN,
     LARGEST,
     MORE,
     REJECTED,
     SAMPLE,
     SLOT,
+    STATUS,
     STEP,
     STEP_OLD,
-    STIFF,
     SUSPECT,
     T_OLD,
+    TICKS,
     TOO_SMALL,
     WANTED,
     WATCH,
     WORST,
     T,
     direction_error,
+    due,
     first_step,
     forget_tiny,
     mean_error,
     plan,
     remember_largest,
+    remember_step,
     settle,
+    state_before,
+    step_of,
     worst,
 )
 
 REACH = 3.25  # |h·λ| on the edge of the method's stability
-ROW = 15  # steps in a row on that edge that make a problem stiff
 
 
 @fused
@@ -81,7 +84,11 @@ def stages(c, t, h, size, y, k, y_new):
     evaluate(t + h, y_new, k6, c)
     for i in independent(size):
         y_new[i] = y[i] + h * (
-            (35 / 384) * k1[i] + (500 / 1113) * k3[i] + (125 / 192) * k4[i] - (2187 / 6784) * k5[i] + (11 / 84) * k6[i]
+            (35 / 384) * k1[i]
+            + (500 / 1113) * k3[i]
+            + (125 / 192) * k4[i]
+            - (2187 / 6784) * k5[i]
+            + (11 / 84) * k6[i]
         )
     evaluate(t + h, y_new, k7, c)
 
@@ -108,11 +115,21 @@ def interpolate(z, h, size, y, k, out):
     z2 = z * z
     z3 = z2 * z
     z4 = z3 * z
-    b1 = h * (z - (8048581381 / 2820520608) * z2 + (8663915743 / 2820520608) * z3 - (12715105075 / 11282082432) * z4)
-    b3 = h * ((131558114200 / 32700410799) * z2 - (68118460800 / 10900136933) * z3 + (87487479700 / 32700410799) * z4)
-    b4 = h * (-(1754552775 / 470086768) * z2 + (14199869525 / 1410260304) * z3 - (10690763975 / 1880347072) * z4)
+    b1 = h * (
+        z - (8048581381 / 2820520608) * z2 + (8663915743 / 2820520608) * z3 - (12715105075 / 11282082432) * z4
+    )
+    b3 = h * (
+        (131558114200 / 32700410799) * z2
+        - (68118460800 / 10900136933) * z3
+        + (87487479700 / 32700410799) * z4
+    )
+    b4 = h * (
+        -(1754552775 / 470086768) * z2 + (14199869525 / 1410260304) * z3 - (10690763975 / 1880347072) * z4
+    )
     b5 = h * (
-        (127303824393 / 49829197408) * z2 - (318862633887 / 49829197408) * z3 + (701980252875 / 199316789632) * z4
+        (127303824393 / 49829197408) * z2
+        - (318862633887 / 49829197408) * z3
+        + (701980252875 / 199316789632) * z4
     )
     b6 = h * (-(282668133 / 205662961) * z2 + (2019193451 / 616988883) * z3 - (1453857185 / 822651844) * z4)
     b7 = h * ((40617522 / 29380423) * z2 - (110615467 / 29380423) * z3 + (69997945 / 29380423) * z4)
@@ -125,16 +142,14 @@ def interpolate(z, h, size, y, k, out):
 @inner
 def write_samples(clock, tally, size, y, k, count, sample_t, rows, sample_y):
     """Write the samples inside the last step; return False when the buffer is full before its end."""
-    direction, t, t_old, h = clock[DIRECTION], clock[T], clock[T_OLD], clock[STEP_OLD]
-    j = tally[SAMPLE]
-    while j < count and direction * (sample_t[j] - t) <= 0.0:
+    while due(clock, tally, count, sample_t):
+        j = tally[SAMPLE]
         row = j - tally[FIRST]
         if row == rows:
-            tally[SAMPLE] = j
             return False
-        interpolate((sample_t[j] - t_old) / h, h, size, y, k, shift(sample_y, row * size))
-        j += 1
-    tally[SAMPLE] = j
+        h = clock[STEP_OLD]
+        interpolate((sample_t[j] - clock[T_OLD]) / h, h, size, y, k, shift(sample_y, row * size))
+        tally[SAMPLE] = j + 1
     return True
 
 
@@ -143,25 +158,29 @@ def stretch(h, n, size, y, k, y_new, rtol, atol):
     """Return |h·λ| of the fastest motion that the last two stages show.
 
     They are at the same time, so that what their rates differ by over what their states differ by is an
-    eigenvalue.  Hairer and Wanner, Solving Ordinary Differential Equations II, IV.2.
+    eigenvalue.  Hairer and Wanner, Solving Ordinary Differential Equations II, IV.2.  Each direction shows an
+    eigenvalue of its own: where its error limits the steps, the state's own fast motions have died away.
     """
     k1, k2, k3 = k, shift(k, size), shift(k, 2 * size)
     k4, k5, k6, k7 = shift(k, 3 * size), shift(k, 4 * size), shift(k, 5 * size), shift(k, 6 * size)
-    rates, states = 0.0, 0.0
-    for i in range(n):
-        stage = y[i] + h * (
-            (9017 / 3168) * k1[i]
-            - (355 / 33) * k2[i]
-            + (46732 / 5247) * k3[i]
-            + (49 / 176) * k4[i]
-            - (5103 / 18656) * k5[i]
-        )
-        unit = atol[i] + rtol[i] * abs(y_new[i])
-        rates += ((k7[i] - k6[i]) / unit) ** 2
-        states += ((y_new[i] - stage) / unit) ** 2
-    if states > 0.0:
-        return abs(h) * math.sqrt(rates / states)
-    return 0.0
+    fastest = 0.0
+    for j in range(size // n):
+        rates, states = 0.0, 0.0
+        for a in range(n):
+            i = j * n + a
+            stage = y[i] + h * (
+                (9017 / 3168) * k1[i]
+                - (355 / 33) * k2[i]
+                + (46732 / 5247) * k3[i]
+                + (49 / 176) * k4[i]
+                - (5103 / 18656) * k5[i]
+            )
+            unit = atol[a] + rtol[a] * abs(y_new[a])
+            rates += ((k7[i] - k6[i]) / unit) ** 2
+            states += ((y_new[i] - stage) / unit) ** 2
+        if states > 0.0:
+            fastest = max(fastest, rates / states)
+    return abs(h) * math.sqrt(fastest)
 
 
 @inner
@@ -216,68 +235,88 @@ def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, larg
     return True
 
 
-@entry
-def advance(numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, atol, count, sample_t, sample_y):
-    """Take steps until enough are done, the end is reached, the buffer is full, or the step is too small.
-
-    Where the tally says to watch, it also stops when stability has limited many steps in a row.
-
-    The steps go one after another into store_t (slots, 2), store_y (slots, size) and store_k (slots, 7,
-    size): begin and size, state at the begin, stages.  They are used in a circle: with one slot, samples are
-    the only way to see between the steps.
-    """
-    size, c = y.size, pointer(numbers)
-    ticks, counts, times, samples = pointer(clock), pointer(tally), pointer(sample_t), pointer(sample_y)
-    states, derivatives = pointer(store_y), pointer(store_k)
-    relative, absolute = pointer(rtol), pointer(atol)
-    y_new, errors, largest = pointer(work), shift(pointer(work), size), shift(pointer(work), 2 * size)
+@inner
+def march(
+    c, clock, tally, size, count, y, work, slots, spans, states, stages_of, rtol, atol, n_samples, times, rows, samples
+):
+    """Take steps of one run until enough are done or it cannot go on; return how it stands."""
+    y_new, errors, largest = work, shift(work, size), shift(work, 2 * size)
     tally[DONE] = 0
     while True:
         slot = tally[SLOT]
-        start, k = shift(states, slot * size), shift(derivatives, slot * 7 * size)
-        if tally[SAMPLE] < sample_t.size and not write_samples(
-            ticks, counts, size, start, k, sample_t.size, times, sample_y.shape[0], samples
-        ):
+        start, k = shift(states, slot * size), shift(stages_of, slot * 7 * size)
+        if not write_samples(clock, tally, size, start, k, n_samples, times, rows, samples):
             return BUFFER_FULL
-        if clock[T] == clock[END]:
-            return FINISHED
-        if tally[SUSPECT] >= ROW:
-            tally[SUSPECT] = 0
-            return STIFF
-        if tally[DONE] >= tally[WANTED]:
-            return MORE
-        slot = tally[DONE] % store_t.shape[0]
+        standing = state_before(clock, tally, tally[WANTED])
+        if standing != GO_ON:
+            return standing
+        slot = tally[DONE] % slots
         tally[SLOT] = slot
         last = shift(k, 6 * size)
-        start, k = shift(states, slot * size), shift(derivatives, slot * 7 * size)
+        start, k = shift(states, slot * size), shift(stages_of, slot * 7 * size)
         if tally[KNOWN] == 2:
             for i in range(size):
                 k[i] = last[i]
             tally[KNOWN] = 1
         for i in range(size):
             start[i] = y[i]
-        if not one_step(c, ticks, counts, size, count, start, k, y_new, relative, absolute, errors, largest):
+        if not one_step(c, clock, tally, size, count, start, k, y_new, rtol, atol, errors, largest):
             return TOO_SMALL
-        store_t[slot, 0] = clock[T_OLD]
-        store_t[slot, 1] = clock[STEP_OLD]
-        tally[DONE] += 1
+        remember_step(clock, tally, spans)
         if tally[WATCH] != 0:
-            watch(ticks, counts, c[N], size, start, k, y_new, relative, absolute)
+            watch(clock, tally, c[N], size, start, k, y_new, rtol, atol)
         for i in range(size):
             y[i] = y_new[i]
+
+
+@entry
+def advance(numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, atol, count, sample_t, sample_y):
+    """Take steps of every run until enough are done, its end is reached, the buffer is full, or the step is too small.
+
+    Where the tally says to watch, a run also stops when stability has limited many steps in a row.  How it stands
+    goes into the tally; returned is how the last run stands.  Runs are rows of numbers, clock, tally and y, and
+    sample_y is (runs, rows, size); they share the rest.
+
+    The steps go one after another into store_t (slots, 2), store_y (slots, size) and store_k (slots, 7,
+    size): begin and size, state at the begin, stages.  They are used in a circle: with one slot, samples are
+    the only way to see between the steps.
+    """
+    size, rows, standing = y.shape[1], sample_y.shape[1], MORE
+    for r in range(y.shape[0]):
+        counts = shift(pointer(tally), r * COUNTS)
+        standing = march(
+            shift(pointer(numbers), r * numbers.shape[1]),
+            shift(pointer(clock), r * TICKS),
+            counts,
+            size,
+            count,
+            shift(pointer(y), r * size),
+            pointer(work),
+            store_t.shape[0],
+            pointer(store_t),
+            pointer(store_y),
+            pointer(store_k),
+            pointer(rtol),
+            pointer(atol),
+            sample_t.size,
+            pointer(sample_t),
+            rows,
+            shift(pointer(sample_y), r * rows * size),
+        )
+        counts[STATUS] = standing
+    return standing
 
 
 @entry
 def interpolate_many(t, direction, steps, store_t, store_y, store_k, out):
     """Write the states at the times t, each in the stored step that holds it, into the rows of out."""
     size = out.shape[1]
-    states, stages_of, rows = pointer(store_y), pointer(store_k), pointer(out)
+    spans, states, stages_of, rows = pointer(store_t), pointer(store_y), pointer(store_k), pointer(out)
     j = 0
     for i in range(t.size):
-        while j > 0 and direction * (t[i] - store_t[j, 0]) < 0.0:
-            j -= 1
-        while j + 1 < steps and direction * (t[i] - store_t[j + 1, 0]) > 0.0:
-            j += 1
-        h = store_t[j, 1]
-        z = (t[i] - store_t[j, 0]) / h
-        interpolate(z, h, size, shift(states, j * size), shift(stages_of, j * 7 * size), shift(rows, i * size))
+        j = step_of(t[i], direction, steps, spans, j)
+        h = spans[2 * j + 1]
+        z = (t[i] - spans[2 * j]) / h
+        interpolate(
+            z, h, size, shift(states, j * size), shift(stages_of, j * 7 * size), shift(rows, i * size)
+        )

@@ -36,14 +36,16 @@ def cross(c, clock, substep, size, y, k, y_new):
 def transition_blocks(numbers, clock, times, states, substep, y, k, y_new, start, out, ends):
     """Write the directions' columns that begin as ``start`` at the end of every interval into out.
 
-    Steps in interval i are at most ``substep[i]``.  The inputs' tangents are given at the two ends of an
-    interval, whose times go into the field's grid; ``ends`` gets the states.
+    Steps in interval i are at most ``substep[i]``; where that is zero the interval is left out.  The inputs' tangents
+    are given at the two ends of an interval, whose times go into the field's grid; ``ends`` gets the states.
     """
     c = pointer(numbers)
     n, size = c[N], c[N] * (c[M] + 1)
     grid, ticks, vector = floats(c[SHAPE_T]), pointer(clock), pointer(y)
     stage, result = pointer(k), pointer(y_new)
     for i in range(times.size - 1):
+        if substep[i] == 0.0:
+            continue
         grid[0], grid[1] = times[i], times[i + 1]
         clock[T], clock[END] = times[i], times[i + 1]
         for j in range(n):

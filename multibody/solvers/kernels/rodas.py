@@ -12,21 +12,19 @@ from __future__ import annotations
 import math
 
 from multibody.solvers.kernels.bundle import N_MOVING, TANGENT, M, N, P, U
-from multibody.solvers.kernels.calls import call_tangent, entry, floats, inner, pointer, shift
+from multibody.solvers.kernels.calls import call_tangent, entry, floats, fused, independent, inner, pointer, shift
 from multibody.solvers.kernels.field import evaluate, hold_at, look_up, tangents
 from multibody.solvers.kernels.rodas_tableau import GAMMA, NODES, TIME, A, C, H
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
     DIRECTION,
     DONE,
-    END,
     EVALUATIONS,
     FACTORIZATIONS,
-    FINISHED,
     FIRST,
+    GO_ON,
     JACOBIANS,
     LARGEST,
-    MORE,
     REJECTED,
     SAMPLE,
     SLOT,
@@ -38,12 +36,16 @@ from multibody.solvers.kernels.stepping import (
     WORST,
     T,
     direction_error,
+    due,
     first_step,
     forget_tiny,
     mean_error,
     plan,
     remember_largest,
+    remember_step,
     settle,
+    state_before,
+    step_of,
     worst,
 )
 
@@ -52,7 +54,7 @@ from multibody.solvers.kernels.stepping import (
 def jacobian(t, x, c, owner, colours, seed, column, zero, matrix):
     """Write the Jacobian by columns; ``owner`` gives for each colour and row the column of the entry."""
     n = c[N]
-    for i in range(n * n):
+    for i in independent(n * n):
         matrix[i] = 0.0
     for colour in range(colours):
         row = shift(owner, colour * n)
@@ -67,7 +69,7 @@ def jacobian(t, x, c, owner, colours, seed, column, zero, matrix):
                 matrix[row[i] * n + i] = column[i]
 
 
-@inner
+@fused
 def factorize(n, a, pivots):
     """Replace a matrix stored by columns by its LU factors; return False if it is singular."""
     for k in range(n):
@@ -81,14 +83,14 @@ def factorize(n, a, pivots):
             return False
         scale = 1.0 / own[found]
         own[found], own[k] = own[k], own[found]
-        for i in range(k + 1, n):
+        for i in independent(k + 1, n):
             own[i] *= scale
         for j in range(k + 1, n):
             other = shift(a, j * n)
             factor = other[found]
             other[found], other[k] = other[k], factor
             if factor != 0.0:
-                for i in range(k + 1, n):
+                for i in independent(k + 1, n):
                     other[i] -= factor * own[i]
     return True
 
@@ -115,7 +117,7 @@ def culprit(c, t, h, size, y, f, matrix, shifted, result):
     return -1
 
 
-@inner
+@fused
 def solve(n, a, pivots, b):
     """Replace b by the solution of the factorized system."""
     for k in range(n):
@@ -124,13 +126,13 @@ def solve(n, a, pivots, b):
         b[found], b[k] = b[k], value
         if value != 0.0:
             own = shift(a, k * n)
-            for i in range(k + 1, n):
+            for i in independent(k + 1, n):
                 b[i] -= value * own[i]
     for k in range(n - 1, -1, -1):
         own = shift(a, k * n)
         value = b[k] / own[k]
         b[k] = value
-        for i in range(k):
+        for i in independent(k):
             b[i] -= value * own[i]
 
 
@@ -149,34 +151,34 @@ def couple(t, c, size, y, f, increment, shifted, result, out):
         out[i] += (result[i] - f[i]) / step
 
 
-@inner
+@fused
 def stages(c, t, h, size, y, f, f_t, factors, pivots, k, y_new, shifted, result):
     """Compute the eight stages into k and the result into y_new."""
     n = c[N]
     for s in range(8):
         own = shift(k, s * size)
-        for i in range(size):
+        for i in independent(size):
             own[i] = f[i]
         if s > 0:
             last = shift(k, (s - 1) * size)
             if s < 6:
-                for i in range(size):
+                for i in independent(size):
                     y_new[i] = y[i]
                 for j in range(s):
                     a, other = A[s, j], shift(k, j * size)
-                    for i in range(size):
+                    for i in independent(size):
                         y_new[i] += a * other[i]
             else:
-                for i in range(size):
+                for i in independent(size):
                     y_new[i] += last[i]
             evaluate(t + NODES[s] * h, y_new, own, c)
             for j in range(s):
                 a, other = C[s, j] / h, shift(k, j * size)
-                for i in range(size):
+                for i in independent(size):
                     own[i] += a * other[i]
         if TIME[s] != 0.0:
             a = h * TIME[s]
-            for i in range(size):
+            for i in independent(size):
                 own[i] += a * f_t[i]
         solve(n, factors, pivots, own)
         if size > n:
@@ -184,46 +186,43 @@ def stages(c, t, h, size, y, f, f_t, factors, pivots, k, y_new, shifted, result)
             for j in range(c[M]):
                 solve(n, factors, pivots, shift(own, n * (j + 1)))
     last = shift(k, 7 * size)
-    for i in range(size):
+    for i in independent(size):
         y_new[i] += last[i]
 
 
-@inner
+@fused
 def interpolate(z, size, y, k, out):
     """Write the state at the fraction z of a step; k holds its end and three vectors of the interpolant."""
     d1, d2, d3 = shift(k, size), shift(k, 2 * size), shift(k, 3 * size)
-    for i in range(size):
+    for i in independent(size):
         out[i] = (1.0 - z) * y[i] + z * (k[i] + (1.0 - z) * (d1[i] + z * (d2[i] + z * d3[i])))
 
 
-@inner
+@fused
 def store_interpolant(size, k, y_new, out):
     """Write what `interpolate` needs of a step."""
-    for i in range(size):
+    for i in independent(size):
         out[i] = y_new[i]
     for j in range(3):
         row = shift(out, (j + 1) * size)
-        for i in range(size):
+        for i in independent(size):
             row[i] = 0.0
         for s in range(8):
             a, other = H[j, s], shift(k, s * size)
-            for i in range(size):
+            for i in independent(size):
                 row[i] += a * other[i]
 
 
 @inner
 def write_samples(clock, tally, size, y, k, count, sample_t, rows, sample_y):
     """Write the samples inside the last step; return False when the buffer is full before its end."""
-    direction, t, t_old, h = clock[DIRECTION], clock[T], clock[T_OLD], clock[STEP_OLD]
-    j = tally[SAMPLE]
-    while j < count and direction * (sample_t[j] - t) <= 0.0:
+    while due(clock, tally, count, sample_t):
+        j = tally[SAMPLE]
         row = j - tally[FIRST]
         if row == rows:
-            tally[SAMPLE] = j
             return False
-        interpolate((sample_t[j] - t_old) / h, size, y, k, shift(sample_y, row * size))
-        j += 1
-    tally[SAMPLE] = j
+        interpolate((sample_t[j] - clock[T_OLD]) / clock[STEP_OLD], size, y, k, shift(sample_y, row * size))
+        tally[SAMPLE] = j + 1
     return True
 
 
@@ -262,7 +261,7 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
             known = True
         signed = t_new - t
         diagonal = 1.0 / (signed * GAMMA)
-        for i in range(n * n):
+        for i in independent(n * n):
             factors[i] = -matrix[i]
         for i in range(n):
             factors[i * n + i] += diagonal
@@ -310,28 +309,25 @@ def advance(
     pivots,
     largest,
 ):
-    """Take many steps; as `dormand_prince.advance`, with four vectors for the interpolant of each step."""
-    size, c = y.size, pointer(numbers)
+    """Take many steps; as `dormand_prince.advance` of one run, with four vectors for the interpolant of each step."""
+    size, c = y.shape[1], pointer(numbers)
     ticks, counts, times, samples = pointer(clock), pointer(tally), pointer(sample_t), pointer(sample_y)
-    states, derivatives, space = pointer(store_y), pointer(store_k), pointer(work)
-    relative, absolute, rows, columns = pointer(rtol), pointer(atol), pointer(pivots), pointer(owner)
-    tally[DONE] = 0
+    spans, states, vectors, space = pointer(store_t), pointer(store_y), pointer(store_k), pointer(work)
+    state, rows = pointer(y), sample_y.shape[1]
+    counts[DONE] = 0
     while True:
-        slot = tally[SLOT]
-        start, k = shift(states, slot * size), shift(derivatives, slot * 4 * size)
-        if tally[SAMPLE] < sample_t.size and not write_samples(
-            ticks, counts, size, start, k, sample_t.size, times, sample_y.shape[0], samples
-        ):
+        slot = counts[SLOT]
+        start, k = shift(states, slot * size), shift(vectors, slot * 4 * size)
+        if not write_samples(ticks, counts, size, start, k, sample_t.size, times, rows, samples):
             return BUFFER_FULL
-        if clock[T] == clock[END]:
-            return FINISHED
-        if tally[DONE] >= tally[WANTED]:
-            return MORE
-        slot = tally[DONE] % store_t.shape[0]
-        tally[SLOT] = slot
-        start, k = shift(states, slot * size), shift(derivatives, slot * 4 * size)
+        standing = state_before(ticks, counts, counts[WANTED])
+        if standing != GO_ON:
+            return standing
+        slot = counts[DONE] % store_t.shape[0]
+        counts[SLOT] = slot
+        start, k = shift(states, slot * size), shift(vectors, slot * 4 * size)
         for i in range(size):
-            start[i] = y[i]
+            start[i] = state[i]
         if not one_step(
             c,
             ticks,
@@ -340,34 +336,29 @@ def advance(
             count,
             start,
             space,
-            rows,
-            columns,
+            pointer(pivots),
+            pointer(owner),
             owner.shape[0],
-            relative,
-            absolute,
+            pointer(rtol),
+            pointer(atol),
             pointer(largest),
         ):
             return TOO_SMALL
         store_interpolant(size, shift(space, 6 * size), space, k)
-        store_t[slot, 0] = clock[T_OLD]
-        store_t[slot, 1] = clock[STEP_OLD]
-        tally[DONE] += 1
+        remember_step(ticks, counts, spans)
         for i in range(size):
-            y[i] = work[i]
+            state[i] = space[i]
 
 
 @entry
 def interpolate_many(t, direction, steps, store_t, store_y, store_k, out):
     """Write the states at the times t, each in the stored step that holds it, into the rows of out."""
     size = out.shape[1]
-    states, vectors, rows = pointer(store_y), pointer(store_k), pointer(out)
+    spans, states, vectors, rows = pointer(store_t), pointer(store_y), pointer(store_k), pointer(out)
     j = 0
     for i in range(t.size):
-        while j > 0 and direction * (t[i] - store_t[j, 0]) < 0.0:
-            j -= 1
-        while j + 1 < steps and direction * (t[i] - store_t[j + 1, 0]) > 0.0:
-            j += 1
-        z = (t[i] - store_t[j, 0]) / store_t[j, 1]
+        j = step_of(t[i], direction, steps, spans, j)
+        z = (t[i] - spans[2 * j]) / spans[2 * j + 1]
         interpolate(z, size, shift(states, j * size), shift(vectors, j * 4 * size), shift(rows, i * size))
 
 

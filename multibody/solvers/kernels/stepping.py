@@ -1,11 +1,12 @@
 """What every method with error control does around its formulas: plan a step, settle the next one.
 
 Indices into ``clock`` (float64): time, proposed step, error of the last step, end, direction, largest step,
-begin and size of the last accepted step.  Indices into ``tally`` (int64): steps wanted, steps done, rejected
+begin and size of the last accepted step, largest accepted step.
+Indices into ``tally`` (int64): steps wanted, steps done, rejected
 steps, evaluations, next sample, first sample of the buffer, state of the largest error, whether the
 derivative at y is known (0 no, 1 as stage 1, 2 as stage 7 of the last step), slot of the last step,
 Jacobians, factorizations, whether to watch for stiffness, steps in a row that stability limited, steps since
-the last of them.
+the last of them, how the run stands (one of the numbers below).
 """
 
 from __future__ import annotations
@@ -16,12 +17,15 @@ from multibody.solvers.kernels.bundle import DELAYED, JUMPS, N_GROUPS, N_HELD, W
 from multibody.solvers.kernels.calls import floats, inner, ints
 from multibody.solvers.kernels.field import evaluate, hold_at, next_break
 
-T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD = range(8)
+T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD, LONGEST = range(9)
 WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)
-WATCH, SUSPECT, CALM = range(11, 14)
-MORE, FINISHED, BUFFER_FULL, STIFF, TOO_SMALL = 0, 1, 2, 3, -1
+WATCH, SUSPECT, CALM, STATUS = range(11, 15)
+TICKS, COUNTS = 9, 15  # lengths of clock and tally
+MORE, FINISHED, BUFFER_FULL, STIFF, GO_ON, TOO_SMALL = 0, 1, 2, 3, 4, -1
+ROW = 15  # steps in a row on the edge of stability that make a problem stiff
 NEGLIGIBLE = 1e-4  # share of a direction's largest component below which a component needs no relative accuracy
 TINY = 1e-150  # what is smaller has died away; its square is still a normal number
+FAINT = 1e-130  # a direction that is smaller has not begun: its error counts from there
 
 
 @inner
@@ -107,6 +111,7 @@ def settle(clock, h, t_new, error, exponent, damping, keep, limit):
     clock[ERROR] = max(error, 1e-4)
     clock[T_OLD] = t
     clock[STEP_OLD] = t_new - t
+    clock[LONGEST] = max(clock[LONGEST], h)
     clock[T] = t_new
 
 
@@ -133,12 +138,12 @@ def direction_error(n, size, y, y_new, raw, rtol, atol, largest):
     for j in range(1, size // n):
         first, most = j * n, 0.0
         for i in range(n):
-            own = max(largest[first + i], abs(y_new[first + i]))
+            own = max(largest[first + i], abs(y_new[first + i]), FAINT)
             most = max(most, own / (atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i]))))
         total = 0.0
         for i in range(n):
             unit = atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i]))
-            own = max(largest[first + i], abs(y_new[first + i]))
+            own = max(largest[first + i], abs(y_new[first + i]), FAINT)
             allowed = rtol[first + i] * max(own, NEGLIGIBLE * most * unit)
             if allowed > 0.0:
                 total += (raw[first + i] / allowed) ** 2
@@ -177,3 +182,39 @@ def worst(count, errors):
         if e > largest:
             found, largest = i, e
     return found
+
+
+@inner
+def due(clock, tally, count, times):
+    """Tell whether the next sample lies within the last step."""
+    j = tally[SAMPLE]
+    return j < count and clock[DIRECTION] * (times[j] - clock[T]) <= 0.0
+
+
+@inner
+def step_of(t, direction, steps, spans, j):
+    """Return the stored step that holds a time, beginning the search at j; ``spans`` holds begin and size of each."""
+    while j > 0 and direction * (t - spans[2 * j]) < 0.0:
+        j -= 1
+    while j + 1 < steps and direction * (t - spans[2 * j + 2]) > 0.0:
+        j += 1
+    return j
+
+
+@inner
+def state_before(clock, tally, wanted):
+    """Return how a run stands before its next step: finished, stiff, with enough steps, or to be gone on with."""
+    if clock[T] == clock[END]:
+        return FINISHED
+    if tally[SUSPECT] >= ROW:
+        tally[SUSPECT] = 0
+        return STIFF
+    return MORE if tally[DONE] >= wanted else GO_ON
+
+
+@inner
+def remember_step(clock, tally, spans):
+    """Note begin and size of the step just taken in its slot."""
+    slot = tally[SLOT]
+    spans[2 * slot], spans[2 * slot + 1] = clock[T_OLD], clock[STEP_OLD]
+    tally[DONE] += 1

@@ -1,0 +1,49 @@
+"""Growth with the number of candidate effects: their sensitivities on six records of 6 s of the virtual axis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+
+@cache
+def _stage() -> tuple[Any, Any, Any]:
+    from discrepancy.axis import axis_case
+    from discrepancy.catalogue import catalogue
+    from discrepancy.search import scan_preparation
+    from discrepancy.study import Study
+
+    stage = Study(axis_case(1, ["coulomb_friction@guide"]).setup(seed=1)).stage
+    experiment = stage.identify.fits[0].experiment
+    return stage, scan_preparation(stage), catalogue(stage.system, experiment.outputs, experiment.inputs)
+
+
+def _columns(every: int) -> Callable[[], None]:
+    from discrepancy.columns import Confrontation, candidate_columns
+
+    stage, preparation, entries = _stage()
+    chosen = entries[::every]
+
+    def work() -> None:
+        stage.worked_out.clear()  # nothing kept from the round before
+        candidate_columns(Confrontation.of_stage(stage, preparation), chosen)
+
+    work()
+    work.note = f"{len(chosen)} effects"  # type: ignore[attr-defined]
+    return work
+
+
+def bench_quarter() -> Callable[[], None]:
+    """every fourth of the catalogue"""
+    return _columns(4)
+
+
+def bench_half() -> Callable[[], None]:
+    """every second"""
+    return _columns(2)
+
+
+def bench_whole() -> Callable[[], None]:
+    """all"""
+    return _columns(1)
