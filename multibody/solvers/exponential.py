@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from multibody.solvers.base import DONE, EVALUATIONS, WANTED, NativeSolver, T
+from multibody.solvers.base import NativeSolver
+from multibody.solvers.kernels.stepping import DONE, EVALUATIONS, WANTED, T
 from multibody.solvers.problem import ProblemError
 
 __all__ = ["Exponential43", "fast_motion"]

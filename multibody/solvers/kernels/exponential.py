@@ -17,15 +17,12 @@ from multibody.solvers.kernels.calls import entry, fused, independent, inner, po
 from multibody.solvers.kernels.field import evaluate
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
-    DIRECTION,
     DONE,
-    END,
     EVALUATIONS,
-    FINISHED,
     FIRST,
+    GO_ON,
     KNOWN,
     LARGEST,
-    MORE,
     REJECTED,
     SAMPLE,
     SLOT,
@@ -36,10 +33,14 @@ from multibody.solvers.kernels.stepping import (
     WANTED,
     WORST,
     T,
+    due,
     first_step,
     mean_error,
     plan,
+    remember_step,
     settle,
+    state_before,
+    step_of,
     worst,
 )
 
@@ -165,16 +166,15 @@ def write_samples(c, clock, tally, size, y, k, left, right, rate, moved, result,
     The cubic leaves the fast motion a little off the path to which it clings; one step of Newton's method along it
     brings it back, or forces that hang on it would be wrong by λ times the cubic's error.
     """
-    direction, t, t_old, h = clock[DIRECTION], clock[T], clock[T_OLD], clock[STEP_OLD]
+    h = clock[STEP_OLD]
     f, f_new, y_new = k, shift(k, size), shift(k, 2 * size)
-    j = tally[SAMPLE]
-    while j < count and direction * (sample_t[j] - t) <= 0.0:
+    while due(clock, tally, count, sample_t):
+        j = tally[SAMPLE]
         row = j - tally[FIRST]
         if row == rows:
-            tally[SAMPLE] = j
             return False
         out = shift(sample_y, row * size)
-        z = (sample_t[j] - t_old) / h
+        z = (sample_t[j] - clock[T_OLD]) / h
         interpolate(z, h, size, y, k, out)
         if rate < 0.0 and z > 0.0 and z < 1.0:
             evaluate(sample_t[j], out, result, c)
@@ -187,8 +187,46 @@ def write_samples(c, clock, tally, size, y, k, left, right, rate, moved, result,
             back = faded * faded * dot(size, left, moved) / rate
             for i in range(size):
                 out[i] -= back * right[i]
-        j += 1
-    tally[SAMPLE] = j
+        tally[SAMPLE] = j + 1
+    return True
+
+
+@inner
+def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space):
+    """Take one step with error control from y; return False if it would have to be too small."""
+    moved, d2, d3 = space, shift(space, size), shift(space, 2 * size)
+    d4, u, errors = shift(space, 3 * size), shift(space, 4 * size), shift(space, 5 * size)
+    f_new, y_new = shift(k, size), shift(k, 2 * size)
+    t = clock[T]
+    if clock[STEP] == 0.0:
+        first_step(c, clock, tally, size, size, y, k, y_new, d2, rtol, atol)
+        tally[KNOWN] = 1
+    proposal = min(clock[STEP], clock[LARGEST])
+    limit = math.inf
+    fresh = False
+    while True:
+        h, t_new, clipped, jump = plan(c, clock, proposal)
+        if h == 0.0:
+            return False
+        if tally[KNOWN] == 0:
+            evaluate(t, y, k, c)
+            tally[EVALUATIONS] += 1
+            tally[KNOWN] = 1
+        if not fresh:
+            rates[0] = fast_rate(c, t, c[N], y, k, left, right, rtol, atol, moved, u)
+            tally[EVALUATIONS] += 1
+            fresh = True
+        stages(c, t, t_new - t, rates[0], size, y, k, u, left, moved, d2, d3, d4, y_new, f_new, errors)
+        tally[EVALUATIONS] += 4
+        error = mean_error(size, y, y_new, errors, rtol, atol, errors)
+        if error <= 1.0:
+            break
+        limit = h
+        tally[REJECTED] += 1
+        tally[WORST] = worst(size, errors)
+        proposal = h * max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.2 * h
+    settle(clock, h, t_new, error, 0.21, 0.05, proposal if clipped else 0.0, limit)
+    tally[KNOWN] = 0 if jump else 2
     return True
 
 
@@ -196,21 +234,19 @@ def write_samples(c, clock, tally, size, y, k, left, right, rate, moved, result,
 def advance(
     numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, atol, count, sample_t, sample_y, left, right, rates
 ):
-    """Take many steps; as `dormand_prince.advance`, with rates and states at both ends for the interpolant.
+    """Take many steps; as `dormand_prince.advance` of one run, with rates and states at both ends for the interpolant.
 
     ``left`` and ``right`` are the fast motion's eigenvectors, ``rates`` its λ in the last step.
     """
-    size, c = y.size, pointer(numbers)
+    size, c = y.shape[1], pointer(numbers)
     ticks, counts, times, samples = pointer(clock), pointer(tally), pointer(sample_t), pointer(sample_y)
-    states, derivatives, space = pointer(store_y), pointer(store_k), pointer(work)
-    relative, absolute, w, v = pointer(rtol), pointer(atol), pointer(left), pointer(right)
-    moved, d2, d3 = space, shift(space, size), shift(space, 2 * size)
-    d4, u, errors = shift(space, 3 * size), shift(space, 4 * size), shift(space, 5 * size)
-    tally[DONE] = 0
+    spans, states, ends, space = pointer(store_t), pointer(store_y), pointer(store_k), pointer(work)
+    state, rows, w, v, rate = pointer(y), sample_y.shape[1], pointer(left), pointer(right), pointer(rates)
+    counts[DONE] = 0
     while True:
-        slot = tally[SLOT]
-        start, k = shift(states, slot * size), shift(derivatives, slot * 3 * size)
-        if tally[SAMPLE] < sample_t.size and not write_samples(
+        slot = counts[SLOT]
+        start, k = shift(states, slot * size), shift(ends, slot * 3 * size)
+        if not write_samples(
             c,
             ticks,
             counts,
@@ -219,78 +255,44 @@ def advance(
             k,
             w,
             v,
-            rates[0],
-            moved,
-            d2,
+            rate[0],
+            space,
+            shift(space, size),
             sample_t.size,
             times,
-            sample_y.shape[0],
+            rows,
             samples,
         ):
             return BUFFER_FULL
-        if clock[T] == clock[END]:
-            return FINISHED
-        if tally[DONE] >= tally[WANTED]:
-            return MORE
+        standing = state_before(ticks, counts, counts[WANTED])
+        if standing != GO_ON:
+            return standing
         last = shift(k, size)
-        slot = tally[DONE] % store_t.shape[0]
-        tally[SLOT] = slot
-        start, k = shift(states, slot * size), shift(derivatives, slot * 3 * size)
-        if tally[KNOWN] == 2:
+        slot = counts[DONE] % store_t.shape[0]
+        counts[SLOT] = slot
+        start, k = shift(states, slot * size), shift(ends, slot * 3 * size)
+        if counts[KNOWN] == 2:
             for i in range(size):
                 k[i] = last[i]
-            tally[KNOWN] = 1
+            counts[KNOWN] = 1
         for i in range(size):
-            start[i] = y[i]
-        f_new, y_new = shift(k, size), shift(k, 2 * size)
-        t = clock[T]
-        if clock[STEP] == 0.0:
-            first_step(c, ticks, counts, size, size, start, k, y_new, d2, relative, absolute)
-            tally[KNOWN] = 1
-        proposal = min(clock[STEP], clock[LARGEST])
-        limit = math.inf
-        fresh = False
-        while True:
-            h, t_new, clipped, jump = plan(c, ticks, proposal)
-            if h == 0.0:
-                return TOO_SMALL
-            if tally[KNOWN] == 0:
-                evaluate(t, start, k, c)
-                tally[EVALUATIONS] += 1
-                tally[KNOWN] = 1
-            if not fresh:
-                rates[0] = fast_rate(c, t, c[N], start, k, w, v, relative, absolute, moved, u)
-                tally[EVALUATIONS] += 1
-                fresh = True
-            stages(c, t, t_new - t, rates[0], size, start, k, u, w, moved, d2, d3, d4, y_new, f_new, errors)
-            tally[EVALUATIONS] += 4
-            error = mean_error(count, start, y_new, errors, relative, absolute, errors)
-            if error <= 1.0:
-                break
-            limit = h
-            tally[REJECTED] += 1
-            tally[WORST] = worst(count, errors)
-            proposal = h * max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.2 * h
-        settle(ticks, h, t_new, error, 0.21, 0.05, proposal if clipped else 0.0, limit)
-        tally[KNOWN] = 0 if jump else 2
-        store_t[slot, 0] = clock[T_OLD]
-        store_t[slot, 1] = clock[STEP_OLD]
-        tally[DONE] += 1
+            start[i] = state[i]
+        if not one_step(c, ticks, counts, size, start, k, w, v, rate, pointer(rtol), pointer(atol), space):
+            return TOO_SMALL
+        remember_step(ticks, counts, spans)
+        y_new = shift(k, 2 * size)
         for i in range(size):
-            y[i] = y_new[i]
+            state[i] = y_new[i]
 
 
 @entry
 def interpolate_many(t, direction, steps, store_t, store_y, store_k, out):
     """Write the states at the times t, each in the stored step that holds it, into the rows of out."""
     size = out.shape[1]
-    states, ends, rows = pointer(store_y), pointer(store_k), pointer(out)
+    spans, states, ends, rows = pointer(store_t), pointer(store_y), pointer(store_k), pointer(out)
     j = 0
     for i in range(t.size):
-        while j > 0 and direction * (t[i] - store_t[j, 0]) < 0.0:
-            j -= 1
-        while j + 1 < steps and direction * (t[i] - store_t[j + 1, 0]) > 0.0:
-            j += 1
-        h = store_t[j, 1]
-        interpolate((t[i] - store_t[j, 0]) / h, h, size, shift(states, j * size), shift(ends, j * 3 * size),
-                    shift(rows, i * size))  # fmt: skip
+        j = step_of(t[i], direction, steps, spans, j)
+        h = spans[2 * j + 1]
+        z = (t[i] - spans[2 * j]) / h
+        interpolate(z, h, size, shift(states, j * size), shift(ends, j * 3 * size), shift(rows, i * size))
