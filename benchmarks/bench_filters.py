@@ -139,3 +139,75 @@ def bench_filterpy() -> Callable[[], Any]:
 
     work()
     return work
+
+
+def _traced(text: str, name: str) -> Callable[..., list[Any]]:
+    """Return the generated rates as a function that JAX can trace: branches of the contact become selections."""
+    import ast
+    import types
+
+    import jax.numpy as jnp
+
+    def face(depth: Any, rate: Any, K: Any, C: Any, ramp: Any) -> Any:
+        share = jnp.clip(depth / ramp, 0.0, 1.0)
+        pressed = K * depth + C * share * share * (3.0 - 2.0 * share) * rate
+        return jnp.where(depth > 0.0, jnp.maximum(pressed, 0.0), 0.0)
+
+    tree = ast.parse(text)
+    tree.body = [n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name != "f_guide_face"]
+    spot = types.SimpleNamespace(**{n: getattr(jnp, n) for n in ("sin", "cos", "tanh", "sqrt")}, fabs=jnp.abs)
+    scope: dict[str, Any] = {"math": spot, "f_guide_face": face, "min": jnp.minimum, "max": jnp.maximum, "abs": jnp.abs}
+    exec(compile(tree, "<rates>", "exec"), scope)  # the text is this project's own
+    return scope[name]
+
+
+def bench_dynamax() -> Callable[[], Any]:
+    """dynamax's extended filter (JAX, compiled before) on the same rates, its own derivatives, RK4"""
+    try:
+        import jax
+
+        jax.config.update("jax_enable_x64", True)
+        import jax.numpy as jnp
+        from dynamax.nonlinear_gaussian_ssm import ParamsNLGSSM, extended_kalman_filter
+    except ImportError:
+        return lambda: float("nan")
+    sensor, trip, samples, noise = _problem()
+    model, system = sensor.model(), sensor.system
+    q, r = noise.of(model)
+    x0, p0 = sensor.prior(trip).of(model)
+    n, at = len(system.states), system.index("parameter", "cabin_guide.right_deviation")
+    rhs, nominal, acceleration = _traced(system.texts["rhs"], "rhs"), jnp.asarray(system.p), model.channels[1][1]
+
+    def rate(z: Any, u: Any) -> Any:
+        out: dict[int, Any] = {}
+        rhs(0.0, z, u, nominal.at[at].add(z[n]), out)
+        return jnp.stack([*(out[k] for k in range(n)), jnp.zeros(())])
+
+    def carried(z: Any, u: Any) -> Any:
+        h, middle = 1e-3, 0.5 * (u[:1] + u[1:])
+        k_1 = rate(z, u[:1])
+        k_2 = rate(z + 0.5 * h * k_1, middle)
+        k_3 = rate(z + 0.5 * h * k_2, middle)
+        k_4 = rate(z + h * k_3, u[1:])
+        return z + h / 6.0 * (k_1 + 2.0 * (k_2 + k_3) + k_4)
+
+    def reading(z: Any, u: Any) -> Any:
+        return jnp.stack([z[2], rate(z, u[:1])[acceleration]])
+
+    parameters = ParamsNLGSSM(
+        initial_mean=jnp.asarray(x0), initial_covariance=jnp.asarray(p0), dynamics_function=carried,
+        dynamics_covariance=jnp.asarray(1e-3 * q), emission_function=reading,
+        emission_covariance=jnp.diag(jnp.asarray(r)),
+    )  # fmt: skip
+    u = samples.inputs[:, 0]
+    both = jnp.asarray(np.column_stack([u, np.append(u[1:], u[-1])]))
+    wanted = ["filtered_means", "filtered_covariances"]
+    run = jax.jit(lambda y: extended_kalman_filter(parameters, y, both, output_fields=wanted).filtered_means)
+    readings = jnp.asarray(samples.readings)
+
+    def work() -> None:
+        run(readings).block_until_ready()
+
+    work.estimate = lambda: np.asarray(run(readings))  # type: ignore[attr-defined]
+    work()
+    return work

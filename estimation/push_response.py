@@ -23,7 +23,7 @@ __all__ = ["PushResponse", "forget", "response_of", "worth_it"]
 REACH = 0.7  # step times the largest eigenvalue's magnitude; an explicit step of order 5 is then exact to 2e-4
 KEPT_BYTES = 1 << 25  # transitions larger than this are kept only while one question is answered
 STIFF = 50  # explicit steps in an interval from which matrix exponentials are cheaper
-PIECES = 8  # of a stiff interval, each with a Jacobian of its own
+PIECES = 4  # of a stiff interval, each with a Jacobian of its own
 _SQUARINGS = 5
 
 

@@ -91,12 +91,15 @@ class GuideFilter:
         True if trips carry a payload.
     options
         Further arguments of `estimation.filters.extended`.
+    forces : tuple of str
+        Further outputs of the cabin model, for `estimation.filters.virtual_sensors`, such as ``fric_c`` and ``Nsum_c``.
     """
 
     parameters: LiftParameters
     tuning: Tuning = field(default_factory=lambda: TUNINGS["bounded"])
     loaded: bool = False
     options: Mapping[str, Any] = field(default_factory=dict)
+    forces: tuple[str, ...] = ()
 
     @cached_property
     def lift(self) -> Lift:
@@ -106,8 +109,8 @@ class GuideFilter:
 
     @cached_property
     def system(self) -> Any:
-        """The lift with the measured outputs only."""
-        return self.lift.build(outputs=["z_c", "zdd_c"])
+        """The lift with the measured outputs, and the forces that are asked for."""
+        return self.lift.build(outputs=["z_c", "zdd_c", *self.forces])
 
     @property
     def play(self) -> float:

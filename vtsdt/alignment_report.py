@@ -19,7 +19,7 @@ from vtsdt.parameters import LiftParameters
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["write"]
+__all__ = ["plot_trips", "write"]
 
 _CAPTIONS = {
     "alignment": "Equivalent deviation over height: every trip, their median and middle half. The sections in colour "
@@ -36,7 +36,7 @@ def write(found: Alignment, out: Path, parameters: LiftParameters, trips: Sequen
     from jinja2 import ChoiceLoader, Environment, PackageLoader
 
     out.mkdir(parents=True, exist_ok=True)
-    figures = {"alignment": found.plot(), "rail": found.plot_rail(), "trips": _plot_trips(trips)}
+    figures = {"alignment": found.plot(), "rail": found.plot_rail(), "trips": plot_trips(trips)}
     sources = {}
     for name, figure in figures.items():
         png = _png(figure)
@@ -130,7 +130,8 @@ def _shown_unit(name: str) -> tuple[str, float]:
     return ("mrad", 1e3) if last in ("roll", "pitch", "yaw") else ("mm", 1e3)
 
 
-def _plot_trips(trips: Sequence[Trip]) -> Figure:
+def plot_trips(trips: Sequence[Trip]) -> Figure:
+    """Draw tension, height and acceleration of trips over time; returns the figure."""
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(3, 1, sharex=True, figsize=(8, 5.5), layout="constrained")

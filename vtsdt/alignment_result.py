@@ -186,6 +186,44 @@ class Alignment:
         return 1.2533 * spread / np.sqrt(count)
 
     @cached_property
+    def expected_correlation(self) -> float | None:
+        """Correlation of the median with the guide, as far as the spread of the trips tells; None below three trips.
+
+        What varies from trip to trip is error; of the median's variance over height that share is no guide.  Errors
+        that all trips have in common do not show here.
+        """
+        noise, total = self._variances
+        return float(np.sqrt(max(0.0, 1.0 - noise / total))) if len(self.trips) > 2 and total > 0.0 else None
+
+    def trips_for(self, correlation: float) -> int | None:
+        """Return how many trips of this spread should bring a correlation; None if no number would.
+
+        Parameters
+        ----------
+        correlation : float
+            Between 0 and 1.
+        """
+        noise, total = self._variances
+        if len(self.trips) < 3 or not 0.0 < noise < total:
+            return None
+        allowed = (total - noise) * (1.0 / correlation**2 - 1.0)
+        return int(np.ceil(len(self.trips) * noise / allowed - 1e-9))
+
+    @cached_property
+    def _variances(self) -> tuple[float, float]:
+        """Variance of the median's error and of the median over height, both about their means."""
+        middle = self.median
+        off = np.array([np.nanmean(curve - middle) if np.isfinite(curve).any() else 0.0 for curve in self.curves])
+        level = self.curves - off[:, None]
+        count = np.isfinite(level).sum(axis=0)
+        full = count > 2
+        if not full.any():
+            return np.nan, np.nan
+        # A median of normal errors has π/2 times the variance of the mean.
+        noise = 0.5 * np.pi * np.nanvar(level[:, full], axis=0, ddof=1) / count[full]
+        return float(np.mean(noise)), float(np.var(middle[full]))
+
+    @cached_property
     def sections(self) -> tuple[Section, ...]:
         """Ranges of height beyond the threshold, from the bottom up."""
         found = []
@@ -215,6 +253,15 @@ class Alignment:
             told.append(f"Beyond {1e3 * self.threshold:.2g} mm: {listed}.")
         else:
             told.append(f"Nowhere beyond {1e3 * self.threshold:.2g} mm.")
+        expected = self.expected_correlation
+        if expected is not None:
+            goal = 0.9 if expected < 0.9 else 0.95
+            more = self.trips_for(goal)
+            told.append(
+                f"As far as the spread of the trips tells, the median follows the guide with a correlation of "
+                f"{expected:.2f}"
+                + ("." if more is None or expected >= goal else f"; {goal:g} would take {more} trips like these.")
+            )
         if self.tension_error is None:
             told.append(
                 "All trips go the same way, so an error of the tension's zero or of the cabin's mass cannot be told "
@@ -247,6 +294,7 @@ class Alignment:
             "threshold_mm": 1e3 * self.threshold,
             "tuning": self.tuning.name,
             "tension_error_N": self.tension_error,
+            "expected_correlation": None if (e := self.expected_correlation) is None else round(e, 4),
             "height_m": _rounded(self.height),
             "median_mm": _rounded(1e3 * self.median),
             "lower_quartile_mm": _rounded(1e3 * self.quantile(0.25)),

@@ -2,7 +2,8 @@
 
 A :class:`FilterModel` says what is measured and what is unknown, :class:`Samples` what was read,
 :class:`Noise` and :class:`Prior` how much is trusted; :func:`extended` and :func:`unscented` filter,
-``run.smooth()`` looks back, :func:`consistency` and :func:`observability` say whether to believe it.
+``run.smooth()`` looks back, :func:`virtual_sensors` gives outputs that nobody measures,
+:func:`consistency` and :func:`observability` say whether to believe it.
 """
 
 from estimation.filters.consistency import Consistency, consistency, nees
@@ -18,6 +19,7 @@ from estimation.filters.samples import Channel, Samples
 from estimation.filters.smoother import smooth
 from estimation.filters.tuning import Tuned, tune
 from estimation.filters.unscented import unscented
+from estimation.filters.virtual import VirtualSensors, virtual_sensors
 
 __all__ = [
     "Channel",
@@ -38,6 +40,7 @@ __all__ = [
     "Samples",
     "Smoothed",
     "Tuned",
+    "VirtualSensors",
     "consistency",
     "extended",
     "kalman",
@@ -47,4 +50,5 @@ __all__ = [
     "smooth",
     "tune",
     "unscented",
+    "virtual_sensors",
 ]

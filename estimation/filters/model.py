@@ -185,6 +185,16 @@ class FilterModel:
                 return float(self.p[self.system.index("parameter", latent.target)])
         return 0.0
 
+    @cached_property
+    def directions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Direction of every state as columns over states, inputs and parameters; each of `ld` columns."""
+        system, n = self.system, len(self.system.states)
+        x, u, p = (np.zeros((size, self.ld)) for size in (n, len(system.inputs), len(self.p)))
+        x[:, :n] = np.eye(n)
+        for state, kind, index, weight in self.readouts:
+            (u if kind == 0 else p)[index, state] = weight
+        return x, u, p
+
     def bundle(self) -> Bundle:
         """Return what the compiled loops need."""
         return Bundle(self)
@@ -211,6 +221,7 @@ class Bundle:
 
     def __init__(self, model: FilterModel):
         from estimation.filters.kernels import layout as at
+        from multibody.directions import along_directions
 
         system, n = model.system, model.n
         exact = model.jacobian == "exact"
@@ -242,12 +253,17 @@ class Bundle:
             at.HIGH: model.bounds[:, 1].copy(),
         }
         functions = {at.RHS: system.rhs_function}
-        if exact:
-            functions[at.RHS_T] = system.rhs_tangent
         if generic:
             functions[at.OUT] = system.outputs_function
-            if exact:
+        if exact:
+            functions[at.RHS_T] = system.rhs_tangent
+            if generic:
                 functions[at.OUT_T] = system.outputs_tangent
+            wide = {at.RHS_W: along_directions(functions[at.RHS_T], model.ld)}
+            if generic:
+                wide[at.OUT_W] = along_directions(functions[at.OUT_T], model.ld)
+            functions |= {index: function for index, function in wide.items() if function is not None}
+            arrays |= dict(zip((at.X_WIDE, at.U_WIDE, at.P_WIDE), model.directions, strict=True))
         numbers = np.zeros(at.SIZE, dtype=np.int64)
         for index, function in functions.items():
             numbers[index] = function.address

@@ -14,8 +14,8 @@ __all__ = ["FunctionWriter"]
 class FunctionWriter(Expressions):
     """Writes one function for given kinds of arguments; see `Expressions`."""
 
-    def write(self, symbol: str, linkage: str) -> str:
-        """Return the function's text."""
+    def write(self, symbol: str, linkage: str, words: str = "") -> str:
+        """Return the function's text; ``words`` are further attributes."""
         node = self.kinds.node
         body = [n for n in node.body if not (isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant))]
         counts = store_counts(body)
@@ -40,7 +40,7 @@ class FunctionWriter(Expressions):
         if not self._block(body):
             self._return(None, node)
         returns = llvm_type(self.kinds.returns)
-        head = f"define {linkage} {returns} @{symbol}({', '.join(parameters)}) nounwind {{"
+        head = f"define {linkage} {returns} @{symbol}({', '.join(parameters)}) nounwind {words}{{"
         allocas = [f"  {s.name} = alloca {llvm_type(s.kind)}" for s in self.slots.values()]
         return "\n".join([head, "entry:", *allocas, *self.lines, "}"])
 

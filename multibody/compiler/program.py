@@ -82,7 +82,8 @@ class Program:
         kinds = self._of(unit, name, arguments)
         if key not in self._symbols:
             self._symbols[key] = f"f{len(self._symbols)}.{name}"
-            self._texts.append(FunctionWriter(self, kinds).write(self._symbols[key], "internal"))
+            words = "alwaysinline " if unit.flat else ""
+            self._texts.append(FunctionWriter(self, kinds).write(self._symbols[key], "internal", words))
         return self._symbols[key], kinds.returns
 
     def _of(self, unit: Unit, name: str, arguments: tuple[Kind, ...]) -> Kinds:

@@ -26,11 +26,14 @@ class Unit:
     functions : dict of ast.FunctionDef
     values : mapping
         Constants, constant arrays, functions of other modules, and what stands for an instruction.
+    flat : bool
+        True writes functions out where they are called, so that loops around them can become vectors.
     """
 
     name: str
     functions: dict[str, ast.FunctionDef]
     values: dict[str, Any] = field(default_factory=dict)
+    flat: bool = False
 
     def fused(self, name: str) -> bool:
         """Tell whether products and sums of a function may be rounded once."""
@@ -61,7 +64,10 @@ def _functions(tree: ast.Module) -> dict[str, ast.FunctionDef]:
 
 def unit_of_text(text: str, name: str) -> Unit:
     """Return the functions of a generated text, which uses `math` and itself alone."""
-    return Unit(name, _functions(ast.parse(text)))
+    tree = ast.parse(text)
+    loops = (n.iter.func for n in ast.walk(tree) if isinstance(n, ast.For) and isinstance(n.iter, ast.Call))
+    flat = any(isinstance(f, ast.Name) and f.id == "independent" for f in loops)
+    return Unit(name, _functions(tree), flat=flat)
 
 
 @lru_cache(maxsize=64)

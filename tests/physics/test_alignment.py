@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vtsdt.alignment import THRESHOLD, AlignmentError, align, calibrated, equivalent_deviation, sections
+from vtsdt.alignment import THRESHOLD, Alignment, AlignmentError, align, calibrated, equivalent_deviation, sections
 from vtsdt.alignment_filter import DELTA, TUNINGS, GuideFilter
 from vtsdt.alignment_sensors import sensor_table, table_text
 from vtsdt.alignment_study import score
@@ -136,18 +136,44 @@ def test_payload_is_weighed():
 
 @pytest.mark.slow
 def test_on_the_virtual_lift_with_all_that_the_model_lacks():
-    """Lifts 11 to 13 of the study: correlation, error after the paper's scaling, sections; and with 1 % of tension.
+    """Lifts 31 to 33 of the study: correlation and error after the paper's scaling; and with 1 % of tension.
 
-    The correlation is that of the lifts together; one whose deviation hardly varies stays below.
+    Sections are counted strictly, as on the page of the study.
     """
     from vtsdt.alignment_study import run_study
 
-    _, rows = run_study([11, 12, 13], chosen=["as recorded", "gain of the tension"])
+    _, rows = run_study([31, 32, 33], chosen=["as recorded", "gain of the tension"])
     by_name = {(r.group, r.what): r.scores for r in rows}
     for key in (("as recorded", "ten trips, default tuning"), ("gain of the tension", "+1 %")):
-        assert np.mean([each.correlation for each in by_name[key]]) >= 0.9
         for each in by_name[key]:
-            assert each.correlation >= 0.8
+            assert each.correlation >= 0.9
             assert each.rms <= 0.3e-3
             assert each.false <= 1
-            assert each.missed <= 1
+            assert each.missed <= 2  # lift 32: two that are beyond the threshold by 0.05 and 0.01 mm
+        assert sum(each.missed == 0 for each in by_name[key]) >= 2
+
+
+def test_the_spread_of_the_trips_says_how_well_the_median_follows():
+    """Curves with a known signal and known errors."""
+    rng = np.random.default_rng(0)
+    height = np.arange(0.0, 1.9, 0.01)
+    signal = 2e-3 + 0.3e-3 * np.sin(2 * np.pi * height / 0.8)
+
+    def made(count, size):
+        coarse = rng.standard_normal((count, 40))
+        errors = np.array([np.interp(height, np.linspace(0.0, 1.9, 40), row) for row in coarse])
+        levels = 0.2e-3 * rng.standard_normal((count, 1))
+        return Alignment(
+            height, tuple(f"{k}" for k in range(count)), np.ones(count), signal + levels + size * errors / errors.std(),
+            THRESHOLD, TUNINGS["bounded"], None, (0.03, 0.55), 1.2e-3, 3.8e3,
+        )  # fmt: skip
+
+    for size in (0.1e-3, 0.4e-3):
+        one = [made(10, size) for _ in range(20)]
+        really = np.mean([np.corrcoef(f.median, signal)[0, 1] for f in one])
+        assert np.mean([f.expected_correlation for f in one]) == pytest.approx(really, abs=0.03)
+    rough = made(10, 0.4e-3)
+    more = made(rough.trips_for(0.95), 0.4e-3)
+    assert np.corrcoef(more.median, signal)[0, 1] == pytest.approx(0.95, abs=0.04)
+    assert np.mean([made(10, 1.2e-3).expected_correlation for _ in range(20)]) < 0.6  # hardly any guide in it
+    assert made(2, 0.1e-3).expected_correlation is None

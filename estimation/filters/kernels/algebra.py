@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from multibody.solvers.kernels.calls import inner, shift
+from multibody.solvers.kernels.calls import fused, independent, inner, shift
 
 _ROOT = math.sqrt(177.0)
 # Bader, Blanes and Casas (2019), "Computing the matrix exponential with an optimized Taylor polynomial
@@ -40,32 +40,38 @@ def copy(a, b, count):
         b[i] = a[i]
 
 
-@inner
+@fused
 def product(a, b, out, n, ld):
     """Write a b into out."""
     for i in range(n):
-        for j in range(0, ld, 8):
-            s_0, s_1, s_2, s_3, s_4, s_5, s_6, s_7 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for k in range(n):
-                f = a[i * ld + k]
-                q = k * ld + j
-                s_0 += f * b[q]
-                s_1 += f * b[q + 1]
-                s_2 += f * b[q + 2]
-                s_3 += f * b[q + 3]
-                s_4 += f * b[q + 4]
-                s_5 += f * b[q + 5]
-                s_6 += f * b[q + 6]
-                s_7 += f * b[q + 7]
-            q = i * ld + j
-            out[q] = s_0
-            out[q + 1] = s_1
-            out[q + 2] = s_2
-            out[q + 3] = s_3
-            out[q + 4] = s_4
-            out[q + 5] = s_5
-            out[q + 6] = s_6
-            out[q + 7] = s_7
+        row_product(shift(a, i * ld), b, shift(out, i * ld), n, ld, ld)
+
+
+@fused
+def lower_product(a, b, out, n, ld):
+    """Write the lower triangle of a b into out, and whatever comes with whole vectors above it."""
+    for i in range(n):
+        row_product(shift(a, i * ld), b, shift(out, i * ld), n, ld, (i // 4 + 1) * 4)
+
+
+@fused
+def row_product(row, b, out, n, ld, width):
+    """Write the product of a row and the first columns of b into out, four rows of b at a time."""
+    first = row[0]
+    for j in independent(width):
+        out[j] = first * b[j]
+    k = 1
+    while k + 3 < n:
+        f_0, f_1, f_2, f_3 = row[k], row[k + 1], row[k + 2], row[k + 3]
+        b_0, b_1, b_2, b_3 = shift(b, k * ld), shift(b, (k + 1) * ld), shift(b, (k + 2) * ld), shift(b, (k + 3) * ld)
+        for j in independent(width):
+            out[j] += f_0 * b_0[j] + f_1 * b_1[j] + f_2 * b_2[j] + f_3 * b_3[j]
+        k += 4
+    while k < n:
+        one, b_0 = row[k], shift(b, k * ld)
+        for j in independent(width):
+            out[j] += one * b_0[j]
+        k += 1
 
 
 @inner

@@ -18,17 +18,22 @@ from estimation.filters.kernels.layout import (
     N_U,
     OUT,
     OUT_T,
+    OUT_W,
     P_0,
     P_DOT,
+    P_WIDE,
     READ_INDEX,
     READ_KIND,
     READ_STATE,
     READ_WEIGHT,
     RHS,
     RHS_T,
+    RHS_W,
     STEPS,
     U_DOT,
+    U_WIDE,
     X_DOT,
+    X_WIDE,
     A,
     B,
     M,
@@ -125,6 +130,15 @@ def tangent_columns(c, which, rows, t, z, u, out):
 
 
 @inner
+def tangent_at_once(c, which, t, z, u, out):
+    """The same in one pass over all directions; rows of out are filled up with zeros."""
+    apply(c, z, u)
+    call_tangent(
+        c[which], t, z, floats(c[U]), floats(c[P]), floats(c[X_WIDE]), floats(c[U_WIDE]), floats(c[P_WIDE]), out
+    )
+
+
+@inner
 def difference_columns(c, which, rows, t, z, u, out):
     """The same by central differences; z is put back."""
     high, low, steps = floats(c[A]), floats(c[B]), floats(c[STEPS])
@@ -147,7 +161,9 @@ def difference_columns(c, which, rows, t, z, u, out):
 @inner
 def jacobian(c, t, z, u, jac):
     """Write ∂ż/∂z into jac."""
-    if c[EXACT] == 1:
+    if c[RHS_W] != 0:
+        tangent_at_once(c, RHS_W, t, z, u, jac)
+    elif c[EXACT] == 1:
         tangent_columns(c, RHS_T, c[N], t, z, u, jac)
     else:
         difference_columns(c, RHS, c[N], t, z, u, jac)
@@ -182,7 +198,9 @@ def reading_rows(c, t, z, u, jac, rows, outputs):
         for k in range(c[M]):
             if kinds[k] == 2:
                 count = max(count, indices[k] + 1)
-        if c[EXACT] == 1:
+        if c[OUT_W] != 0:
+            tangent_at_once(c, OUT_W, t, z, u, outputs)
+        elif c[EXACT] == 1:
             tangent_columns(c, OUT_T, count, t, z, u, outputs)
         else:
             difference_columns(c, OUT, count, t, z, u, outputs)

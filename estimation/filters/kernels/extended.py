@@ -10,6 +10,7 @@ from estimation.filters.kernels.algebra import (
     copy,
     exponential,
     joseph,
+    lower_product,
     mirror,
     potter,
     product,
@@ -44,7 +45,7 @@ from estimation.filters.kernels.layout import (
     VARIATIONAL,
     M,
 )
-from multibody.solvers.kernels.calls import entry, floats, inner, pointer, shift
+from multibody.solvers.kernels.calls import entry, floats, independent, inner, pointer, shift
 
 # Settings by index: how F is made, what Q is, what is kept, square root, one linearisation a step, inputs held.
 HOW, NOISE, KEEP, ROOT, ONCE, HOLD, SUBSTEPS = range(7)
@@ -97,13 +98,14 @@ def spread(f, p, q, half, work, n, ld):
     size = n * ld
     first, turned = work, shift(work, size)
     if half > 0.0:
-        for i in range(size):
+        for i in independent(size):
             p[i] += half * q[i]
     product(f, p, first, n, ld)
     transpose(f, turned, n, ld)
-    product(first, turned, p, n, ld)
-    for i in range(size):
-        p[i] += (half if half > 0.0 else 1.0) * q[i]
+    lower_product(first, turned, p, n, ld)
+    share = half if half > 0.0 else 1.0
+    for i in independent(size):
+        p[i] += share * q[i]
     mirror(p, n, ld)
 
 

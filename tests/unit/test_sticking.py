@@ -1,0 +1,62 @@
+"""A connection that sticks and slips: simulations, derivatives and transitions there stay cheap and agree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import estimation.push_response as push_response
+from discrepancy.axis import axis_case
+from discrepancy.effects import Effect
+from discrepancy.effort import LEAST, TIMES, bounded_effort
+from estimation.experiment import Push
+from estimation.push_response import PushResponse
+from multibody.errors import SimulationError
+
+
+@pytest.fixture(scope="module")
+def sticking():
+    """One record of the axis with dry friction at its elastic coupling: rates of 2e6/s while it sticks."""
+    setup = axis_case(2000).setup(seed=1)
+    place = next(p for p in setup.model.places() if p.name == "coupling")
+    friction = Effect.at_place("coulomb_friction", place, strengths={"coulomb": 0.26}, shape={"v_s": 2.5e-3})
+    experiment = setup.identify[0]
+    system = friction.added_to(setup.model).build(probes=True, outputs=experiment.outputs)
+    p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
+    return setup, experiment, system, p
+
+
+def pushes(experiment):
+    t = np.array(experiment.record.time)
+    bell = np.exp(-(((t - t.mean()) / 0.1) ** 2))  # begins with 1e-390
+    return [Push(f"probe.{where}", f) for where in ("coupling", "motor") for f in (np.sin(5 * t), bell)]
+
+
+def test_derivatives_cost_few_evaluations_more(sticking):
+    _, experiment, system, p = sticking
+    alone = experiment.respond(system, p).evaluations
+    assert alone < 200_000
+    assert experiment.respond(system, p, pushes=pushes(experiment)).evaluations < 5 * alone
+
+
+def test_transitions_agree_with_the_integrated_derivatives(sticking, monkeypatch):
+    _, experiment, system, p = sticking
+    given = pushes(experiment)
+    monkeypatch.setattr(push_response, "worth_it", lambda *_: False)
+    integrated = experiment.respond(system, p, pushes=given).derivatives
+    channels = tuple(dict.fromkeys(q.channel for q in given))
+    found = PushResponse.along(experiment, system, p, experiment.start_vector(system), channels)
+    carried = experiment._prepared(found.outputs, found(given), (), [], []).derivatives
+    size = np.linalg.norm(integrated, axis=(0, 1))
+    assert np.all(np.linalg.norm(carried - integrated, axis=(0, 1)) < 0.02 * size)
+
+
+def test_a_simulation_that_crawls_is_given_up(sticking):
+    setup, experiment, system, p = sticking
+    bounded = bounded_effort(setup).identify[0]
+    assert bounded.max_evaluations > LEAST
+    assert (bounded.max_evaluations - LEAST) % TIMES == 0
+    with pytest.raises(SimulationError, match=r"more than the 100 allowed, came only to t ="):
+        replace(experiment, max_evaluations=100).respond(system, p)
