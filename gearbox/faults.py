@@ -47,6 +47,11 @@ class FaultKind:
         Parameter that takes the number of the tooth, if the fault is one tooth's.
     phase : str
         Parameter that takes the angle at which it lies, if it turns with something.
+    usual : float
+        Severity with which a virtual rig hides it, or has it from manufacturing; 0 where a rig takes another of its
+        kind.
+    usual_at : str
+        Where a rig hides it unless told otherwise; default: the first place.
     """
 
     label: str
@@ -58,24 +63,35 @@ class FaultKind:
     unit: str
     tooth: str = ""
     phase: str = ""
+    usual: float = 0.0
+    usual_at: str = ""
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Where it can be, the rig's usual place first."""
+        first = self.usual_at or self.where[0]
+        return (first, *(w for w in self.where if w != first))
 
 
 _ROWS = (
     FaultKind("eccentricity", "eccentricity", "The teeth run out of true with their axis.", GEARS,
-              ("mesh.eccentricity_{n}",), 50e-6, "m", phase="mesh.high_{n}"),
+              ("mesh.eccentricity_{n}",), 50e-6, "m", phase="mesh.high_{n}", usual=0.4, usual_at="output_gear"),
     FaultKind("pitch_error", "pitch_error", "The spacing of the teeth has two waves around the gear.", GEARS,
-              ("mesh.lobes_cos_{n}",), 15e-6, "m"),
+              ("mesh.lobes_cos_{n}",), 15e-6, "m", usual=0.4, usual_at="output_gear"),
     FaultKind("profile_error", "profile_error", "The flanks have too much material at one end of the path of contact.",
               ("mesh",), ("mesh.profile_slope",), 15e-6, "m"),
+    FaultKind("profile_form", "profile_error", "The flanks are fuller at both ends of the path of contact.", ("mesh",),
+              ("mesh.profile_form",), 16e-6, "m", usual=0.25),
     FaultKind("misalignment", "misalignment", "The axes are not parallel: the flanks carry at one end of the face.",
-              ("mesh",), ("mesh.misalignment",), 1e-3, "rad"),
-    FaultKind("wear", "wear", "Material is worn off where the flanks slide.", ("mesh",), ("mesh.wear",), 20e-6, "m"),
+              ("mesh",), ("mesh.misalignment",), 1e-3, "rad", usual=0.3),
+    FaultKind("wear", "wear", "Material is worn off where the flanks slide.", ("mesh",), ("mesh.wear",), 20e-6, "m",
+              usual=0.25),
     FaultKind("mesh_stiffness_variation", "mesh_stiffness_variation", "The stiffness of the teeth varies over a turn.",
-              GEARS, ("mesh.variation_{n}",), 0.2, ""),
+              GEARS, ("mesh.variation_{n}",), 0.2, "", usual=0.4, usual_at="output_gear"),
     FaultKind("mesh_backlash", "mesh_backlash", "There is more backlash than there should be.", ("mesh",),
-              ("mesh.added_backlash",), 4e-4, "m"),
+              ("mesh.added_backlash",), 4e-4, "m", usual=0.25),
     FaultKind("tooth_crack", "tooth_defect", "A crack at its root makes one tooth softer.", GEARS,
-              ("mesh.crack_{n}",), 0.6, "", tooth="mesh.damaged_{n}"),
+              ("mesh.crack_{n}",), 0.6, "", tooth="mesh.damaged_{n}", usual=2.0 / 3.0),
     FaultKind("missing_tooth", "tooth_defect", "One tooth is broken off; severity 1 is all of it.", GEARS,
               ("mesh.crack_{n}",), 1.0, "", tooth="mesh.damaged_{n}"),
     FaultKind("chipped_tooth", "tooth_defect", "A piece of one tooth is broken off at the end of the face.", GEARS,
@@ -83,11 +99,11 @@ _ROWS = (
     FaultKind("spall", "tooth_defect", "One flank has a pit near the pitch line.", GEARS,
               ("mesh.spall_{n}",), 60e-6, "m", tooth="mesh.damaged_{n}"),
     FaultKind("unbalance", "unbalance", "The centre of mass lies off the axis.", SHAFTS,
-              ("{where}.unbalance",), 5e-3, "kg*m", phase="{where}.unbalance_angle"),
+              ("{where}.unbalance",), 5e-3, "kg*m", phase="{where}.unbalance_angle", usual=0.08),
     FaultKind("bearing_clearance", "bearing_clearance", "A bearing has play.", BEARINGS, ("{where}.clearance",), 30e-6,
-              "m"),
+              "m", usual=4.0 / 15.0),
     FaultKind("bearing_outer", "bearing_defect", "The outer ring of a bearing has a pit.", BEARINGS,
-              ("{where}.outer_pit",), 10e-6, "m", phase="{where}.outer_angle"),
+              ("{where}.outer_pit",), 10e-6, "m", phase="{where}.outer_angle", usual=0.6),
     FaultKind("bearing_inner", "bearing_defect", "The inner ring of a bearing has a pit.", BEARINGS,
               ("{where}.inner_pit",), 10e-6, "m"),
     FaultKind("bearing_element", "bearing_defect", "A rolling element of a bearing has a pit.", BEARINGS,

@@ -141,8 +141,8 @@ class GearRig:
             With every kind or place that does not exist.
         """
         hidden = choose(hide, self.stream(2), self.strength)
-        places = {(each.kind.name, each.where) for each in hidden}
-        usual = [f for f in manufacturing(self.stream(3), self.manufacturing) if (f.kind.name, f.where) not in places]
+        places = {(each.kind.kind, each.where) for each in hidden}
+        usual = [f for f in manufacturing(self.stream(3), self.manufacturing) if (f.kind.kind, f.where) not in places]
         return hidden + usual
 
 
@@ -179,14 +179,9 @@ def true_stage(rig: GearRig, faults: Sequence[HiddenFault]) -> tuple[Stage, dict
     """The stage on the rig and the values of its parameters by full name."""
     from gearbox.stage import Stage, Structure
 
-    pits = any(f.kind.name == "bearing_defect" for f in faults)
+    pits = any(f.kind.kind == "bearing_defect" for f in faults)
     structure = Structure(housing=rig.housing, imperfect=bool(faults), bearing_defects=pits)
     stage = Stage(None, structure, name="rig of a gear stage")
-    if any(f.kind.name == "mesh_backlash" for f in faults):
-        wider = next(f.size for f in faults if f.kind.name == "mesh_backlash")
-        stage = Stage(
-            stage.parameters.replaced("gears", backlash=stage.parameters.gears.backlash + wider), structure,
-            name="rig of a gear stage")  # fmt: skip
     mesh = stage.components["mesh"]
     for fault in faults:
         mesh.tables.update(fault.patterns(TEETH))
@@ -329,8 +324,8 @@ def listing(strength: float = 1.0) -> list[tuple[str, str, str, str]]:
     """Kind, place, usual size and meaning of everything that can be hidden."""
     rows = []
     for kind in KINDS.values():
-        for where in kind.where:
-            rows.append((kind.name, where, f"{strength * kind.size:.3g} {kind.unit}".rstrip(), kind.what))
+        size = f"{strength * kind.usual * kind.size:.3g} {kind.unit}".rstrip()
+        rows += [(kind.kind, where, size, kind.what) for where in kind.places]
     return rows
 
 
@@ -358,6 +353,8 @@ def main(arguments: list[str]) -> int:
                         help="noise of the accelerometers, m/s² (default 0.3)")  # fmt: skip
     parser.add_argument("--housing", choices=("flexible", "rigid", "clamped"), default="flexible",
                         help="of the rig and of the model under test (default flexible)")  # fmt: skip
+    parser.add_argument("--encoders", action="store_true",
+                        help="turn the stage slowly and record encoders and torque, for vtsdt diagnose")  # fmt: skip
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     given = parser.parse_args(arguments)
@@ -375,8 +372,13 @@ def main(arguments: list[str]) -> int:
         given.seed, given.manufacturing, given.strength, noise=given.noise, housing=given.housing)  # fmt: skip
     with Teller(given.quiet) as progress:
         progress("preparing the stage of the rig")
-        study = make_gear(given.out, given.hide, rig=rig, progress=progress)
+        if given.encoders:
+            from gearbox.rig_encoders import make_encoders as make
+        else:
+            make = make_gear
+        study = make(given.out, given.hide, rig=rig, progress=progress)
     if not given.quiet:
-        print(f"{len(rig.conditions)} synthetic recordings of a virtual gear stage are in {study.parent}")
-        print(f"next: vtsdt update-gearbox {study} --out {study.parent / 'updating'}")
+        command, result = ("diagnose", "diagnosis") if given.encoders else ("update-gearbox", "updating")
+        print(f"Synthetic recordings of a virtual gear stage are in {study.parent}")
+        print(f"next: vtsdt {command} {study} --out {study.parent / result}")
     return 0

@@ -9,53 +9,13 @@ from typing import Any
 import numpy as np
 
 from discrepancy.bench import BenchError
+from gearbox.faults import BEARINGS, FAULTS, SHAFTS, Fault, FaultKind
 from multibody.component import nearest
 
 __all__ = ["KINDS", "HiddenFault", "choose", "manufacturing"]
 
-_SIDES = {"input_gear": 1, "output_gear": 2}
-_SHAFTS = {"input_shaft": 0, "output_shaft": 1}
-_BEARINGS = ("input_low", "input_high", "output_low", "output_high")
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of deviation or fault.
-
-    Parameters
-    ----------
-    name, what : str
-    where : tuple of str
-        Places it fits, the usual one first.
-    size : float
-        Usual size, in ``unit``.
-    unit : str
-    """
-
-    name: str
-    what: str
-    where: tuple[str, ...]
-    size: float
-    unit: str
-
-
-KINDS: dict[str, Kind] = {
-    k.name: k
-    for k in (
-        Kind("eccentricity", "the teeth run out of true with their axis", ("output_gear", "input_gear"), 20e-6, "m"),
-        Kind("pitch_error", "the teeth are not evenly spaced", ("output_gear", "input_gear"), 6e-6, "m"),
-        Kind("tooth_defect", "one tooth is soft by a crack at its root", ("input_gear", "output_gear"), 0.4, ""),
-        Kind("mesh_stiffness_variation", "the contact stiffness varies over a turn",
-             ("output_gear", "input_gear"), 0.08, ""),
-        Kind("misalignment", "the flanks are not parallel", ("mesh",), 3e-4, "rad"),
-        Kind("profile_error", "the flanks are fuller at the ends of the path", ("mesh",), 4e-6, "m"),
-        Kind("wear", "material is worn off where the teeth slide", ("mesh",), 5e-6, "m"),
-        Kind("unbalance", "the centre of mass lies off the axis", tuple(_SHAFTS), 4e-4, "kg*m"),
-        Kind("bearing_clearance", "a bearing has play", _BEARINGS, 8e-6, "m"),
-        Kind("bearing_defect", "the outer ring of a bearing has a pit", _BEARINGS, 6e-6, "m"),
-        Kind("mesh_backlash", "the backlash is larger than the model's", ("mesh",), 1e-4, "m"),
-    )
-}  # fmt: skip
+#: What a rig can hide, by the name of the effect: of each kind the fault that has a usual severity.
+KINDS: dict[str, FaultKind] = {row.kind: row for row in FAULTS.values() if row.usual}
 
 
 @dataclass(frozen=True)
@@ -64,7 +24,7 @@ class HiddenFault:
 
     Parameters
     ----------
-    kind : Kind
+    kind : FaultKind
     where : str
     size : float
         In the kind's unit.
@@ -72,7 +32,7 @@ class HiddenFault:
         Of what has a pattern or a phase.
     """
 
-    kind: Kind
+    kind: FaultKind
     where: str
     size: float
     seed: int = 0
@@ -80,35 +40,29 @@ class HiddenFault:
     @property
     def name(self) -> str:
         """``kind@where``."""
-        return f"{self.kind.name}@{self.where}"
+        return f"{self.kind.kind}@{self.where}"
+
+    @property
+    def _gear(self) -> int:
+        """Number of the gear that it belongs to."""
+        return 1 if self.where == "input_gear" else 2
 
     def values(self) -> dict[str, float]:
         """Model parameters by full name that bring it about."""
+        if self.kind.kind == "pitch_error":  # a pattern over the teeth in place of two waves
+            return {f"mesh.pitch_{self._gear}": self.size}
         rng = np.random.default_rng(self.seed)
-        phase = float(rng.uniform(-np.pi, np.pi))
-        n = _SIDES.get(self.where, 0)
-        bearing = {f"{self.where}.{key}": value for key, value in (("clearance", self.size),)}
-        table: dict[str, dict[str, float]] = {
-            "eccentricity": {f"mesh.eccentricity_{n}": self.size, f"mesh.high_{n}": phase},
-            "pitch_error": {f"mesh.pitch_{n}": self.size},
-            "tooth_defect": {f"mesh.crack_{n}": self.size, f"mesh.damaged_{n}": float(rng.integers(0, 30))},
-            "mesh_stiffness_variation": {f"mesh.variation_{n}": self.size},
-            "misalignment": {"mesh.misalignment": self.size},
-            "profile_error": {"mesh.profile_form": self.size},
-            "wear": {"mesh.wear": self.size},
-            "unbalance": {f"{self.where}.unbalance": self.size},
-            "bearing_clearance": bearing,
-            "bearing_defect": {f"{self.where}.outer_pit": self.size, f"{self.where}.outer_angle": phase},
-        }
-        return table.get(self.kind.name, {})
+        phase, tooth = float(rng.uniform(-np.pi, np.pi)), int(rng.integers(0, 30))
+        # the drive begins at an angle that is drawn: what lies on a shaft needs none of its own
+        phase = 0.0 if self.where in SHAFTS else phase
+        return Fault(self.kind, self.where, self.size / self.kind.size, tooth, phase).values()
 
     def patterns(self, teeth: Sequence[int]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Tables of the model that belong to it: the pitch error over the teeth of a gear, of unit RMS."""
-        if self.kind.name != "pitch_error":
+        if self.kind.kind != "pitch_error":
             return {}
-        n = _SIDES[self.where]
         rng = np.random.default_rng(self.seed + 1)
-        count = teeth[n - 1]
+        count = teeth[self._gear - 1]
         # Slow over the gear with some scatter from tooth to tooth, as a generated gear has it.
         k = np.arange(count)
         slow = sum(
@@ -116,12 +70,13 @@ class HiddenFault:
         )
         pattern = slow + 0.4 * rng.standard_normal(count)
         pattern = (pattern - pattern.mean()) / pattern.std()
-        return {f"pattern_{n}": (np.arange(count, dtype=float), pattern)}
+        return {f"pattern_{self._gear}": (np.arange(count, dtype=float), pattern)}
 
     def truth(self) -> dict[str, Any]:
         """What ``truth.json`` holds of it."""
         size = {"size": {"value": self.size, "unit": self.kind.unit}}
-        return {"kind": self.kind.name, "where": self.where, "what": self.kind.what, "parameters": size}
+        what = "The teeth are not evenly spaced." if self.kind.kind == "pitch_error" else self.kind.what
+        return {"kind": self.kind.kind, "where": self.where, "what": what, "parameters": size}
 
 
 def choose(
@@ -142,14 +97,14 @@ def choose(
             faults.append(f"--hide {text}: there is no effect '{kind}'{nearest(kind, list(KINDS))}; --list shows all")
             continue
         known = KINDS[kind]
-        place = where if at else known.where[0]
-        if place not in known.where:
-            faults.append(f"--hide {text}: {kind} fits {', '.join(known.where)}")
+        place = where if at else known.places[0]
+        if place not in known.places:
+            faults.append(f"--hide {text}: {kind} fits {', '.join(known.places)}")
             continue
         if any(each.name == f"{kind}@{place}" for each in found):
             faults.append(f"--hide {text}: asked for twice: change its size with --strength instead")
             continue
-        size = strength * known.size * float(rng.uniform(1.0 - spread, 1.0 + spread))
+        size = strength * known.usual * known.size * float(rng.uniform(1.0 - spread, 1.0 + spread))
         found.append(HiddenFault(known, place, size, int(rng.integers(2**31))))
     if faults:
         raise BenchError(faults)
@@ -164,7 +119,7 @@ _USUAL = (
     ("pitch_error@output_gear", 0.6),
     ("profile_error@mesh", 0.6),
     ("misalignment@mesh", 0.4),
-    *((f"bearing_clearance@{b}", 0.4) for b in _BEARINGS),
+    *((f"bearing_clearance@{b}", 0.4) for b in BEARINGS),
     ("unbalance@input_shaft", 0.5),
     ("unbalance@output_shaft", 0.5),
 )

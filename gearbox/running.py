@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from multibody.system import System
     from multibody.trajectory import Trajectory
 
-__all__ = ["SHORT_NAMES", "model_values", "moving_state", "run", "static_state"]
+__all__ = ["SHORT_NAMES", "cheapest_method", "contact_rate", "model_values", "moving_state", "run", "static_state"]
 
 Array = NDArray[np.float64]
 
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 SHORT_NAMES = {"K": "mesh.K", "C_D": "mesh.C_D", "e_F": "mesh.e", "D_P": "mesh.D_P"}
 #: time for the start to die away, s
 SETTLE = 0.15
+#: rate of the contact damper (1/s) and relative tolerance from which the exponential method pays
+STIFF, LOOSE = 4e4, 1e-5
 
 
 def model_values(stage: Stage, changes: Mapping[str, float]) -> dict[str, float]:
@@ -221,8 +223,7 @@ def run(
     inputs : mapping, optional
         ``speed`` (rad/s) or ``torque`` over time, as `multibody.simulate.simulate` takes them, in place of constants.
     method : str
-        As for `multibody.simulate.simulate`.  The explicit method was the cheapest at every corner of Table 3, though
-        the contact damper sets its step: the stiff one pays for a Jacobian of all modes at each step.
+        As for `multibody.simulate.simulate`; ``"auto"`` takes what `cheapest_method` names.
     angle : float, rad
         Of the drive at the start of the run.
     rtol, atol : float
@@ -263,6 +264,8 @@ def run(
     for name in ("drive.angle", "input_shaft.spin_angle", "output_shaft.spin_angle"):
         if name in system.state_names:
             relative[system.index("state", name)] = min(rtol, 1e-9)
+    if method == "auto":
+        method = cheapest_method(stage, torque, parameters, rtol)
     times = np.arange(count) / rate
     return system.simulate(
         (-settle, float(times[-1])),
@@ -275,6 +278,44 @@ def run(
         atol=atol,
         **options,
     )
+
+
+def contact_rate(stage: Stage, torque: float, parameters: Mapping[str, float] | None = None) -> float:
+    """Return the rate at which the contact damper lets the gears' relative spin die away, 1/s.
+
+    It is C_D·step(δ; 0, 0, D_P, 1)·cos²β_b·(r_b1²/J_1 + r_b2²/J_2) at the mean penetration δ: the fastest motion of a
+    stage, which limits explicit steps.  Lines that share the load unevenly make it up to twice as fast.
+
+    Parameters
+    ----------
+    stage : Stage
+    torque : float, N m
+    parameters : mapping, optional
+        Full names, SI.
+
+    Examples
+    --------
+    >>> from gearbox.stage import Stage
+    >>> 1e4 < contact_rate(Stage.paper(), 150.0) < 1e5
+    True
+    """
+    p = _all_values(stage, parameters)
+    share = min(_mean_depth(stage, abs(_mean_force(stage, torque)), p) / p["mesh.D_P"], 1.0)
+    (r_1, r_2), cos_b = stage.pair.base_radii, float(np.cos(stage.pair.base_helix_angle))
+    yielding = cos_b**2 * (r_1**2 / p["input_shaft.J"] + r_2**2 / p["output_shaft.J"])
+    return float(p["mesh.C_D"] * share**2 * (3.0 - 2.0 * share) * yielding)
+
+
+def cheapest_method(
+    stage: Stage, torque: float, parameters: Mapping[str, float] | None = None, rtol: float = 1e-4
+) -> str:
+    """Return the method that was cheapest at equal error of the accelerations.
+
+    The explicit method where the contact damper does not limit its steps much, or where accuracy does; the exponential
+    one, which follows the damper's motion exactly, elsewhere.  The implicit one pays for a Jacobian of all states at
+    each step: it was two to ten times slower at every corner of Table 3 (docs, "Benchmarks").
+    """
+    return "Exponential43" if rtol >= LOOSE and contact_rate(stage, torque, parameters) > STIFF else "DormandPrince54"
 
 
 def moving_state(stage: Stage, speed: float, torque: float, **options: Any) -> Array:

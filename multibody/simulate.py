@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["input_table", "native_problem", "simulate"]
 
-NATIVE = ("Automatic", "DormandPrince54", "Rodas5P")
+NATIVE = ("Automatic", "DormandPrince54", "Exponential43", "Rodas5P")
 SCIPY = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
 _FEATURE_RUNS = 4
 
@@ -55,7 +55,8 @@ def simulate(
         When to record; alternatively ``step`` in s; default: 1001 even times.
     method : str
         ``"auto"``, a compiled method (``"Automatic"``: explicit, and stiff where that pays;
-        ``"DormandPrince54"``: explicit; ``"Rodas5P"``: stiff) or any method of SciPy (``"RK45"``,
+        ``"DormandPrince54"``: explicit; ``"Rodas5P"``: stiff; ``"Exponential43"``: one fast motion apart, such
+        as a stiff damper's) or any method of SciPy (``"RK45"``,
         ``"LSODA"``, …).  What was done is in ``statistics``.
     interpolation : {"linear", "hold", "cubic"}
         Between the samples of recorded inputs.

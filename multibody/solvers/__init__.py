@@ -13,6 +13,7 @@ _PLACES = {
     "Automatic": "automatic",
     "DormandPrince54": "dormand_prince",
     "Directions": "problem",
+    "Exponential43": "exponential",
     "NativeProblem": "problem",
     "Rodas5P": "rosenbrock",
     "ProblemError": "problem",

@@ -1,0 +1,120 @@
+"""The exponential method: one fast motion is followed exactly, everything else explicitly."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from multibody.solvers.base import NativeSolver
+from multibody.solvers.kernels.stepping import DONE, EVALUATIONS, WANTED, T
+from multibody.solvers.problem import ProblemError
+
+__all__ = ["Exponential43", "fast_motion"]
+
+#: Steps after which the direction of the fast motion is looked at again, before and after one was found.
+SPELLS = (1024, 16384)
+#: How much faster than all others a motion must be to be taken as the one.
+APART = 2.0
+_DIFFERENCE = 1.5e-8
+
+
+class Exponential43(NativeSolver):
+    """Krogstad's exponential Runge-Kutta method of orders 4 and 3 for a problem with one fast motion.
+
+    A stiff damper between two bodies, such as a tooth contact, makes one motion that dies away far faster than anything
+    else moves.  Its rate limits the step of an explicit method, and a Rosenbrock method pays for a whole Jacobian and
+    its factors.  Here that one direction is split off and its exponential, a number, does the rest: five evaluations a
+    step, no matrix.  The direction is that of the eigenvalue of largest magnitude, found at the start and looked at
+    again now and then; its rate is renewed at every step.  Without a motion that stands out the method is the classical
+    one of Runge and Kutta with error control.
+
+    Parameters are those of `NativeSolver`; directions are not carried along.  Between steps a cubic is used, and the
+    samples of compiled loops are put back on the fast motion's path.
+    """
+
+    ORDER = 4
+    STAGES = 3
+    DRIVER = "multibody.solvers.kernels.exponential"
+
+    def __init__(self, fun: Any, t0: float, y0: Any, t_bound: float, problem: Any = None, **options: Any) -> None:
+        if problem is not None and problem.n_directions:
+            raise ProblemError("Exponential43 carries no directions along: take DormandPrince54 or Rodas5P")
+        super().__init__(fun, t0, y0, t_bound, problem=problem, **options)
+        n = self.problem.n
+        self._work = np.zeros(6 * max(n, 1))
+        self._left, self._right, self._rates = np.zeros(n), np.zeros(n), np.zeros(1)
+        self._fastest = 0.0
+        self._due = 0
+
+    def _extra(self) -> tuple[Any, ...]:
+        return self._left, self._right, self._rates
+
+    def _advance(self) -> int:
+        if self._due <= 0:
+            self._look()
+        tally = self._tally
+        wanted = int(tally[WANTED])
+        tally[WANTED] = min(self._due, wanted)
+        status = super()._advance()
+        tally[WANTED] = wanted
+        self._due -= int(tally[DONE])
+        return status
+
+    def _look(self) -> None:
+        """Find the fast motion at the present state; of several directions the one of the fastest is kept."""
+        sizes = np.abs(self._state) + self.atol / self.rtol
+        found = fast_motion(self.problem.derivative, float(self._clock[T]), self._state, sizes)
+        self._tally[EVALUATIONS] += self._state.size + 1
+        if found is not None and found[0] < self._fastest:
+            self._fastest, self._left[:], self._right[:] = found
+        self._due = SPELLS[int(self._fastest < 0.0)]
+
+
+def fast_motion(rates: Any, t: float, x: np.ndarray, sizes: np.ndarray) -> tuple[float, np.ndarray, np.ndarray] | None:
+    """Return rate, left and right eigenvector (with the product one) of the fastest motion, if it stands out.
+
+    Parameters
+    ----------
+    rates : callable
+        ``rates(t, x)``.
+    t : float, s
+    x : ndarray, shape (n,)
+    sizes : ndarray, shape (n,)
+        What is large for each state; differences are taken over a small share of it.
+
+    Returns
+    -------
+    tuple or None
+        Nothing where the eigenvalue of largest magnitude is not real, does not die away or has others near it.
+
+    Examples
+    --------
+    >>> rate, left, right = fast_motion(lambda t, x: np.array([x[1], -x[0] - 1e6 * x[1]]), 0.0, np.zeros(2), np.ones(2))
+    >>> round(rate), float(round(left @ right, 9))
+    (-1000000, 1.0)
+    """
+    n = x.size
+    here, matrix = rates(t, x), np.empty((n, n))
+    for k in range(n):
+        moved = x.copy()
+        moved[k] += _DIFFERENCE * (sizes[k] if sizes[k] > 0.0 else 1.0)
+        matrix[:, k] = (rates(t, moved) - here) / (moved[k] - x[k])
+    if n == 0 or not np.all(np.isfinite(matrix)):
+        return None
+    values, vectors = np.linalg.eig(matrix)
+    order = np.argsort(-np.abs(values))
+    fastest = values[order[0]]
+    if fastest.imag != 0.0 or not fastest.real < 0.0:
+        return None
+    if n > 1 and abs(fastest) < APART * abs(values[order[1]]):
+        return None
+    right = vectors[:, order[0]].real
+    # the left one by inverse iteration
+    shifted = matrix.T - (1.0 + 1e-8) * fastest.real * np.eye(n)
+    left = right
+    for _ in range(3):
+        left = np.linalg.solve(shifted, left)
+        left = left / np.linalg.norm(left)
+    along = float(left @ right)
+    return (float(fastest.real), left / along, right) if abs(along) > 1e-12 else None
