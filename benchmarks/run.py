@@ -25,6 +25,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "benchmarks" / "index.md"
 FEWEST_ROUNDS = 3
+TURN_SECONDS, MOST_CALLS = 0.02, 100  # what is shorter is called several times in a turn
 
 
 @dataclass
@@ -34,13 +35,24 @@ class Entry:
     name: str
     work: Callable[[], float | None]
     times: list[float] = field(default_factory=list)
+    calls: int = 1
 
     def once(self, clock: Callable[[], float] = time.perf_counter) -> float:
-        """Seconds that the work took, or that it says it took."""
+        """Seconds that a call took, as the mean of a turn's calls, or that it says it took."""
         start = clock()
-        said = self.work()
-        took = clock() - start
+        for _ in range(self.calls):
+            said = self.work()
+        took = (clock() - start) / self.calls
         return float(said) if isinstance(said, float) else took
+
+    def prepare(self) -> None:
+        """Call once, which does not count, and set the number of calls in a turn."""
+        start = time.perf_counter()
+        said = self.work()
+        if isinstance(said, float) or time.perf_counter() - start > 100.0 * TURN_SECONDS:
+            return
+        took = self.once()  # the first call may have compiled
+        self.calls = max(1, min(MOST_CALLS, int(TURN_SECONDS / max(took, 1e-9))))
 
 
 @dataclass
@@ -51,6 +63,7 @@ class Group:
     title: str
     entries: list[Entry]
     unit: str = "s"
+    text: str = ""
 
 
 def load(path: Path) -> Group:
@@ -81,8 +94,8 @@ def load(path: Path) -> Group:
         entries.append(Entry(f"{name} ({work.note})" if hasattr(work, "note") else name, work))
     if not entries:
         raise ValueError(f"{path.name}: no function named bench_*")
-    title = (module.__doc__ or path.stem).strip().splitlines()[0]
-    return Group(path.stem.removeprefix("bench_"), title, entries, getattr(module, "UNIT", "s"))
+    title, _, text = (module.__doc__ or path.stem).strip().partition("\n")
+    return Group(path.stem.removeprefix("bench_"), title, entries, getattr(module, "UNIT", "s"), text.strip())
 
 
 def processor_time() -> float:
@@ -101,7 +114,7 @@ def measure(
     Stops after ``rounds`` rounds, or earlier once ``seconds`` are spent, but not before three rounds.
     """
     for entry in group.entries:
-        entry.once()
+        entry.prepare()
     start = time.perf_counter()
     for done in range(rounds):
         if done >= FEWEST_ROUNDS and time.perf_counter() - start > seconds:
@@ -191,21 +204,33 @@ def machine() -> str:
     return ", ".join(parts)
 
 
-def page(groups: Sequence[Group], rounds: int) -> str:
-    """Text of the docs page."""
-    lines = [
-        "# Benchmarks",
-        "",
-        f"Measured {date.today().isoformat()} on {machine()},",
-        "by `python benchmarks/run.py --write-docs`, which writes this page anew. The entries of a table",
-        "take turns; the ratio is to the first of them, as the median (and the quartiles) of the ratios",
-        f"within each of up to {rounds} rounds.",
-    ]
-    for group in groups:
-        lines += ["", f"## {group.title.rstrip('.')}", ""]
-        lines += ["| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
-        lines += ["| " + " | ".join(row) + " |" for row in rows(group)]
+HEADER = """# Benchmarks
+
+`python benchmarks/run.py --write-docs` measures everything again and writes this page; with names of subjects it
+writes their sections only. The entries of a table take turns; the ratio is to the first of them, as the median (and
+the quartiles) of the ratios within each round. A ratio whose quartiles span 1 is no difference. What takes less than
+20 ms is called several times in a turn.
+"""
+
+
+def section(group: Group, clock: str) -> str:
+    """Text of a group on the docs page."""
+    what = {"wall": "wall-clock time", "cpu": "processor time of all threads; other programs ran meanwhile"}[clock]
+    lines = [f"<!-- {group.subject} -->", f"## {group.title.rstrip('.')}", ""]
+    lines += [group.text, ""] if group.text else []
+    lines += ["| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
+    lines += ["| " + " | ".join(row) + " |" for row in rows(group)]
+    measured = f"Measured {date.today().isoformat()} on {machine()}"
+    lines += ["", f"{measured}: {'memory' if group.unit == 'B' else what}."]
     return "\n".join(lines) + "\n"
+
+
+def page(groups: Sequence[Group], clock: str = "wall", before: str = "") -> str:
+    """Text of the docs page: the sections of groups in place of those that it had before."""
+    known = dict(re.findall(r"^<!-- (\w+) -->\n(.*?)(?=^<!-- |\Z)", before, re.MULTILINE | re.DOTALL))
+    sections = {name: f"<!-- {name} -->\n{text.strip()}\n" for name, text in known.items()}
+    sections |= {group.subject: section(group, clock) for group in groups}
+    return "\n".join([HEADER, *(sections[name] for name in sorted(sections))])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -218,7 +243,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--clock", choices=CLOCKS, default="wall", help="cpu: processor time, where other programs run meanwhile")
     parser.add_argument("--json", type=Path, help="write all single times into this file")
-    parser.add_argument("--write-docs", action="store_true", help="write docs/benchmarks/index.md")
+    parser.add_argument("--write-docs", action="store_true", help="write the sections into docs/benchmarks/index.md")
     options = parser.parse_args(arguments)
     if options.rounds < FEWEST_ROUNDS:
         parser.error(f"--rounds must be at least {FEWEST_ROUNDS}: fewer have no quartiles")
@@ -228,8 +253,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not chosen:
         wanted = " or ".join(options.subjects)
         parser.error(f"no benchmark is called {wanted}; there are: {', '.join(names.values())}")
-    if options.write_docs and chosen != files:
-        parser.error("--write-docs writes the whole page: leave out the names")
     rng = random.Random(options.seed)
     print(machine())
     groups = []
@@ -238,12 +261,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         measure(group, options.rounds, options.seconds, rng, CLOCKS[options.clock])
         print(f"\n{plain_table(group)}", flush=True)
         groups.append(group)
+        if options.write_docs:
+            before = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
+            PAGE.write_text(page([group], options.clock, before), encoding="utf-8")
     if options.json:
         times = {group.subject: {entry.name: entry.times for entry in group.entries} for group in groups}
         text = json.dumps({"machine": machine(), "seconds": times}, indent=1)
         options.json.write_text(text + "\n", encoding="utf-8")
     if options.write_docs:
-        PAGE.write_text(page(groups, options.rounds), encoding="utf-8")
         print(f"\nwrote {PAGE.relative_to(HERE.parent)}")
     return 0
 

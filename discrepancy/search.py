@@ -174,8 +174,9 @@ def _scans(
 def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Sequence[Effect]) -> list[Row]:
     """Return the significant candidates worth a refit, best first.
 
-    Each brings the simpler kinds that it contains with it.  Where anything is significant, the richer kinds of the
-    effects that are in the model already are tried as well: a law that was only the first answer may be what is wrong.
+    Each brings the simpler kinds that it contains with it.  Significant richer kinds of the effects that are in the
+    model already are tried as well, however little they explain: a law that was only the first answer may be what is
+    wrong.
     """
     from discrepancy.verdict import Verdict
 
@@ -186,7 +187,7 @@ def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Seque
     worth = [r for r in significant if r.error_drop > 0.5 * significant[0].error_drop][:FINALISTS]
     simpler = [f"{kind}@{r.where}" for r in worth for kind in kind_named(r.kind).contains]
     names = [r.name for r in worth]
-    richer = [r.name for r in scan.rows if simpler_in(effects, r.kind, r.where)]
+    richer = [r.name for r in significant if simpler_in(effects, r.kind, r.where)]
     more = dict.fromkeys([*simpler, *richer])
     names += [n for n in more if n not in names and n in known and n not in scan.refused]
     return [scan[n] for n in names]

@@ -75,7 +75,7 @@ class Automatic(DormandPrince54):
         self._spell = LEAST_SPELL
         self._done = 0  # steps since the last change
         self._since = float(self.t)  # time of the last change
-        self._explicit_step = 0.0
+        self._explicit_step = self._stiff_step = 0.0
         self._cost = 0.0  # of a stiff step over an explicit one
         self._mark = float(self.t)  # time at the end of the stiff method's run-up
         self._patience = PATIENCE
@@ -122,6 +122,7 @@ class Automatic(DormandPrince54):
         else:
             self._spell = LEAST_SPELL
         self._explicit_step = abs(float(self._clock[STEP_OLD]))
+        self._clock[STEP] = max(float(self._clock[STEP]), self._stiff_step)
         self._change(True)
 
     def _change(self, stiff: bool) -> None:
@@ -171,6 +172,7 @@ class Automatic(DormandPrince54):
         if not self._pays(step):
             tally[WATCH] = 0
             self._rest, self._patience = self._patience, 2 * self._patience
+        self._stiff_step = float(clock[STEP])  # what the next spell begins with
         clock[STEP] = min(clock[STEP], self._explicit_step)
         self._change(False)
 

@@ -76,9 +76,23 @@ def test_table_compares_with_the_first_entry(runner: ModuleType, tmp_path: Path)
         ("first way", "2.00 ms", "2.00 ms to 2.00 ms", "1", "5"),
         ("second way", "1.00 ms", "1.00 ms to 1.00 ms", "0.5 (0.5 to 0.5)", "5"),
     ]
-    text = runner.page([group], 5)
-    assert "\n## Two ways\n" in text
+    text = runner.page([group])
+    assert "\n## Two ways\n\nMore about them.\n" in text
     assert "| second way | 1.00 ms |" in text
+
+
+def test_a_section_is_written_in_the_place_of_its_old_one(runner: ModuleType, tmp_path: Path) -> None:
+    group = _group(runner, tmp_path)
+    runner.measure(group, rounds=5, seconds=60.0, rng=random.Random(1))
+    group.subject = "other"  # type: ignore[attr-defined]
+    first = runner.page([group])
+    group.subject = "ways"  # type: ignore[attr-defined]
+    both = runner.page([group], "wall", first)
+    assert both.count("## Two ways") == 2
+    assert runner.page([group], "wall", both) == both
+    again = runner.page([group], "cpu", both)
+    assert again.count("## Two ways") == 2
+    assert again.count("processor time") == 1
 
 
 def test_no_new_round_once_the_time_is_spent_but_never_fewer_than_three(
