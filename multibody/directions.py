@@ -84,7 +84,8 @@ def _parted(function: ast.FunctionDef, count: int) -> tuple[list[ast.stmt], list
     """Return the statements that no direction touches, and the others."""
     directions, out = [a.arg for a in function.args.args][-4:-1], function.args.args[-1].arg
     lanes = _Lanes({*directions, out}, count)
-    moving, assigned = set(directions), set()
+    moving: set[str] = set(directions)
+    assigned: set[str] = set()
     before: list[ast.stmt] = []
     inside: list[ast.stmt] = []
     for node in function.body:
