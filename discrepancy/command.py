@@ -7,6 +7,8 @@ from typing import Any
 
 __all__ = ["compare", "diagnose"]
 
+WIDE = 6  # numbers beside each other that still fit a terminal
+
 
 def diagnose(args: Any) -> int:
     """Run the whole loop on a study file and write what it found.
@@ -70,18 +72,29 @@ def _finish(study: Any, conclusion: Any, out: Path, args: Any, *, compared_only:
 def _show(study: Any, conclusion: Any, files: list[Path]) -> None:
     """Print the error stage by stage, the answer, and where the report is."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     console = Console()
     table = Table(title="Root mean square error, stage by stage")
-    table.add_column("stage")
     parts = [p for p in ("identify", "validate") if study.stages[0].fits(p)]
     names = study.stages[0].outputs
-    for part in parts:
-        for name in names:
-            table.add_column(f"{name}\n[{study.stages[0].system.unit(name)}]\n{part}", justify="right")
-    for stage in study.stages:
-        table.add_row(stage.name, *(f"{stage.rmse(part)[name]:.4g}" for part in parts for name in names))
+    if len(names) * len(parts) <= WIDE:
+        table.add_column("stage")
+        for part in parts:
+            for name in names:
+                table.add_column(escape(f"{name}\n[{study.stages[0].system.unit(name)}]\n{part}"), justify="right")
+        for stage in study.stages:
+            table.add_row(stage.name, *(f"{stage.rmse(part)[name]:.4g}" for part in parts for name in names))
+    else:  # many outputs: they go down the page and the stages across
+        table.add_column("output")
+        for stage in study.stages:
+            table.add_column(stage.name, justify="right", overflow="fold")
+        for part in parts:
+            for name in names:
+                unit = study.stages[0].system.unit(name)
+                cells = [f"{stage.rmse(part)[name]:.4g}" for stage in study.stages]
+                table.add_row(escape(f"{name} [{unit}], {part}" if unit else f"{name}, {part}"), *cells)
     console.print(table)
     if conclusion.sentence:
         console.print(f"[bold]{conclusion.verdict}[/bold]: {conclusion.sentence}", soft_wrap=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from discrepancy.describe_unknown import describe_unknown
 from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
+from discrepancy.effects import unit_at
 from discrepancy.kinds import kind_named
 from discrepancy.next_measurement import next_measurements
 from discrepancy.omnibus import omnibus_of_stage
@@ -144,7 +145,7 @@ def _left_over(
             refused.append((kind, where, why))
     unseen = (Verdict.ABSENT, Verdict.CANNOT_TELL)
     hidden = [
-        (r.kind, r.where, float(r.mde), float(r.delta), study.unit_of(r.kind, r.where))
+        (r.kind, r.where, float(r.mde), float(r.delta), unit_at(study.stage.system, r.kind, r.where))
         for r in step.scan.rows
         if r.verdict in unseen and (r.kind, r.where) not in present
     ]

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from multibody.component import Component
     from multibody.model import Model
     from multibody.places import Place
+    from multibody.system import System
 
-__all__ = ["Effect", "law_class"]
+__all__ = ["Effect", "law_class", "unit_at"]
 
 
 def law_class(kind: Kind, domain: str) -> type[Component]:
@@ -233,3 +234,21 @@ class Effect:
 
     def __str__(self) -> str:
         return f"{self.kind}@{self.where}"
+
+
+def unit_at(system: System, kind: str, where: str) -> str:
+    """Return the unit of a kind's first strength at a place or signal of a machine.
+
+    Parameters
+    ----------
+    system : System
+    kind, where : str
+    """
+    entry = kind_named(kind)
+    if entry.at == "connection":
+        place = next(p for p in system.places if p.name == where)
+        return Effect.at_place(kind, place).unit(entry.strengths[0])
+    if entry.at == "parameter":
+        return Effect(kind, where).unit(entry.strengths[0])
+    signal = system.unit(where)
+    return {"offset": signal, "gain": "", "delay": "s", "drift": f"{signal}/s"}[entry.law]

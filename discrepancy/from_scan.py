@@ -54,9 +54,7 @@ def effect_of(entry: Entry, row: Row, effects: Sequence[Effect], instead_of: Seq
     if entry.place is None:
         return Effect(kind.name, entry.where, strengths, dict(row.shape), number=number)
     shape = {k: v for k, v in row.shape.items() if k != "secant"}
-    found = Effect.at_place(
-        kind.name, entry.place, strengths=strengths, shape=shape, load=entry.load, number=number
-    )
+    found = Effect.at_place(kind.name, entry.place, strengths=strengths, shape=shape, load=entry.load, number=number)
     for other in instead_of:
         name, value = next(iter(other.strengths.items()))
         unit = other.unit(name)

@@ -207,19 +207,6 @@ class Study:
         """Why it is confronted so."""
         return self.confronted.reason if self.confronted is not None else "chosen when the first stage is made"
 
-    def unit_of(self, kind: str, where: str) -> str:
-        """Return the unit of a kind's first strength at a place or signal of this study."""
-        from discrepancy.kinds import kind_named
-
-        entry = kind_named(kind)
-        if entry.at == "connection":
-            place = next(p for p in self.stage.system.places if p.name == where)
-            return Effect.at_place(kind, place).unit(entry.strengths[0])
-        if entry.at == "parameter":
-            return Effect(kind, where).unit(entry.strengths[0])
-        signal = self.stage.system.unit(where)
-        return {"offset": signal, "gain": "", "delay": "s", "drift": f"{signal}/s"}[entry.law]
-
     # ---------------------------------------------------------------- questions
 
     def compare(self) -> Comparison:
