@@ -80,7 +80,10 @@ def test_a_good_trip_is_prepared(tmp_path):
          "do not belong together"),
         (lambda c: c | {"cabin_height_mm": 1e3 * c["cabin_height_mm"]}, "the cabin travels 1900 m"),
         (lambda c: c | {"time_s": np.where(np.arange(3000) > 1500, c["time_s"] + 0.7, c["time_s"])}, "gap"),
-        (lambda c: c | {"time_s": np.where(np.arange(3000) > 1500, c["time_s"] - 0.7, c["time_s"])}, "time runs backwards"),
+        (
+            lambda c: c | {"time_s": np.where(np.arange(3000) > 1500, c["time_s"] - 0.7, c["time_s"])},
+            "time runs backwards",
+        ),
         (lambda c: {k: v[::20] for k, v in c.items()}, "sampled at 25 Hz"),
     ],
 )  # fmt: skip
