@@ -52,8 +52,7 @@ class Bands:
     def spectra(self, stacked: Array, block: int) -> Array:
         """Fourier coefficients of one block, (m, n_channels, n_f), so that Σ weight·|·|² is the energy."""
         x = np.ascontiguousarray(self.layout.view(stacked, block).T)
-        out: Array = np.fft.rfft(x, axis=2)
-        out /= np.sqrt(x.shape[2])
+        out: Array = np.fft.rfft(x, axis=2) / np.sqrt(x.shape[2])
         return out
 
     def ranges(self, block: int) -> list[tuple[int, slice]]:
