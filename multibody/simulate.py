@@ -336,7 +336,7 @@ def _feature_step(system: System, run: Trajectory, limit: float) -> float | None
     for owner, component in system.model.components.items():
         for width_name, speed_name in getattr(component, "features", {}).items():
             if width_name in component.tables:
-                width = float(np.diff(component.tables[width_name][0]).min())
+                width = _closest(component.tables[width_name][0])
             elif width_name in component.values:
                 width = float(run.p[system.index("parameter", f"{owner}.{width_name}")])
             else:
@@ -351,12 +351,19 @@ def _feature_step(system: System, run: Trajectory, limit: float) -> float | None
             held = system.model.components.get(owner)
             if held is None or table not in held.tables:
                 continue
-            given = float(np.diff(held.tables[table][0]).min(initial=np.inf))
+            given = _closest(held.tables[table][0])
         if speed > 0.0 and given > 0.0:
             finest = min(finest, 0.5 * given / speed)
     if float(run.statistics.get("longest_step", np.inf)) <= finest:
         return None
     return finest if finest < 0.8 * limit else None  # the same speed, sampled anew, is no reason to run again
+
+
+def _closest(points: Any) -> float:
+    """Return the least distance of a table's points; two points nearer than a millionth of its length are one."""
+    x = np.asarray(points, dtype=float)
+    apart = np.diff(x)
+    return float(np.min(apart[apart > 1e-6 * (x[-1] - x[0])], initial=np.inf))
 
 
 def _fastest(run: Trajectory, signal: str) -> float:

@@ -314,3 +314,10 @@ def test_no_step_jumps_over_a_feature_that_the_model_names():
     assert held.statistics["longest_step"] <= 0.5 * 0.02 / 2.0 * 1.0001
     fine = model.build().simulate(1.0, method="Rodas5P", rtol=1e-13, atol=1e-16, max_step=1e-3)
     assert fine["body.position"][-1] == pytest.approx(held["body.position"][-1], rel=1e-6)
+
+
+def test_points_that_only_rounding_tells_apart_are_one_feature():
+    from multibody.simulate import _closest
+
+    assert _closest((0.0, 1.0, 1.0 + 4e-16, 3.0)) == pytest.approx(1.0)
+    assert _closest((0.0, 0.25, 2.0)) == pytest.approx(0.25)
