@@ -61,5 +61,6 @@ def test_the_model_starts_where_the_recordings_do(folder) -> None:
     period = round(rig_encoders.RATE / (10.0 * 32))  # samples of one tooth: ten turns a second, 32 teeth
     first = np.flatnonzero(late)[0]
     lags = np.arange(-period // 2, period // 2 + 1)
-    along = [np.corrcoef(seen[first - k : seen.size - period - k], mine[first : seen.size - period])[0, 1] for k in lags]
+    last = seen.size - period
+    along = [np.corrcoef(seen[first - k : last - k], mine[first:last])[0, 1] for k in lags]
     assert abs(lags[int(np.argmax(along))]) < 0.1 * period
