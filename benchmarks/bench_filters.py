@@ -80,6 +80,14 @@ def bench_unscented() -> Callable[[], Any]:
     return work
 
 
+def _for_peers() -> tuple[Any, ...]:
+    """Return samples, model, system, covariances, prior, number of states and the index of δ, for other programs."""
+    sensor, trip, samples, noise = _problem()
+    model, system = sensor.model(), sensor.system
+    n, at = len(system.states), system.index("parameter", "cabin_guide.right_deviation")
+    return samples, model, system, noise.of(model), sensor.prior(trip).of(model), n, at
+
+
 def bench_filterpy() -> Callable[[], Any]:
     """filterpy's extended filter with our compiled rates and exact derivatives, a fiftieth of the trip times fifty"""
     from time import perf_counter
@@ -90,11 +98,7 @@ def bench_filterpy() -> Callable[[], Any]:
         return lambda: float("nan")
     from scipy.linalg import expm
 
-    sensor, trip, samples, noise = _problem()
-    model, system = sensor.model(), sensor.system
-    q, r = noise.of(model)
-    x0, p0 = sensor.prior(trip).of(model)
-    n, at = len(system.states), system.index("parameter", "cabin_guide.right_deviation")
+    samples, _, system, (q, r), (x0, p0), n, at = _for_peers()
     z, acceleration = system.index("output", "z_c"), system.index("output", "zdd_c")
 
     def derivatives(x: np.ndarray, u: np.ndarray, p: np.ndarray, of: str) -> np.ndarray:
@@ -171,11 +175,7 @@ def bench_dynamax() -> Callable[[], Any]:
         from dynamax.nonlinear_gaussian_ssm import ParamsNLGSSM, extended_kalman_filter
     except ImportError:
         return lambda: float("nan")
-    sensor, trip, samples, noise = _problem()
-    model, system = sensor.model(), sensor.system
-    q, r = noise.of(model)
-    x0, p0 = sensor.prior(trip).of(model)
-    n, at = len(system.states), system.index("parameter", "cabin_guide.right_deviation")
+    samples, model, system, (q, r), (x0, p0), n, at = _for_peers()
     rhs, nominal, acceleration = _traced(system.texts["rhs"], "rhs"), jnp.asarray(system.p), model.channels[1][1]
 
     def rate(z: Any, u: Any) -> Any:

@@ -28,7 +28,7 @@ def simpler_in(effects: Sequence[Effect], kind: str, where: str) -> list[Effect]
 
 def differs_from(effects: Sequence[Effect], kind: Kind, where: str) -> bool:
     """Tell whether only the difference between a law's two sides is new: what they share is in the model already."""
-    return len(kind.strengths) == 2 and bool(simpler_in(effects, kind.name, where))
+    return kind.by_direction and bool(simpler_in(effects, kind.name, where))
 
 
 def effect_of(entry: Entry, row: Row, effects: Sequence[Effect], instead_of: Sequence[Effect] = ()) -> Effect:
@@ -58,6 +58,7 @@ def effect_of(entry: Entry, row: Row, effects: Sequence[Effect], instead_of: Seq
     for other in instead_of:
         name, value = next(iter(other.strengths.items()))
         unit = other.unit(name)
-        more = {k: max(v + value, 0.0) for k, v in found.strengths.items() if found.unit(k) == unit}
+        least = 0.0 if kind.one_sided else -np.inf
+        more = {k: max(v + value, least) for k, v in found.strengths.items() if found.unit(k) == unit}
         found = replace(found, strengths={**found.strengths, **more})
     return found

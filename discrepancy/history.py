@@ -9,8 +9,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import os
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +17,7 @@ import numpy as np
 from discrepancy.effects import Effect
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.study_file import StudyError
+from multibody.storage import write_whole
 
 if TYPE_CHECKING:
     from discrepancy.study import Study
@@ -82,16 +81,7 @@ def save_history(study: Study, path: str | Path) -> Path:
         "settled": study.settled,
         "stages": [_entry(s) for s in study.stages],
     }
-    text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
-    handle, draft = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text + "\n")
-        os.chmod(draft, 0o644)
-        os.replace(draft, path)  # an interrupted write leaves the earlier history
-    finally:
-        Path(draft).unlink(missing_ok=True)
-    return path
+    return write_whole(path, content)
 
 
 def read_history(path: str | Path) -> dict[str, Any]:

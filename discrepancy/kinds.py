@@ -95,6 +95,8 @@ class Kind:
         True: only where the connection has a spring; False: only where it has none; None: anywhere.
     contains : tuple of str
         Simpler kinds that this one becomes in a limit of its parameters: they are asked first.
+    by_direction : bool
+        The two strengths are that of the kind contained, one for each direction of motion.
     component : type, optional
         Parameter effects: the class whose instances have it.
     sides : tuple of (str, str)
@@ -115,6 +117,7 @@ class Kind:
     needs: str = ""
     elastic: bool | None = None
     contains: tuple[str, ...] = ()
+    by_direction: bool = False
     aliases: tuple[str, ...] = field(default=())
     component: type[Component] | None = None
     sides: tuple[tuple[str, str], ...] = ()
@@ -267,12 +270,12 @@ _add([
         "dry friction that differs with direction", "A constant resistance, of another size in each direction.",
         "Worn or tilted guides, a one-sided preload, a screw worn on one flank, a cable chain, weight on an incline.",
         "Move at the same constant speed forwards and backwards: the drive force differs by more than its sign."),
-        _smooth_sign, ("v_s",), one_sided=True, contains=("coulomb_friction",)),
+        _smooth_sign, ("v_s",), one_sided=True, contains=("coulomb_friction",), by_direction=True),
     Kind("asymmetric_viscous_friction", "connection", "AsymmetricViscous", ("forward", "backward"), _T(
         "viscous friction that differs with direction", "A resistance proportional to speed, steeper one way.",
         "A ball screw or nut worn on one flank, seals with a lip, one-sided lubrication.",
         "Plot the drive force against constant speed in both directions: the two slopes differ."),
-        one_sided=True, elastic=False, contains=("viscous_friction",)),
+        one_sided=True, elastic=False, contains=("viscous_friction",), by_direction=True),
     Kind("stribeck_friction", "connection", "Stribeck", ("breakaway",), _T(
         "Stribeck friction (more friction at low speed)", "Friction that falls while the motion gathers speed.",
         "Lubricated sliding contacts, in which the oil film builds up only with speed; guides that stood for a while.",

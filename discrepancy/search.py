@@ -116,13 +116,15 @@ def search_step(
     by_name = {c.name: c for c in candidates}
     tried: list[tuple[Stage, Row]] = []
     for row in rows:
+        entry: Entry = by_name[row.name].info["entry"]
         simpler = simpler_in(stage.effects, row.kind, row.where)
-        effect = effect_of(by_name[row.name].info["entry"], row, stage.effects, simpler)
+        effect = effect_of(entry, row, stage.effects, simpler)
         progress(f"refit with {effect}" + (f" in the place of {simpler[0]}" if simpler else ""))
         try:
-            tried.append((refit(effect, simpler), row))
-            if simpler and bic_difference(tried[-1][0], stage) >= 0.0:  # it does not stand alone: is it beside them?
-                tried[-1] = (refit(effect_of(by_name[row.name].info["entry"], row, stage.effects), ()), row)
+            trial = refit(effect, simpler)
+            if simpler and not entry.kind.by_direction and bic_difference(trial, stage) >= 0.0:
+                trial = refit(effect_of(entry, row, stage.effects), ())  # not in their place: is it beside them?
+            tried.append((trial, row))
         except RuntimeError as error:  # a simulation that fails is a bad explanation, not the end of the search
             progress(f"{effect} could not be simulated: {error}")
         except ModelError as error:  # say an algebraic loop: these records cannot speak about it in this model

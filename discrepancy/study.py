@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discrepancy.effects import Effect
-from discrepancy.fitted import Held, beside_held_out, fitted_stage
+from discrepancy.fitted import beside_held_out, fitted_stage
 from discrepancy.search import Step, search_step
 from discrepancy.setup import Setup, from_file, noise_floors
 from discrepancy.stage import Accepted, Stage
@@ -132,27 +132,11 @@ class Study:
         return self._fitted(name, effects, None, dict(noise), move=moved, held=(values, own, scale))
 
     def _fitted(
-        self,
-        name: str,
-        effects: tuple[Effect, ...],
-        start: Stage | None,
-        noise: Any,
-        *,
-        move: bool = True,
-        trial: bool = False,
-        held: Held | None = None,
+        self, name: str, effects: tuple[Effect, ...], start: Stage | None, noise: Any, **options: Any
     ) -> Stage:
+        """Return a fitted stage of this study; options as of `fitted_stage`."""
         return fitted_stage(
-            self.setup,
-            self.given.model,
-            name,
-            effects,
-            start,
-            noise,
-            move=move,
-            trial=trial,
-            held=held,
-            progress=self.progress,
+            self.setup, self.given.model, name, effects, start, noise, progress=self.progress, **options
         )
 
     def add(self, effect: Effect, accepted: Accepted | None = None) -> Stage:

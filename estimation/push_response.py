@@ -70,26 +70,13 @@ class PushResponse:
         """
         from multibody.errors import SimulationError
         from multibody.simulate import native_problem
-        from multibody.solvers import Samples, integrate
         from multibody.solvers.problem import ProblemError
         from multibody.solvers.transitions import transitions
 
         time = np.array(experiment.record.time)
         table = experiment.table(system)
         problem = native_problem(system, p, table, tangent=True)
-        samples = Samples(time)
-        solution = integrate(
-            problem,
-            (float(time[0]), float(time[-1])),
-            x0,
-            samples=samples,
-            rtol=experiment.rtol,
-            atol=experiment.rtol * 1e-3,
-            max_step=np.inf,
-        )
-        if solution.status < 0 or samples.count < time.size or not np.all(np.isfinite(samples.states)):
-            raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
-        x = np.ascontiguousarray(samples.states)
+        x = _states_at(time, experiment, system, problem, x0)
         inputs = np.ascontiguousarray(table(time, p).reshape(time.size, -1))
         a = system.jacobian_along("x", time, x, inputs, p)
         fastest = _spectral_radius(a)
@@ -133,6 +120,30 @@ class PushResponse:
         return out
 
 
+def _states_at(
+    times: np.ndarray, experiment: Experiment, system: System, problem: NativeProblem, x0: np.ndarray
+) -> np.ndarray:
+    """Return the states at some times of a record, shape (nt, n)."""
+    from multibody.errors import SimulationError
+    from multibody.solvers import Samples, integrate
+
+    whole = experiment.record.time
+    samples = Samples(times)
+    solution = integrate(
+        problem,
+        (float(whole[0]), float(whole[-1])),
+        x0,
+        samples=samples,
+        rtol=experiment.rtol,
+        atol=experiment.rtol * 1e-3,
+        max_step=np.inf,
+        max_evaluations=experiment.max_evaluations,
+    )
+    if solution.status < 0 or samples.count < times.size or not np.all(np.isfinite(samples.states)):
+        raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
+    return np.ascontiguousarray(samples.states)
+
+
 def _fill_stiff(
     found: Transitions,
     stiff: np.ndarray,
@@ -144,18 +155,13 @@ def _fill_stiff(
     chosen: np.ndarray,
 ) -> None:
     """Write the transitions of the stiff intervals: the trajectory is looked at again inside them."""
-    from multibody.solvers import Samples, integrate
     from multibody.solvers.frozen import frozen_transitions
 
     time = np.array(experiment.record.time)
     h = np.diff(time)[stiff]
     middles = (time[stiff][:, None] + h[:, None] * ((np.arange(PIECES) + 0.5) / PIECES)).ravel()
-    samples = Samples(middles)
-    integrate(
-        problem, (float(time[0]), float(time[-1])), x0, samples=samples, rtol=experiment.rtol,
-        atol=experiment.rtol * 1e-3)
     inputs = np.ascontiguousarray(experiment.table(system)(middles, p).reshape(middles.size, -1))
-    at = (middles, np.ascontiguousarray(samples.states), inputs, p)
+    at = (middles, _states_at(middles, experiment, system, problem, x0), inputs, p)
     a = system.jacobian_along("x", *at).reshape(stiff.size, PIECES, *found.phi.shape[1:])
     b = system.jacobian_along("u", *at, columns=chosen).reshape(stiff.size, PIECES, *found.gamma0.shape[1:])
     found.phi[stiff], found.gamma0[stiff], found.gamma1[stiff] = frozen_transitions(a, b, h)

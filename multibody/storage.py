@@ -24,7 +24,7 @@ from multibody.component import Component, nearest
 from multibody.errors import ModelError
 from multibody.model import Model, ModelInput
 
-__all__ = ["SCHEMA", "load", "save"]
+__all__ = ["SCHEMA", "load", "save", "write_whole"]
 
 SCHEMA = 1
 _TOP = {"schema": int, "name": str, "components": dict, "connections": list, "inputs": list, "outputs": dict}
@@ -68,13 +68,18 @@ def save(model: Model, path: str | Path) -> Path:
         "schema": SCHEMA, "name": model.name, "components": components, "connections": model.connections,
         "inputs": inputs, "outputs": model.outputs,
     }  # fmt: skip
+    return write_whole(path, content)
+
+
+def write_whole(path: Path, content: Any) -> Path:
+    """Write JSON in one move and return the path: a reader, or a program that is interrupted, never has half a file."""
     text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
     handle, draft = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
             stream.write(text + "\n")
         os.chmod(draft, 0o644)
-        os.replace(draft, path)  # a reader never sees half a file
+        os.replace(draft, path)
     finally:
         Path(draft).unlink(missing_ok=True)
     return path

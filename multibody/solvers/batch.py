@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -32,19 +30,9 @@ __all__ = ["Run", "batch"]
 AHEAD = 4  # groups of runs that wait or are worked on, for each thread
 GROUP_SECONDS, MOST_RUNS, MOST_BYTES = 4e-3, 16, 1 << 22  # of one group
 MOST_STEPS = 1 << 22
-ROOMS = 32  # results whose memory is looked at for another use
 SUCCESS = "The solver successfully reached the end of the integration interval."
 
 
-def _alone() -> int:
-    """Return what the interpreter counts for an array that only a deque holds, asked as in `_Group._room`."""
-    rooms = deque([np.empty(1)])
-    for room in rooms:
-        return sys.getrefcount(room)
-    return 0
-
-
-_ALONE = _alone()
 _Item = tuple[int, NativeProblem, Any]
 
 
@@ -94,8 +82,6 @@ class _Group:
         known = {"method", "t_span", "t_eval", "rtol", "atol", "max_step", "first_step", "stiff_problem"}
         self.usable = method in (Automatic, DormandPrince54) and times is not None and options.keys() <= known
         self.watches = method is Automatic
-        self._rooms: deque[np.ndarray] = deque(maxlen=ROOMS)
-        self._lock = threading.Lock()
         if not self.usable:
             return
         self.times = np.ascontiguousarray(times, dtype=np.float64)
@@ -132,7 +118,7 @@ class _Group:
         fields = [solver.field, *(item[1].field(solver.tolerance) for item in items[1:])]
         y = np.array([item[2] for item in items], dtype=np.float64)
         clock, tally = np.tile(solver._clock, (runs, 1)), np.tile(solver._tally, (runs, 1))
-        states = self._room((runs, times.size, n))
+        states = np.empty((runs, times.size, n))
         begun = int(np.searchsorted(times, self.start, side="right"))
         states[:, :begun] = y[:, None]
         tally[:, SAMPLE], tally[:, WANTED] = begun, MOST_STEPS
@@ -145,20 +131,6 @@ class _Group:
             for r, item in enumerate(items)
             if good[r]
         }
-
-
-    def _room(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Return memory for results: that of results which nobody holds any more, where there is some.
-
-        New memory costs a twentieth of the time of a trip, page by page.
-        """
-        with self._lock:
-            for room in self._rooms:
-                # held by the deque and what asks here alone: by no result, nor by a view of one
-                if room.shape == shape and sys.getrefcount(room) == _ALONE:
-                    return room
-            self._rooms.append(np.empty(shape))
-            return self._rooms[-1]
 
 
 def _never(t: float, y: np.ndarray) -> np.ndarray:

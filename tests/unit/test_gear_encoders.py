@@ -55,7 +55,7 @@ def test_the_model_starts_where_the_recordings_do(folder) -> None:
     model, true = build(), GearRig(seed=3).true_values()
     run = model.build(outputs=["transmission_error"]).simulate(
         (0.0, float(times[-1])), inputs={"speed": 600.0 * np.pi / 30.0, "torque": 120.0}, times=times,
-        parameters={"mesh.K": true["K"], "mesh.C_D": true["C_D"], "mesh.e": true["e_F"]}, rtol=1e-5)  # fmt: skip
+        parameters={"mesh.K": true["K"], "mesh.C_D": true["C_D"], "mesh.e": true["e_F"]}, rtol=1e-6)  # fmt: skip
     mine = 1e6 * np.asarray(run["transmission_error"])
     late = times > 0.02
     period = round(rig_encoders.RATE / (10.0 * 32))  # samples of one tooth: ten turns a second, 32 teeth
@@ -63,4 +63,4 @@ def test_the_model_starts_where_the_recordings_do(folder) -> None:
     lags = np.arange(-period // 2, period // 2 + 1)
     last = seen.size - period
     along = [np.corrcoef(seen[first - k : last - k], mine[first:last])[0, 1] for k in lags]
-    assert abs(lags[int(np.argmax(along))]) < 0.1 * period
+    assert lags[int(np.argmax(along))] == 0  # to a sample, a sixth of a tooth
