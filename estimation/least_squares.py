@@ -117,8 +117,8 @@ def solve(
                 message = "the gradient vanishes"
                 break
             trial, predicted = _step(x, normal, gradient, free, damping, low, high)
-            change = trial - x
-            if np.linalg.norm(change) <= tolerance * 1e-2 * (np.linalg.norm(x) + 1e-300) or predicted <= 0:
+            change, size = trial - x, np.sqrt(np.diag(normal))  # by what each unknown moves: their units differ
+            if np.linalg.norm(size * change) <= tolerance * 1e-2 * np.linalg.norm(size * x) or predicted <= 0:
                 break
             if predicted < tolerance * current:
                 message = "the error hardly falls any more"

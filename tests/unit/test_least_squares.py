@@ -79,3 +79,21 @@ def test_a_failed_simulation_is_a_bad_step_and_not_the_end():
 def test_without_confirmation_it_still_ends_near_the_minimum():
     mine, theirs = fitted(tolerance=1e-4, confirm=False)
     assert mine.cost <= theirs.cost * (1.0 + 2e-3)
+
+
+def test_a_large_unknown_at_its_bound_does_not_hold_up_a_small_one():
+    """Newtons at a bound and a micrometre that still has to move: steps are measured by what they change."""
+
+    def residuals(x):
+        return [1e5 * (x[1] - 4e-6) * np.ones(50) + 1e-6 * (x[0] - 1e5) * T[:50]]
+
+    def pieces(x):
+        yield Piece(np.column_stack([1e-6 * T[:50], np.full(50, 1e5)]), np.array([0, 1]), residuals(x)[0])
+
+    low, high = np.array([4e5, -1.0]), np.array([9e5, 1.0])
+    found = solve(residuals, pieces, np.array([4e5, 0.0]), low, high, tolerance=1e-4)
+    exact = least_squares(
+        lambda x: residuals(np.array([4e5, 1e-6 * x[0]]))[0], [0.0], x_scale=1.0, xtol=1e-14, ftol=1e-14
+    )
+    assert found.x[0] == 4e5
+    assert found.x[1] == pytest.approx(1e-6 * exact.x[0], rel=1e-3)
