@@ -15,7 +15,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402
 
 from gearbox.condition import OperatingCondition  # noqa: E402
-from gearbox.papers import _stage  # noqa: E402
+from gearbox.papers_chain import rig_vibration  # noqa: E402
 from gearbox.rig_texts import PARAMETERS  # noqa: E402
 from gearbox.updating_runs import ModelSource, Runs  # noqa: E402
 from gearbox.virtual import Settings  # noqa: E402
@@ -33,7 +33,7 @@ def main() -> None:
     base = OperatingCondition(1000.0, 150.0)
     rows = latin_hypercube(space, given.count, seed=1).points
     wanted = [(dict(zip(space.names, x, strict=True)), base) for x in rows.tolist()]
-    model = _stage(given.housing)
+    model = rig_vibration(given.housing)
     begun = time.perf_counter()
     model(wanted[0][0], base, 0.05)
     print(f"first run, compiled code read or made: {time.perf_counter() - begun:.1f} s")
@@ -45,7 +45,7 @@ def main() -> None:
     print(
         f"processor time of a run (0.3 s to settle and 45 ms): {np.mean(cpu):.2f} s mean, {np.max(cpu):.2f} s at most"
     )
-    with Runs(ModelSource(_stage, given.housing, "bench"), Settings(32), processes=given.processes) as runs:
+    with Runs(ModelSource(rig_vibration, given.housing, "bench"), Settings(32), processes=given.processes) as runs:
         begun = time.perf_counter()
         runs.many(wanted)
         wall = time.perf_counter() - begun

@@ -21,7 +21,9 @@ __all__ = ["AGREES", "DIFFERS", "UNCHECKED", "Chapter", "Row", "compared", "main
 
 AGREES, DIFFERS, UNCHECKED = "agrees", "differs", "cannot be checked"
 #: Where other packages' chapters come from: each has a function ``chapters(progress)``.
+#: Those that simulate for long take a folder as well, in which simulations are kept.
 CHAPTERS = {"lift": "vtsdt.papers_lift", "gearbox": "gearbox.papers"}
+KEEPING = ("gearbox",)
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,9 @@ def compared(
     return Row(what, *shown, DIFFERS, why or "the reason is not known")
 
 
-def validate(progress: Callable[[str], None] | None = None, only: str | None = None) -> dict[str, list[Chapter]]:
+def validate(
+    progress: Callable[[str], None] | None = None, only: str | None = None, folder: Path | None = None
+) -> dict[str, list[Chapter]]:
     """Make every table and figure again and return the chapters by machine.
 
     Parameters
@@ -124,6 +128,8 @@ def validate(progress: Callable[[str], None] | None = None, only: str | None = N
         Gets a line of text for each step.
     only : {"lift", "gearbox"}, optional
         One paper alone.
+    folder : Path, optional
+        Keeps the simulations, so that what was broken off goes on where it stopped.
     """
     told = progress or (lambda text: None)
     found: dict[str, list[Chapter]] = {}
@@ -131,7 +137,8 @@ def validate(progress: Callable[[str], None] | None = None, only: str | None = N
         package = name.partition(".")[0]
         there = importlib.util.find_spec(package) is not None and importlib.util.find_spec(name) is not None
         if there and only in (None, machine):
-            found[machine] = list(importlib.import_module(name).chapters(told))
+            kept = (folder,) if machine in KEEPING else ()
+            found[machine] = list(importlib.import_module(name).chapters(told, *kept))
     return found
 
 
@@ -235,7 +242,7 @@ def main(arguments: Sequence[str]) -> int:
     if out.is_file():
         raise CommandError(f"--out {args.out}: is a file: name a folder to write into")
     with Progress(args.quiet) as progress:
-        found = validate(progress, args.only)
+        found = validate(progress, args.only, out / "simulations")
         chapters = [c for part in found.values() for c in part]
         page = write(out, chapters)
         for machine, part in found.items():

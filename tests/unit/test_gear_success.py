@@ -1,0 +1,86 @@
+"""Counts of the updating chain's success, and directions lost, on the analytic stand-in of a gear stage."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from gear_stand_in import RANGES, START, TEETH, measured, stand_in
+
+from gearbox import papers_chain
+from gearbox.condition import OperatingCondition
+from gearbox.papers_rows import AGREES, UNCHECKED
+from gearbox.recordings import Recording
+from gearbox.updating_chain import UpdatingChain
+from gearbox.updating_runs import Runs
+from gearbox.updating_settings import UpdatingSettings
+from gearbox.virtual import Settings
+from surrogate import DesignSpace
+
+SPACE = DesignSpace.from_mapping(RANGES)
+TRUTH = {**START, "K": 6.44e5, "C_D": 303.0, "e_F": 2.27}
+LOADS = [(1000.0, 150.0), (1000.0, 75.0), (1000.0, 220.0), (1006.0, 50.0), (1005.0, 75.0), (1003.0, 100.0)]
+
+
+def recordings(sidebands: float) -> list[Recording]:
+    found = []
+    for i, (speed, torque) in enumerate(LOADS):
+        _, signals = measured(TRUTH, OperatingCondition(speed, torque), noise=0.1, sidebands=sidebands, seed=i)
+        found.append(Recording(OperatingCondition(speed, torque, f"recording {i}"), signals))
+    return found
+
+
+@pytest.fixture
+def stand_in_chain(monkeypatch):
+    """The chapter with the stand-in in the place of the stage."""
+
+    def chain(housing, made, progress, store=None, *, used=1, **changes):
+        swarm = {"population": 20, "iterations": 40}
+        given = {**changes, "sensors": ("seat", "base"), "options": swarm}
+        return UpdatingChain(
+            UpdatingSettings(SPACE, START, "seat", TEETH, **given),
+            Runs(stand_in, Settings(TEETH)),
+            made[:used],
+            made[used:],
+        )
+
+    monkeypatch.setattr(papers_chain, "chain_on_rig", chain)
+    monkeypatch.setattr(papers_chain, "rig_recordings", lambda *a, **o: recordings(0.6))
+    monkeypatch.setattr(papers_chain, "true_values", lambda: {n: TRUTH[n] for n in ("K", "C_D", "e_F")})
+    for name in ("DESIGNS", "MADE_DESIGNS", "LINES_DESIGNS"):
+        monkeypatch.setattr(papers_chain, name, range(1))
+    quick = {"points": (25,), "test": 4, "levels": 3, "identify": False}
+    monkeypatch.setattr(papers_chain, "ONE_DESIGN", quick)
+
+
+@pytest.mark.slow
+def test_the_chapter_counts_what_the_chains_did(stand_in_chain) -> None:
+    chapter = papers_chain.success_chapter(lambda text: None, recordings(0.0))
+    rows = {r.what: r for r in chapter.rows}
+    rose = rows["truth inside the model: optimum of the surface, simulated, above the start"]
+    assert rose.ours.startswith("1 of 1")
+    assert rose.verdict != AGREES  # nine are asked, and there is one
+    assert rows["errors of manufacturing, similarity: what was taken"].verdict == UNCHECKED
+    lost = [r for r in chapter.rows if r.what.startswith("directions of K, C_D, e_F")]
+    assert len(lost) == 4
+    # two lines of one sensor, less a lag and a gain, cannot fix three parameters; amplitudes over loads tell more
+    assert lost[0].ours != "none"
+    assert lost[1].ours.count(";") <= lost[0].ours.count(";")
+
+
+def test_success_is_counted_against_start_and_limit() -> None:
+    found = papers_chain.Success(
+        0.6, (0.7, 0.59, 0.9), (1.1, 0.8, 0.9), (0.7, 0.65, 0.9), ((0.8, 0.71), (0.69, 0.9), (0.75, 0.75)), (0.5, 0.5),
+        (1.0, 1.0))  # fmt: skip
+    assert (found.designs, found.rises, found.above) == (3, 2, 2)
+    told = {r.what: r.ours for r in papers_chain._rows("x", found, asked=9)}
+    assert told["x: above 0.7 at conditions 1, 2 and 3"].startswith("2 of 3: 0.690 to 0.800 (before 0.500")
+
+
+def test_recordings_of_one_load_are_the_base_and_the_three_conditions() -> None:
+    assert papers_chain.one_load(list("abcdef")) == list("adef")
+    assert SPACE.names[:3] == papers_chain.TABLE_4
