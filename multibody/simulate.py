@@ -241,7 +241,7 @@ def _run(
         from multibody.solvers.automatic import in_words
 
         cls = getattr(solvers, name)
-        problem = native_problem(system, p, table, tangent=name == "Rodas5P")
+        problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"))
         history: list[tuple[float, str]] = []
         if name == "Automatic":
             options |= {
