@@ -11,9 +11,9 @@ import ast
 from collections.abc import Iterable
 from functools import lru_cache
 
-from multibody.native import TANGENT_ARRAYS, NativeFunction, compile_text, compiling
+from multibody.native import TANGENT_ARRAYS, NativeFunction, compile_text, compiling, jit_enabled
 
-__all__ = ["along_directions", "widened"]
+__all__ = ["along_directions", "along_states", "widened"]
 
 _HEADER = "import math\n\nindependent = range  # turns do not depend on each other\n\n"
 _SUFFIX, _LANE = "_tangent", "lane"
@@ -42,6 +42,11 @@ def along_directions(tangent: NativeFunction, count: int) -> NativeFunction | No
     """
     text, stem = tangent.origin
     return _made(text, stem, tangent.name, count) if tangent.compiled and text else None
+
+
+def along_states(text: str, count: int) -> NativeFunction | None:
+    """Return ``rhs_columns`` of a system's texts along several directions at once, as `along_directions` does."""
+    return _made(text, "rhs_columns", "rhs_columns", count) if jit_enabled() else None
 
 
 @lru_cache(maxsize=64)
@@ -85,7 +90,7 @@ def _parted(function: ast.FunctionDef, count: int) -> tuple[list[ast.stmt], list
     directions, out = [a.arg for a in function.args.args][-4:-1], function.args.args[-1].arg
     lanes = _Lanes({*directions, out}, count)
     moving: set[str] = set(directions)
-    assigned: set[str] = set()
+    versions = _Versions()
     before: list[ast.stmt] = []
     inside: list[ast.stmt] = []
     for node in function.body:
@@ -93,11 +98,9 @@ def _parted(function: ast.FunctionDef, count: int) -> tuple[list[ast.stmt], list
             continue
         if not isinstance(node, ast.Assign) or len(node.targets) != 1:
             raise _Outside
+        node = versions.visit(node)
         (target,) = node.targets
-        names = {n.id for n in ast.walk(target) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
-        if names & assigned:  # a later value of the same name would be taken for the earlier one
-            raise _Outside
-        assigned |= names
+        names = _stored(target)
         kernel = _kernel(node)
         if kernel is not None and not _reads(kernel[0].value, moving):
             values, rest, touched = kernel
@@ -110,6 +113,10 @@ def _parted(function: ast.FunctionDef, count: int) -> tuple[list[ast.stmt], list
         else:
             before.append(node)
     return before, inside
+
+
+def _stored(target: ast.expr) -> set[str]:
+    return {n.id for n in ast.walk(target) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
 
 
 def _reads(node: ast.expr, names: Iterable[str]) -> bool:
@@ -134,6 +141,25 @@ def _kernel(node: ast.Assign) -> tuple[ast.Assign, ast.Assign, set[str]] | None:
     left: list[ast.expr] = [ast.Name(f"_again_{n}", ast.Store()) for n in names[:half]]
     left += [ast.Name(n, ast.Store()) for n in names[half:]]
     return first, ast.Assign([ast.Tuple(left, ast.Store())], call), set(names[half:])
+
+
+class _Versions(ast.NodeTransformer):
+    """Names that are assigned anew get another name: a later value must not be taken for the earlier one."""
+
+    def __init__(self) -> None:
+        self.seen: dict[str, int] = {}
+
+    def visit_Assign(self, node: ast.Assign) -> ast.Assign:
+        """Rename what is read first, and then what is written."""
+        value = self.visit(node.value)
+        for name in {n for t in node.targets for n in _stored(t)}:
+            self.seen[name] = self.seen.get(name, 0) + 1
+        return ast.Assign([self.visit(t) for t in node.targets], value)
+
+    def visit_Name(self, node: ast.Name) -> ast.Name:
+        """Return the name of the last value."""
+        count = self.seen.get(node.id, 1)
+        return node if count == 1 else ast.Name(f"{node.id}__{count}", node.ctx)
 
 
 class _Lanes(ast.NodeTransformer):

@@ -207,6 +207,7 @@ def native_problem(
         table=table,
         n=len(system.states),
         tangent=system.rhs_tangent if wants_tangent else None,
+        columns=system.rhs_columns if tangent else None,
         directions=directions,
         colours=system.colours if wants_tangent else None,
         pattern=system.sparsity if wants_tangent else None,

@@ -220,6 +220,18 @@ class System:
         return self._native("rhs_tangent")
 
     @cached_property
+    def rhs_columns(self) -> NativeFunction | None:
+        """All columns of the rates' Jacobian by the states in one pass, or None where the text cannot be parted.
+
+        As `multibody.directions.along_directions`, with as many directions as there are `colours`, rounded up to a
+        multiple of four; ``u_dot`` and ``p_dot`` are not read.
+        """
+        from multibody.directions import along_states
+
+        count = int(self.colours.max(initial=0)) + 1
+        return along_states(self.texts["rhs_columns"], -(-count // 4) * 4) if self.compiled else None
+
+    @cached_property
     def outputs_tangent(self) -> NativeFunction:
         """Directional derivative of the outputs as a native function."""
         return self._native("outputs_tangent")

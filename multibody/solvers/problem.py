@@ -48,6 +48,16 @@ def _owners(n: int, colours: bytes, pattern: bytes) -> np.ndarray:
     return owner
 
 
+@lru_cache(maxsize=256)
+def _seeds(n: int, colours: bytes, pattern: bytes) -> np.ndarray:
+    """Return the states that each colour moves as directions side by side, to a multiple of four."""
+    owner = _owners(n, colours, pattern)
+    seeds = np.zeros((n, -(-len(owner) // 4) * 4))
+    for colour, row in enumerate(owner):
+        seeds[row[row >= 0], colour] = 1.0
+    return seeds
+
+
 @dataclass(frozen=True, eq=False)
 class Directions:
     """Directions in initial state, parameters and inputs along which the solution is differentiated.
@@ -135,6 +145,8 @@ class NativeProblem:
         Entries of the Jacobian that can differ from zero; needed where two columns share a colour.
     state_names : sequence of str, optional
         For messages.
+    columns : NativeFunction, optional
+        All columns of the Jacobian in one pass (`System.rhs_columns`), in place of one derivative for every colour.
 
     Raises
     ------
@@ -151,6 +163,7 @@ class NativeProblem:
     colours: np.ndarray | None = None
     pattern: np.ndarray | None = None
     state_names: Sequence[str] = ()
+    columns: NativeFunction | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p", np.array(self.p, dtype=np.float64, ndmin=1, order="C"))
@@ -251,7 +264,10 @@ class NativeProblem:
             }
             directions["weight"] = weight
             table = self._with_breaks(d, own)
-        return Field(self.rhs.address, tangent, self.n, self.p, table, directions)
+        columns, seeds = 0, None
+        if self.columns is not None and self.colours is not None:
+            columns, seeds = self.columns.address, _seeds(*self._structure())
+        return Field(self.rhs.address, tangent, self.n, self.p, table, directions, columns, seeds)
 
     def _with_breaks(self, directions: Directions, own: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The table of inputs, where steps end at the breaks of the inputs' tangents as well."""
@@ -282,7 +298,7 @@ class NativeProblem:
         time, state, rates, columns = np.empty(1), np.empty(self.size), np.empty(self.size), np.empty((n, n))
         work = np.zeros(2 * n + max(self.table.n_inputs, self.p.size, 1))
         owner = np.ascontiguousarray(self.owners(), dtype=np.int64)
-        driver = load_driver("multibody.solvers.kernels.rodas")
+        driver = load_driver("multibody.solvers.kernels.jacobian")
         evaluate = driver.jacobian_at.bound(field.numbers, time, state, rates, owner, work, columns)
 
         def jac(t: float, x: np.ndarray, _owner: Any = field) -> np.ndarray:

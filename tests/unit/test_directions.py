@@ -36,7 +36,6 @@ def test_all_directions_at_once_are_each_of_them(cabin, of):
 def test_texts_that_cannot_be_parted_stay_as_they_are():
     head = "def f(t, x, u, p, x_dot, u_dot, p_dot, out):\n"
     for body in (
-        "    a = x[0]\n    a = 2.0 * a\n    out[0] = a * x_dot[0]",  # a name with two values
         "    for i in range(2):\n        out[i] = x_dot[i]",
         "    out[0] = g(p_dot, 1)",  # the whole array of directions handed on
     ):

@@ -27,7 +27,9 @@ P_DOT, CHANNEL, WEIGHT, SHAPE_T, SHAPE, SHAPE_CURSOR = range(24, 30)
 BREAKS, JUMPS, BREAK_START, BREAK_DELAY, BREAK_CURSOR = range(30, 35)
 # and the interval within which rates of inputs are looked up, with the time of the inputs that u holds.
 WINDOW = 35
-SIZE = 36
+# For the Jacobian in one pass: address and directions of the function, its directions, and room for its result.
+COLUMNS, LANES, SEEDS, PASSED = range(36, 40)
+SIZE = 40
 
 _TABLE = {
     "times": TIMES,
@@ -77,6 +79,10 @@ class Field:
         breaks and jumps (nb,), break_start (groups + 1,), break_delay (groups,).
     directions : dict of ndarray, optional
         p_dot (m, n_p), channel (m,), weight (m, n_u), shape_t (ns,), shape (ns, m).
+    columns : int
+        Address of the function that gives all columns of the Jacobian in one pass; 0 for none.
+    seeds : ndarray, shape (n, lanes), optional
+        Its directions.
 
     Attributes
     ----------
@@ -94,6 +100,8 @@ class Field:
         p: np.ndarray,
         table: dict[str, np.ndarray],
         directions: dict[str, np.ndarray] | None = None,
+        columns: int = 0,
+        seeds: np.ndarray | None = None,
     ) -> None:
         self.numbers = _numbers_of(table).copy()
         n_u, groups = table["values"].shape[1], table["break_delay"].size
@@ -119,6 +127,10 @@ class Field:
             counts + 8 * n_u,
             counts + 8 * (n_u + 1),
         )
+        if columns and seeds is not None:
+            passed = np.empty(seeds.shape)
+            self._owned += (seeds, passed)
+            self.numbers[COLUMNS : PASSED + 1] = columns, seeds.shape[1], address_of(seeds), address_of(passed)
         if directions is not None:
             for name, index in _DIRECTIONS.items():
                 self.numbers[index] = address_of(directions[name])

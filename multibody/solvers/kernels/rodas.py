@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import math
 
-from multibody.solvers.kernels.bundle import N_MOVING, TANGENT, M, N, P, U
-from multibody.solvers.kernels.calls import call_tangent, entry, floats, fused, independent, inner, pointer, shift
-from multibody.solvers.kernels.field import evaluate, evaluate_state, hold_at, look_up, tangents
+from multibody.solvers.kernels.bundle import N_MOVING, M, N
+from multibody.solvers.kernels.calls import entry, fused, independent, inner, pointer, shift
+from multibody.solvers.kernels.field import evaluate, evaluate_state, look_up, tangents
+from multibody.solvers.kernels.jacobian import jacobian
 from multibody.solvers.kernels.rodas_tableau import GAMMA, NODES, TIME, A, C, H
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
@@ -49,25 +50,6 @@ from multibody.solvers.kernels.stepping import (
 )
 
 INSIDE = 0.75  # share of a step at which the interpolant is tried
-
-
-@inner
-def jacobian(t, x, c, owner, colours, seed, column, zero, matrix):
-    """Write the Jacobian by columns; ``owner`` gives for each colour and row the column of the entry."""
-    n = c[N]
-    for i in independent(n * n):
-        matrix[i] = 0.0
-    for colour in range(colours):
-        row = shift(owner, colour * n)
-        for i in range(n):
-            seed[i] = 0.0
-        for i in range(n):
-            if row[i] >= 0:
-                seed[row[i]] = 1.0
-        call_tangent(c[TANGENT], t, x, floats(c[U]), floats(c[P]), seed, zero, zero, column)
-        for i in range(n):
-            if row[i] >= 0:
-                matrix[row[i] * n + i] = column[i]
 
 
 @fused
@@ -386,14 +368,3 @@ def advance(
         remember_step(ticks, counts, spans)
         for i in range(size):
             state[i] = space[i]
-
-
-@entry
-def jacobian_at(numbers, time, y, rates, owner, work, matrix):
-    """Write the Jacobian of x at time[0] into matrix, by columns; for SciPy's own methods."""
-    c = pointer(numbers)
-    hold_at(time[0], c)
-    evaluate(time[0], pointer(y), pointer(rates), c)
-    n, seed = c[N], pointer(work)
-    column, zero = shift(seed, n), shift(seed, 2 * n)
-    jacobian(time[0], pointer(y), c, pointer(owner), owner.shape[0], seed, column, zero, pointer(matrix))
