@@ -15,6 +15,7 @@ import numpy as np
 
 from estimation.record import Record
 from estimation.signals import Preparation
+from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from multibody.inputs import InputTable
@@ -221,7 +222,7 @@ class Experiment:
         batch : int
             Directions integrated together; limits memory.
         workers : int
-            Threads among which the directions are divided; the compiled loops leave the interpreter free.
+            Threads among which the directions are divided.
 
         Returns
         -------
@@ -233,7 +234,15 @@ class Experiment:
         x0 = self.start_vector(system) if x0 is None else x0
         if not parameters and not states and worth_it(system, pushes):
             carried = response_of(self, system, p, x0, pushes)
-            return self._prepared(carried.outputs, carried(pushes), sensors, [], [])
+
+            def answer(some: Sequence[Push]) -> Response:
+                return self._prepared(carried.outputs, carried(some), sensors, [], [])
+
+            shares = side_by_side(answer, [pushes[k::workers] for k in range(workers)])
+            derivatives = np.empty((*shares[0].outputs.shape, len(pushes)))
+            for k, share in enumerate(shares):
+                derivatives[:, :, k::workers] = share.derivatives
+            return Response(shares[0].outputs, derivatives)
         physical = [n for n in parameters if not n.startswith("sensor.")]
         total = len(physical) + len(states) + len(pushes)
         pick = np.array([system.index("output", n) for n in self.outputs])
@@ -244,15 +253,8 @@ class Experiment:
             directions = self._directions(system, physical, states, pushes, slice(first, min(first + batch, total)))
             return _integrate(system, self, p, x0, directions, pick)
 
-        firsts = range(0, max(total, 1), batch)
-        if workers > 1 and len(firsts) > 1:
-            from concurrent.futures import ThreadPoolExecutor
-
-            self.table(system)  # made once, before the threads ask for it
-            with ThreadPoolExecutor(workers) as pool:
-                parts = list(pool.map(part, firsts))
-        else:
-            parts = [part(first) for first in firsts]
+        self.table(system)  # made once, before the threads ask for it
+        parts = side_by_side(part, range(0, max(total, 1), batch), most=workers)
         dy = np.concatenate([d for _, d, _ in parts], axis=2)
         found = self._prepared(parts[0][0], dy, sensors, parameters, physical)
         return replace(found, evaluations=parts[0][2])

@@ -237,7 +237,7 @@ class NativeProblem:
 
         With a relative tolerance steps may pass over the kinks of finely sampled inputs (see `InputTable.kernel_for`).
         """
-        from multibody.solvers.kernels.bundle import Field
+        from multibody.solvers.kernels.bundle import FADING, Field
 
         tangent = 0 if self.tangent is None else self.tangent.address
         own = self.table.kernel_for(tolerance) if tolerance > 0.0 else self.table.kernel
@@ -250,6 +250,8 @@ class NativeProblem:
                 name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")
             }
             directions["weight"] = weight
+            fading = (d.channel < 0) & ~np.any(d.p_dot, axis=1)
+            directions["channel"] = np.where(fading, FADING, d.channel)
             table = self._with_breaks(d, own)
         return Field(self.rhs.address, tangent, self.n, self.p, table, directions)
 

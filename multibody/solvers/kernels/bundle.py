@@ -8,9 +8,10 @@ import numpy as np
 
 from multibody.compiler.kinds import address_of
 
-__all__ = ["CUBIC", "HOLD", "LINEAR", "Field"]
+__all__ = ["CUBIC", "FADING", "HOLD", "LINEAR", "Field"]
 
 HOLD, LINEAR, CUBIC = 0, 1, 2
+FADING = -2  # the channel of a direction that only begins: once it has died away, its rates are zero
 
 # Indices into the vector.  First numbers: addresses of rhs and rhs_tangent, states, directions, inputs,
 # parameters, rows of the table, columns that jump, columns that move, rows of the direction table, whether a

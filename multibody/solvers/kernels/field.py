@@ -16,6 +16,7 @@ from multibody.solvers.kernels.bundle import (
     CURSOR,
     DELAYED,
     DELAYS,
+    FADING,
     HELD,
     KINDS,
     LINEAR,
@@ -214,14 +215,28 @@ def input_tangent(t, k, c):
 
 
 @inner
+def is_zero(column, n):
+    """Tell whether a column is zero throughout."""
+    largest = 0.0
+    for i in range(n):
+        largest = max(largest, abs(column[i]))
+    return largest == 0.0
+
+
+@inner
 def tangents(t, y, dy, c):
     """Write the derivative of every direction's column of y into dy; u must be that of time t."""
     if c[DELAYED]:
         look_up_rates(t, c)
     u, p, p_dot, u_dot = floats(c[U]), floats(c[P]), floats(c[P_DOT]), floats(c[U_DOT])
+    channel = ints(c[CHANNEL])
     for k in range(c[M]):
-        input_tangent(t, k, c)
         a = c[N] * (k + 1)
+        if channel[k] == FADING and is_zero(shift(y, a), c[N]):
+            for i in range(a, a + c[N]):
+                dy[i] = 0.0
+            continue
+        input_tangent(t, k, c)
         call_tangent(c[TANGENT], t, y, u, p, shift(y, a), u_dot, shift(p_dot, k * c[N_P]), shift(dy, a))
 
 
