@@ -48,6 +48,9 @@ def _owners(n: int, colours: bytes, pattern: bytes) -> np.ndarray:
     return owner
 
 
+FEW_LANES, MANY_LANES = 4, 8  # directions that go through the equations at once
+
+
 @dataclass(frozen=True, eq=False)
 class Directions:
     """Directions in initial state, parameters and inputs along which the solution is differentiated.
@@ -253,7 +256,18 @@ class NativeProblem:
             fading = (d.channel < 0) & ~np.any(d.p_dot, axis=1)
             directions["channel"] = np.where(fading, FADING, d.channel)
             table = self._with_breaks(d, own)
-        return Field(self.rhs.address, tangent, self.n, self.p, table, directions)
+        return Field(self.rhs.address, tangent, self.n, self.p, table, directions, self._wide())
+
+    def _wide(self) -> tuple[int, int]:
+        """Return the address of a tangent for several directions at once, and for how many; zeros for none."""
+        m = self.n_directions
+        if self.tangent is None or m < 2:
+            return 0, 0
+        from multibody.directions import along_directions
+
+        lanes = FEW_LANES if m <= FEW_LANES else MANY_LANES
+        wide = along_directions(self.tangent, lanes)
+        return (0, 0) if wide is None else (wide.address, lanes)
 
     def _with_breaks(self, directions: Directions, own: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The table of inputs, where steps end at the breaks of the inputs' tangents as well."""
