@@ -15,6 +15,7 @@ import numpy as np
 
 from estimation.record import Record
 from estimation.signals import Preparation
+from multibody.along import observe_along
 from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
@@ -309,7 +310,6 @@ def _integrate(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Return outputs (nt, n_channels), their derivatives (nt, n_channels, m) on the record's grid, and evaluations."""
     from multibody.errors import SimulationError
-    from multibody.native import load_driver
     from multibody.simulate import native_problem
     from multibody.solvers import Samples, integrate
 
@@ -328,7 +328,6 @@ def _integrate(
             delays[:, system.index("input", name)] = -directions.p_dot[:, k]
         given = directions.shape
         shape = given if given is not None and len(given) == time.size else np.zeros((time.size, m))
-    along = load_driver("multibody.solvers.kernels.along")
 
     def receive(first: int, times: np.ndarray, states: np.ndarray) -> None:
         rows = slice(first, first + times.size)
@@ -338,14 +337,10 @@ def _integrate(
             step = max(1, 4_000_000 // max(m * n_y, 1))
             for a in range(0, times.size, step):
                 b = min(a + step, times.size)
-                out = np.empty((b - a, m, n_y))
                 part = slice(first + a, first + b)
-                along.observe_along(
-                    system.outputs_tangent.address, np.require(times[a:b], float, ["C", "W"]),
-                    np.ascontiguousarray(states[a:b]),
-                    inputs[part], rates[part], p, directions.p_dot, np.ascontiguousarray(shape[part]),
-                    directions.channel, delays, np.empty(inputs.shape[1]), out)
-                dy[part] = out[:, :, pick].transpose(0, 2, 1)
+                dy[part] = observe_along(
+                    system, times[a:b], states[a:b], inputs[part], p, directions, rates[part], delays, shape[part]
+                )[:, pick]
 
     if n == 0:  # the motion is given: nothing to integrate
         receive(0, time, np.zeros((time.size, 0)))

@@ -12,7 +12,9 @@ from functools import lru_cache
 from multibody.compiler.kinds import Outside
 from multibody.native import TANGENT_ARRAYS, NativeFunction, compile_text, compiling
 
-__all__ = ["along_directions"]
+__all__ = ["FEW_LANES", "MANY_LANES", "along_directions"]
+
+FEW_LANES, MANY_LANES = 4, 8  # directions at once: one vector register or two of the common kind
 
 
 def along_directions(tangent: NativeFunction, count: int) -> NativeFunction | None:

@@ -48,9 +48,6 @@ def _owners(n: int, colours: bytes, pattern: bytes) -> np.ndarray:
     return owner
 
 
-FEW_LANES, MANY_LANES = 4, 8  # directions that go through the equations at once
-
-
 @dataclass(frozen=True, eq=False)
 class Directions:
     """Directions in initial state, parameters and inputs along which the solution is differentiated.
@@ -263,7 +260,7 @@ class NativeProblem:
         m = self.n_directions
         if self.tangent is None or m < 2:
             return 0, 0
-        from multibody.directions import along_directions
+        from multibody.directions import FEW_LANES, MANY_LANES, along_directions
 
         lanes = FEW_LANES if m <= FEW_LANES else MANY_LANES
         wide = along_directions(self.tangent, lanes)
