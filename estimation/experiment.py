@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["Experiment", "Push", "Response", "SensorError"]
 
 FEW_DIRECTIONS = 6  # fewer are not worth a second thread, which must simulate the machine as well
+SIDE_BY_SIDE = 10_000  # samples × directions from which a tangent along many of them is worth being compiled
 SENSOR_KINDS = ("offset", "gain", "drift", "delay")
 
 
@@ -313,7 +314,8 @@ def _integrate(
 
     time = np.array(experiment.record.time)
     table = experiment.table(system)
-    problem = native_problem(system, p, table, directions)
+    wide = directions is not None and directions.count * time.size >= SIDE_BY_SIDE
+    problem = native_problem(system, p, table, directions, side_by_side=wide)
     inputs, n, m = table(time, p), len(system.states), problem.n_directions
     inputs = np.ascontiguousarray(inputs.reshape(time.size, -1))
     y = np.empty((time.size, pick.size))
@@ -351,7 +353,7 @@ def _integrate(
     solution = integrate(
         problem, (float(time[0]), float(time[-1])), x0, samples=Samples(time, receive), rtol=experiment.rtol,
         atol=experiment.rtol * 1e-3, max_step=np.inf, max_evaluations=experiment.max_evaluations,
-        stiff_problem=lambda: native_problem(system, p, table, directions, tangent=True))
+        stiff_problem=lambda: native_problem(system, p, table, directions, tangent=True, side_by_side=wide))
     if solution.status < 0 or not np.all(np.isfinite(y)):
         raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
     return y, dy, int(solution.nfev)

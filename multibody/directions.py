@@ -13,7 +13,9 @@ from functools import lru_cache
 
 from multibody.native import TANGENT_ARRAYS, NativeFunction, compile_text, compiling
 
-__all__ = ["along_directions", "widened"]
+__all__ = ["along_directions", "lanes_for", "widened"]
+
+LANES, MOST_LANES = 16, 48
 
 _HEADER = "import math\n\nindependent = range  # turns do not depend on each other\n\n"
 _SUFFIX, _LANE = "_tangent", "lane"
@@ -42,6 +44,23 @@ def along_directions(tangent: NativeFunction, count: int) -> NativeFunction | No
     """
     text, stem = tangent.origin
     return _made(text, stem, tangent.name, count) if tangent.compiled and text else None
+
+
+def lanes_for(count: int) -> int:
+    """Return how many directions at once serve a number of them well.
+
+    Few numbers of lanes keep the number of texts low that have to be compiled; many directions are worth one of
+    their own.
+
+    Examples
+    --------
+    >>> lanes_for(5), lanes_for(20), lanes_for(37), lanes_for(60)
+    (16, 16, 40, 32)
+    """
+    if count <= 2 * LANES:
+        return LANES
+    groups = -(-count // MOST_LANES)
+    return -(-count // (8 * groups)) * 8
 
 
 @lru_cache(maxsize=64)

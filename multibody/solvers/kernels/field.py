@@ -18,6 +18,7 @@ from multibody.solvers.kernels.bundle import (
     DELAYS,
     HELD,
     KINDS,
+    LANES,
     LINEAR,
     MOVING,
     N_GROUPS,
@@ -25,7 +26,10 @@ from multibody.solvers.kernels.bundle import (
     N_MOVING,
     N_P,
     N_U,
+    OUT_WIDE,
     P_DOT,
+    P_WIDE,
+    PUSHED,
     RATE,
     RHS,
     ROWS,
@@ -37,9 +41,12 @@ from multibody.solvers.kernels.bundle import (
     TANGENT,
     TIMES,
     U_DOT,
+    U_WIDE,
     VALUES,
     WEIGHT,
+    WIDE,
     WINDOW,
+    X_WIDE,
     M,
     N,
     P,
@@ -214,10 +221,39 @@ def input_tangent(t, k, c):
 
 
 @inner
+def tangents_side_by_side(t, y, dy, c):
+    """Do what `tangents` does for several directions at once, each in a lane of its own."""
+    n, n_u, lanes = c[N], c[N_U], c[LANES]
+    u, p, u_dot, p_dot = floats(c[U]), floats(c[P]), floats(c[U_DOT]), floats(c[P_WIDE])
+    x_wide, u_wide, out = floats(c[X_WIDE]), floats(c[U_WIDE]), floats(c[OUT_WIDE])
+    first = 0
+    while first < c[M]:
+        count = min(lanes, c[M] - first)
+        for k in range(count):
+            own = shift(y, n * (first + k + 1))
+            for i in range(n):
+                x_wide[i * lanes + k] = own[i]
+        if c[PUSHED] != 0:
+            for k in range(count):
+                input_tangent(t, first + k, c)
+                for i in range(n_u):
+                    u_wide[i * lanes + k] = u_dot[i]
+        call_tangent(c[WIDE], t, y, u, p, x_wide, u_wide, shift(p_dot, first * c[N_P]), out)
+        for k in range(count):
+            own = shift(dy, n * (first + k + 1))
+            for i in range(n):
+                own[i] = out[i * lanes + k]
+        first += lanes
+
+
+@inner
 def tangents(t, y, dy, c):
     """Write the derivative of every direction's column of y into dy; u must be that of time t."""
     if c[DELAYED]:
         look_up_rates(t, c)
+    if c[WIDE] != 0:
+        tangents_side_by_side(t, y, dy, c)
+        return
     u, p, p_dot, u_dot = floats(c[U]), floats(c[P]), floats(c[P_DOT]), floats(c[U_DOT])
     for k in range(c[M]):
         input_tangent(t, k, c)
