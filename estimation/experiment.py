@@ -15,6 +15,7 @@ import numpy as np
 
 from estimation.record import Record
 from estimation.signals import Preparation
+from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from multibody.inputs import InputTable
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["Experiment", "Push", "Response", "SensorError"]
 
 FEW_DIRECTIONS = 6  # fewer are not worth a second thread, which must simulate the machine as well
-SIDE_BY_SIDE = 10_000  # samples × directions from which a tangent along many of them is worth being compiled
+IN_LANES = 10_000  # samples × directions from which a tangent along many of them is worth being compiled
 SENSOR_KINDS = ("offset", "gain", "drift", "delay")
 
 
@@ -222,7 +223,7 @@ class Experiment:
         batch : int
             Directions integrated together; limits memory.
         workers : int
-            Threads among which the directions are divided; the compiled loops leave the interpreter free.
+            Threads among which the directions are divided.
 
         Returns
         -------
@@ -234,7 +235,15 @@ class Experiment:
         x0 = self.start_vector(system) if x0 is None else x0
         if not parameters and not states and worth_it(system, pushes):
             carried = response_of(self, system, p, x0, pushes)
-            return self._prepared(carried.outputs, carried(pushes), sensors, [], [])
+
+            def answer(some: Sequence[Push]) -> Response:
+                return self._prepared(carried.outputs, carried(some), sensors, [], [])
+
+            shares = side_by_side(answer, [pushes[k::workers] for k in range(workers)])
+            derivatives = np.empty((*shares[0].outputs.shape, len(pushes)))
+            for k, share in enumerate(shares):
+                derivatives[:, :, k::workers] = share.derivatives
+            return Response(shares[0].outputs, derivatives)
         physical = [n for n in parameters if not n.startswith("sensor.")]
         total = len(physical) + len(states) + len(pushes)
         pick = np.array([system.index("output", n) for n in self.outputs])
@@ -245,15 +254,8 @@ class Experiment:
             directions = self._directions(system, physical, states, pushes, slice(first, min(first + batch, total)))
             return _integrate(system, self, p, x0, directions, pick)
 
-        firsts = range(0, max(total, 1), batch)
-        if workers > 1 and len(firsts) > 1:
-            from concurrent.futures import ThreadPoolExecutor
-
-            self.table(system)  # made once, before the threads ask for it
-            with ThreadPoolExecutor(workers) as pool:
-                parts = list(pool.map(part, firsts))
-        else:
-            parts = [part(first) for first in firsts]
+        self.table(system)  # made once, before the threads ask for it
+        parts = side_by_side(part, range(0, max(total, 1), batch), most=workers)
         dy = np.concatenate([d for _, d, _ in parts], axis=2)
         found = self._prepared(parts[0][0], dy, sensors, parameters, physical)
         return replace(found, evaluations=parts[0][2])
@@ -314,8 +316,8 @@ def _integrate(
 
     time = np.array(experiment.record.time)
     table = experiment.table(system)
-    wide = directions is not None and directions.count * time.size >= SIDE_BY_SIDE
-    problem = native_problem(system, p, table, directions, side_by_side=wide)
+    wide = directions is not None and directions.count * time.size >= IN_LANES
+    problem = native_problem(system, p, table, directions, in_lanes=wide)
     inputs, n, m = table(time, p), len(system.states), problem.n_directions
     inputs = np.ascontiguousarray(inputs.reshape(time.size, -1))
     y = np.empty((time.size, pick.size))
@@ -353,7 +355,7 @@ def _integrate(
     solution = integrate(
         problem, (float(time[0]), float(time[-1])), x0, samples=Samples(time, receive), rtol=experiment.rtol,
         atol=experiment.rtol * 1e-3, max_step=np.inf, max_evaluations=experiment.max_evaluations,
-        stiff_problem=lambda: native_problem(system, p, table, directions, tangent=True, side_by_side=wide))
+        stiff_problem=lambda: native_problem(system, p, table, directions, tangent=True, in_lanes=wide))
     if solution.status < 0 or not np.all(np.isfinite(y)):
         raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
     return y, dy, int(solution.nfev)

@@ -75,7 +75,7 @@ class PushResponse:
 
         time = np.array(experiment.record.time)
         table = experiment.table(system)
-        problem = native_problem(system, p, table, tangent=True, side_by_side=True)
+        problem = native_problem(system, p, table, tangent=True, in_lanes=True)
         x = _states_at(time, experiment, system, problem, x0)
         inputs = np.ascontiguousarray(table(time, p).reshape(time.size, -1))
         a = system.jacobian_along("x", time, x, inputs, p)

@@ -196,7 +196,7 @@ def native_problem(
     directions: Directions | None = None,
     *,
     tangent: bool = False,
-    side_by_side: bool = False,
+    in_lanes: bool = False,
 ) -> NativeProblem:
     """Return the initial value problem of a system for the compiled solvers; see `NativeProblem`."""
     from multibody.solvers.problem import NativeProblem
@@ -212,7 +212,7 @@ def native_problem(
         colours=system.colours if wants_tangent else None,
         pattern=system.sparsity if wants_tangent else None,
         state_names=system.state_names,
-        side_by_side=side_by_side,
+        in_lanes=in_lanes,
     )
 
 

@@ -136,7 +136,7 @@ class NativeProblem:
         Entries of the Jacobian that can differ from zero; needed where two columns share a colour.
     state_names : sequence of str, optional
         For messages.
-    side_by_side : bool
+    in_lanes : bool
         Evaluate several directions at once where the text of the tangent allows it, which is compiled for that: many
         times faster, worth it for long records.
 
@@ -155,7 +155,7 @@ class NativeProblem:
     colours: np.ndarray | None = None
     pattern: np.ndarray | None = None
     state_names: Sequence[str] = ()
-    side_by_side: bool = False
+    in_lanes: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p", np.array(self.p, dtype=np.float64, ndmin=1, order="C"))
@@ -242,7 +242,7 @@ class NativeProblem:
 
         With a relative tolerance steps may pass over the kinks of finely sampled inputs (see `InputTable.kernel_for`).
         """
-        from multibody.solvers.kernels.bundle import Field
+        from multibody.solvers.kernels.bundle import FADING, Field
 
         tangent = 0 if self.tangent is None else self.tangent.address
         own = self.table.kernel_for(tolerance) if tolerance > 0.0 else self.table.kernel
@@ -255,12 +255,14 @@ class NativeProblem:
                 name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")
             }
             directions["weight"] = weight
+            fading = (d.channel < 0) & ~np.any(d.p_dot, axis=1)
+            directions["channel"] = np.where(fading, FADING, d.channel)
             table = self._with_breaks(d, own)
         return Field(self.rhs.address, tangent, self.n, self.p, table, directions, self._wide())
 
     def _wide(self) -> tuple[int, int] | None:
         """Return the address of the tangent along several directions at once, and their number; None without one."""
-        if not self.side_by_side or self.tangent is None or self.n_directions < FEW_LANES:
+        if not self.in_lanes or self.tangent is None or self.n_directions < FEW_LANES:
             return None
         from multibody.directions import along_directions, lanes_for
 

@@ -41,13 +41,13 @@ def problem(system, count: int, channel: int = -1):
 
 @pytest.mark.parametrize("count", [3, 15, 20, 37])
 @pytest.mark.parametrize("method", [Automatic, Rodas5P])
-def test_side_by_side_is_one_by_one(system, count, method):
+def test_directions_in_lanes_are_each_of_them(system, count, method):
     given = problem(system, count, system.index("input", "tau_L"))
     found = []
-    for side_by_side in (False, True):
+    for in_lanes in (False, True):
         samples = Samples(TIME)
-        whole = replace(given, side_by_side=side_by_side)
-        assert (whole._wide() is not None) == side_by_side
+        whole = replace(given, in_lanes=in_lanes)
+        assert (whole._wide() is not None) == in_lanes
         integrate(whole, (0.0, 0.3), system.start, samples=samples, method=method, rtol=1e-6, atol=1e-9)
         found.append(samples.states.copy())
     assert np.array_equal(*found)
@@ -56,7 +56,7 @@ def test_side_by_side_is_one_by_one(system, count, method):
 def test_transitions_are_the_same(system):
     states = np.tile(system.start, (TIME.size, 1))
     given = replace(problem(system, 3), directions=None)
-    found = [transitions(replace(given, side_by_side=s), TIME, states, [1], 2e-4) for s in (False, True)]
+    found = [transitions(replace(given, in_lanes=s), TIME, states, [1], 2e-4) for s in (False, True)]
     for one, other in zip(*found, strict=True):
         assert np.array_equal(one, other)
 

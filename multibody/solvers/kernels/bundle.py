@@ -8,9 +8,10 @@ import numpy as np
 
 from multibody.compiler.kinds import address_of
 
-__all__ = ["CUBIC", "HOLD", "LINEAR", "Field"]
+__all__ = ["CUBIC", "FADING", "HOLD", "LINEAR", "Field"]
 
 HOLD, LINEAR, CUBIC = 0, 1, 2
+FADING = -2  # the channel of a direction that only begins: once it has died away, its rates are zero
 
 # Indices into the vector.  First numbers: addresses of rhs and rhs_tangent, states, directions, inputs,
 # parameters, rows of the table, columns that jump, columns that move, rows of the direction table, whether a
@@ -47,7 +48,7 @@ _TABLE = {
     "break_delay": BREAK_DELAY,
 }
 _OWN = [RHS, TANGENT, N, N_P, P, U, RATE, U_DOT, WINDOW, CURSOR, SHAPE_CURSOR, BREAK_CURSOR]
-_SIDE_BY_SIDE = [WIDE, LANES, PUSHED, X_WIDE, U_WIDE, P_WIDE, OUT_WIDE]
+_IN_LANES = [WIDE, LANES, PUSHED, X_WIDE, U_WIDE, P_WIDE, OUT_WIDE]
 _DIRECTIONS = {"p_dot": P_DOT, "channel": CHANNEL, "weight": WEIGHT, "shape_t": SHAPE_T, "shape": SHAPE}
 
 
@@ -133,9 +134,9 @@ class Field:
             self.numbers[M], self.numbers[SHAPE_ROWS] = len(directions["channel"]), directions["shape_t"].size
             self.numbers[DELAYED] = int(np.any(directions["weight"] != 0.0))
             if wide is not None:
-                self._put_side_by_side(*wide, n, directions)
+                self._put_in_lanes(*wide, n, directions)
 
-    def _put_side_by_side(self, address: int, lanes: int, n: int, directions: dict[str, np.ndarray]) -> None:
+    def _put_in_lanes(self, address: int, lanes: int, n: int, directions: dict[str, np.ndarray]) -> None:
         """Make room for the tangent along ``lanes`` directions at once."""
         p_dot, channel = directions["p_dot"], directions["channel"]
         m, n_p = p_dot.shape
@@ -146,7 +147,7 @@ class Field:
         room = np.zeros((2 * n + n_u) * lanes)
         self._owned += (by_lane, room)
         at = address_of(room)
-        self.numbers[_SIDE_BY_SIDE] = (
+        self.numbers[_IN_LANES] = (
             address,
             lanes,
             int(self.numbers[DELAYED] != 0 or np.any(channel >= 0)),

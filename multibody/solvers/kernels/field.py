@@ -16,6 +16,7 @@ from multibody.solvers.kernels.bundle import (
     CURSOR,
     DELAYED,
     DELAYS,
+    FADING,
     HELD,
     KINDS,
     LANES,
@@ -221,7 +222,7 @@ def input_tangent(t, k, c):
 
 
 @inner
-def tangents_side_by_side(t, y, dy, c):
+def tangents_in_lanes(t, y, dy, c):
     """Do what `tangents` does for several directions at once, each in a lane of its own."""
     n, n_u, lanes = c[N], c[N_U], c[LANES]
     u, p, u_dot, p_dot = floats(c[U]), floats(c[P]), floats(c[U_DOT]), floats(c[P_WIDE])
@@ -247,17 +248,31 @@ def tangents_side_by_side(t, y, dy, c):
 
 
 @inner
+def is_zero(column, n):
+    """Tell whether a column is zero throughout."""
+    largest = 0.0
+    for i in range(n):
+        largest = max(largest, abs(column[i]))
+    return largest == 0.0
+
+
+@inner
 def tangents(t, y, dy, c):
     """Write the derivative of every direction's column of y into dy; u must be that of time t."""
     if c[DELAYED]:
         look_up_rates(t, c)
     if c[WIDE] != 0:
-        tangents_side_by_side(t, y, dy, c)
+        tangents_in_lanes(t, y, dy, c)
         return
     u, p, p_dot, u_dot = floats(c[U]), floats(c[P]), floats(c[P_DOT]), floats(c[U_DOT])
+    channel = ints(c[CHANNEL])
     for k in range(c[M]):
-        input_tangent(t, k, c)
         a = c[N] * (k + 1)
+        if channel[k] == FADING and is_zero(shift(y, a), c[N]):
+            for i in range(a, a + c[N]):
+                dy[i] = 0.0
+            continue
+        input_tangent(t, k, c)
         call_tangent(c[TANGENT], t, y, u, p, shift(y, a), u_dot, shift(p_dot, k * c[N_P]), shift(dy, a))
 
 
