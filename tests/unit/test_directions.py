@@ -15,17 +15,27 @@ def cabin():
     return Lift.cabin(LiftParameters.bench().straightened()).build(outputs=["z_c", "zdd_c", "fric_c"])
 
 
+@pytest.fixture(scope="module")
+def reference():
+    return Lift.reference(profile=True).build(outputs=["z_c", "zdd_c", "fric_c"])
+
+
 @pytest.mark.parametrize("of", ["rhs_tangent", "outputs_tangent"])
-def test_all_directions_at_once_are_each_of_them(cabin, of):
-    tangent = getattr(cabin, of)
+@pytest.mark.parametrize("machine", ["cabin", "reference"])  # the rails of the latter are tables
+def test_all_directions_at_once_are_each_of_them(machine, of, request):
+    system = request.getfixturevalue(machine)
+    tangent = getattr(system, of)
     wide = along_directions(tangent, 8)
     assert wide is not None
     rng = np.random.default_rng(0)
-    rows = len(cabin.states) if of == "rhs_tangent" else len(cabin.outputs)
+    rows = len(system.states) if of == "rhs_tangent" else len(system.outputs)
     for _ in range(20):
-        x = cabin.start + 1e-3 * rng.standard_normal(len(cabin.states))
-        u, p = np.array([310.0 + rng.standard_normal()]), cabin.p.copy()
-        p[cabin.index("parameter", "cabin_guide.right_deviation")] = 2e-3
+        x = system.start + 1e-3 * rng.standard_normal(len(system.states))
+        u, p = system.u + 310.0 * (machine == "cabin") + rng.standard_normal(len(system.inputs)), system.p.copy()
+        if machine == "cabin":
+            p[system.index("parameter", "cabin_guide.right_deviation")] = 2e-3
+        else:
+            x[system.index("state", "cabin.z")] = rng.uniform(0.1, 2.0)
         directions = [rng.standard_normal((size, 8)) for size in (x.size, u.size, p.size)]
         out = wide(0.0, x, u, p, *directions, np.empty((rows, 8)))
         for j in range(8):
@@ -36,9 +46,21 @@ def test_all_directions_at_once_are_each_of_them(cabin, of):
 def test_texts_that_cannot_be_parted_stay_as_they_are():
     head = "def f(t, x, u, p, x_dot, u_dot, p_dot, out):\n"
     for body in (
-        "    a = x[0]\n    a = 2.0 * a\n    out[0] = a * x_dot[0]",  # a name with two values
         "    for i in range(2):\n        out[i] = x_dot[i]",
         "    out[0] = g(p_dot, 1)",  # the whole array of directions handed on
     ):
         assert widened(head + body, "f", 4) is None
-    assert along_directions(Lift.reference(profile=True).build(outputs=["z_c"]).rhs_tangent, 40) is None  # tables
+
+
+def test_a_name_with_two_values_keeps_each_where_it_is_read():
+    text = """
+def f(t, x, u, p, x_dot, u_dot, p_dot, out):
+    a = x[0]
+    b = 3.0 * a
+    a = 2.0 * a
+    out[0] = a * x_dot[0] + b * x_dot[1]"""
+    found: dict = {}
+    exec(widened(text, "f", 4), found)
+    directions, out = np.arange(8.0), np.zeros(4)
+    found["f"](0.0, np.array([5.0, 0.0]), None, None, directions, None, None, out)
+    assert np.array_equal(out, 10.0 * directions[:4] + 15.0 * directions[4:])
