@@ -16,6 +16,7 @@ import numpy as np
 from estimation.record import Record
 from estimation.signals import Preparation
 from multibody.along import observe_along
+from multibody.directions import worth_lanes
 from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
@@ -315,7 +316,8 @@ def _integrate(
 
     time = np.array(experiment.record.time)
     table = experiment.table(system)
-    problem = native_problem(system, p, table, directions)
+    wide = directions is not None and worth_lanes(time.size, directions.count)
+    problem = native_problem(system, p, table, directions, in_lanes=wide)
     inputs, n, m = table(time, p), len(system.states), problem.n_directions
     inputs = np.ascontiguousarray(inputs.reshape(time.size, -1))
     y = np.empty((time.size, pick.size))
@@ -348,7 +350,7 @@ def _integrate(
     solution = integrate(
         problem, (float(time[0]), float(time[-1])), x0, samples=Samples(time, receive), rtol=experiment.rtol,
         atol=experiment.rtol * 1e-3, max_step=np.inf, max_evaluations=experiment.max_evaluations,
-        stiff_problem=lambda: native_problem(system, p, table, directions, tangent=True))
+        stiff_problem=lambda: native_problem(system, p, table, directions, tangent=True, in_lanes=wide))
     if solution.status < 0 or not np.all(np.isfinite(y)):
         raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
     return y, dy, int(solution.nfev)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multibody.directions import MANY_LANES, along_directions
+from multibody.directions import MANY_LANES, along_directions, worth_lanes
 from multibody.native import load_driver
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def jacobian_along(
     chosen = np.arange(sizes[wrt]) if columns is None else np.asarray(columns, dtype=int)
     rows, m = len(system.states) if of == "rhs" else len(system.outputs), chosen.size
     driver, at = load_driver(_DRIVERS), _contiguous(times, states, inputs, p)
-    wide = along_directions(function, MANY_LANES) if m > 1 else None
+    wide = along_directions(function, MANY_LANES) if worth_lanes(times.size, m) else None
     if wide is None:
         seeds = {key: np.zeros((m, size)) for key, size in sizes.items()}
         seeds[wrt][np.arange(m), chosen] = 1.0
@@ -95,7 +95,7 @@ def observe_along(
     driver, at = load_driver(_DRIVERS), _contiguous(times, states, inputs, rates, p)
     shape, delays = _contiguous(shape, delays)
     found = np.empty((times.size, m, len(system.outputs)))
-    wide = along_directions(function, MANY_LANES) if m > 1 else None
+    wide = along_directions(function, MANY_LANES) if worth_lanes(times.size, m) else None
     if wide is None:
         room = np.empty(len(system.inputs))
         more = (directions.p_dot, shape, directions.channel, delays)

@@ -29,17 +29,20 @@ def d(name: str, mark: str = "") -> str:
 def active_names(nodes: Iterable[ast.stmt], seeds: set[str]) -> set[str]:
     """Return every name whose value can depend on the seeds, the seeds included."""
     active = set(seeds)
-    nodes = list(nodes)
+    assigned = [
+        (
+            {n.id for n in ast.walk(inner.value) if isinstance(n, ast.Name)},
+            {n.id for t in inner.targets for n in ast.walk(t) if isinstance(n, ast.Name)},
+        )
+        for node in nodes
+        for inner in ast.walk(node)
+        if isinstance(inner, ast.Assign)
+    ]
     while True:
         before = len(active)
-        for node in nodes:
-            for inner in ast.walk(node):
-                if isinstance(inner, ast.Assign):
-                    reads = {n.id for n in ast.walk(inner.value) if isinstance(n, ast.Name)}
-                    if reads & active:
-                        active |= {
-                            n.id for t in inner.targets for n in ast.walk(t) if isinstance(n, ast.Name)
-                        }
+        for reads, writes in assigned:
+            if reads & active:
+                active |= writes
         if len(active) == before:
             return active
 

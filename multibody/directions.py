@@ -12,9 +12,15 @@ from functools import lru_cache
 from multibody.compiler.kinds import Outside
 from multibody.native import TANGENT_ARRAYS, NativeFunction, compile_text, compiling
 
-__all__ = ["FEW_LANES", "MANY_LANES", "along_directions"]
+__all__ = ["FEW_LANES", "MANY_LANES", "along_directions", "worth_lanes"]
 
 FEW_LANES, MANY_LANES = 4, 8  # directions at once: one vector register or two of the common kind
+WORTH = 10_000
+
+
+def worth_lanes(samples: int, directions: int) -> bool:
+    """Tell whether a record is long enough for a tangent of several directions, which has to be compiled as well."""
+    return directions > 1 and samples * directions >= WORTH
 
 
 def along_directions(tangent: NativeFunction, count: int) -> NativeFunction | None:

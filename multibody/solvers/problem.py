@@ -135,6 +135,8 @@ class NativeProblem:
         Entries of the Jacobian that can differ from zero; needed where two columns share a colour.
     state_names : sequence of str, optional
         For messages.
+    in_lanes : bool
+        Evaluate several directions at once, with a tangent that is compiled for that: worth it for long records.
 
     Raises
     ------
@@ -151,6 +153,7 @@ class NativeProblem:
     colours: np.ndarray | None = None
     pattern: np.ndarray | None = None
     state_names: Sequence[str] = ()
+    in_lanes: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p", np.array(self.p, dtype=np.float64, ndmin=1, order="C"))
@@ -258,7 +261,7 @@ class NativeProblem:
     def _wide(self) -> tuple[int, int]:
         """Return the address of a tangent for several directions at once, and for how many; zeros for none."""
         m = self.n_directions
-        if self.tangent is None or m < 2:
+        if not self.in_lanes or self.tangent is None or m < 2:
             return 0, 0
         from multibody.directions import FEW_LANES, MANY_LANES, along_directions
 
