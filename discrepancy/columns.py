@@ -7,7 +7,6 @@ to be compiled for it, and hundreds of candidates and shapes cost one integratio
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -25,6 +24,7 @@ from discrepancy.secants import far_away, secant_columns, takes_secants
 from estimation.experiment import Experiment, Push, SensorError
 from estimation.push_response import forget, response_of, worth_it
 from multibody.errors import ModelError
+from multibody.side_by_side import cores, side_by_side
 
 if TYPE_CHECKING:
     from discrepancy.stage import Stage
@@ -259,9 +259,7 @@ def candidate_columns(
 
 
 def _all_columns(facts: Confrontation, plans: Sequence[Plan], progress: Any) -> dict[tuple[str, int], list[np.ndarray]]:
-    """Return the columns of every candidate, record by record, two records at a time."""
-    from concurrent.futures import ThreadPoolExecutor
-
+    """Return the columns of every candidate, record by record, side by side."""
     def of(i: int) -> dict[tuple[str, int], np.ndarray]:
         if progress is not None:
             progress(f"sensitivities of {len(plans)} candidates on {facts.experiments[i].name}")
@@ -269,8 +267,7 @@ def _all_columns(facts: Confrontation, plans: Sequence[Plan], progress: Any) -> 
 
     count = len(facts.experiments)
     first = of(0)  # what it compiles and builds serves the others
-    with ThreadPoolExecutor(max(1, min(count, os.cpu_count() or 1))) as pool:
-        found = [first, *pool.map(of, range(1, count))]
+    found = [first, *side_by_side(of, range(1, count))]
     return {key: [each[key] for each in found] for key in first}
 
 
@@ -331,7 +328,7 @@ def _record_columns(
     for first in range(0, len(pushes), batch):
         part = pushes[first : first + batch]
         dy = experiment.respond(
-            facts.slim, facts.p, start, pushes=part, sensors=facts.sensors, batch=batch
+            facts.slim, facts.p, start, pushes=part, sensors=facts.sensors, batch=batch, workers=cores()
         ).derivatives
         for key, k in wanted:
             if first <= k < first + batch:

@@ -49,12 +49,12 @@ def _owners(n: int, colours: bytes, pattern: bytes) -> np.ndarray:
 
 
 @lru_cache(maxsize=256)
-def _seeds(n: int, colours: bytes, pattern: bytes) -> np.ndarray:
-    """Return the states that each colour moves as directions side by side, to a multiple of four."""
+def _seeds(n: int, colours: bytes, pattern: bytes, lanes: int) -> np.ndarray:
+    """Return the states that each colour moves as directions side by side, in groups of ``lanes``."""
     owner = _owners(n, colours, pattern)
-    seeds = np.zeros((n, -(-len(owner) // 4) * 4))
+    seeds = np.zeros((-(-len(owner) // lanes), n, lanes))
     for colour, row in enumerate(owner):
-        seeds[row[row >= 0], colour] = 1.0
+        seeds[colour // lanes, row[row >= 0], colour % lanes] = 1.0
     return seeds
 
 
@@ -145,8 +145,10 @@ class NativeProblem:
         Entries of the Jacobian that can differ from zero; needed where two columns share a colour.
     state_names : sequence of str, optional
         For messages.
+    in_lanes : bool
+        Evaluate several directions at once, with a tangent that is compiled for that: worth it for long records.
     columns : NativeFunction, optional
-        All columns of the Jacobian in one pass (`System.rhs_columns`), in place of one derivative for every colour.
+        Several columns of the Jacobian at once (`System.rhs_columns`), in place of one derivative for every colour.
 
     Raises
     ------
@@ -163,6 +165,7 @@ class NativeProblem:
     colours: np.ndarray | None = None
     pattern: np.ndarray | None = None
     state_names: Sequence[str] = ()
+    in_lanes: bool = False
     columns: NativeFunction | None = None
 
     def __post_init__(self) -> None:
@@ -250,7 +253,7 @@ class NativeProblem:
 
         With a relative tolerance steps may pass over the kinks of finely sampled inputs (see `InputTable.kernel_for`).
         """
-        from multibody.solvers.kernels.bundle import Field
+        from multibody.solvers.kernels.bundle import FADING, Field
 
         tangent = 0 if self.tangent is None else self.tangent.address
         own = self.table.kernel_for(tolerance) if tolerance > 0.0 else self.table.kernel
@@ -263,11 +266,24 @@ class NativeProblem:
                 name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")
             }
             directions["weight"] = weight
+            fading = (d.channel < 0) & ~np.any(d.p_dot, axis=1)
+            directions["channel"] = np.where(fading, FADING, d.channel)
             table = self._with_breaks(d, own)
         columns, seeds = 0, None
         if self.columns is not None and self.colours is not None:
-            columns, seeds = self.columns.address, _seeds(*self._structure())
-        return Field(self.rhs.address, tangent, self.n, self.p, table, directions, columns, seeds)
+            columns, seeds = self.columns.address, _seeds(*self._structure(), self.columns.lanes)
+        return Field(self.rhs.address, tangent, self.n, self.p, table, directions, self._wide(), columns, seeds)
+
+    def _wide(self) -> tuple[int, int]:
+        """Return the address of a tangent for several directions at once, and for how many; zeros for none."""
+        m = self.n_directions
+        if not self.in_lanes or self.tangent is None or m < 2:
+            return 0, 0
+        from multibody.directions import FEW_LANES, MANY_LANES, along_directions
+
+        lanes = FEW_LANES if m <= FEW_LANES else MANY_LANES
+        wide = along_directions(self.tangent, lanes)
+        return (0, 0) if wide is None else (wide.address, lanes)
 
     def _with_breaks(self, directions: Directions, own: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The table of inputs, where steps end at the breaks of the inputs' tangents as well."""

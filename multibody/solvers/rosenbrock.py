@@ -61,7 +61,7 @@ def relative_cost(problem: NativeProblem) -> float:
     # Directional derivatives repeat what they share with the rates, which the processor does beside them.
     tangent = 0.75 * ((_operations(problem.tangent.origin[0]) if problem.tangent is not None else 0) or 120 * n)
     jacobian = colours * tangent
-    if problem.columns is not None:  # four at a time
+    if problem.columns is not None:  # as vectors
         jacobian = 0.42 * -(-colours // 4) * _operations(problem.columns.origin[0])
     explicit = 6 * (rates + m * tangent) + 2000 + 16 * n * (1 + m)
     linear_algebra = 2600 + 330 * n + 5 * n**2 + 1.06 * filled * n**3

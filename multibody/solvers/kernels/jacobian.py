@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from multibody.solvers.kernels.bundle import COLUMNS, LANES, PASSED, SEEDS, TANGENT, N, P, U
+from multibody.solvers.kernels.bundle import ABREAST, COLUMNS, PASSED, SEEDS, TANGENT, N, P, U
 from multibody.solvers.kernels.calls import call_tangent, entry, floats, independent, inner, pointer, shift
 from multibody.solvers.kernels.field import evaluate, hold_at
 
@@ -10,17 +10,20 @@ from multibody.solvers.kernels.field import evaluate, hold_at
 @inner
 def jacobian(t, x, c, owner, colours, seed, column, zero, matrix):
     """Write the Jacobian by columns; ``owner`` gives for each colour and row the column of the entry."""
-    n, lanes = c[N], c[LANES]
+    n, lanes = c[N], c[ABREAST]
     for i in independent(n * n):
         matrix[i] = 0.0
     if lanes > 0:
         passed = floats(c[PASSED])
-        call_tangent(c[COLUMNS], t, x, floats(c[U]), floats(c[P]), floats(c[SEEDS]), zero, zero, passed)
         for colour in range(colours):
+            lane = colour % lanes
+            if lane == 0:
+                seeds = shift(floats(c[SEEDS]), colour * n)
+                call_tangent(c[COLUMNS], t, x, floats(c[U]), floats(c[P]), seeds, zero, zero, passed)
             row = shift(owner, colour * n)
             for i in range(n):
                 if row[i] >= 0:
-                    matrix[row[i] * n + i] = passed[i * lanes + colour]
+                    matrix[row[i] * n + i] = passed[i * lanes + lane]
         return
     for colour in range(colours):
         row = shift(owner, colour * n)
