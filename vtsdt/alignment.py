@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 
 from vtsdt.alignment_filter import DELTA, SPEED_OFF, TUNINGS, GuideFilter, Tuning
-from vtsdt.alignment_result import Alignment, Section, equivalent_deviation, rail_profile, sections
+from vtsdt.alignment_rail import equivalent_deviation, pressing_deviation, rail_profile
+from vtsdt.alignment_result import Alignment
+from vtsdt.alignment_sections import Section, sections
 from vtsdt.alignment_trips import ROLES, AlignmentError, Trip, read_trips
 from vtsdt.parameters import LiftParameters
 
 __all__ = [
     "THRESHOLD", "TUNINGS", "Alignment", "AlignmentError", "GuideFilter", "Section", "Trip", "Tuning", "align",
-    "balance", "calibrated", "equivalent_deviation", "main", "rail_profile", "read_trips", "sections",
+    "balance", "calibrated", "equivalent_deviation", "main", "pressing_deviation", "rail_profile", "read_trips", "sections",
 ]  # fmt: skip
 
 #: Threshold of the paper, m: what 70 % of 14 configurations stay under (Fig. 10).
@@ -224,9 +226,9 @@ def calibrated(
 
     low, high = max(before.height[0], after.height[0]), min(before.height[-1], after.height[-1])
     at = before.height[(before.height >= low) & (before.height <= high)]
-    grown = np.interp(at, after.height, after.median) - np.interp(at, before.height, before.median)
+    grown = np.interp(at, after.height, after.estimate) - np.interp(at, before.height, before.estimate)
     # Only where the shoes touched before: below that a part of the movement takes up play and makes no friction.
-    touching = np.interp(at, before.height, before.median) > before.loose + 2e-4
+    touching = np.interp(at, before.height, before.estimate) > before.loose + 2e-4
     chosen = grown[np.isfinite(grown) & touching]
     change = float(np.median(chosen)) if chosen.size else 0.0
     factor = change / introduced
