@@ -21,7 +21,8 @@ from vtsdt.parameters import LiftParameters
 
 __all__ = [
     "THRESHOLD", "TUNINGS", "Alignment", "AlignmentError", "GuideFilter", "Section", "Trip", "Tuning", "align",
-    "balance", "calibrated", "equivalent_deviation", "main", "pressing_deviation", "rail_profile", "read_trips", "sections",
+    "balance", "calibrated", "equivalent_deviation", "main", "pressing_deviation", "rail_profile", "read_trips",
+    "sections",
 ]  # fmt: skip
 
 #: Threshold of the paper, m: what 70 % of 14 configurations stay under (Fig. 10).
@@ -42,6 +43,7 @@ def align(
     threshold: float = THRESHOLD,
     step: float = 0.01,
     balanced: bool = True,
+    smooth: bool = False,
     observe: bool = True,
     progress: Callable[[str], Any] | None = None,
     **options: Any,
@@ -54,13 +56,16 @@ def align(
         From `read_trips`.
     parameters : LiftParameters, optional
         Default: the shipped bench.
-    tuning : Tuning or {"bounded", "table2", "quiet"}
+    tuning : Tuning or {"bounded", "table2", "quiet", "likelihood"}
     threshold : float, m
         Beyond which a deviation is to be corrected.
     step : float, m
         Between heights.
     balanced : bool
         True takes what trips up and down have in common beside friction off the tension; see `balance`.
+    smooth : bool
+        True looks back over each trip with the smoother of Rauch, Tung and Striebel: four times the time, and a little
+        less error.
     observe : bool
         True tells from the first trip what the sensors determine.
     progress : callable, optional
@@ -92,11 +97,13 @@ def align(
     for k, trip in enumerate(trips):
         say(f"trip {k + 1} of {len(trips)}: {trip.name}")
         try:
-            run = sensor.run(trip, error or 0.0)
+            run = sensor.run(trip, error or 0.0, keep="everything" if smooth else "variances")
         except AlignmentError as told:
             faults += told.faults
             continue
         curve, loose, wild = _over_height(run, trip, height)
+        if smooth:
+            curve, _, _ = _over_height(run.smooth(), trip, height)
         if wild > 0.2:
             faults.append(
                 f"{trip.name}: the filter diverges: over {wild:.0%} of the way δ stands at "

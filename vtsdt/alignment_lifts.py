@@ -20,12 +20,15 @@ from vtsdt.alignment_filter import Tuning
 from vtsdt.alignment_trips import Trip, prepare
 from vtsdt.parameters import LiftParameters
 
-__all__ = ["CALM", "INTRODUCED", "RECORDED", "SCALING", "Case", "Visit", "make_case", "prepared", "recorded", "spoiled", "visit"]
+__all__ = [
+    "CALM", "INTRODUCED", "RECORDED", "SCALING", "Case", "Visit", "make_case", "prepared", "recorded", "spoiled",
+    "visit",
+]  # fmt: skip
 
 #: How far the whole rail is moved for the paper's scaling, m.
 INTRODUCED = 1e-3
 #: Trips before and after that; trips that no force disturbs; trips that are recorded for judging.
-SCALING, CALM, RECORDED = 10, 4, 20
+SCALING, CALM, RECORDED = 10, 4, 10
 _STEP = 0.01  # m between heights of the truth
 
 Records = tuple[dict[str, np.ndarray], ...]

@@ -19,8 +19,8 @@ def equivalent_deviation(rails: dict[str, Any], shoes: Sequence[float], height: 
     """Return the deviation of a single rail that presses the shoes as both rails do, by the cabin's height.
 
     With all four shoes in contact each level of shoes is squeezed by the sum of its two rails' deviations, and the
-    normal forces add up to the mean of the levels.  Only rails in the plane of the guides count; what deviations across
-    it add once the shoes' play is used up is in `pressing_deviation`.
+    normal forces add up to the mean of the levels.  Where a level of shoes is loose they add up to more: see
+    `pressing_deviation`.
 
     Parameters
     ----------
@@ -39,7 +39,9 @@ def pressing_deviation(parameters: LiftParameters, height: np.ndarray) -> np.nda
 
     This is what friction can tell of the guides, and what the model of González et al. 2020, section IV-B, means by δ:
     the left rail and both y directions straight, and the normal forces those of the real guides.  They are taken from
-    the cabin at rest at each height, its rails as they are in both directions.
+    the cabin at rest at each height, its rails as they are in both directions.  It is the sum of both rails' deviations
+    in x as long as all shoes press; one that is loose cannot press by less than nothing, and a cabin whose centre of
+    mass is off its ropes leans on it all the same.
 
     Parameters
     ----------

@@ -99,7 +99,8 @@ class Alignment:
         freedom = near @ np.maximum(count - 1, 0)
         with np.errstate(all="ignore"):
             spread = np.sqrt(near @ np.where(count > 1, squares, 0.0) / freedom)
-            std = np.sqrt(_HODGES_LEHMANN / count) * np.where(freedom > 0, spread, 1.0 / self.slope)
+            factor = np.sqrt(np.where(count > 2, _HODGES_LEHMANN, 1.0) / count)
+            std = factor * np.where(freedom > 0, spread, 1.0 / self.slope)
         return np.where(count > 0, std, np.nan)
 
     @cached_property
