@@ -103,8 +103,8 @@ def _trip_rows(found: Alignment, trips: Sequence[Trip]) -> list[dict[str, str]]:
         rows.append(
             {
                 "name": trip.name, "way": "up" if trip.direction > 0 else "down",
-                "range": f"{trip.height.min():.2f} to {trip.height.max():.2f} m", "payload": f"{trip.payload:.3g} kg",
-                "offset": f"{trip.offset:+.3f} m/s²",
+                "range": f"{round(trip.height.min(), 2) + 0.0:.2f} to {trip.height.max():.2f} m",
+                "payload": f"{trip.payload:.3g} kg", "offset": f"{trip.offset:+.3f} m/s²",
                 "middle": f"{1e3 * np.median(curve[known]):.2f} mm" if known.any() else "none",
                 "off": f"{1e3 * np.sqrt(np.mean(off**2)):.2f} mm" if known.any() else "none",
             }

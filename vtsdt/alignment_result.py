@@ -158,14 +158,12 @@ class Alignment:
 
     @cached_property
     def undecided(self) -> tuple[tuple[float, float], ...]:
-        """Ranges of height outside the sections where the error of the estimate does not exclude the threshold, m.
+        """Ranges of height apart from the sections where the error of the estimate does not exclude the threshold, m.
 
         The estimate is below it there, by less than 1.645 standard deviations: 95 % on one side.
         """
-        reach = self.estimate + SURE * self.std
-        for section in self.sections:
-            reach = np.where((self.height >= section.low) & (self.height <= section.high), -np.inf, reach)
-        return tuple(sections(self.height, reach, self.threshold))
+        reach = sections(self.height, self.estimate + SURE * self.std, self.threshold)
+        return tuple((a, b) for a, b in reach if not any(a <= s.high and s.low <= b for s in self.sections))
 
     @cached_property
     def rail(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
