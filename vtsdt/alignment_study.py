@@ -307,11 +307,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m vtsdt.alignment_study", description=__doc__)
     parser.add_argument("--out", metavar="DIR", required=True, help="folder for alignment.md and alignment.json")
     parser.add_argument("--seeds", metavar="N", type=int, nargs="+", default=[31, 32, 33, 34, 35, 36], help="lifts")
+    groups = list(dict.fromkeys(case[0] for case in cases()))
+    parser.add_argument("--groups", metavar="NAME", nargs="+", choices=groups, help=f"lines: {', '.join(groups)}")
     parser.add_argument("--quiet", action="store_true")
     args = parser.parse_args(arguments)
     command = f"python -m vtsdt.alignment_study --out DIR --seeds {' '.join(map(str, args.seeds))}"
+    if args.groups:
+        command += " --groups " + " ".join(f'"{name}"' for name in args.groups)
     with Progress(args.quiet) as progress:
-        lifts, rows = run_study(args.seeds, progress)
+        lifts, rows = run_study(args.seeds, progress, args.groups)
         progress("draw")
         first = lifts[0]
         found = align(prepared(first.judged.records[:_TRIPS]), first.scaled()[0], observe=False)

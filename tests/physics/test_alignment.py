@@ -175,15 +175,29 @@ def test_payload_is_weighed():
 
 
 @pytest.fixture(scope="module")
-def lines():
+def study():
     """Lifts 31 to 33 of the study, with all that the model lacks: as recorded, with errors of the tension, tunings.
 
     Sections are counted strictly, as on the page of the study.
     """
     from vtsdt.alignment_study import run_study
 
-    _, rows = run_study([31, 32, 33], chosen=["as recorded", "gain of the tension", "tuning"])
-    return {row.what: row.scores for row in rows}
+    return run_study([31, 32, 33], chosen=["as recorded", "gain of the tension", "tuning"])
+
+
+@pytest.fixture(scope="module")
+def lines(study):
+    return {row.what: row.scores for row in study[1]}
+
+
+@pytest.mark.slow
+def test_no_trip_of_the_scaling_meets_a_force_of_the_trips_that_are_judged(study):
+    """What the tension has that a like trip of another visit has not: noise and force, neither shared."""
+    for lift in study[0]:
+        visits = [[t["tension"] for t in v.records[::2]] for v in (lift.judged, lift.before)]
+        left = [np.array(v) - np.mean(v, axis=0) for v in visits]
+        together = [np.corrcoef(a, b)[0, 1] for a in left[0] for b in left[1]]
+        assert max(map(abs, together)) < 0.6
 
 
 @pytest.mark.slow
