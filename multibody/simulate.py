@@ -196,8 +196,9 @@ def native_problem(
     directions: Directions | None = None,
     *,
     tangent: bool = False,
+    in_lanes: bool = False,
 ) -> NativeProblem:
-    """Return the initial value problem of a system for the compiled solvers."""
+    """Return the initial value problem of a system for the compiled solvers; see `NativeProblem`."""
     from multibody.solvers.problem import NativeProblem
 
     wants_tangent = tangent or directions is not None
@@ -211,6 +212,7 @@ def native_problem(
         colours=system.colours if wants_tangent else None,
         pattern=system.sparsity if wants_tangent else None,
         state_names=system.state_names,
+        in_lanes=in_lanes,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -123,7 +124,34 @@ class Automatic(DormandPrince54):
         else:
             self._spell = LEAST_SPELL
         self._explicit_step = abs(float(self._clock[STEP_OLD]))
+        if not self._proven and self.problem.n_directions and not self._pays(self._pace_alone()):
+            self._rest_awhile()
+            self._tally[SUSPECT] = 0
+            return
         self._change(True)
+
+    def _pace_alone(self) -> float:
+        """Return the steps that the stiff method takes from here without the directions, in s.
+
+        With them it is rarely faster, and a trial costs as much as hundreds of explicit steps: this tells beforehand.
+        """
+        fun, options = self._options
+        own = {k: options[k] for k in ("max_step",) if k in options}
+        n, t = self.problem.n, float(self._clock[T])
+        partner = Rodas5P(
+            fun, t, self._state[:n].copy(), self.t_bound, problem=replace(self._with_tangent(), directions=None),
+            rtol=self.rtol[:n], atol=self.atol[:n], first_step=self._explicit_step, internal_steps=1, **own,
+        )  # fmt: skip
+        mark = t
+        for step in range(JUDGED):
+            partner._tally[WANTED] = 1
+            if partner._advance() != MORE:
+                break
+            if step + 1 == RUN_UP:
+                mark = float(partner._clock[T])
+        else:
+            return (float(partner._clock[T]) - mark) / (JUDGED - RUN_UP)
+        return np.inf  # it fails, or comes to the end: the trial itself tells
 
     def _change(self, stiff: bool) -> None:
         self._in_stiff = stiff
@@ -136,10 +164,7 @@ class Automatic(DormandPrince54):
         """Return the stiff method on the same clock, state and samples."""
         fun, options = self._options
         own = {k: v for k, v in options.items() if k not in ("samples", "first_step")}
-        problem = self.problem
-        if problem.tangent is None:
-            assert self._tangent_later is not None
-            problem = self._tangent_later()
+        problem = self._with_tangent()
         partner = Rodas5P(fun, float(self._clock[T]), self._state, self.t_bound, problem=problem, **own)
         if problem is self.problem:
             partner.field = self.field
@@ -147,6 +172,12 @@ class Automatic(DormandPrince54):
         partner._sample_t, partner._sample_y = self._sample_t, self._sample_y
         partner._largest = self._work[2 * self.problem.size :]
         return partner
+
+    def _with_tangent(self) -> NativeProblem:
+        if self.problem.tangent is not None:
+            return self.problem
+        assert self._tangent_later is not None
+        return self._tangent_later()
 
     def _advance_stiff(self) -> int:
         assert self._stiff is not None
@@ -168,13 +199,17 @@ class Automatic(DormandPrince54):
 
     def _leave(self, step: float) -> None:
         """Go back to the explicit method, and stay there for a while if the stiff steps did not pay."""
-        clock, tally = self._clock, self._tally
+        clock = self._clock
         self._proven = self._pays(step)
         if not self._proven:
-            tally[WATCH] = 0
-            self._rest, self._patience = self._patience, 2 * self._patience
+            self._rest_awhile()
         clock[STEP] = min(clock[STEP], self._explicit_step)
         self._change(False)
+
+    def _rest_awhile(self) -> None:
+        """Watch for stiffness again only after many explicit steps, longer each time."""
+        self._tally[WATCH] = 0
+        self._rest, self._patience = self._patience, 2 * self._patience
 
     def _dense_output_impl(self) -> DenseOutput:
         if self._stored_stiff and self._stiff is not None:

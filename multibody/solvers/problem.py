@@ -135,6 +135,8 @@ class NativeProblem:
         Entries of the Jacobian that can differ from zero; needed where two columns share a colour.
     state_names : sequence of str, optional
         For messages.
+    in_lanes : bool
+        Evaluate several directions at once, with a tangent that is compiled for that: worth it for long records.
 
     Raises
     ------
@@ -151,6 +153,7 @@ class NativeProblem:
     colours: np.ndarray | None = None
     pattern: np.ndarray | None = None
     state_names: Sequence[str] = ()
+    in_lanes: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p", np.array(self.p, dtype=np.float64, ndmin=1, order="C"))
@@ -237,7 +240,7 @@ class NativeProblem:
 
         With a relative tolerance steps may pass over the kinks of finely sampled inputs (see `InputTable.kernel_for`).
         """
-        from multibody.solvers.kernels.bundle import Field
+        from multibody.solvers.kernels.bundle import FADING, Field
 
         tangent = 0 if self.tangent is None else self.tangent.address
         own = self.table.kernel_for(tolerance) if tolerance > 0.0 else self.table.kernel
@@ -250,8 +253,21 @@ class NativeProblem:
                 name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")
             }
             directions["weight"] = weight
+            fading = (d.channel < 0) & ~np.any(d.p_dot, axis=1)
+            directions["channel"] = np.where(fading, FADING, d.channel)
             table = self._with_breaks(d, own)
-        return Field(self.rhs.address, tangent, self.n, self.p, table, directions)
+        return Field(self.rhs.address, tangent, self.n, self.p, table, directions, self._wide())
+
+    def _wide(self) -> tuple[int, int]:
+        """Return the address of a tangent for several directions at once, and for how many; zeros for none."""
+        m = self.n_directions
+        if not self.in_lanes or self.tangent is None or m < 2:
+            return 0, 0
+        from multibody.directions import FEW_LANES, MANY_LANES, along_directions
+
+        lanes = FEW_LANES if m <= FEW_LANES else MANY_LANES
+        wide = along_directions(self.tangent, lanes)
+        return (0, 0) if wide is None else (wide.address, lanes)
 
     def _with_breaks(self, directions: Directions, own: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The table of inputs, where steps end at the breaks of the inputs' tangents as well."""
