@@ -15,6 +15,8 @@ import numpy as np
 
 from estimation.record import Record
 from estimation.signals import Preparation
+from multibody.along import observe_along
+from multibody.directions import worth_lanes
 from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
 __all__ = ["Experiment", "Push", "Response", "SensorError"]
 
 FEW_DIRECTIONS = 6  # fewer are not worth a second thread, which must simulate the machine as well
-IN_LANES = 10_000  # samples × directions from which a tangent along many of them is worth being compiled
 SENSOR_KINDS = ("offset", "gain", "drift", "delay")
 
 
@@ -310,13 +311,12 @@ def _integrate(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Return outputs (nt, n_channels), their derivatives (nt, n_channels, m) on the record's grid, and evaluations."""
     from multibody.errors import SimulationError
-    from multibody.native import load_driver
     from multibody.simulate import native_problem
     from multibody.solvers import Samples, integrate
 
     time = np.array(experiment.record.time)
     table = experiment.table(system)
-    wide = directions is not None and directions.count * time.size >= IN_LANES
+    wide = directions is not None and worth_lanes(time.size, directions.count)
     problem = native_problem(system, p, table, directions, in_lanes=wide)
     inputs, n, m = table(time, p), len(system.states), problem.n_directions
     inputs = np.ascontiguousarray(inputs.reshape(time.size, -1))
@@ -330,7 +330,6 @@ def _integrate(
             delays[:, system.index("input", name)] = -directions.p_dot[:, k]
         given = directions.shape
         shape = given if given is not None and len(given) == time.size else np.zeros((time.size, m))
-    along = load_driver("multibody.solvers.kernels.along")
 
     def receive(first: int, times: np.ndarray, states: np.ndarray) -> None:
         rows = slice(first, first + times.size)
@@ -340,14 +339,10 @@ def _integrate(
             step = max(1, 4_000_000 // max(m * n_y, 1))
             for a in range(0, times.size, step):
                 b = min(a + step, times.size)
-                out = np.empty((b - a, m, n_y))
                 part = slice(first + a, first + b)
-                along.observe_along(
-                    system.outputs_tangent.address, np.require(times[a:b], float, ["C", "W"]),
-                    np.ascontiguousarray(states[a:b]),
-                    inputs[part], rates[part], p, directions.p_dot, np.ascontiguousarray(shape[part]),
-                    directions.channel, delays, np.empty(inputs.shape[1]), out)
-                dy[part] = out[:, :, pick].transpose(0, 2, 1)
+                dy[part] = observe_along(
+                    system, times[a:b], states[a:b], inputs[part], p, directions, rates[part], delays, shape[part]
+                )[:, pick]
 
     if n == 0:  # the motion is given: nothing to integrate
         receive(0, time, np.zeros((time.size, 0)))

@@ -68,6 +68,7 @@ class PushResponse:
         SimulationError
             If the integration fails.
         """
+        from multibody.directions import worth_lanes
         from multibody.errors import SimulationError
         from multibody.simulate import native_problem
         from multibody.solvers.problem import ProblemError
@@ -75,7 +76,7 @@ class PushResponse:
 
         time = np.array(experiment.record.time)
         table = experiment.table(system)
-        problem = native_problem(system, p, table, tangent=True, in_lanes=True)
+        problem = native_problem(system, p, table, tangent=True, in_lanes=worth_lanes(time.size, len(system.states)))
         x = _states_at(time, experiment, system, problem, x0)
         inputs = np.ascontiguousarray(table(time, p).reshape(time.size, -1))
         a = system.jacobian_along("x", time, x, inputs, p)

@@ -124,7 +124,7 @@ def _function(work: Assembly, name: str, result: str, items: list[Item], wanted:
     writer = Differentiator(active, tangent_name)
     for item in items:
         if isinstance(item, Block):
-            lines += _block_lines(item, active if tangent else None)
+            lines += _block_lines(item, writer if tangent else None)
         else:
             lines.append(f"# {item.origin.partition(', ')[0]}")
             try:
@@ -141,20 +141,20 @@ def _function(work: Assembly, name: str, result: str, items: list[Item], wanted:
     return "\n    ".join([f"def {name}({arguments}, {result}):", *lines, "return"])
 
 
-def _block_lines(block: Block, active: set[str] | None) -> list[str]:
-    """Solve a block for its unknowns; with ``active``, carry the tangents through it as well."""
+def _block_lines(block: Block, outer: Differentiator | None) -> list[str]:
+    """Solve a block for its unknowns; with ``outer``, carry its tangents through the block as well."""
     z = [u.variable for u in block.unknowns]
     r = [u.residual for u in block.unknowns]
     m = len(z)
     inner_active = active_names(block.nodes, set(z))
-    inner = Differentiator(inner_active, tangent_name)
+    inner = Differentiator(inner_active, tangent_name, "z")  # not the tangents of the directions that are asked for
     lines = [f"# implicit: {', '.join(u.name for u in block.unknowns)}", *(f"{v} = 0.0" for v in z)]
     sweep: list[str] = []
     for j in range(m):
-        sweep += [f"{d(v)} = {1.0 if k == j else 0.0}" for k, v in enumerate(z)]
+        sweep += [f"{inner.d(v)} = {1.0 if k == j else 0.0}" for k, v in enumerate(z)]
         sweep += _unparse(inner.statements(block.nodes))
         for i in range(m):
-            sweep.append(f"A_{i}_{j} = {d(r[i]) if r[i] in inner_active else '0.0'}")
+            sweep.append(f"A_{i}_{j} = {inner.d(r[i]) if r[i] in inner_active else '0.0'}")
     sweep += [f"r_{i} = {r[i]}" for i in range(m)]
     sweep += _solution(m, "r", "s")
     if block.affine:
@@ -173,12 +173,11 @@ def _block_lines(block: Block, active: set[str] | None) -> list[str]:
         ]
         # rounding may keep the last steps above the first bound; beyond the second there is no solution
         lines += [f"if not ({failed}):", *(f"    {v} = math.nan" for v in z)]
-    if active is None:
+    if outer is None:
         return lines + _unparse(block.nodes)
-    outer = Differentiator(active, tangent_name)
     lines += [f"{d(v)} = 0.0" for v in z] + _unparse(outer.statements(block.nodes))
-    lines += [f"r_{i} = {d(r[i]) if r[i] in active else '0.0'}" for i in range(m)]
-    lines += _solution(m, "r", "s") + [f"{d(z[i])} = -s_{i}" for i in range(m)]
+    lines += [f"dr_{i} = {d(r[i]) if r[i] in outer.active else '0.0'}" for i in range(m)]
+    lines += _solution(m, "dr", "ds") + [f"{d(z[i])} = -ds_{i}" for i in range(m)]
     return lines + _unparse(outer.statements(block.nodes))
 
 

@@ -15,7 +15,6 @@ from multibody.native import NativeFunction, load_driver
 __all__ = ["Directions", "NativeProblem", "ProblemError"]
 
 FIELD = "multibody.solvers.kernels.field"
-FEW_LANES = 3  # fewer directions are evaluated one by one
 
 
 class ProblemError(ValueError):
@@ -137,8 +136,7 @@ class NativeProblem:
     state_names : sequence of str, optional
         For messages.
     in_lanes : bool
-        Evaluate several directions at once where the text of the tangent allows it, which is compiled for that: many
-        times faster, worth it for long records.
+        Evaluate several directions at once, with a tangent that is compiled for that: worth it for long records.
 
     Raises
     ------
@@ -260,15 +258,16 @@ class NativeProblem:
             table = self._with_breaks(d, own)
         return Field(self.rhs.address, tangent, self.n, self.p, table, directions, self._wide())
 
-    def _wide(self) -> tuple[int, int] | None:
-        """Return the address of the tangent along several directions at once, and their number; None without one."""
-        if not self.in_lanes or self.tangent is None or self.n_directions < FEW_LANES:
-            return None
-        from multibody.directions import along_directions, lanes_for
+    def _wide(self) -> tuple[int, int]:
+        """Return the address of a tangent for several directions at once, and for how many; zeros for none."""
+        m = self.n_directions
+        if not self.in_lanes or self.tangent is None or m < 2:
+            return 0, 0
+        from multibody.directions import FEW_LANES, MANY_LANES, along_directions
 
-        lanes = lanes_for(self.n_directions)
-        found = along_directions(self.tangent, lanes)
-        return (found.address, lanes) if found is not None else None
+        lanes = FEW_LANES if m <= FEW_LANES else MANY_LANES
+        wide = along_directions(self.tangent, lanes)
+        return (0, 0) if wide is None else (wide.address, lanes)
 
     def _with_breaks(self, directions: Directions, own: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The table of inputs, where steps end at the breaks of the inputs' tangents as well."""

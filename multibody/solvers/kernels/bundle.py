@@ -26,13 +26,12 @@ P_DOT, CHANNEL, WEIGHT, SHAPE_T, SHAPE, SHAPE_CURSOR = range(24, 30)
 # times at which a step must end, whether a held input jumps there; begin, delay, remembered time of each
 # group;
 BREAKS, JUMPS, BREAK_START, BREAK_DELAY, BREAK_CURSOR = range(30, 35)
-# and the interval within which rates of inputs are looked up, with the time of the inputs that u holds.
+# and the interval within which rates of inputs are looked up, with the time of the inputs that u holds;
 WINDOW = 35
-# Directions side by side: address of the tangent along several of them or 0, how many it carries, whether an input
-# moves along any; room for states, inputs and results by lanes, and the parameters' tangents, one group of lanes
-# after another.
-WIDE, LANES, PUSHED, X_WIDE, U_WIDE, P_WIDE, OUT_WIDE = range(36, 43)
-SIZE = 43
+# the tangent of several directions at once, how many (0: none), parameter tangents in its order, room for its other
+# arguments, and whether any direction acts on an input.
+WIDE, LANES, P_WIDE, ROOM, PUSHED = range(36, 41)
+SIZE = 41
 
 _TABLE = {
     "times": TIMES,
@@ -48,7 +47,6 @@ _TABLE = {
     "break_delay": BREAK_DELAY,
 }
 _OWN = [RHS, TANGENT, N, N_P, P, U, RATE, U_DOT, WINDOW, CURSOR, SHAPE_CURSOR, BREAK_CURSOR]
-_IN_LANES = [WIDE, LANES, PUSHED, X_WIDE, U_WIDE, P_WIDE, OUT_WIDE]
 _DIRECTIONS = {"p_dot": P_DOT, "channel": CHANNEL, "weight": WEIGHT, "shape_t": SHAPE_T, "shape": SHAPE}
 
 
@@ -83,8 +81,8 @@ class Field:
         breaks and jumps (nb,), break_start (groups + 1,), break_delay (groups,).
     directions : dict of ndarray, optional
         p_dot (m, n_p), channel (m,), weight (m, n_u), shape_t (ns,), shape (ns, m).
-    wide : (int, int), optional
-        Address of the tangent along several directions at once, and how many it carries.
+    wide : (int, int)
+        Address of a tangent of several directions at once, and how many (see `multibody.directions`); 0 for none.
 
     Attributes
     ----------
@@ -102,7 +100,7 @@ class Field:
         p: np.ndarray,
         table: dict[str, np.ndarray],
         directions: dict[str, np.ndarray] | None = None,
-        wide: tuple[int, int] | None = None,
+        wide: tuple[int, int] = (0, 0),
     ) -> None:
         self.numbers = _numbers_of(table).copy()
         n_u, groups = table["values"].shape[1], table["break_delay"].size
@@ -133,26 +131,16 @@ class Field:
                 self.numbers[index] = address_of(directions[name])
             self.numbers[M], self.numbers[SHAPE_ROWS] = len(directions["channel"]), directions["shape_t"].size
             self.numbers[DELAYED] = int(np.any(directions["weight"] != 0.0))
-            if wide is not None:
-                self._put_in_lanes(*wide, n, directions)
+            self.numbers[PUSHED] = int(self.numbers[DELAYED] or np.any(directions["channel"] >= 0))
+            if wide[0] != 0:
+                self._widen(*wide, directions["p_dot"], n, n_u)
 
-    def _put_in_lanes(self, address: int, lanes: int, n: int, directions: dict[str, np.ndarray]) -> None:
-        """Make room for the tangent along ``lanes`` directions at once."""
-        p_dot, channel = directions["p_dot"], directions["channel"]
-        m, n_p = p_dot.shape
-        groups, n_u = -(-m // lanes), directions["weight"].shape[1]
-        by_lane = np.zeros((groups * lanes, n_p))
-        by_lane[:m] = p_dot
-        by_lane = np.ascontiguousarray(by_lane.reshape(groups, lanes, n_p).transpose(0, 2, 1))
+    def _widen(self, address: int, lanes: int, p_dot: np.ndarray, n: int, n_u: int) -> None:
+        """Lay the directions side by side in groups; the last group is filled up with zeros."""
+        groups = -(-len(p_dot) // lanes)
+        full = np.zeros((groups * lanes, p_dot.shape[1]))
+        full[: len(p_dot)] = p_dot
+        grouped = np.ascontiguousarray(full.reshape(groups, lanes, -1).transpose(0, 2, 1))
         room = np.zeros((2 * n + n_u) * lanes)
-        self._owned += (by_lane, room)
-        at = address_of(room)
-        self.numbers[_IN_LANES] = (
-            address,
-            lanes,
-            int(self.numbers[DELAYED] != 0 or np.any(channel >= 0)),
-            at,
-            at + 8 * n * lanes,
-            address_of(by_lane),
-            at + 8 * (n + n_u) * lanes,
-        )
+        self._owned = (*self._owned, grouped, room)
+        self.numbers[[WIDE, LANES, P_WIDE, ROOM]] = address, lanes, address_of(grouped), address_of(room)

@@ -27,12 +27,12 @@ from multibody.solvers.kernels.bundle import (
     N_MOVING,
     N_P,
     N_U,
-    OUT_WIDE,
     P_DOT,
     P_WIDE,
     PUSHED,
     RATE,
     RHS,
+    ROOM,
     ROWS,
     SHAPE,
     SHAPE_CURSOR,
@@ -42,18 +42,26 @@ from multibody.solvers.kernels.bundle import (
     TANGENT,
     TIMES,
     U_DOT,
-    U_WIDE,
     VALUES,
     WEIGHT,
     WIDE,
     WINDOW,
-    X_WIDE,
     M,
     N,
     P,
     U,
 )
-from multibody.solvers.kernels.calls import call_rhs, call_tangent, entry, floats, inner, ints, pointer, shift
+from multibody.solvers.kernels.calls import (
+    call_rhs,
+    call_tangent,
+    entry,
+    floats,
+    independent,
+    inner,
+    ints,
+    pointer,
+    shift,
+)
 
 
 @inner
@@ -222,38 +230,39 @@ def input_tangent(t, k, c):
 
 
 @inner
-def tangents_in_lanes(t, y, dy, c):
-    """Do what `tangents` does for several directions at once, each in a lane of its own."""
-    n, n_u, lanes = c[N], c[N_U], c[LANES]
-    u, p, u_dot, p_dot = floats(c[U]), floats(c[P]), floats(c[U_DOT]), floats(c[P_WIDE])
-    x_wide, u_wide, out = floats(c[X_WIDE]), floats(c[U_WIDE]), floats(c[OUT_WIDE])
-    first = 0
-    while first < c[M]:
-        count = min(lanes, c[M] - first)
-        for k in range(count):
-            own = shift(y, n * (first + k + 1))
-            for i in range(n):
-                x_wide[i * lanes + k] = own[i]
-        if c[PUSHED] != 0:
-            for k in range(count):
-                input_tangent(t, first + k, c)
-                for i in range(n_u):
-                    u_wide[i * lanes + k] = u_dot[i]
-        call_tangent(c[WIDE], t, y, u, p, x_wide, u_wide, shift(p_dot, first * c[N_P]), out)
-        for k in range(count):
-            own = shift(dy, n * (first + k + 1))
-            for i in range(n):
-                own[i] = out[i * lanes + k]
-        first += lanes
+def died_away(y, first, last, c):
+    """Tell whether some directions only began, and are zero by now."""
+    channel, n = ints(c[CHANNEL]), c[N]
+    for k in range(first, last):
+        if channel[k] != FADING:
+            return False
+    i, end = n * (first + 1), n * (last + 1)
+    while i < end and y[i] == 0.0:
+        i += 1
+    return i == end
 
 
 @inner
-def is_zero(column, n):
-    """Tell whether a column is zero throughout."""
-    largest = 0.0
+def tangents_together(t, y, dy, first, last, c):
+    """Write the derivatives of a group of directions, which go through the equations side by side."""
+    n, width, lanes, count = c[N], c[N_U], c[LANES], last - first
+    x_wide = floats(c[ROOM])
+    out, u_wide = shift(x_wide, n * lanes), shift(x_wide, 2 * n * lanes)
+    columns, rates = shift(y, n * (first + 1)), shift(dy, n * (first + 1))
     for i in range(n):
-        largest = max(largest, abs(column[i]))
-    return largest == 0.0
+        for lane in independent(count):
+            x_wide[i * lanes + lane] = columns[n * lane + i]
+    if c[PUSHED] != 0:
+        u_dot = floats(c[U_DOT])
+        for lane in range(count):
+            input_tangent(t, first + lane, c)
+            for j in range(width):
+                u_wide[j * lanes + lane] = u_dot[j]
+    p_wide = shift(floats(c[P_WIDE]), first * c[N_P])
+    call_tangent(c[WIDE], t, y, floats(c[U]), floats(c[P]), x_wide, u_wide, p_wide, out)
+    for i in range(n):
+        for lane in independent(count):
+            rates[n * lane + i] = out[i * lanes + lane]
 
 
 @inner
@@ -261,19 +270,18 @@ def tangents(t, y, dy, c):
     """Write the derivative of every direction's column of y into dy; u must be that of time t."""
     if c[DELAYED]:
         look_up_rates(t, c)
-    if c[WIDE] != 0:
-        tangents_in_lanes(t, y, dy, c)
-        return
-    u, p, p_dot, u_dot = floats(c[U]), floats(c[P]), floats(c[P_DOT]), floats(c[U_DOT])
-    channel = ints(c[CHANNEL])
-    for k in range(c[M]):
-        a = c[N] * (k + 1)
-        if channel[k] == FADING and is_zero(shift(y, a), c[N]):
-            for i in range(a, a + c[N]):
+    n, m, group, u, p = c[N], c[M], max(c[LANES], 1), floats(c[U]), floats(c[P])
+    for g in range((m + group - 1) // group):
+        first, last = g * group, min((g + 1) * group, m)
+        if died_away(y, first, last, c):
+            for i in range(n * (first + 1), n * (last + 1)):
                 dy[i] = 0.0
-            continue
-        input_tangent(t, k, c)
-        call_tangent(c[TANGENT], t, y, u, p, shift(y, a), u_dot, shift(p_dot, k * c[N_P]), shift(dy, a))
+        elif c[WIDE] != 0:
+            tangents_together(t, y, dy, first, last, c)
+        else:
+            input_tangent(t, first, c)
+            a, p_dot = n * (first + 1), shift(floats(c[P_DOT]), first * c[N_P])
+            call_tangent(c[TANGENT], t, y, u, p, shift(y, a), floats(c[U_DOT]), p_dot, shift(dy, a))
 
 
 @inner
