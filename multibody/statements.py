@@ -6,6 +6,8 @@ import ast
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from multibody.parsing import parse
+
 __all__ = [
     "Flow",
     "Statement",
@@ -94,7 +96,7 @@ def _is_name(node: ast.AST) -> bool:
 
 def copied(node: ast.stmt) -> ast.stmt:
     """Return an independent copy of a statement."""
-    return ast.parse(ast.unparse(node)).body[0]
+    return parse(ast.unparse(node)).body[0]
 
 
 @dataclass(frozen=True)

@@ -79,3 +79,19 @@ def test_a_failed_simulation_is_a_bad_step_and_not_the_end():
 def test_without_confirmation_it_still_ends_near_the_minimum():
     mine, theirs = fitted(tolerance=1e-4, confirm=False)
     assert mine.cost <= theirs.cost * (1.0 + 2e-3)
+
+
+def test_large_residuals_teach_their_curvature(monkeypatch):
+    """A model that lacks something: the last steps of plain Gauss and Newton get shorter by a constant share only."""
+    data = decay([2.0, 0.7, 5.0]) + 0.8 * np.sin(1.3 * T) + 0.5 * T
+
+    def run():
+        residuals, pieces = problem(data, own=-1.0)
+        start, bound = np.array([1.5, 0.4, 4.6, 0.0]), np.full(4, 50.0)
+        return solve(residuals, pieces, start, -bound, bound, tolerance=1e-12, max_evaluations=200)
+
+    learned = run()
+    monkeypatch.setattr("estimation.least_squares._learned", lambda curvature, *rest: curvature)
+    plain = run()
+    assert learned.cost == pytest.approx(plain.cost, rel=1e-9)
+    assert learned.jacobians < plain.jacobians

@@ -46,6 +46,7 @@ def test_transitions_agree_with_the_integrated_derivatives(sticking, monkeypatch
     given = pushes(experiment)
     monkeypatch.setattr(push_response, "worth_it", lambda *_: False)
     integrated = experiment.respond(system, p, pushes=given).derivatives
+    experiment = replace(experiment, rtol=1e-5)  # the outputs may be less exact than what the transitions need
     channels = tuple(dict.fromkeys(q.channel for q in given))
     found = PushResponse.along(experiment, system, p, experiment.start_vector(system), channels)
     carried = experiment._prepared(found.outputs, found(given), (), [], []).derivatives
