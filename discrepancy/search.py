@@ -10,7 +10,8 @@ import numpy as np
 
 from discrepancy.blocks import Candidate, Residual, Sensitivities
 from discrepancy.catalogue import Entry, catalogue
-from discrepancy.columns import Confrontation, candidate_columns, cannot_be_built
+from discrepancy.columns import candidate_columns, cannot_be_built
+from discrepancy.confrontation import Confrontation
 from discrepancy.effects import Effect
 from discrepancy.from_scan import effect_of, simpler_in
 from discrepancy.kinds import kind_named
