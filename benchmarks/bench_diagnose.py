@@ -15,7 +15,8 @@ def _study():  # type: ignore[no-untyped-def]
 def bench_columns() -> Callable[[], None]:
     """sensitivities of all candidates and shapes on all records"""
     from discrepancy.catalogue import catalogue
-    from discrepancy.columns import Confrontation, candidate_columns
+    from discrepancy.columns import candidate_columns
+    from discrepancy.confrontation import Confrontation
     from discrepancy.search import scan_preparation
 
     stage = _study().stage

@@ -20,7 +20,8 @@ def _stage() -> tuple[Any, Any, Any]:
 
 
 def _columns(every: int) -> Callable[[], None]:
-    from discrepancy.columns import Confrontation, candidate_columns
+    from discrepancy.columns import candidate_columns
+    from discrepancy.confrontation import Confrontation
 
     stage, preparation, entries = _stage()
     chosen = entries[::every]

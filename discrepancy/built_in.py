@@ -10,7 +10,7 @@ import numpy as np
 from discrepancy.catalogue import Entry
 
 if TYPE_CHECKING:
-    from discrepancy.columns import Confrontation
+    from discrepancy.confrontation import Confrontation
 
 __all__ = ["Plan", "built_in_columns"]
 

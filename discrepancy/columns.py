@@ -7,185 +7,29 @@ to be compiled for it, and hundreds of candidates and shapes cost one integratio
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discrepancy.blocks import Candidate, Residual, Sensitivities
+from discrepancy.blocks import Candidate
 from discrepancy.built_in import Plan, built_in_columns
 from discrepancy.catalogue import Entry
+from discrepancy.confrontation import Confrontation
 from discrepancy.effects import Effect
 from discrepancy.from_scan import DIFFERENCE, differs_from
 from discrepancy.kinds import MotionRange
 from discrepancy.law_force import MOTION, law_force
 from discrepancy.secants import far_away, secant_columns, takes_secants
-from estimation.experiment import Experiment, Push, SensorError
+from estimation.experiment import Experiment, Push
 from estimation.push_response import forget, response_of, worth_it
 from multibody.errors import ModelError
+from multibody.side_by_side import cores, side_by_side
 
 if TYPE_CHECKING:
-    from discrepancy.stage import Stage
-    from estimation.calibrate import Calibration
-    from estimation.signals import Preparation
-    from multibody.system import System
+    pass
 
-__all__ = ["Confrontation", "candidate_columns", "cannot_be_built"]
-
-
-@dataclass(frozen=True, eq=False)
-class Confrontation:
-    """A calibrated machine beside the records that may be used to choose.
-
-    Parameters
-    ----------
-    system : System
-        Built with probes and with the places' motion among its outputs.
-    slim : System
-        The same with the measured outputs only, for the derivatives.
-    calibration : Calibration
-        Of the experiments in it.
-    sensors : tuple of SensorError
-        Errors of sensors that the model already has, at their calibrated values.
-    preparation : Preparation
-        For the scan: at least as coarse as that of the experiments.
-    p : ndarray
-        Parameter vector.
-    noise : mapping of str to float
-        Noise floor of each output, SI.
-    """
-
-    system: System
-    slim: System
-    calibration: Calibration
-    sensors: tuple[SensorError, ...]
-    preparation: Preparation
-    p: np.ndarray
-    noise: Mapping[str, float] = field(default_factory=dict)
-    _cache: dict[str, Any] = field(default_factory=dict, repr=False)
-
-    @classmethod
-    def of_stage(cls, stage: Stage, preparation: Preparation) -> Confrontation:
-        """Return a stage's machine beside its identification records; what was worked out for it before is kept."""
-        key = ("facts", preparation)
-        if key not in stage.worked_out:
-            stage.worked_out[key] = cls(
-                stage.system, stage.slim, stage.identify, stage.sensors, preparation, stage.p, stage.noise
-            )
-        return stage.worked_out[key]
-
-    @property
-    def experiments(self) -> list[Experiment]:
-        """The experiments, prepared for the scan."""
-        if "experiments" not in self._cache:
-            self._cache["experiments"] = [
-                f.experiment.with_preparation(self.preparation) for f in self.calibration.fits
-            ]
-        return self._cache["experiments"]
-
-    def start(self, index: int) -> np.ndarray:
-        """Return the fitted start state of an experiment."""
-        fit = self.calibration.fits[index]
-        x = fit.experiment.start_vector(self.system)
-        for name in fit.experiment.free:
-            x[self.system.index("state", name)] = fit.own[name]
-        return x
-
-    def shaped(self, index: int, block: np.ndarray) -> np.ndarray:
-        """Return a block of an experiment weighed down where the noise of its recorded inputs acts."""
-        from discrepancy.input_noise import shaping_of
-
-        experiment = self.experiments[index]
-        if not experiment.input_noise:
-            return block
-        key = f"shaping {index}"
-        if key not in self._cache:
-            noise = np.array([self.noise.get(n, 0.0) for n in experiment.outputs])
-            self._cache[key] = shaping_of(experiment, self.slim, self.p, self.start(index), noise, self.sensors)
-        return self._cache[key](block)
-
-    def motions(self, index: int) -> dict[str, np.ndarray]:
-        """Return all outputs of the nominal run of an experiment on its full time grid, by name."""
-        key = f"motion {index}"
-        if key not in self._cache:
-            from multibody.simulate import simulate
-
-            experiment = self.experiments[index]
-            run = simulate(
-                self.system,
-                (float(experiment.record.time[0]), float(experiment.record.time[-1])),
-                inputs=experiment.table(self.system),
-                parameters=self.p,
-                initial=self.start(index),
-                times=experiment.record.time,
-                rtol=experiment.rtol,
-                atol=experiment.rtol * 1e-3,
-            )
-            self._cache[key] = {n: run.outputs[:, k] for k, n in enumerate(self.system.output_names)}
-        return self._cache[key]
-
-    def residual(self) -> Residual:
-        """Return measured minus modelled outputs at the calibrated values, prepared for the scan."""
-        if "residual" in self._cache:
-            return self._cache["residual"]
-        blocks = []
-        for i, experiment in enumerate(self.experiments):
-            y = experiment.simulate(self.slim, self.p, self.start(i), self.sensors)
-            own = self.calibration.fits[i].own
-            for c, name in enumerate(experiment.outputs):
-                y[:, c] += own.get(f"offset of {name}", 0.0)
-            blocks.append(self.shaped(i, experiment.measured - y))
-        time = self.experiments[0].time
-        self._cache["residual"] = Residual(blocks, float(np.median(np.diff(time))), self.experiments[0].outputs)
-        return self._cache["residual"]
-
-    def sensitivities(self) -> Sensitivities:
-        """Return the derivatives by what calibration may move, and by each record's own unknowns."""
-        if "sensitivities" in self._cache:
-            return self._cache["sensitivities"]
-        parameters = [p for p in self.calibration.parameters if p.name not in self.calibration.not_excited]
-        blocks, nuisance = [], []
-        k = len(parameters)
-        for i, experiment in enumerate(self.experiments):
-            dy = experiment.respond(
-                self.slim,
-                self.p,
-                self.start(i),
-                parameters=[p.name for p in parameters],
-                states=experiment.free,
-                sensors=self.sensors,
-            ).derivatives
-            blocks.append(self.shaped(i, dy[:, :, :k]))
-            own = [dy[:, :, k:]]
-            for name in experiment.offsets:
-                one = np.zeros((dy.shape[0], dy.shape[1], 1))
-                one[:, experiment.outputs.index(name)] = 1.0
-                own.append(one)
-            stacked = np.concatenate(own, axis=2)
-            nuisance.append(self.shaped(i, stacked) if stacked.shape[2] else None)
-        values = np.array([self.calibration[p.name] for p in parameters])
-        prior = np.array([p.std for p in parameters])
-        offset = np.where(np.isfinite(prior), np.array([p.value for p in parameters]) - values, 0.0)
-        self._cache["sensitivities"] = Sensitivities([p.name for p in parameters], blocks, prior, offset, nuisance)
-        return self._cache["sensitivities"]
-
-    def range_of(self, entry: Entry) -> MotionRange:
-        """Return how far and fast a connection moved."""
-        assert entry.place is not None
-        names = entry.place.motion_names()
-        runs = [self.motions(i) for i in range(len(self.experiments))]
-        x = np.concatenate([r[f"place.{entry.where}.{names[0][0]}"] for r in runs])
-        v = np.concatenate([r[f"place.{entry.where}.{names[1][0]}"] for r in runs])
-        scale = self.p[self.system.index("parameter", entry.stiffness)] if entry.stiffness else 0.0
-        return MotionRange(
-            float(x.min()),
-            float(x.max()),
-            float(np.quantile(np.abs(v), 0.95)),
-            entry.place.domain == "rotation",
-            float(scale),
-        )
+__all__ = ["candidate_columns", "cannot_be_built"]
 
 
 def _small_strength(motion: MotionRange) -> float:
@@ -259,9 +103,7 @@ def candidate_columns(
 
 
 def _all_columns(facts: Confrontation, plans: Sequence[Plan], progress: Any) -> dict[tuple[str, int], list[np.ndarray]]:
-    """Return the columns of every candidate, record by record, two records at a time."""
-    from concurrent.futures import ThreadPoolExecutor
-
+    """Return the columns of every candidate, record by record, side by side."""
     def of(i: int) -> dict[tuple[str, int], np.ndarray]:
         if progress is not None:
             progress(f"sensitivities of {len(plans)} candidates on {facts.experiments[i].name}")
@@ -269,8 +111,7 @@ def _all_columns(facts: Confrontation, plans: Sequence[Plan], progress: Any) -> 
 
     count = len(facts.experiments)
     first = of(0)  # what it compiles and builds serves the others
-    with ThreadPoolExecutor(max(1, min(count, os.cpu_count() or 1))) as pool:
-        found = [first, *pool.map(of, range(1, count))]
+    found = [first, *side_by_side(of, range(1, count))]
     return {key: [each[key] for each in found] for key in first}
 
 
@@ -331,7 +172,7 @@ def _record_columns(
     for first in range(0, len(pushes), batch):
         part = pushes[first : first + batch]
         dy = experiment.respond(
-            facts.slim, facts.p, start, pushes=part, sensors=facts.sensors, batch=batch
+            facts.slim, facts.p, start, pushes=part, sensors=facts.sensors, batch=batch, workers=cores()
         ).derivatives
         for key, k in wanted:
             if first <= k < first + batch:

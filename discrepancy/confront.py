@@ -81,6 +81,10 @@ def confront(setup: Setup, progress: Callable[[str], None] = _silent) -> Confron
         found = inverse_setup(setup)
         return Confronted(found.setup, "inverse", f"asked for by the study; {found.told}")
     progress("how fast the machine runs away from a start that is slightly off")
+    if setup.residual == "auto":  # one record tells a machine that stays where it is put, which most do
+        whole = _Look.of(setup, longest_only=True).whole()
+        if not np.isfinite(whole.within):
+            return Confronted(setup, "simulation", _stays(whole))
     look = _Look.of(setup)
     whole = look.whole()
     if setup.residual == "auto" and not np.isfinite(whole.within):
@@ -114,15 +118,17 @@ class _Look:
     scale: np.ndarray
 
     @classmethod
-    def of(cls, setup: Setup) -> _Look:
+    def of(cls, setup: Setup, *, longest_only: bool = False) -> _Look:
         experiments = tuple(crop(e) for e in setup.identify)
         system = setup.model.build(outputs=experiments[0].outputs)
         p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
-        followed = tuple(follow(e, system, p) for e in experiments)
         values = np.concatenate([e.record.values(*e.outputs) for e in experiments])
         spread = np.maximum(np.std(values, axis=0), 1e-9 * np.maximum(np.max(np.abs(values), axis=0), 1e-300))
         units = np.array([system.unit(n) for n in experiments[0].outputs])
         spread = np.where(units == "rad", np.minimum(spread, 1.0), spread)  # a turn more makes no angle less exact
+        if longest_only:
+            experiments = (max(experiments, key=lambda e: e.record.duration),)
+        followed = tuple(follow(e, system, p) for e in experiments)
         states = np.concatenate([f.states for f in followed])
         scale = np.std(states, axis=0)
         scale = np.where([q.unit == "rad" for q in system.states], np.minimum(scale, 1.0), scale)

@@ -122,7 +122,7 @@ def describe_unknown(study: Study) -> UnknownForce | None:
     The force is estimated on the model without it; what it is a function of, and which simple law is near, are asked
     of that estimate and not of the curve that was added, which has an argument already.
     """
-    from discrepancy.columns import Confrontation
+    from discrepancy.confrontation import Confrontation
     from discrepancy.curves import explain_force
     from discrepancy.force_estimate import estimate_force
     from discrepancy.laws import suggest_laws

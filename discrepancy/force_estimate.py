@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.columns import Confrontation
+from discrepancy.confrontation import Confrontation
 from discrepancy.law_force import MOTION
 from estimation.correlation import correlation_time
 from estimation.experiment import Push

@@ -156,7 +156,7 @@ def generic_candidates(residual: Residual, drivers: Mapping[str, Sequence[Array]
 
 def omnibus_of_stage(stage: Stage, *, level: float, draws: int = 200, seed: int = 0) -> Omnibus | None:
     """Test a stage of a study against its recorded inputs and their rates; None if the inputs do not change."""
-    from discrepancy.columns import Confrontation
+    from discrepancy.confrontation import Confrontation
     from discrepancy.search import scan_preparation
 
     facts = Confrontation.of_stage(stage, scan_preparation(stage))

@@ -151,7 +151,8 @@ def _seen(w: Whitened, candidates: Sequence[Candidate], best: dict[int, int]) ->
 def peer_case(case: Case, stage: Stage) -> PeerCase:
     """Work out what the rivals get, from a recalibrated stage of a study of the case."""
     from discrepancy.catalogue import catalogue
-    from discrepancy.columns import Confrontation, candidate_columns
+    from discrepancy.columns import candidate_columns
+    from discrepancy.confrontation import Confrontation
     from discrepancy.search import scan_preparation
     from discrepancy.whitened import fit_whitened, whiten_all
     from discrepancy.whitening import identity

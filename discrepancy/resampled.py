@@ -156,7 +156,8 @@ def resampled_alarms(
         First number.
     """
     from discrepancy.catalogue import catalogue
-    from discrepancy.columns import Confrontation, candidate_columns
+    from discrepancy.columns import candidate_columns
+    from discrepancy.confrontation import Confrontation
     from discrepancy.null import correlation_length
     from discrepancy.scan import judge, scan
     from discrepancy.search import LOOKS, scan_preparation

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.columns import Confrontation
+from discrepancy.confrontation import Confrontation
 from discrepancy.stage import Stage
 from estimation.correlation import correlation_time, cut_rows
 from estimation.signals import Preparation

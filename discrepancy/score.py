@@ -6,6 +6,7 @@ done to the null as well.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -21,6 +22,7 @@ MIN_WINDOW = 16
 # Norm of a column relative to the largest value on the candidate's own shape grid.
 NOT_EXCITED = 1e-9
 ABSORBED = 1.0 - 1e-6
+TOGETHER = 128  # columns that are projected in one product
 
 
 @dataclass(frozen=True)
@@ -72,17 +74,13 @@ def prepare_columns(
     strongest: dict[int, float] = {}
     for cand, _, _, Z in whitened:
         strongest[cand] = max(strongest.get(cand, 0.0), float(np.max(np.abs(Z), initial=0.0)))
-    for cand, shape, one_sided, Z in whitened:
+    for (cand, shape, one_sided, Z), (theta, Zp) in zip(whitened, _projected(whitened, projection), strict=True):
         key = (cand, shape)
         norm = np.linalg.norm(Z, axis=0)
         if not np.all(norm > NOT_EXCITED * strongest[cand]) or strongest[cand] == 0.0:
             dropped[key] = "not excited: these records never make it act"
             kappa[key] = float("nan")
             continue
-        theta = projection.parameters(Z)
-        Zp = projection.remove(Z.copy())
-        # A second pass removes what rounding left of nearly collinear columns.
-        projection.remove(Zp)
         kept = float(np.sum(Zp**2) / np.sum(Z**2))
         kappa[key] = 1.0 - kept
         q, r = np.linalg.qr(Zp / norm)
@@ -100,6 +98,30 @@ def prepare_columns(
     rows = projection.layout.n_rows
     Zall = np.concatenate(parts, axis=1) if parts else np.zeros((rows, 0))
     return Columns(Zall, groups, Rs, absorbed, kappa, dropped)
+
+
+def _projected(
+    whitened: list[tuple[int, int, bool, Array]], projection: Projection
+) -> Iterator[tuple[Array, Array]]:
+    """Yield what calibration makes of each candidate's columns, and what is left of them; many columns at a time."""
+    waiting = list(whitened)
+    while waiting:
+        taken, width = 0, 0
+        while taken < len(waiting) and (taken == 0 or width + waiting[taken][3].shape[1] <= TOGETHER):
+            width += waiting[taken][3].shape[1]
+            taken += 1
+        parts = [Z for *_, Z in waiting[:taken]]
+        del waiting[:taken]
+        together = np.concatenate(parts, axis=1)
+        theta = projection.parameters(together)
+        projection.remove(together)
+        # A second pass removes what rounding left of nearly collinear columns.
+        projection.remove(together)
+        first = 0
+        for Z in parts:
+            own = slice(first, first + Z.shape[1])
+            yield theta[:, own], np.ascontiguousarray(together[:, own])
+            first = own.stop
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import numpy as np
 
 from discrepancy.blocks import Candidate, Residual, Sensitivities
 from discrepancy.catalogue import Entry, catalogue
-from discrepancy.columns import Confrontation, candidate_columns, cannot_be_built
+from discrepancy.columns import candidate_columns, cannot_be_built
+from discrepancy.confrontation import Confrontation
 from discrepancy.effects import Effect
 from discrepancy.from_scan import effect_of, simpler_in
 from discrepancy.kinds import kind_named
@@ -18,6 +19,7 @@ from discrepancy.stage import Accepted, Rival, Stage
 from estimation.correlation import correlation_time
 from estimation.signals import Preparation
 from multibody.errors import ModelError
+from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from discrepancy.scan import ScanResult
@@ -114,22 +116,29 @@ def search_step(
     if not rows:
         return Step(scans[0], None, None, tuple(refused))
     by_name = {c.name: c for c in candidates}
-    tried: list[tuple[Stage, Row]] = []
-    for row in rows:
+
+    def trial(row: Row) -> Stage | ModelError | None:
         entry: Entry = by_name[row.name].info["entry"]
         simpler = simpler_in(stage.effects, row.kind, row.where)
         effect = effect_of(entry, row, stage.effects, simpler)
         progress(f"refit with {effect}" + (f" in the place of {simpler[0]}" if simpler else ""))
         try:
-            trial = refit(effect, simpler)
-            if simpler and not entry.kind.by_direction and bic_difference(trial, stage) >= 0.0:
-                trial = refit(effect_of(entry, row, stage.effects), ())  # not in their place: is it beside them?
-            tried.append((trial, row))
+            found = refit(effect, simpler)
+            if simpler and not entry.kind.by_direction and bic_difference(found, stage) >= 0.0:
+                found = refit(effect_of(entry, row, stage.effects), ())  # not in their place: is it beside them?
+            return found
         except RuntimeError as error:  # a simulation that fails is a bad explanation, not the end of the search
             progress(f"{effect} could not be simulated: {error}")
+            return None
         except ModelError as error:  # say an algebraic loop: these records cannot speak about it in this model
-            refused.append((by_name[row.name].info["entry"], cannot_be_built(error)))
-    tried = [t for t in tried if bic_difference(t[0], stage) < 0.0 and matters(t[0], stage)]
+            return error
+
+    tried: list[tuple[Stage, Row]] = []
+    for row, found in zip(rows, side_by_side(trial, rows), strict=True):
+        if isinstance(found, ModelError):
+            refused.append((by_name[row.name].info["entry"], cannot_be_built(found)))
+        elif found is not None and bic_difference(found, stage) < 0.0 and matters(found, stage):
+            tried.append((found, row))
     if not tried:
         return Step(scans[0], None, None, tuple(refused))
     tried.sort(key=lambda t: bic_difference(t[0], stage))

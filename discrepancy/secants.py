@@ -17,7 +17,7 @@ from discrepancy.effects import Effect, law_class
 
 if TYPE_CHECKING:
     from discrepancy.catalogue import Entry
-    from discrepancy.columns import Confrontation
+    from discrepancy.confrontation import Confrontation
     from multibody.system import System
 
 __all__ = ["far_away", "secant_columns", "takes_secants"]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from discrepancy.columns import Confrontation
+from discrepancy.confrontation import Confrontation
 from discrepancy.effects import Effect
 from discrepancy.search import LOOKS, bic_difference, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.blocks import Candidate
-from discrepancy.columns import Confrontation
+from discrepancy.confrontation import Confrontation
 from discrepancy.effect_laws import CURVE_OVER, CURVE_POINTS
 from discrepancy.effects import Effect
 from discrepancy.kinds import kind_named

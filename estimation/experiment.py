@@ -15,6 +15,9 @@ import numpy as np
 
 from estimation.record import Record
 from estimation.signals import Preparation
+from multibody.along import observe_along
+from multibody.directions import worth_lanes
+from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from multibody.inputs import InputTable
@@ -221,7 +224,7 @@ class Experiment:
         batch : int
             Directions integrated together; limits memory.
         workers : int
-            Threads among which the directions are divided; the compiled loops leave the interpreter free.
+            Threads among which the directions are divided.
 
         Returns
         -------
@@ -233,7 +236,15 @@ class Experiment:
         x0 = self.start_vector(system) if x0 is None else x0
         if not parameters and not states and worth_it(system, pushes):
             carried = response_of(self, system, p, x0, pushes)
-            return self._prepared(carried.outputs, carried(pushes), sensors, [], [])
+
+            def answer(some: Sequence[Push]) -> Response:
+                return self._prepared(carried.outputs, carried(some), sensors, [], [])
+
+            shares = side_by_side(answer, [pushes[k::workers] for k in range(workers)])
+            derivatives = np.empty((*shares[0].outputs.shape, len(pushes)))
+            for k, share in enumerate(shares):
+                derivatives[:, :, k::workers] = share.derivatives
+            return Response(shares[0].outputs, derivatives)
         physical = [n for n in parameters if not n.startswith("sensor.")]
         total = len(physical) + len(states) + len(pushes)
         pick = np.array([system.index("output", n) for n in self.outputs])
@@ -244,15 +255,8 @@ class Experiment:
             directions = self._directions(system, physical, states, pushes, slice(first, min(first + batch, total)))
             return _integrate(system, self, p, x0, directions, pick)
 
-        firsts = range(0, max(total, 1), batch)
-        if workers > 1 and len(firsts) > 1:
-            from concurrent.futures import ThreadPoolExecutor
-
-            self.table(system)  # made once, before the threads ask for it
-            with ThreadPoolExecutor(workers) as pool:
-                parts = list(pool.map(part, firsts))
-        else:
-            parts = [part(first) for first in firsts]
+        self.table(system)  # made once, before the threads ask for it
+        parts = side_by_side(part, range(0, max(total, 1), batch), most=workers)
         dy = np.concatenate([d for _, d, _ in parts], axis=2)
         found = self._prepared(parts[0][0], dy, sensors, parameters, physical)
         return replace(found, evaluations=parts[0][2])
@@ -307,13 +311,13 @@ def _integrate(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Return outputs (nt, n_channels), their derivatives (nt, n_channels, m) on the record's grid, and evaluations."""
     from multibody.errors import SimulationError
-    from multibody.native import load_driver
     from multibody.simulate import native_problem
     from multibody.solvers import Samples, integrate
 
     time = np.array(experiment.record.time)
     table = experiment.table(system)
-    problem = native_problem(system, p, table, directions)
+    wide = directions is not None and worth_lanes(time.size, directions.count)
+    problem = native_problem(system, p, table, directions, in_lanes=wide)
     inputs, n, m = table(time, p), len(system.states), problem.n_directions
     inputs = np.ascontiguousarray(inputs.reshape(time.size, -1))
     y = np.empty((time.size, pick.size))
@@ -326,7 +330,6 @@ def _integrate(
             delays[:, system.index("input", name)] = -directions.p_dot[:, k]
         given = directions.shape
         shape = given if given is not None and len(given) == time.size else np.zeros((time.size, m))
-    along = load_driver("multibody.solvers.kernels.along")
 
     def receive(first: int, times: np.ndarray, states: np.ndarray) -> None:
         rows = slice(first, first + times.size)
@@ -336,14 +339,10 @@ def _integrate(
             step = max(1, 4_000_000 // max(m * n_y, 1))
             for a in range(0, times.size, step):
                 b = min(a + step, times.size)
-                out = np.empty((b - a, m, n_y))
                 part = slice(first + a, first + b)
-                along.observe_along(
-                    system.outputs_tangent.address, np.require(times[a:b], float, ["C", "W"]),
-                    np.ascontiguousarray(states[a:b]),
-                    inputs[part], rates[part], p, directions.p_dot, np.ascontiguousarray(shape[part]),
-                    directions.channel, delays, np.empty(inputs.shape[1]), out)
-                dy[part] = out[:, :, pick].transpose(0, 2, 1)
+                dy[part] = observe_along(
+                    system, times[a:b], states[a:b], inputs[part], p, directions, rates[part], delays, shape[part]
+                )[:, pick]
 
     if n == 0:  # the motion is given: nothing to integrate
         receive(0, time, np.zeros((time.size, 0)))
@@ -351,7 +350,7 @@ def _integrate(
     solution = integrate(
         problem, (float(time[0]), float(time[-1])), x0, samples=Samples(time, receive), rtol=experiment.rtol,
         atol=experiment.rtol * 1e-3, max_step=np.inf, max_evaluations=experiment.max_evaluations,
-        stiff_problem=lambda: native_problem(system, p, table, directions, tangent=True))
+        stiff_problem=lambda: native_problem(system, p, table, directions, tangent=True, in_lanes=wide))
     if solution.status < 0 or not np.all(np.isfinite(y)):
         raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
     return y, dy, int(solution.nfev)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ import numpy as np
 from estimation.calibration import UncertainParameter
 from estimation.experiment import Experiment, Response, SensorError
 from estimation.least_squares import Piece
+from multibody.side_by_side import cores, side_by_side
 
 if TYPE_CHECKING:
     from multibody.system import System
@@ -82,7 +82,7 @@ class FitProblem:
             parameters=wanted,
             states=states,
             sensors=tuple(sensors.values()),
-            workers=max(1, (os.cpu_count() or 1) // len(self.experiments)),
+            workers=cores(),
         )
         outputs = found.outputs.copy()
         extra = []
@@ -98,7 +98,7 @@ class FitProblem:
         return Response(outputs, dy)
 
     def respond_all(self, theta: np.ndarray, derivatives: bool) -> list[Response]:
-        """Simulate every experiment, two at a time: the compiled loops leave the interpreter free.
+        """Simulate every experiment, side by side.
 
         What was last simulated with derivatives, and without, is remembered and not simulated again.
         """
@@ -106,14 +106,7 @@ class FitProblem:
             point, found = self._seen.get(kind, (None, []))
             if point is not None and np.array_equal(point, theta):
                 return found
-        count = len(self.experiments)
-        if count < 2:
-            found = [self.respond(theta, i, derivatives) for i in range(count)]
-        else:
-            from concurrent.futures import ThreadPoolExecutor
-
-            with ThreadPoolExecutor(min(count, os.cpu_count() or 1)) as pool:
-                found = list(pool.map(lambda i: self.respond(theta, i, derivatives), range(count)))
+        found = side_by_side(lambda i: self.respond(theta, i, derivatives), range(len(self.experiments)))
         self._seen[derivatives] = (theta.copy(), found)
         return found
 

@@ -3,7 +3,9 @@
 Levenberg and Marquardt with the damping of Nielsen (1999), variables held at a bound while the gradient pushes them
 outwards.  A Jacobian costs as much as many simulations, so between two of them it is corrected by what each step has
 shown (Broyden 1965, in the metric of the column lengths; a piece that does not feel some unknowns keeps their columns
-zero, Schubert 1970).  A fit ends on a new Jacobian only: no corrected one decides that it has converged.  Steps come
+zero, Schubert 1970).  A fit ends on a new Jacobian only: no corrected one decides that it has converged.  Where a model
+that lacks something leaves large residuals, their curvature matters too, without which the last steps get shorter only
+by halves; it is learned from one new Jacobian to the next (Dennis, Gay and Welsch 1981, ACM TOMS 7, 348).  Steps come
 from the small normal matrix with columns scaled to unit length; as the residual itself is exact, its condition limits
 the speed of the last digits and not their accuracy.
 """
@@ -18,6 +20,7 @@ import numpy as np
 __all__ = ["Piece", "Solution", "solve"]
 
 POOR = 0.3  # share of the promised fall that a step with a corrected Jacobian must reach, or a new one is made
+STEEP = 0.1  # share of the flattest direction's curvature that must be left for the residuals' curvature to be used
 CORRECTIONS = 5  # steps on one Jacobian, at most
 
 
@@ -107,8 +110,13 @@ def solve(
     rows = list(pieces(x))
     current, evaluations, jacobians = _cost([r.residual for r in rows]), 1, 1
     damping, growth, corrected = 1e-4, 2.0, 0
+    curvature, last = np.zeros((x.size, x.size)), None
     while True:
         normal, gradient = _normal(rows, x.size)
+        if not corrected and last is not None:
+            curvature = _learned(curvature, last, x, gradient, rows)
+        if not corrected:
+            last = x.copy(), gradient, [r.jacobian for r in rows]
         held = ((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0))
         free = ~held & (np.diag(normal) > 0)
         message, improved, poor = "no step improves any more", False, False
@@ -116,7 +124,7 @@ def solve(
             if not free.any() or _flat(gradient, normal, free, current):
                 message = "the gradient vanishes"
                 break
-            trial, predicted = _step(x, normal, gradient, free, damping, low, high)
+            trial, predicted = _step(x, _curved(normal, curvature, free), gradient, free, damping, low, high)
             change, size = trial - x, np.sqrt(np.diag(normal))  # by what each unknown moves: their units differ
             if np.linalg.norm(size * change) <= tolerance * 1e-2 * np.linalg.norm(size * x) or predicted <= 0:
                 break
@@ -168,6 +176,43 @@ def _normal(rows: Iterable[Piece], k: int) -> tuple[np.ndarray, np.ndarray]:
         normal[np.ix_(row.columns, row.columns)] += row.jacobian.T @ row.jacobian
         gradient[row.columns] += row.jacobian.T @ row.residual
     return normal, gradient
+
+
+def _learned(
+    curvature: np.ndarray,
+    last: tuple[np.ndarray, np.ndarray, list[np.ndarray]],
+    x: np.ndarray,
+    gradient: np.ndarray,
+    rows: Sequence[Piece],
+) -> np.ndarray:
+    """Return the residuals' own curvature, put right by what the Jacobian of a new point shows along the way to it."""
+    before, slope, jacobians = last
+    way, turn = x - before, gradient - slope
+    along = float(way @ turn)
+    if not along > 1e-12 * float(np.linalg.norm(way) * np.linalg.norm(turn)):
+        return curvature
+    shown = gradient.copy()
+    for row, jacobian in zip(rows, jacobians, strict=True):
+        shown[row.columns] -= jacobian.T @ row.residual
+    pulled = curvature @ way
+    size = abs(float(way @ pulled))
+    share = min(1.0, abs(float(way @ shown)) / size) if size > 0.0 else 1.0
+    miss = shown - share * pulled
+    return (
+        share * curvature
+        + (np.outer(miss, turn) + np.outer(turn, miss)) / along
+        - float(way @ miss) / along**2 * np.outer(turn, turn)
+    )
+
+
+def _curved(normal: np.ndarray, curvature: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Return the normal matrix with the residuals' curvature, where that leaves it clearly a valley's."""
+    index = np.flatnonzero(free)
+    size = np.sqrt(np.diag(normal)[index])
+    bent = (normal + curvature)[np.ix_(index, index)] / np.outer(size, size)
+    straight = normal[np.ix_(index, index)] / np.outer(size, size)
+    least = np.linalg.eigvalsh(bent)[0]
+    return normal + curvature if least > STEEP * max(np.linalg.eigvalsh(straight)[0], 0.0) and least > 0.0 else normal
 
 
 def _flat(gradient: np.ndarray, normal: np.ndarray, free: np.ndarray, cost: float) -> bool:

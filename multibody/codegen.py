@@ -53,7 +53,8 @@ class Source:
     Parameters
     ----------
     texts : mapping of str
-        Python source of each of the functions ``rhs``, ``outputs``, ``rhs_tangent`` and ``outputs_tangent``.
+        Python source of each of the functions ``rhs``, ``outputs``, ``rhs_tangent``, ``outputs_tangent`` and
+        ``rhs_columns``, which is ``rhs_tangent`` along states alone.
         Each stands in a file of its own: functions with the same text then share one compiled version,
         whatever else their models have.
     sparsity : ndarray of bool, shape (n, n)
@@ -88,13 +89,14 @@ def generate(work: Assembly) -> Source:
             raise ModelError(work.name, faults)
 
     def text(name: str) -> str:
-        of_outputs, tangent = name.startswith("outputs"), name.endswith("_tangent")
+        of_outputs, tangent = name.startswith("outputs"), name.endswith(("_tangent", "_columns"))
         items, wanted = (output_items, shown) if of_outputs else (rate_items, rates)
         result = "out" if tangent else "y" if of_outputs else "dx"
-        body = _function(work, name, result, items, wanted, tangent=tangent)
+        along = ("x",) if name.endswith("_columns") else ("x", "u", "p")
+        body = _function(work, name, result, items, wanted, tangent=tangent, along=along)
         return "\n\n".join([_HEADER, *kernel_texts, *(tangents() if "_tangent(" in body else ()), body]) + "\n"
 
-    texts = Texts(("rhs", "outputs", "rhs_tangent", "outputs_tangent"), text)
+    texts = Texts(("rhs", "outputs", "rhs_tangent", "outputs_tangent", "rhs_columns"), text)
     for name in ("rhs", "outputs"):  # what cannot be written is told when the model is built
         texts[name]
     deps = dependencies(rate_items, [q.variable for q in work.states])
@@ -102,7 +104,16 @@ def generate(work: Assembly) -> Source:
     return Source(texts, sparsity.reshape(len(rates), len(rates)))
 
 
-def _function(work: Assembly, name: str, result: str, items: list[Item], wanted: list[str], *, tangent: bool) -> str:
+def _function(
+    work: Assembly,
+    name: str,
+    result: str,
+    items: list[Item],
+    wanted: list[str],
+    *,
+    tangent: bool,
+    along: tuple[str, ...] = ("x", "u", "p"),
+) -> str:
     used = {n for item in items for n in item.reads} | set(wanted)
     lines: list[str] = []
     seeds: set[str] = set()
@@ -110,11 +121,11 @@ def _function(work: Assembly, name: str, result: str, items: list[Item], wanted:
         for k, q in enumerate(group):
             if q.variable in used:
                 lines.append(f"{q.variable} = {array}[{k}]")
-                if tangent:
+                if tangent and array in along:
                     lines.append(f"{d(q.variable)} = {array}_dot[{k}]")
                     seeds.add(q.variable)
     lines += [f"{c} = {value}" for c, value in work.constants.items() if c in used]
-    if "p" in used:
+    if "p" in used and "p" in along:
         seeds.add("p")
     nodes = [n for item in items for n in item.nodes]
     active = active_names(nodes, seeds)
@@ -124,7 +135,7 @@ def _function(work: Assembly, name: str, result: str, items: list[Item], wanted:
     writer = Differentiator(active, tangent_name)
     for item in items:
         if isinstance(item, Block):
-            lines += _block_lines(item, active if tangent else None)
+            lines += _block_lines(item, writer if tangent else None)
         else:
             lines.append(f"# {item.origin.partition(', ')[0]}")
             try:
@@ -141,20 +152,20 @@ def _function(work: Assembly, name: str, result: str, items: list[Item], wanted:
     return "\n    ".join([f"def {name}({arguments}, {result}):", *lines, "return"])
 
 
-def _block_lines(block: Block, active: set[str] | None) -> list[str]:
-    """Solve a block for its unknowns; with ``active``, carry the tangents through it as well."""
+def _block_lines(block: Block, outer: Differentiator | None) -> list[str]:
+    """Solve a block for its unknowns; with ``outer``, carry its tangents through the block as well."""
     z = [u.variable for u in block.unknowns]
     r = [u.residual for u in block.unknowns]
     m = len(z)
     inner_active = active_names(block.nodes, set(z))
-    inner = Differentiator(inner_active, tangent_name)
+    inner = Differentiator(inner_active, tangent_name, "z")  # not the tangents of the directions that are asked for
     lines = [f"# implicit: {', '.join(u.name for u in block.unknowns)}", *(f"{v} = 0.0" for v in z)]
     sweep: list[str] = []
     for j in range(m):
-        sweep += [f"{d(v)} = {1.0 if k == j else 0.0}" for k, v in enumerate(z)]
+        sweep += [f"{inner.d(v)} = {1.0 if k == j else 0.0}" for k, v in enumerate(z)]
         sweep += _unparse(inner.statements(block.nodes))
         for i in range(m):
-            sweep.append(f"A_{i}_{j} = {d(r[i]) if r[i] in inner_active else '0.0'}")
+            sweep.append(f"A_{i}_{j} = {inner.d(r[i]) if r[i] in inner_active else '0.0'}")
     sweep += [f"r_{i} = {r[i]}" for i in range(m)]
     sweep += _solution(m, "r", "s")
     if block.affine:
@@ -173,12 +184,11 @@ def _block_lines(block: Block, active: set[str] | None) -> list[str]:
         ]
         # rounding may keep the last steps above the first bound; beyond the second there is no solution
         lines += [f"if not ({failed}):", *(f"    {v} = math.nan" for v in z)]
-    if active is None:
+    if outer is None:
         return lines + _unparse(block.nodes)
-    outer = Differentiator(active, tangent_name)
     lines += [f"{d(v)} = 0.0" for v in z] + _unparse(outer.statements(block.nodes))
-    lines += [f"r_{i} = {d(r[i]) if r[i] in active else '0.0'}" for i in range(m)]
-    lines += _solution(m, "r", "s") + [f"{d(z[i])} = -s_{i}" for i in range(m)]
+    lines += [f"dr_{i} = {d(r[i]) if r[i] in outer.active else '0.0'}" for i in range(m)]
+    lines += _solution(m, "dr", "ds") + [f"{d(z[i])} = -ds_{i}" for i in range(m)]
     return lines + _unparse(outer.statements(block.nodes))
 
 

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import ast
 
+from multibody.parsing import expression
+
 __all__ = ["RULES", "Expr", "add", "const", "loaded", "math_call", "mul", "number", "sub", "substitute"]
 
 Expr = ast.expr
@@ -91,4 +93,4 @@ def substitute(text: str, names: dict[str, Expr]) -> Expr:
         def visit_Name(self, node: ast.Name) -> Expr:
             return names.get(node.id, node)
 
-    return Put().visit(ast.parse(text, mode="eval").body)
+    return Put().visit(expression(text))

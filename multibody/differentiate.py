@@ -21,25 +21,28 @@ __all__ = ["Differentiator", "active_names", "d"]
 Kernel = Callable[[str], str]
 
 
-def d(name: str) -> str:
-    """Return the name of the tangent of a name."""
-    return f"_d_{name}"
+def d(name: str, mark: str = "") -> str:
+    """Return the name of the tangent of a name; tangents of another direction have another mark."""
+    return f"_d{mark}_{name}"
 
 
 def active_names(nodes: Iterable[ast.stmt], seeds: set[str]) -> set[str]:
     """Return every name whose value can depend on the seeds, the seeds included."""
     active = set(seeds)
-    nodes = list(nodes)
+    assigned = [
+        (
+            {n.id for n in ast.walk(inner.value) if isinstance(n, ast.Name)},
+            {n.id for t in inner.targets for n in ast.walk(t) if isinstance(n, ast.Name)},
+        )
+        for node in nodes
+        for inner in ast.walk(node)
+        if isinstance(inner, ast.Assign)
+    ]
     while True:
         before = len(active)
-        for node in nodes:
-            for inner in ast.walk(node):
-                if isinstance(inner, ast.Assign):
-                    reads = {n.id for n in ast.walk(inner.value) if isinstance(n, ast.Name)}
-                    if reads & active:
-                        active |= {
-                            n.id for t in inner.targets for n in ast.walk(t) if isinstance(n, ast.Name)
-                        }
+        for reads, writes in assigned:
+            if reads & active:
+                active |= writes
         if len(active) == before:
             return active
 
@@ -54,12 +57,19 @@ class Differentiator:
     kernel_tangent : callable
         Maps a kernel's name to the name of its tangent function, which takes all arguments and then all their
         tangents and returns the value(s) followed by the tangent(s).
+    mark : str
+        Of the tangents' names, where several directions are carried in one text.
     """
 
-    def __init__(self, active: set[str], kernel_tangent: Kernel):
+    def __init__(self, active: set[str], kernel_tangent: Kernel, mark: str = ""):
         self.active = active
         self.kernel_tangent = kernel_tangent
+        self.mark = mark
         self._count = itertools.count()
+
+    def d(self, name: str) -> str:
+        """Return the name of the tangent of a name."""
+        return d(name, self.mark)
 
     def statements(self, nodes: Iterable[ast.stmt]) -> list[ast.stmt]:
         """Return the statements with their tangents beside them."""
@@ -115,7 +125,7 @@ class Differentiator:
         pre, value, tangent = self.expression(node.value)
         tangent = tangent if tangent is not None else const(0.0)
         # the tangent first: the value may overwrite a name that the tangent still needs
-        return [*pre, ast.Assign([ast.Name(d(target.id), ast.Store())], tangent), ast.Assign([target], value)]
+        return [*pre, ast.Assign([ast.Name(self.d(target.id), ast.Store())], tangent), ast.Assign([target], value)]
 
     def _assign_tuple(self, target: ast.Tuple, value: Expr) -> list[ast.stmt]:
         names = [n.id for n in target.elts if isinstance(n, ast.Name)]
@@ -134,17 +144,17 @@ class Differentiator:
                 ]
                 post += [
                     ast.Assign([ast.Name(name, ast.Store())], loaded(a)),
-                    ast.Assign([ast.Name(d(name), ast.Store())], loaded(b)),
+                    ast.Assign([ast.Name(self.d(name), ast.Store())], loaded(b)),
                 ]
             return pre + post
         if not isinstance(value, ast.Call) or not isinstance(value.func, ast.Name):
             raise EquationError(f"cannot differentiate '{ast.unparse(value)}'")
         pre, call = self._kernel_call(value)
-        elements: list[Expr] = [ast.Name(n, ast.Store()) for n in (*names, *map(d, names))]
+        elements: list[Expr] = [ast.Name(n, ast.Store()) for n in (*names, *map(self.d, names))]
         return [*pre, ast.Assign([ast.Tuple(elements, ast.Store())], call)]
 
     def _temporary(self) -> str:
-        return f"_w{next(self._count)}"
+        return f"_w{self.mark}{next(self._count)}"
 
     def _hold(self, pre: list[ast.stmt], value: Expr) -> Expr:
         """Keep a value under a name of its own, unless it already has one."""
@@ -159,7 +169,7 @@ class Differentiator:
         if not self._touches(node):
             return [], node, None
         if isinstance(node, ast.Name):
-            return [], node, loaded(d(node.id))
+            return [], node, loaded(self.d(node.id))
         if isinstance(node, ast.BinOp):
             return self._binary(node)
         if isinstance(node, ast.UnaryOp):
@@ -179,7 +189,7 @@ class Differentiator:
         if isinstance(node, ast.Call):
             return self._function(node)
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
-            return [], node, ast.Subscript(loaded(d(node.value.id)), node.slice, ast.Load())
+            return [], node, ast.Subscript(loaded(self.d(node.value.id)), node.slice, ast.Load())
         raise EquationError(f"cannot differentiate '{ast.unparse(node)}'")
 
     def _touches(self, node: ast.AST) -> bool:

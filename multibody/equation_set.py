@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from multibody.parsing import parse
 from multibody.statements import Statement, variable
 
 if TYPE_CHECKING:
@@ -84,4 +84,4 @@ class Assembly:
 
 def statement(text: str, origin: str) -> Statement:
     """Return one assignment, given as text, as a statement."""
-    return Statement.of([ast.parse(text).body[0]], origin)
+    return Statement.of([parse(text).body[0]], origin)

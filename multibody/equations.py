@@ -17,6 +17,7 @@ from typing import Any
 from multibody.component import Component, nearest
 from multibody.declare import Input, Option, Output, Parameter, Port, State, Table, Unknown
 from multibody.errors import EquationError
+from multibody.parsing import parse
 from multibody.rewriter import Rewriter, constant
 from multibody.sources import function_lines
 from multibody.statements import Statement, merge_repeated, names_written, readable, variable
@@ -121,7 +122,7 @@ def parse_function(function: Callable[..., Any]) -> tuple[ast.FunctionDef, str, 
     """Return a function's syntax tree, file name and first line."""
     try:
         lines, first = function_lines(function)
-        tree = ast.parse(textwrap.dedent("".join(lines)))
+        tree = parse(textwrap.dedent("".join(lines)))
     except (OSError, TypeError, SyntaxError) as error:
         raise EquationError(
             f"the source of '{function.__qualname__}' cannot be read: define the class in a file"

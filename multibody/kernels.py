@@ -78,12 +78,13 @@ def _returned(node: ast.FunctionDef) -> list[int]:
 def _check_calls(nodes: Iterable[ast.stmt], counts: dict[str, int], where: str) -> None:
     """Refuse calls whose number of results is not the number of names that take them."""
     for node in nodes:
+        inside = list(ast.walk(node))
         unpacked = {
             id(n.value): len(n.targets[0].elts)
-            for n in ast.walk(node)
+            for n in inside
             if isinstance(n, ast.Assign) and isinstance(n.targets[0], ast.Tuple)
         }
-        for call in ast.walk(node):
+        for call in inside:
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
                 gives, takes = counts.get(call.func.id, 1), unpacked.get(id(call), 1)
                 if gives != takes:

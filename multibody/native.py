@@ -27,7 +27,7 @@ import numpy as np
 from multibody.cache import cache_dir, digest_of, fingerprint, write_once
 from multibody.compile_events import listen_to_numba, on_compile
 from multibody.compiler.entries import jit_enabled, module_texts
-from multibody.compiler.kinds import FLOAT, FLOATS, Outside
+from multibody.compiler.kinds import FLOAT, FLOATS, LanesAt, Outside
 
 __all__ = [
     "NativeFunction",
@@ -147,6 +147,7 @@ class NativeFunction:
     origin: tuple[str, str] = ("", "")
     faults: list[BaseException] = field(default_factory=list, repr=False)
     _native: Any = field(default=None, repr=False)
+    lanes: int = 0
 
     def __call__(self, t: float, *arrays: np.ndarray) -> np.ndarray:
         """Evaluate once: ``f(t, x, u, p, dx)`` or the tangent form; writes and returns the last array."""
@@ -171,11 +172,11 @@ class NativeFunction:
         """Send the source and not the address: a worker process compiles, or finds it in the cache."""
         if not self.origin[0]:
             raise TypeError(f"{self.name} has no source text to be rebuilt from in another process")
-        return _rebuild, (*self.origin, self.name, self.arrays, self.compiled)
+        return _rebuild, (*self.origin, self.name, self.arrays, self.compiled, self.lanes)
 
 
-def _rebuild(text: str, stem: str, name: str, arrays: int, compiled: bool) -> NativeFunction:
-    return compile_text(text, stem, name, arrays, compiled)
+def _rebuild(text: str, stem: str, name: str, arrays: int, compiled: bool, lanes: int) -> NativeFunction:
+    return compile_text(text, stem, name, arrays, compiled, lanes)
 
 
 def _guard(python: Callable[..., None], faults: list[BaseException]) -> Callable[..., None]:
@@ -218,7 +219,9 @@ def _undecorated(module: ModuleType, name: str) -> Callable[..., None]:
     return plain[name]
 
 
-def compile_text(text: str, stem: str, name: str, arrays: int, compiled: bool = True) -> NativeFunction:
+def compile_text(
+    text: str, stem: str, name: str, arrays: int, compiled: bool = True, lanes: int = 0
+) -> NativeFunction:
     """Return the function ``name(t, *arrays)`` of a source text with a C address.
 
     Parameters
@@ -233,13 +236,20 @@ def compile_text(text: str, stem: str, name: str, arrays: int, compiled: bool = 
         Number of its array arguments.
     compiled : bool
         False keeps it plain Python behind a C address, so that a debugger can step through it.
+    lanes : int
+        Of a tangent: how many directions it carries; 0 for one, without a further axis.
+
+    Raises
+    ------
+    Outside
+        If a tangent for several directions is outside the subset.
     """
     python = _Plain(text, stem, name)
     if compiled and jit_enabled():
-        address, keep = _address(text, stem, name, arrays)
+        address, keep = _address(text, stem, name, arrays, lanes)
         entry = _prototype(arrays)(address)
         entry.keep = keep  # type: ignore[attr-defined]
-        return NativeFunction(name, address, python, arrays, True, (text, stem), [], entry)
+        return NativeFunction(name, address, python, arrays, True, (text, stem), [], entry, lanes)
 
     from multibody.solvers.kernels.calls import register_python
 
@@ -259,7 +269,7 @@ def _prototype(arrays: int) -> Any:
     return ctypes.CFUNCTYPE(None, ctypes.c_double, *([ctypes.c_void_p] * arrays))
 
 
-def _address(text: str, stem: str, name: str, arrays: int) -> tuple[int, Any]:
+def _address(text: str, stem: str, name: str, arrays: int, lanes: int) -> tuple[int, Any]:
     from multibody.compiler.build import build
 
     def unit() -> Any:
@@ -269,9 +279,12 @@ def _address(text: str, stem: str, name: str, arrays: int) -> tuple[int, Any]:
         write_once(path, text)  # to read, and to step through
         return unit_of_text(text, str(path))
 
+    given = [FLOATS] * (arrays if lanes == 0 else RHS_ARRAYS - 1)
     try:
-        return build(stem, (text,), unit, name, (FLOAT, *[FLOATS] * arrays))[0], None
+        return build(stem, (text,), unit, name, (FLOAT, *given, *[LanesAt(lanes)] * (arrays - len(given))))[0], None
     except Outside:
+        if lanes:
+            raise
         from multibody.numba_code import compile_function, with_helpers_compiled
 
         module = load_source(with_helpers_compiled(text, name), f"{stem}_numba")

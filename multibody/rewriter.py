@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from multibody.declare import Table
 from multibody.errors import EquationError
+from multibody.parsing import expression
 from multibody.statements import local_variable, variable
 
 if TYPE_CHECKING:
@@ -291,7 +292,7 @@ class Rewriter(ast.NodeTransformer):
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.stmt:
         if not isinstance(node.target, ast.Name | ast.Attribute):
             raise self.refuse(node, "assign to one name at a time")
-        before = ast.parse(ast.unparse(node.target), mode="eval").body
+        before = expression(ast.unparse(node.target))
         whole = ast.Assign([node.target], ast.BinOp(before, node.op, node.value))
         for inner in ast.walk(before):
             ast.copy_location(inner, node)

@@ -196,8 +196,9 @@ def native_problem(
     directions: Directions | None = None,
     *,
     tangent: bool = False,
+    in_lanes: bool = False,
 ) -> NativeProblem:
-    """Return the initial value problem of a system for the compiled solvers."""
+    """Return the initial value problem of a system for the compiled solvers; see `NativeProblem`."""
     from multibody.solvers.problem import NativeProblem
 
     wants_tangent = tangent or directions is not None
@@ -207,10 +208,12 @@ def native_problem(
         table=table,
         n=len(system.states),
         tangent=system.rhs_tangent if wants_tangent else None,
+        columns=system.rhs_columns if tangent else None,
         directions=directions,
         colours=system.colours if wants_tangent else None,
         pattern=system.sparsity if wants_tangent else None,
         state_names=system.state_names,
+        in_lanes=in_lanes,
     )
 
 
@@ -241,7 +244,7 @@ def _run(
         from multibody.solvers.automatic import in_words
 
         cls = getattr(solvers, name)
-        problem = native_problem(system, p, table, tangent=name == "Rodas5P")
+        problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"))
         history: list[tuple[float, str]] = []
         if name == "Automatic":
             options |= {

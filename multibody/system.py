@@ -220,6 +220,17 @@ class System:
         return self._native("rhs_tangent")
 
     @cached_property
+    def rhs_columns(self) -> NativeFunction | None:
+        """Several columns of the rates' Jacobian by the states at once, or None where nothing is compiled.
+
+        As `multibody.directions.along_directions`; ``u_dot`` and ``p_dot`` are not read.
+        """
+        from multibody.directions import FEW_LANES, MANY_LANES, along_states
+
+        few = int(self.colours.max(initial=0)) < 4 * FEW_LANES
+        return along_states(self.texts["rhs_columns"], FEW_LANES if few else MANY_LANES) if self.compiled else None
+
+    @cached_property
     def outputs_tangent(self) -> NativeFunction:
         """Directional derivative of the outputs as a native function."""
         return self._native("outputs_tangent")
@@ -297,33 +308,17 @@ class System:
         -------
         ndarray, shape (nt, n or n_y, number of columns)
         """
-        from multibody.native import load_driver
+        from multibody.along import jacobian_along
 
-        function = self.rhs_tangent if of == "rhs" else self.outputs_tangent
-        sizes = {"x": len(self.states), "u": len(self.inputs), "p": len(self.parameters)}
-        chosen = np.arange(sizes[wrt]) if columns is None else np.asarray(columns, dtype=int)
-        seeds = {key: np.zeros((chosen.size, size)) for key, size in sizes.items()}
-        seeds[wrt][np.arange(chosen.size), chosen] = 1.0
-        rows = len(self.states) if of == "rhs" else len(self.outputs)
-        out = np.empty((times.size, chosen.size, rows))
-        load_driver("multibody.solvers.kernels.along").tangents_along(
-            function.address, *_contiguous(times, states, inputs, p), seeds["x"], seeds["u"], seeds["p"], out
-        )
-        function.check()
-        return out.transpose(0, 2, 1)
+        return jacobian_along(self, wrt, times, states, inputs, p, of, columns)
 
     def outputs_along(
         self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray
     ) -> np.ndarray:
         """Return the outputs at every row of a trajectory, shape (nt, n_y)."""
-        from multibody.native import load_driver
+        from multibody.along import outputs_along
 
-        out = np.empty((times.size, len(self.outputs)))
-        load_driver("multibody.solvers.kernels.along").rhs_along(
-            self.outputs_function.address, *_contiguous(times, states, inputs, p), out
-        )
-        self.outputs_function.check()
-        return out
+        return outputs_along(self, times, states, inputs, p)
 
     @cached_property
     def colours(self) -> np.ndarray:
@@ -361,7 +356,3 @@ class System:
             f"System({self.name!r}: {len(self.states)} states, {len(self.inputs)} inputs, "
             f"{len(self.parameters)} parameters, {len(self.outputs)} outputs)"
         )
-
-
-def _contiguous(*arrays: Any) -> tuple[np.ndarray, ...]:
-    return tuple(np.require(a, float, ["C", "W"]) for a in arrays)

@@ -20,7 +20,7 @@ from vtsdt.lift import Lift
 from vtsdt.parameters import LiftParameters
 
 if TYPE_CHECKING:
-    from estimation.filters import FilterModel, FilterRun, Prior
+    from estimation.filters import FilterModel, FilterRun, Noise, Prior
 
 __all__ = ["DELTA", "SPEED_OFF", "TUNINGS", "GuideFilter", "Tuning"]
 
@@ -61,6 +61,9 @@ def _less(factor: float) -> dict[str, float]:
     return {k: v * (factor if k in _LATERAL else 1.0) for k, v in _TABLE_2.items()}
 
 
+#: What the marginal likelihood of two trips of the virtual lift 41 finds (`vtsdt.alignment_tuning`).
+_LIKELY = {**{k: 1e-2 * v for k, v in _less(1e-4).items()}, "z": 2.9e-9, "v_z": 3.9e-6, "delta": 3.5e-7}
+
 #: The tunings by name.  Table 2 does not say whether its Q is per second or per step; here it is per second.
 TUNINGS = {
     t.name: t
@@ -73,6 +76,10 @@ TUNINGS = {
         Tuning(
             "quiet", {**{k: 1e-2 * v for k, v in _less(1e-4).items()}, "delta": 1e-6}, 1e-8, 1e-2,
             "readings trusted as far as sensors of the bench deserve it, the model's motion more",
+        ),
+        Tuning(
+            "likelihood", _LIKELY, 4.0e-10, 2.2e-4,
+            "variances under which two trips of the virtual lift, as they were sampled, are most likely",
         ),
     )
 }  # fmt: skip
@@ -133,6 +140,17 @@ class GuideFilter:
             bounds={DELTA: (self.play + _TOUCH, self.parameters.cabin_guide.gap)},
         )  # fmt: skip
 
+    def noise(self) -> Noise:
+        """Return the tuning as the filter takes it."""
+        from estimation.filters import Noise
+
+        names = {name.rpartition(".")[2]: name for name in self.system.state_names}
+        process = {names[k]: v for k, v in self.tuning.process.items() if k != "delta"}
+        return Noise(
+            {**process, DELTA: self.tuning.process["delta"]},
+            {"z_c": self.tuning.height, "zdd_c": self.tuning.acceleration}, "density_times_step",
+        )  # fmt: skip
+
     def prior(self, trip: Trip) -> Prior:
         """Return the start: at rest between the rails at the trip's first height."""
         from estimation.filters import Prior
@@ -163,15 +181,9 @@ class GuideFilter:
         AlignmentError
             If the filter loses the cabin.
         """
-        from estimation.filters import FilterDivergence, Noise, Samples, extended
+        from estimation.filters import FilterDivergence, Samples, extended
 
-        model = self.model(trip.payload)
-        names = {name.rpartition(".")[2]: name for name in model.system.state_names}
-        process = {names[k]: v for k, v in self.tuning.process.items() if k != "delta"}
-        noise = Noise(
-            {**process, DELTA: self.tuning.process["delta"]},
-            {"z_c": self.tuning.height, "zdd_c": self.tuning.acceleration}, "density_times_step",
-        )  # fmt: skip
+        model, noise = self.model(trip.payload), self.noise()
         samples = Samples(trip.time, trip.tension - tension_error, np.column_stack([trip.height, trip.acceleration]))
         try:
             run = extended(model, samples, noise, self.prior(trip), **{"once": True, **self.options, **options})

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["plot_trips", "write"]
 
 _CAPTIONS = {
-    "alignment": "Equivalent deviation over height: every trip, their median and middle half. The sections in colour "
-    "are beyond the threshold.",
+    "alignment": "Equivalent deviation over height: every trip, their middle half, their median and the estimate from "
+    "all pairs of them, which has less error. The sections in colour are beyond the threshold.",
     "rail": "The rail that has this equivalent deviation. A cabin with two levels of shoes sees the mean of two "
     "heights, so the rail itself is known less well; this is what vtsdt what-if takes.",
     "trips": "What was measured, low-passed: rope tension, height, and acceleration without its offset.",
@@ -84,21 +84,27 @@ def _section_rows(found: Alignment) -> list[dict[str, str]]:
         {
             "range": f"{s.low:.2f} to {s.high:.2f} m", "largest": f"{1e3 * s.largest:.2f} mm", "at": f"{s.at:.2f} m",
             "beyond": f"{1e3 * (s.largest - found.threshold):.2f} mm", "share": f"{s.share:.0%}",
+            "sure": _percent(s.confidence),
         }
         for s in found.sections
     ]  # fmt: skip
 
 
+def _percent(probability: float) -> str:
+    """Return a probability in words that do not claim certainty."""
+    return "> 99 %" if probability > 0.99 else f"{100 * probability:.0f} %"
+
+
 def _trip_rows(found: Alignment, trips: Sequence[Trip]) -> list[dict[str, str]]:
     rows = []
     for trip, curve in zip(trips, found.curves, strict=True):
-        known = np.isfinite(curve) & np.isfinite(found.median)
-        off = curve[known] - found.median[known]
+        known = np.isfinite(curve) & np.isfinite(found.estimate)
+        off = curve[known] - found.estimate[known]
         rows.append(
             {
                 "name": trip.name, "way": "up" if trip.direction > 0 else "down",
-                "range": f"{trip.height.min():.2f} to {trip.height.max():.2f} m", "payload": f"{trip.payload:.3g} kg",
-                "offset": f"{trip.offset:+.3f} m/s²",
+                "range": f"{round(trip.height.min(), 2) + 0.0:.2f} to {trip.height.max():.2f} m",
+                "payload": f"{trip.payload:.3g} kg", "offset": f"{trip.offset:+.3f} m/s²",
                 "middle": f"{1e3 * np.median(curve[known]):.2f} mm" if known.any() else "none",
                 "off": f"{1e3 * np.sqrt(np.mean(off**2)):.2f} mm" if known.any() else "none",
             }

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from vtsdt.alignment_rail import rail_profile
+from vtsdt.alignment_sections import SURE, Section, sections
 
 if TYPE_CHECKING:
     import pandas
@@ -15,117 +17,11 @@ if TYPE_CHECKING:
     from estimation.filters import Observability
     from vtsdt.alignment_filter import Tuning
 
-__all__ = ["Alignment", "Section", "equivalent_deviation", "rail_profile", "sections"]
+__all__ = ["Alignment"]
 
-_JOIN = 0.03  # m: sections nearer to each other are one
-_SHORTEST = 0.02  # m
-
-
-@dataclass(frozen=True)
-class Section:
-    """A range of heights where the deviation is beyond the threshold.
-
-    Parameters
-    ----------
-    low, high : float, m
-    largest, at : float, m
-        Largest median deviation, and where.
-    share : float
-        Of the trips whose mean deviation over the range is beyond the threshold.
-    """
-
-    low: float
-    high: float
-    largest: float
-    at: float
-    share: float = 1.0
-
-    def __str__(self) -> str:
-        return f"{self.low:.2f} to {self.high:.2f} m (up to {1e3 * self.largest:.2f} mm at {self.at:.2f} m)"
-
-
-def sections(height: np.ndarray, deviation: np.ndarray, threshold: float) -> list[tuple[float, float]]:
-    """Return the ranges of height where a deviation is beyond a threshold.
-
-    Ranges less than 30 mm apart are one, and ranges shorter than 20 mm are left out.
-
-    Parameters
-    ----------
-    height, deviation : ndarray, shape (n,), m
-        NaN where nothing is known.
-    threshold : float, m
-
-    Examples
-    --------
-    >>> h = np.linspace(0.0, 1.0, 101)
-    >>> [(round(a, 2), round(b, 2)) for a, b in sections(h, np.where(abs(h - 0.5) < 0.105, 3e-3, 1e-3), 2.3e-3)]
-    [(0.4, 0.6)]
-    """
-    above = np.nan_to_num(deviation, nan=-np.inf) > threshold
-    edges = np.diff(np.concatenate([[0], above.astype(int), [0]]))
-    found: list[list[float]] = []
-    for a, b in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1, strict=True):
-        if found and height[a] - found[-1][1] < _JOIN:
-            found[-1][1] = float(height[b])
-        else:
-            found.append([float(height[a]), float(height[b])])
-    return [(a, b) for a, b in found if b - a >= _SHORTEST - 1e-12]
-
-
-def equivalent_deviation(rails: dict[str, Any], shoes: Sequence[float], height: np.ndarray) -> np.ndarray:
-    """Return the deviation of a single rail that presses the shoes as both rails do, by the cabin's height.
-
-    With all four shoes in contact each level of shoes is squeezed by the sum of its two rails' deviations, and the
-    normal forces add up to the mean of the levels.
-
-    Parameters
-    ----------
-    rails : dict of str to Profile
-        ``left_x`` and ``right_x``; one that is missing is straight.
-    shoes : sequence of float, m
-        Heights of the shoes above the floor.
-    height : ndarray, shape (n,), m
-    """
-    used = [rails[name] for name in ("left_x", "right_x") if rails.get(name) is not None]
-    return np.array([np.mean([sum(r.at(h + s) for r in used) for s in shoes]) if used else 0.0 for h in height])
-
-
-def rail_profile(
-    height: np.ndarray, deviation: np.ndarray, std: np.ndarray, shoes: Sequence[float], *, length: float = 0.15,
-    size: float = 0.5e-3, step: float = 0.02,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Return a rail whose equivalent deviation is the given one: heights, deviation, standard deviation.
-
-    Two levels of shoes see the rail's mean at two heights, so waves of twice their distance cannot be told: the
-    answer is the mean of a Gaussian process (Matérn-3/2) given the equivalent deviation, whose own standard
-    deviation says where the rail remains unknown.
-
-    Parameters
-    ----------
-    height, deviation, std : ndarray, shape (n,), m
-        Equivalent deviation by the cabin's height, and how sure it is.
-    shoes : sequence of float, m
-    length, size : float, m
-        Correlation length and size of the rail's deviations about their mean.
-    step : float, m
-        Between the heights of the result.
-    """
-    low, high = height[0] + min(shoes), height[-1] + max(shoes)
-    points = np.linspace(low, high, int(np.ceil((high - low) / step)) + 1)
-
-    def covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        apart = np.sqrt(3.0) * np.abs(a[:, None] - b[None, :]) / length
-        return size**2 * (1.0 + apart) * np.exp(-apart)
-
-    levels = [height + s for s in shoes]
-    k_yy = np.mean([covariance(a, b) for a in levels for b in levels], axis=0)
-    k_xy = np.mean([covariance(points, b) for b in levels], axis=0)
-    noise = np.diag(np.maximum(std, 0.02e-3) ** 2)
-    middle = float(np.mean(deviation))
-    weights = np.linalg.solve(k_yy + noise, np.column_stack([deviation - middle, k_xy.T]))
-    mean = middle + k_xy @ weights[:, 0]
-    variance = size**2 - np.einsum("ij,ji->i", k_xy, weights[:, 1:])
-    return points, mean, np.sqrt(np.maximum(variance, 0.0))
+_NEIGHBOURS = 0.1  # m: over so much height to each side the spread of the trips counts as the same
+#: Variance of Hodges and Lehmann's estimate over that of the mean, for normal errors: π/3; of the median π/2.
+_HODGES_LEHMANN = np.pi / 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,17 +75,39 @@ class Alignment:
         return _along(lambda x, axis: np.nanquantile(x, share, axis=axis), self.curves)
 
     @cached_property
+    def estimate(self) -> np.ndarray:
+        """What all trips together say, shape (n,), m: the median over the means of all pairs of trips.
+
+        As deaf to a few trips that are off as the median, and with less error from many that are good: variances of
+        π/2, π/3 and 1 over the number of trips for the median, this and the mean of normal errors.  J. L. Hodges,
+        E. L. Lehmann: Estimates of location based on rank tests, Ann. Math. Statist. 34 (1963).
+        """
+        i, j = np.triu_indices(len(self.curves))
+        return _along(np.nanmedian, 0.5 * (self.curves[i] + self.curves[j]))
+
+    @cached_property
     def std(self) -> np.ndarray:
-        """Standard deviation of the median, from the spread of the trips, shape (n,), m."""
-        spread = 1.4826 * _along(np.nanmedian, np.abs(self.curves - self.median))
-        count = np.maximum(np.isfinite(self.curves).sum(axis=0), 1)
-        return 1.2533 * spread / np.sqrt(count)
+        """Standard deviation of the estimate from the spread of the trips, shape (n,), m.
+
+        The spread is taken over 0.1 m to each side.  Of a single trip, which has none, it is what 1 N makes that no
+        other trip could tell from friction.
+        """
+        known = np.isfinite(self.curves)
+        count = known.sum(axis=0)
+        squares = np.where(known, (self.curves - self.estimate) ** 2, 0.0).sum(axis=0)
+        near = (np.abs(self.height[:, None] - self.height[None, :]) <= _NEIGHBOURS + 1e-9).astype(float)
+        freedom = near @ np.maximum(count - 1, 0)
+        with np.errstate(all="ignore"):
+            spread = np.sqrt(near @ np.where(count > 1, squares, 0.0) / freedom)
+            factor = np.sqrt(np.where(count > 2, _HODGES_LEHMANN, 1.0) / count)
+            std = factor * np.where(freedom > 0, spread, 1.0 / self.slope)
+        return np.where(count > 0, std, np.nan)
 
     @cached_property
     def expected_correlation(self) -> float | None:
-        """Correlation of the median with the guide, as far as the spread of the trips tells; None below three trips.
+        """Correlation of the estimate with the guide, as far as the spread of the trips tells; None below three trips.
 
-        What varies from trip to trip is error; of the median's variance over height that share is no guide.  Errors
+        What varies from trip to trip is error; of the estimate's variance over height that share is no guide.  Errors
         that all trips have in common do not show here.
         """
         noise, total = self._variances
@@ -211,54 +129,70 @@ class Alignment:
 
     @cached_property
     def _variances(self) -> tuple[float, float]:
-        """Variance of the median's error and of the median over height, both about their means."""
-        middle = self.median
+        """Variance of the estimate's error and of the estimate over height, both about their means."""
+        middle = self.estimate
         off = np.array([np.nanmean(curve - middle) if np.isfinite(curve).any() else 0.0 for curve in self.curves])
         level = self.curves - off[:, None]
         count = np.isfinite(level).sum(axis=0)
         full = count > 2
         if not full.any():
             return np.nan, np.nan
-        # A median of normal errors has π/2 times the variance of the mean.
-        noise = 0.5 * np.pi * np.nanvar(level[:, full], axis=0, ddof=1) / count[full]
+        noise = _HODGES_LEHMANN * np.nanvar(level[:, full], axis=0, ddof=1) / count[full]
         return float(np.mean(noise)), float(np.var(middle[full]))
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
         """Ranges of height beyond the threshold, from the bottom up."""
+        from scipy.special import ndtr
+
         found = []
-        for low, high in sections(self.height, self.median, self.threshold):
+        for low, high in sections(self.height, self.estimate, self.threshold, self.std):
             inside = (self.height >= low) & (self.height <= high)
-            k = int(np.nanargmax(np.where(inside, self.median, np.nan)))
+            k = int(np.nanargmax(np.where(inside, self.estimate, np.nan)))
+            largest, std = float(self.estimate[k]), max(float(self.std[k]), 1e-9)
             means = _along(np.nanmean, self.curves[:, inside].T)
             share = float(np.mean(means[np.isfinite(means)] > self.threshold))
-            found.append(Section(low, high, float(self.median[k]), float(self.height[k]), share))
+            sure = float(ndtr((largest - self.threshold) / std))
+            found.append(Section(low, high, largest, float(self.height[k]), share, sure))
         return tuple(found)
+
+    @cached_property
+    def undecided(self) -> tuple[tuple[float, float], ...]:
+        """Ranges of height apart from the sections where the error of the estimate does not exclude the threshold, m.
+
+        The estimate is below it there, by less than 1.645 standard deviations: 95 % on one side.
+        """
+        reach = sections(self.height, self.estimate + SURE * self.std, self.threshold)
+        return tuple((a, b) for a, b in reach if not any(a <= s.high and s.low <= b for s in self.sections))
 
     @cached_property
     def rail(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A rail that has this equivalent deviation: heights, deviation, standard deviation, m."""
-        known = np.isfinite(self.median)
-        return rail_profile(self.height[known], self.median[known], self.std[known], self.shoes)
+        known = np.isfinite(self.estimate)
+        return rail_profile(self.height[known], self.estimate[known], self.std[known], self.shoes)
 
     def sentences(self) -> list[str]:
         """Return what was found, one sentence each."""
-        known = self.median[np.isfinite(self.median)]
+        at = self.height[np.isfinite(self.estimate)]
+        known = self.estimate[np.isfinite(self.estimate)]
         told = [
             f"Median deviation {1e3 * np.median(known):.2f} mm, largest {1e3 * known.max():.2f} mm, over "
-            f"{self.height[np.isfinite(self.median)][0]:.2f} to {self.height[np.isfinite(self.median)][-1]:.2f} m."
+            f"{at[0]:.2f} to {at[-1]:.2f} m."
         ]
         if self.sections:
             listed = "; ".join(str(s) for s in self.sections)
             told.append(f"Beyond {1e3 * self.threshold:.2g} mm: {listed}.")
         else:
             told.append(f"Nowhere beyond {1e3 * self.threshold:.2g} mm.")
+        if self.undecided:
+            listed = ", ".join(f"{a:.2f} to {b:.2f} m" for a, b in self.undecided)
+            told.append(f"Below it, but within the error of the estimate (95 %): {listed}.")
         expected = self.expected_correlation
         if expected is not None:
             goal = 0.9 if expected < 0.9 else 0.95
             more = self.trips_for(goal)
             told.append(
-                f"As far as the spread of the trips tells, the median follows the guide with a correlation of "
+                f"As far as the spread of the trips tells, the estimate follows the guide with a correlation of "
                 f"{expected:.2f}"
                 + ("." if more is None or expected >= goal else f"; {goal:g} would take {more} trips like these.")
             )
@@ -275,12 +209,13 @@ class Alignment:
         return told
 
     def to_frame(self) -> pandas.DataFrame:
-        """Return median, quartiles and trips by height, in mm."""
+        """Return estimate, median, quartiles and trips by height, in mm."""
         import pandas
 
         data = {
-            "median [mm]": 1e3 * self.median, "lower quartile [mm]": 1e3 * self.quantile(0.25),
-            "upper quartile [mm]": 1e3 * self.quantile(0.75), "std of the median [mm]": 1e3 * self.std,
+            "estimate [mm]": 1e3 * self.estimate, "median [mm]": 1e3 * self.median,
+            "lower quartile [mm]": 1e3 * self.quantile(0.25), "upper quartile [mm]": 1e3 * self.quantile(0.75),
+            "std of the estimate [mm]": 1e3 * self.std,
         }  # fmt: skip
         data |= {f"{name} [mm]": 1e3 * curve for name, curve in zip(self.trips, self.curves, strict=True)}
         return pandas.DataFrame(data, index=pandas.Index(self.height, name="height [m]"))
@@ -296,15 +231,18 @@ class Alignment:
             "tension_error_N": self.tension_error,
             "expected_correlation": None if (e := self.expected_correlation) is None else round(e, 4),
             "height_m": _rounded(self.height),
+            "estimate_mm": _rounded(1e3 * self.estimate),
             "median_mm": _rounded(1e3 * self.median),
             "lower_quartile_mm": _rounded(1e3 * self.quantile(0.25)),
             "upper_quartile_mm": _rounded(1e3 * self.quantile(0.75)),
             "std_mm": _rounded(1e3 * self.std),
             "sections": [
                 {"from_m": round(s.low, 4), "to_m": round(s.high, 4), "largest_mm": round(1e3 * s.largest, 4),
-                 "at_m": round(s.at, 4), "share_of_trips": round(s.share, 4)}
+                 "at_m": round(s.at, 4), "share_of_trips": round(s.share, 4),
+                 "confidence": round(s.confidence, 4)}
                 for s in self.sections
             ],
+            "undecided": [{"from_m": round(a, 4), "to_m": round(b, 4)} for a, b in self.undecided],
             "trips": [
                 {"name": name, "direction": "up" if d > 0 else "down", "delta_mm": _rounded(1e3 * curve)}
                 for name, d, curve in zip(self.trips, self.directions, self.curves, strict=True)
@@ -338,7 +276,8 @@ class Alignment:
                 )
         quartiles = 1e3 * self.quantile(0.25), 1e3 * self.quantile(0.75)
         axes.fill_between(self.height, *quartiles, color="0.6", alpha=0.5, label="middle half of the trips")
-        axes.plot(self.height, 1e3 * self.median, color="black", linewidth=2.0, label="median")
+        axes.plot(self.height, 1e3 * self.median, color="black", linewidth=0.9, linestyle="--", label="median")
+        axes.plot(self.height, 1e3 * self.estimate, color="black", linewidth=2.0, label="estimate (pairs of trips)")
         if truth is not None:
             axes.plot(self.height, 1e3 * truth, color="tab:red", linestyle="--", linewidth=1.5, label="truth")
         axes.axhline(1e3 * self.threshold, color="0.4", linestyle=":", label=f"threshold {1e3 * self.threshold:.2g} mm")

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from multibody.model import Model
 
-__all__ = ["MODELS", "main", "shipped", "warm"]
+__all__ = ["COMMANDS", "MODELS", "main", "shipped", "warm"]
 
 _PARTS = {"rhs_function": "rates", "outputs_function": "outputs", "rhs_tangent": "Jacobian of the rates",
-          "outputs_tangent": "Jacobian of the outputs"}  # fmt: skip
+          "rhs_columns": "its columns side by side", "outputs_tangent": "Jacobian of the outputs"}  # fmt: skip
 
 
 #: The shipped models by the names that the command takes: what builds each, in its own package.
@@ -27,6 +27,9 @@ MODELS = {
     "gear": "gearbox.stage:Stage.paper",
 }
 
+#: Commands whose own machine code is more than a model's, by the names that the command takes: what runs them once.
+COMMANDS = {"align": "vtsdt.alignment_rehearsal:rehearse"}
+
 
 def shipped(name: str) -> Model:
     """Return a shipped model by its name among `MODELS`."""
@@ -35,12 +38,12 @@ def shipped(name: str) -> Model:
 
 
 def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, float]:
-    """Compile models and the integrators, and return what each took, s of this process' time.
+    """Compile models, commands and the integrators, and return what each took, s of this process' time.
 
     Parameters
     ----------
     names : sequence of str
-        Of `MODELS`.
+        Of `MODELS` and `COMMANDS`.
     progress : callable
         Takes a line of text.
     """
@@ -49,6 +52,12 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
     took = {}
     for name in names:
         begun = time.process_time()
+        if name in COMMANDS:
+            progress(f"vtsdt {name}: rehearse")
+            module, _, function = COMMANDS[name].partition(":")
+            getattr(importlib.import_module(module), function)()
+            took[name] = time.process_time() - begun
+            continue
         progress(f"{name}: assemble")
         system = shipped(name).build()
         for part, words in _PARTS.items():
@@ -96,13 +105,14 @@ def main(arguments: Sequence[str]) -> int:
     parser: argparse.ArgumentParser = Parser(
         prog="vtsdt warm", description="Compile the shipped models before they are needed; other processes find them."
     )
-    parser.add_argument("models", nargs="*", metavar="MODEL", help=f"{', '.join(MODELS)}; default: all")
+    known = [*MODELS, *COMMANDS]
+    parser.add_argument("models", nargs="*", metavar="MODEL", help=f"{', '.join(known)}; default: all")
     parser.add_argument("--quiet", action="store_true", help="say nothing")
     args = parser.parse_args(list(arguments))
-    if unknown := [name for name in args.models if name not in MODELS]:
-        raise CommandError(f"there is no model '{unknown[0]}': take one of {', '.join(MODELS)}")
+    if unknown := [name for name in args.models if name not in known]:
+        raise CommandError(f"there is no model '{unknown[0]}': take one of {', '.join(known)}")
     with Progress(args.quiet) as progress:
-        took = warm(args.models or list(MODELS), progress)
+        took = warm(args.models or known, progress)
     if not args.quiet:
         from multibody.cache import cache_dir
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from multibody.compiler.inference import Kinds
-from multibody.compiler.kinds import FLOAT, INT, TRUTH, Array, Kind, Outside, Value, joined, llvm_type, real
+from multibody.compiler.kinds import FLOAT, INT, TRUTH, Array, Kind, Lanes, Outside, Value, joined, llvm_type, real
 
 __all__ = ["Arithmetic"]
 
@@ -85,6 +85,11 @@ class Arithmetic:
         if isinstance(kind, tuple) and isinstance(value.kind, tuple):
             parts = [self.to(v, k, node) for v, k in zip(self.parts(value, len(kind)), kind, strict=True)]
             return self.together(parts, kind)
+        if isinstance(kind, Lanes) and value.kind in (FLOAT, INT, TRUTH):
+            of, number = llvm_type(kind), self.to(value, FLOAT, node)
+            first = self.emit(kind, f"insertelement {of} poison, double {number.name}, i64 0")
+            every = f"<{kind.count} x i32> zeroinitializer"
+            return self.emit(kind, f"shufflevector {of} {first.name}, {of} poison, {every}")
         if kind == FLOAT and value.kind in (INT, TRUTH):
             if value.whole is not None:
                 return Value(FLOAT, real(float(value.whole)))
@@ -117,15 +122,15 @@ class Arithmetic:
         """Write one operation of two values."""
         if isinstance(op, ast.Pow):
             return self._power(a, b, node)
-        kind = FLOAT if isinstance(op, ast.Div) else joined(joined(a.kind, b.kind), INT)
-        if kind not in (FLOAT, INT):
+        kind = joined(joined(a.kind, b.kind), FLOAT if isinstance(op, ast.Div) else INT)
+        if kind not in (FLOAT, INT) and not isinstance(kind, Lanes):
             raise self.refuse(node, f"arithmetic with {kind}")
         a, b = self.to(a, kind, node), self.to(b, kind, node)
         if type(op) in _ARITHMETIC:
-            word = f"f{_ARITHMETIC[type(op)]} {self._flag}double" if kind == FLOAT else f"{_ARITHMETIC[type(op)]} i64"
-            return self.emit(kind, f"{word} {a.name}, {b.name}")
+            word = _ARITHMETIC[type(op)] if kind == INT else f"f{_ARITHMETIC[type(op)]} {self._flag}".rstrip()
+            return self.emit(kind, f"{word} {llvm_type(kind)} {a.name}, {b.name}")
         if isinstance(op, ast.Div):
-            return self.emit(FLOAT, f"fdiv double {a.name}, {b.name}")
+            return self.emit(kind, f"fdiv {llvm_type(kind)} {a.name}, {b.name}")
         if isinstance(op, ast.Mod) and kind == FLOAT:
             return self._modulo(a, b)
         if kind == INT and isinstance(op, ast.FloorDiv | ast.Mod):

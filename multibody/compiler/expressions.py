@@ -18,6 +18,7 @@ from multibody.compiler.kinds import (
     TRUTH,
     Array,
     Kind,
+    Lanes,
     Value,
     element,
     joined,
@@ -60,8 +61,8 @@ class Expressions(Arithmetic):
                 inner = self.value(operand)
                 if inner.whole is not None:
                     return Value(INT, str(-inner.whole), whole=-inner.whole)
-                if inner.kind == FLOAT:
-                    return self.emit(FLOAT, f"fneg double {inner.name}")
+                if inner.kind == FLOAT or isinstance(inner.kind, Lanes):
+                    return self.emit(inner.kind, f"fneg {llvm_type(inner.kind)} {inner.name}")
                 return self.emit(INT, f"sub i64 0, {self.to(inner, INT, node).name}")
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
                 return self.value(operand)
@@ -132,6 +133,8 @@ class Expressions(Arithmetic):
             if type(op) not in _COMPARE:
                 raise self.refuse(node, "this comparison is outside the subset")
             kind = joined(joined(a.kind, b.kind), INT)
+            if kind not in (FLOAT, INT):
+                raise self.refuse(node, f"a comparison of {kind}")
             a, b = self.to(a, kind, node), self.to(b, kind, node)
             of_reals, of_whole = _COMPARE[type(op)]
             word = f"fcmp {of_reals} double" if kind == FLOAT else f"icmp {of_whole} i64"
@@ -156,8 +159,16 @@ class Expressions(Arithmetic):
         for size, index in zip(array.shape[1:], indices[1:], strict=True):
             row = self.emit(INT, f"mul i64 {at.name}, {size}")
             at = self.emit(INT, f"add i64 {row.name}, {self.to(self.value(index), INT, node).name}")
-        found = self.emit(kind, f"getelementptr {llvm_type(kind)}, ptr {array.name}, i64 {at.name}")
-        return found
+        if isinstance(kind, Lanes):
+            at = self.emit(INT, f"mul i64 {at.name}, {kind.count}")
+        of = "double" if isinstance(kind, Lanes) else llvm_type(kind)
+        return self.emit(kind, f"getelementptr {of}, ptr {array.name}, i64 {at.name}")
+
+    def access(self, kind: Kind) -> str:
+        """Return what stands after the address of an element that is read or written."""
+        if isinstance(kind, Lanes):
+            return f", align 8, !tbaa !{FLOAT}{self._access}"
+        return f", !tbaa !{kind}{self._access}"
 
     def _load(self, node: ast.Subscript) -> Value:
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
@@ -167,7 +178,7 @@ class Expressions(Arithmetic):
             return Value(INT, array.shape[node.slice.value])
         place = self.place(node)
         return self.emit(
-            place.kind, f"load {llvm_type(place.kind)}, ptr {place.name}, !tbaa !{place.kind}{self._access}"
+            place.kind, f"load {llvm_type(place.kind)}, ptr {place.name}{self.access(place.kind)}"
         )
 
     # ---------------------------------------------------------------- calls

@@ -62,7 +62,7 @@ class FunctionWriter(Expressions):
             place = self.place(target)
             value = self.to(value, place.kind, node)
             self.lines.append(
-                f"  store {llvm_type(place.kind)} {value.name}, ptr {place.name}, !tbaa !{place.kind}{self._access}"
+                f"  store {llvm_type(place.kind)} {value.name}, ptr {place.name}{self.access(place.kind)}"
             )
         else:
             raise self.refuse(node, "only names and elements can be assigned")

@@ -119,7 +119,7 @@ class Kinds:
                 return self.of[name] if name in self.of else self._constant(self.unit.meaning(name))
             case ast.BinOp(left=left, op=op, right=right):
                 a, b = self.kind(left), self.kind(right)
-                return FLOAT if isinstance(op, ast.Div) else joined(joined(a, b), INT)
+                return joined(joined(a, b), FLOAT if isinstance(op, ast.Div) else INT)
             case ast.Constant(value=value):
                 return self._constant(value)
             case ast.Subscript(value=value):

@@ -1,4 +1,4 @@
-"""Kinds of values: real, whole, condition, pointer, array, and several at once."""
+"""Kinds of values: real, whole, condition, pointer, array, lanes of real numbers, and several at once."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 __all__ = [
-    "FLOAT", "FLOATS", "INT", "INTS", "NOTHING", "TRUTH", "Array", "Kind", "Outside", "Value", "address_of", "element",
-    "joined", "kind_of_argument", "llvm_type", "real",
+    "FLOAT", "FLOATS", "INT", "INTS", "NOTHING", "TRUTH", "Array", "Kind", "Lanes", "LanesAt", "Outside", "Value",
+    "address_of", "element", "joined", "kind_of_argument", "llvm_type", "real",
 ]  # fmt: skip
 
 
@@ -29,8 +29,22 @@ class Array:
     dimensions: int
 
 
+@dataclass(frozen=True)
+class Lanes:
+    """Real numbers that go through the same operations at once; a plain number beside them counts for every lane."""
+
+    count: int
+
+
+@dataclass(frozen=True)
+class LanesAt:
+    """The address of lanes, one after another."""
+
+    count: int
+
+
 FLOAT, INT, TRUTH, FLOATS, INTS, NOTHING = "float", "int", "truth", "floats", "ints", "nothing"
-Kind = Any  # one of the names above, an Array, or a tuple of kinds
+Kind = Any  # one of the names above, an Array, Lanes, or a tuple of kinds
 _LLVM = {FLOAT: "double", INT: "i64", TRUTH: "i1", FLOATS: "ptr", INTS: "ptr", NOTHING: "void"}
 _RANK = {TRUTH: 0, INT: 1, FLOAT: 2}
 
@@ -55,16 +69,18 @@ def llvm_type(kind: Kind) -> str:
 
     Examples
     --------
-    >>> llvm_type(FLOAT), llvm_type((FLOAT, INT))
-    ('double', '{ double, i64 }')
+    >>> llvm_type(FLOAT), llvm_type((FLOAT, INT)), llvm_type(Lanes(4))
+    ('double', '{ double, i64 }', '<4 x double>')
     """
     if isinstance(kind, tuple):
         return "{ " + ", ".join(map(llvm_type, kind)) + " }"
-    return "ptr" if isinstance(kind, Array) else _LLVM[kind]
+    if isinstance(kind, Lanes):
+        return f"<{kind.count} x double>"
+    return "ptr" if isinstance(kind, Array | LanesAt) else _LLVM[kind]
 
 
 def joined(a: Kind, b: Kind) -> Kind:
-    """Return the kind that holds both: a whole number in the place of a real one becomes real.
+    """Return the kind that holds both: a whole number in the place of a real one becomes real, and that one lanes.
 
     Raises
     ------
@@ -77,15 +93,20 @@ def joined(a: Kind, b: Kind) -> Kind:
         return b
     if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
         return tuple(joined(x, y) for x, y in zip(a, b, strict=True))
+    for one, other in ((a, b), (b, a)):
+        if isinstance(one, Lanes) and other in _RANK:
+            return one
     if a in _RANK and b in _RANK:
         return a if _RANK[a] > _RANK[b] else b
     raise Outside(f"one name holds {a} and {b}")
 
 
-def element(kind: Kind) -> str:
+def element(kind: Kind) -> Kind:
     """Return the kind of what a pointer or an array holds."""
     if isinstance(kind, Array):
         return kind.of
+    if isinstance(kind, LanesAt):
+        return Lanes(kind.count)
     if kind in (FLOATS, INTS):
         return FLOAT if kind == FLOATS else INT
     raise Outside(f"{kind} has no elements")

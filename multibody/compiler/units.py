@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Any
 
 from multibody.compiler.kinds import Outside
+from multibody.parsing import parse
 
 __all__ = ["Unit", "unit_of_function", "unit_of_text"]
 
@@ -64,7 +65,7 @@ def _functions(tree: ast.Module) -> dict[str, ast.FunctionDef]:
 
 def unit_of_text(text: str, name: str) -> Unit:
     """Return the functions of a generated text, which uses `math` and itself alone."""
-    tree = ast.parse(text)
+    tree = parse(text)
     loops = (n.iter.func for n in ast.walk(tree) if isinstance(n, ast.For) and isinstance(n.iter, ast.Call))
     flat = any(isinstance(f, ast.Name) and f.id == "independent" for f in loops)
     return Unit(name, _functions(tree), flat=flat)
@@ -73,7 +74,7 @@ def unit_of_text(text: str, name: str) -> Unit:
 @lru_cache(maxsize=64)
 def _module_unit(name: str) -> Unit:
     module = sys.modules[name]
-    return Unit(name, _functions(ast.parse(inspect.getsource(module))), vars(module))
+    return Unit(name, _functions(parse(inspect.getsource(module))), vars(module))
 
 
 def unit_of_function(function: Callable[..., Any]) -> tuple[Unit, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,12 +25,14 @@ from multibody.solvers.kernels.stepping import (
 )
 from multibody.solvers.problem import NativeProblem
 from multibody.solvers.rosenbrock import Rodas5P, relative_cost
+from multibody.solvers.spectral_radius import spectral_radius
 
 __all__ = ["Automatic", "in_words"]
 
 LEAST_SPELL, LONGEST_SPELL = 64, 4096  # steps of the stiff method before the explicit one is tried again
 RUN_UP, JUDGED = 8, 16  # steps of the stiff method until its own pace is reached, and until that pace is judged
 PATIENCE = 4096  # explicit steps before a stiff method that did not pay is tried again, longer each time
+LOOK, EDGE = 2048, 2.0  # explicit steps after which the Jacobian is asked, and |h·λ| from which steps count as stiff
 SHORT_TRIAL = 64  # explicit steps after which, if they turn out stiff again, the next spell is longer
 
 
@@ -38,9 +41,11 @@ class Automatic(DormandPrince54):
 
     The explicit method watches its last two stages, which show the fastest eigenvalue (Hairer and Wanner, Solving
     Ordinary Differential Equations II, IV.2).  After fifteen steps in a row on the edge of its stability the stiff
-    method goes on from there; after a spell the explicit one is tried again, because a machine may be stiff only while
-    it rests in dry friction.  If the stiff method's steps turn out not to be longer by more than they cost, the
-    explicit one goes on, at first for some thousand steps.  A problem without a tangent stays with the explicit method.
+    method goes on from there.  Where the fast motion has died away to rounding the stages do not show it; the Jacobian,
+    asked after every two thousand explicit steps, does.  After a spell the explicit method is tried again, because a
+    machine may be stiff only while it rests in dry friction.  If the stiff method's steps turn out not to be longer by
+    more than they cost, the explicit one goes on, at first for some thousand steps.  A problem without a tangent stays
+    with the explicit method.
 
     It takes what `NativeSolver` takes, and two more parameters.
 
@@ -81,6 +86,7 @@ class Automatic(DormandPrince54):
         self._patience = PATIENCE
         self._proven = False  # whether the last spell paid to its end: then the next is not judged early
         self._rest = 0  # explicit steps before stiffness is watched for again
+        self._unseen = 0  # explicit steps since the Jacobian was asked
 
     def _advance(self) -> int:
         self._stored_stiff = self._in_stiff
@@ -88,12 +94,34 @@ class Automatic(DormandPrince54):
             return self._advance_stiff()
         if self._rest > 0:
             return self._advance_unwatched()
-        status = super()._advance()
-        self._done += int(self._tally[DONE])
-        if status == STIFF:
+        status = self._limited(LOOK - self._unseen, super()._advance)
+        self._unseen += int(self._tally[DONE])
+        if status == STIFF or (status == MORE and self._overlooked()):
             self._enter()
             return MORE
         return status
+
+    def _overlooked(self) -> bool:
+        """Tell, after many explicit steps, whether it is stability that limits them."""
+        if self._unseen < LOOK or not self._tally[WATCH]:
+            self._unseen %= LOOK
+            return False
+        self._unseen = 0
+        jacobian = self._differences()
+        finite = bool(np.all(np.isfinite(jacobian)))
+        return finite and abs(float(self._clock[STEP_OLD])) * spectral_radius(jacobian[None])[0] > EDGE
+
+    def _differences(self) -> np.ndarray:
+        """Return the Jacobian of the rates by forward differences: good enough for its largest eigenvalue."""
+        n, t, p = self.problem.n, float(self._clock[T]), self.problem.p
+        x, u = self._state[:n].copy(), self.problem.table(t, p)
+        steps = np.sqrt(np.finfo(float).eps) * np.maximum(np.abs(x), self.atol[:n] / self.rtol[:n])
+        rates, columns = self.problem.rhs(t, x, u, p, np.empty(n)), np.empty((n, n))
+        for k in range(n):
+            moved = x.copy()
+            moved[k] += steps[k]
+            columns[:, k] = (self.problem.rhs(t, moved, u, p, np.empty(n)) - rates) / (moved[k] - x[k])
+        return columns
 
     def _advance_unwatched(self) -> int:
         tally = self._tally
@@ -123,7 +151,34 @@ class Automatic(DormandPrince54):
         else:
             self._spell = LEAST_SPELL
         self._explicit_step = abs(float(self._clock[STEP_OLD]))
+        if not self._proven and self.problem.n_directions and not self._pays(self._pace_alone()):
+            self._rest_awhile()
+            self._tally[SUSPECT] = 0
+            return
         self._change(True)
+
+    def _pace_alone(self) -> float:
+        """Return the steps that the stiff method takes from here without the directions, in s.
+
+        With them it is rarely faster, and a trial costs as much as hundreds of explicit steps: this tells beforehand.
+        """
+        fun, options = self._options
+        own = {k: options[k] for k in ("max_step",) if k in options}
+        n, t = self.problem.n, float(self._clock[T])
+        partner = Rodas5P(
+            fun, t, self._state[:n].copy(), self.t_bound, problem=replace(self._with_tangent(), directions=None),
+            rtol=self.rtol[:n], atol=self.atol[:n], first_step=self._explicit_step, internal_steps=1, **own,
+        )  # fmt: skip
+        mark = t
+        for step in range(JUDGED):
+            partner._tally[WANTED] = 1
+            if partner._advance() != MORE:
+                break
+            if step + 1 == RUN_UP:
+                mark = float(partner._clock[T])
+        else:
+            return (float(partner._clock[T]) - mark) / (JUDGED - RUN_UP)
+        return np.inf  # it fails, or comes to the end: the trial itself tells
 
     def _change(self, stiff: bool) -> None:
         self._in_stiff = stiff
@@ -136,10 +191,7 @@ class Automatic(DormandPrince54):
         """Return the stiff method on the same clock, state and samples."""
         fun, options = self._options
         own = {k: v for k, v in options.items() if k not in ("samples", "first_step")}
-        problem = self.problem
-        if problem.tangent is None:
-            assert self._tangent_later is not None
-            problem = self._tangent_later()
+        problem = self._with_tangent()
         partner = Rodas5P(fun, float(self._clock[T]), self._state, self.t_bound, problem=problem, **own)
         if problem is self.problem:
             partner.field = self.field
@@ -147,6 +199,12 @@ class Automatic(DormandPrince54):
         partner._sample_t, partner._sample_y = self._sample_t, self._sample_y
         partner._largest = self._work[2 * self.problem.size :]
         return partner
+
+    def _with_tangent(self) -> NativeProblem:
+        if self.problem.tangent is not None:
+            return self.problem
+        assert self._tangent_later is not None
+        return self._tangent_later()
 
     def _advance_stiff(self) -> int:
         assert self._stiff is not None
@@ -168,13 +226,17 @@ class Automatic(DormandPrince54):
 
     def _leave(self, step: float) -> None:
         """Go back to the explicit method, and stay there for a while if the stiff steps did not pay."""
-        clock, tally = self._clock, self._tally
+        clock = self._clock
         self._proven = self._pays(step)
         if not self._proven:
-            tally[WATCH] = 0
-            self._rest, self._patience = self._patience, 2 * self._patience
+            self._rest_awhile()
         clock[STEP] = min(clock[STEP], self._explicit_step)
         self._change(False)
+
+    def _rest_awhile(self) -> None:
+        """Watch for stiffness again only after many explicit steps, longer each time."""
+        self._tally[WATCH] = 0
+        self._rest, self._patience = self._patience, 2 * self._patience
 
     def _dense_output_impl(self) -> DenseOutput:
         if self._stored_stiff and self._stiff is not None:

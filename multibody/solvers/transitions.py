@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from multibody.native import load_driver
+from multibody.side_by_side import cores, side_by_side
 from multibody.solvers.problem import Directions, NativeProblem, ProblemError
 
 __all__ = ["Transitions", "transitions"]
@@ -93,32 +95,32 @@ def transitions(
     shape[1, n + m :] = 1.0
     start = np.zeros((count, n))
     start[:n] = np.eye(n)
-    directions = Directions(
-        start,
-        np.zeros((count, problem.p.size)),
-        np.concatenate([np.full(n, -1), channels, channels]),
-        times[:2],
-        shape,
-    )
-    whole = replace(problem, directions=directions)
-    field = whole.field()
+    steps = np.array(np.broadcast_to(np.minimum(largest, 1e300), (times.size - 1,)))
     out, ends = np.zeros((times.size - 1, count * n)), np.zeros((times.size - 1, n))
-    clock = np.zeros(8)
-    clock[4] = 1.0
-    load_driver("multibody.solvers.kernels.intervals").transition_blocks(
-        field.numbers,
-        clock,
-        times,
-        states,
-        np.array(np.broadcast_to(np.minimum(largest, 1e300), (times.size - 1,))),
-        np.empty(whole.size),
-        np.empty(7 * whole.size),
-        np.empty(whole.size),
-        start.ravel(),
-        out,
-        ends,
-    )
-    whole.check()
+    driver = load_driver("multibody.solvers.kernels.intervals")
+
+    def work(part: slice) -> None:
+        """Fill the intervals of a part, with a field of its own: the driver writes their ends into it."""
+        directions = Directions(
+            start,
+            np.zeros((count, problem.p.size)),
+            np.concatenate([np.full(n, -1), channels, channels]),
+            times[:2].copy(),
+            shape,
+        )
+        whole = replace(problem, directions=directions)
+        field = whole.field()
+        clock = np.zeros(8)
+        clock[4] = 1.0
+        ticks = slice(part.start, part.stop + 1)
+        room = np.empty(whole.size), np.empty(7 * whole.size), np.empty(whole.size)
+        driver.transition_blocks(
+            field.numbers, clock, times[ticks], states[ticks], steps[part], *room, start.ravel(), out[part], ends[part]
+        )
+        whole.check()
+
+    edges = np.linspace(0, times.size - 1, min(cores(), times.size - 1) + 1).astype(int)
+    side_by_side(work, [slice(int(a), int(b)) for a, b in pairwise(edges)])
     bad = np.flatnonzero(~(np.isfinite(out).all(axis=1) & np.isfinite(ends).all(axis=1)))
     if bad.size:
         raise ProblemError(

@@ -1,6 +1,6 @@
 """Effects of a gear stage are candidates of the missing-effect loop, by exact derivatives at severity zero.
 
-A whole diagnosis takes minutes (`test_gear_diagnosis.py`), because every direction is integrated at the pace of the mesh.
+A whole diagnosis takes minutes (`test_gear_diagnosis.py`), as every direction is integrated at the pace of the mesh.
 Here the two things that it stands on are tested: what is offered, and that the derivative is the right one.
 """
 

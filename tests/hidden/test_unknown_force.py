@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from discrepancy.axis import axis_case
-from discrepancy.columns import Confrontation
 from discrepancy.conclude import conclude
+from discrepancy.confrontation import Confrontation
 from discrepancy.force_estimate import estimate_force
 from discrepancy.omnibus import omnibus_of_stage
 from discrepancy.search import scan_preparation

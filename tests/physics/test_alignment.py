@@ -7,13 +7,23 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vtsdt.alignment import THRESHOLD, Alignment, AlignmentError, align, calibrated, equivalent_deviation, sections
+from vtsdt.alignment import (
+    THRESHOLD,
+    Alignment,
+    AlignmentError,
+    align,
+    calibrated,
+    equivalent_deviation,
+    pressing_deviation,
+    sections,
+)
 from vtsdt.alignment_filter import DELTA, TUNINGS, GuideFilter
 from vtsdt.alignment_sensors import sensor_table, table_text
 from vtsdt.alignment_study import score
 from vtsdt.alignment_trips import Trip
 from vtsdt.lift import Lift
 from vtsdt.parameters import LiftParameters
+from vtsdt.profile import Profile
 
 
 def trip_of(lift: Lift, direction: str, seed: int, tension_offset: float = 0.0) -> Trip:
@@ -49,7 +59,8 @@ def test_median_follows_the_truth_and_sections_are_found(found):
     median = found.median[inside]
     assert np.corrcoef(median, true)[0, 1] > 0.95
     assert np.sqrt(np.mean((median - true) ** 2)) < 0.15e-3
-    said = score(found, bench_rails())
+    said = score(found, found.height, equivalent_deviation(bench_rails(), found.shoes, found.height))
+    assert said.right > 0.9
     assert len(sections(found.height[inside], true, THRESHOLD)) >= 3
     assert said.false <= 1
     assert said.missed <= 1
@@ -67,6 +78,35 @@ def test_equivalent_deviation_is_what_presses_the_shoes():
     q = equivalent_deviation(bench_rails(), (p.cabin.shoe_low, p.cabin.shoe_high), run["z_c"][inside])
     pressed = 2.0 * guide.stiffness * (q - 2.0 * guide.clearance)
     assert np.abs(run["Nsum_c"][inside] - pressed).max() < 0.08 * pressed.max()
+
+
+def test_deviation_that_presses_is_the_sum_in_x_as_long_as_all_shoes_press():
+    p = LiftParameters.bench()
+    height = np.arange(0.1, 1.81, 0.1)
+    shoes = (p.cabin.shoe_low, p.cabin.shoe_high)
+    in_plane = equivalent_deviation(bench_rails(), shoes, height)
+    assert np.abs(pressing_deviation(p, height) - in_plane).max() < 0.03e-3
+
+    def waved(size):
+        """One level of shoes squeezed while the other is released: the same sum."""
+        h = tuple(np.linspace(0.0, 2.6, 105))
+        rail = Profile(h, tuple(2.2e-3 + size * np.sin(np.pi * np.array(h) / (shoes[1] - shoes[0]))))
+        guide = dataclasses.replace(p.cabin_guide, right_x=rail)
+        more = pressing_deviation(dataclasses.replace(p, cabin_guide=guide), height)
+        return more - equivalent_deviation({"right_x": rail}, shoes, height)
+
+    assert np.abs(waved(0.5e-3)).max() < 0.03e-3
+    assert waved(1.5e-3).max() > 0.15e-3  # a level that is loose cannot press by less than nothing
+    assert waved(1.5e-3).min() > -0.03e-3
+
+
+def test_a_dip_parts_sections_only_if_it_is_no_error_of_the_estimate():
+    h = np.arange(0.0, 1.0, 0.01)
+    delta = 2.5e-3 + 0.0 * h
+    delta[40:50] = 2.2e-3
+    assert len(sections(h, delta, THRESHOLD)) == 2
+    assert len(sections(h, delta, THRESHOLD, np.full(h.size, 0.1e-3))) == 1
+    assert len(sections(h, delta, THRESHOLD, np.full(h.size, 0.05e-3))) == 2
 
 
 def test_what_is_measured_of_delta_and_height_stays_bounded_and_the_rest_decays(found):
@@ -135,31 +175,48 @@ def test_payload_is_weighed():
 
 
 @pytest.fixture(scope="module")
-def scores():
-    """Lifts 31 to 33 of the study, with all that the model lacks, as recorded and with 1 % of tension.
+def study():
+    """Lifts 31 to 33 of the study, with all that the model lacks: as recorded, with errors of the tension, tunings.
 
     Sections are counted strictly, as on the page of the study.
     """
     from vtsdt.alignment_study import run_study
 
-    _, rows = run_study([31, 32, 33], chosen=["as recorded", "gain of the tension"])
-    wanted = ("as recorded", "ten trips, default tuning"), ("gain of the tension", "+1 %")
-    return [each for r in rows if (r.group, r.what) in wanted for each in r.scores]
+    return run_study([31, 32, 33], chosen=["as recorded", "gain of the tension", "tuning"])
+
+
+@pytest.fixture(scope="module")
+def lines(study):
+    return {row.what: row.scores for row in study[1]}
 
 
 @pytest.mark.slow
-def test_on_the_virtual_lift_with_all_that_the_model_lacks(scores):
-    assert len(scores) == 6
-    for each in scores:
+def test_no_trip_of_the_scaling_meets_a_force_of_the_trips_that_are_judged(study):
+    """What the tension has that a like trip of another visit has not: noise and force, neither shared."""
+    for lift in study[0]:
+        visits = [[t["tension"] for t in v.records[::2]] for v in (lift.judged, lift.before)]
+        left = [np.array(v) - np.mean(v, axis=0) for v in visits]
+        together = [np.corrcoef(a, b)[0, 1] for a in left[0] for b in left[1]]
+        assert max(map(abs, together)) < 0.6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["ten trips, default tuning", "+0.1 %", "-0.3 %", "+0.3 %", "+1 %"])
+def test_on_the_virtual_lift_with_all_that_the_model_lacks(lines, what):
+    for each in lines[what]:
         assert each.correlation >= 0.9
         assert each.rms <= 0.3e-3
         assert each.false <= 1
+        assert each.missed <= 1
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="lift 32 misses two sections, beyond the threshold by 0.05 and 0.01 mm", strict=False)
-def test_at_most_one_section_is_missed_on_every_virtual_lift(scores):
-    assert all(each.missed <= 1 for each in scores)
+def test_table_2_as_printed_does_worse_than_the_default_on_every_lift(lines):
+    """Why the default is another: were it to reach the same, it would have to be the default."""
+    theirs = lines["Table 2 as printed, Q per second"]
+    for default, printed in zip(lines["ten trips, default tuning"], theirs, strict=True):
+        assert printed is None or printed.correlation < default.correlation
+    assert min((s.correlation for s in theirs if s is not None), default=0.0) < 0.9
 
 
 def test_the_spread_of_the_trips_says_how_well_the_median_follows():
@@ -179,10 +236,30 @@ def test_the_spread_of_the_trips_says_how_well_the_median_follows():
 
     for size in (0.1e-3, 0.4e-3):
         one = [made(10, size) for _ in range(20)]
-        really = np.mean([np.corrcoef(f.median, signal)[0, 1] for f in one])
+        really = np.mean([np.corrcoef(f.estimate, signal)[0, 1] for f in one])
+        assert really > np.mean([np.corrcoef(f.median, signal)[0, 1] for f in one])
         assert np.mean([f.expected_correlation for f in one]) == pytest.approx(really, abs=0.03)
     rough = made(10, 0.4e-3)
     more = made(rough.trips_for(0.95), 0.4e-3)
-    assert np.corrcoef(more.median, signal)[0, 1] == pytest.approx(0.95, abs=0.04)
+    assert np.corrcoef(more.estimate, signal)[0, 1] == pytest.approx(0.95, abs=0.04)
     assert np.mean([made(10, 1.2e-3).expected_correlation for _ in range(20)]) < 0.6  # hardly any guide in it
     assert made(2, 0.1e-3).expected_correlation is None
+
+
+def test_the_estimate_errs_as_its_own_deviation_says_and_shrugs_off_trips_that_are_off():
+    rng = np.random.default_rng(1)
+    height = np.arange(0.0, 1.9, 0.01)
+
+    def made(curves):
+        return Alignment(
+            height, tuple(f"{k}" for k in range(len(curves))), np.ones(len(curves)), curves, THRESHOLD,
+            TUNINGS["bounded"], None, (0.03, 0.55), 1.2e-3, 3.8e3,
+        )  # fmt: skip
+
+    off = [made(2e-3 + 0.2e-3 * rng.standard_normal((10, height.size))) for _ in range(20)]
+    share = np.mean([np.abs(f.estimate - 2e-3) < 1.96 * f.std for f in off])
+    assert share == pytest.approx(0.95, abs=0.02)
+    two = 2e-3 + 0.1e-3 * rng.standard_normal((10, height.size))
+    two[:2] += 3e-3
+    assert np.abs(made(two).estimate - 2e-3).mean() < 0.15e-3
+    assert made(two[:1]).std[0] == pytest.approx(1.0 / 3.8e3)  # one trip tells no spread: what 1 N makes

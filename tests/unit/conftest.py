@@ -84,7 +84,8 @@ def small_study():
     import dataclasses
 
     from discrepancy.catalogue import catalogue
-    from discrepancy.columns import Confrontation, candidate_columns
+    from discrepancy.columns import candidate_columns
+    from discrepancy.confrontation import Confrontation
     from discrepancy.effects import Effect
     from discrepancy.scan import scan
     from discrepancy.stage import Accepted, Rival, Stage

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from vtsdt.alignment import AlignmentError, align, balance, read_trips
-from vtsdt.alignment_result import Section, rail_profile, sections
+from vtsdt.alignment_rail import rail_profile
+from vtsdt.alignment_sections import Section, sections
 from vtsdt.alignment_trips import find_columns
 from vtsdt.cli import main
 from vtsdt.parameters import LiftParameters

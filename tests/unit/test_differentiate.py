@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from multibody import Component, Input, Model, Option, Output, Parameter, State, Table, Translation, Unknown
 from multibody.differentiate import Differentiator, active_names, d
+from multibody.directions import along_directions
 from multibody.errors import EquationError
 from multibody.library import Damper, Mass, Spring
 
@@ -390,6 +391,21 @@ def chain_without_masses(damper: Component, nodes: int) -> Model:
         model.output(f"v{k}", f"spring{k}.b.velocity")
         model.connect(link.b, f"spring{k + 1}.b" if k + 1 < nodes else "mass.flange")
     return model
+
+
+@pytest.mark.parametrize("damper", [Damper(damping=0.7), QuadraticDamper(), TableDamper(), None])
+def test_several_directions_through_implicit_blocks_and_the_whole_subset(damper):
+    system = (everything() if damper is None else chain_without_masses(damper, 2)).build()
+    wide = along_directions(system.rhs_tangent, 5)
+    assert wide is not None
+    rng, n = np.random.default_rng(0), len(system.states)
+    x = system.start + 0.1 * np.arange(1, n + 1)
+    directions = [rng.standard_normal((size, 5)) for size in (n, system.u.size, system.p.size)]
+    out = wide(0.0, x, system.u, system.p, *directions, np.empty((n, 5)))
+    for j in range(5):
+        each = (np.ascontiguousarray(d[:, j]) for d in directions)
+        one = system.rhs_tangent(0.0, x, system.u, system.p, *each, np.empty(n))
+        np.testing.assert_allclose(out[:, j], one, rtol=1e-12, atol=1e-12 * np.abs(one).max())
 
 
 @pytest.mark.parametrize("nodes", [1, 2, 3])

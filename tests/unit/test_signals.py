@@ -160,3 +160,13 @@ def test_blocks_cover_the_record_and_are_long_enough(count, shortest, most):
     assert min(lengths) >= np.floor(shortest * RATE) - 1
     assert max(lengths) - min(lengths) <= 1
     assert most is None or len(blocks) <= most
+
+
+@pytest.mark.parametrize(("decimate", "low_pass_hz", "count"), [(7, None, 1501), (4, 20.0, 900), (3, None, 61)])
+def test_many_columns_are_prepared_as_one(decimate, low_pass_hz, count):
+    time = 1.3 + np.arange(count) / 250.0
+    values = np.cumsum(np.random.default_rng(decimate).standard_normal((count, 400)), axis=0)
+    prepare = Preparation(decimate=decimate, low_pass_hz=low_pass_hz)
+    whole = prepare.apply(time, values)[1]
+    singly = np.column_stack([prepare.apply(time, v)[1] for v in values.T])
+    np.testing.assert_allclose(whole, singly, rtol=0.0, atol=1e-10 * np.max(np.abs(values)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from multibody.solvers.kernels.calls import call_rhs, call_tangent, entry, pointer, shift
+from multibody.solvers.kernels.calls import call_rhs, call_tangent, entry, independent, pointer, shift
 
 
 @entry
@@ -62,3 +62,48 @@ def observe_along(address, times, states, inputs, input_rates, p, p_dot, shape, 
                 shift(dp, j * n_p),
                 shift(y, (k * m + j) * rows),
             )
+
+
+@entry
+def lanes_along(address, times, states, inputs, p, x_dot, u_dot, p_dot, out):
+    """Evaluate several directions at once at every row; x_dot (n, lanes), u_dot and p_dot likewise, out (nt, ·, lanes).
+
+    The address is that of a tangent of as many directions (`multibody.directions`).
+    """
+    n, n_u, row = states.shape[1], inputs.shape[1], out.shape[1] * out.shape[2]
+    x, u, values, y = pointer(states), pointer(inputs), pointer(p), pointer(out)
+    dx, du, dp = pointer(x_dot), pointer(u_dot), pointer(p_dot)
+    for k in range(times.size):
+        call_tangent(address, times[k], shift(x, k * n), shift(u, k * n_u), values, dx, du, dp, shift(y, k * row))
+
+
+@entry
+def observe_lanes_along(address, first, times, states, inputs, rates, p, p_dot, shape, channel, delays, room, out):
+    """As `observe_along`, for the directions from ``first`` on, as many at once as p_dot (n_p, lanes) has lanes.
+
+    Only out, shape (nt, count, n_y), says how many of them there are; ``room`` is for their other arguments.
+    """
+    count, rows, lanes, n_u = out.shape[1], out.shape[2], p_dot.shape[1], inputs.shape[1]
+    width, m = states.shape[1], channel.size
+    n = width // (m + 1)
+    u, values, dp, y = pointer(inputs), pointer(p), pointer(p_dot), pointer(out)
+    x_wide = pointer(room)
+    u_wide = shift(x_wide, n * lanes)
+    found = shift(u_wide, n_u * lanes)
+    for k in range(times.size):
+        x = shift(pointer(states), k * width)
+        columns = shift(x, n * (first + 1))
+        for i in range(n):
+            for lane in independent(count):
+                x_wide[i * lanes + lane] = columns[n * lane + i]
+        for lane in range(count):
+            j = first + lane
+            for c in range(n_u):
+                u_wide[c * lanes + lane] = delays[j, c] * rates[k, c]
+            if channel[j] >= 0:
+                u_wide[channel[j] * lanes + lane] += shape[k, j]
+        call_tangent(address, times[k], x, shift(u, k * n_u), values, x_wide, u_wide, dp, found)
+        of = shift(y, k * count * rows)
+        for i in range(rows):
+            for lane in range(count):
+                of[lane * rows + i] = found[i * lanes + lane]

@@ -8,9 +8,10 @@ import numpy as np
 
 from multibody.compiler.kinds import address_of
 
-__all__ = ["CUBIC", "HOLD", "LINEAR", "Field"]
+__all__ = ["CUBIC", "FADING", "HOLD", "LINEAR", "Field"]
 
 HOLD, LINEAR, CUBIC = 0, 1, 2
+FADING = -2  # the channel of a direction that only begins: once it has died away, its rates are zero
 
 # Indices into the vector.  First numbers: addresses of rhs and rhs_tangent, states, directions, inputs,
 # parameters, rows of the table, columns that jump, columns that move, rows of the direction table, whether a
@@ -25,9 +26,15 @@ P_DOT, CHANNEL, WEIGHT, SHAPE_T, SHAPE, SHAPE_CURSOR = range(24, 30)
 # times at which a step must end, whether a held input jumps there; begin, delay, remembered time of each
 # group;
 BREAKS, JUMPS, BREAK_START, BREAK_DELAY, BREAK_CURSOR = range(30, 35)
-# and the interval within which rates of inputs are looked up, with the time of the inputs that u holds.
+# and the interval within which rates of inputs are looked up, with the time of the inputs that u holds;
 WINDOW = 35
-SIZE = 36
+# the tangent of several directions at once, how many (0: none), parameter tangents in its order, room for its other
+# arguments, and whether any direction acts on an input.
+WIDE, LANES, P_WIDE, ROOM, PUSHED = range(36, 41)
+# For the Jacobian: a derivative by the states along several directions at once, how many (0: none), the directions in
+# its order, and room for its result.
+COLUMNS, ABREAST, SEEDS, PASSED = range(41, 45)
+SIZE = 45
 
 _TABLE = {
     "times": TIMES,
@@ -77,6 +84,12 @@ class Field:
         breaks and jumps (nb,), break_start (groups + 1,), break_delay (groups,).
     directions : dict of ndarray, optional
         p_dot (m, n_p), channel (m,), weight (m, n_u), shape_t (ns,), shape (ns, m).
+    wide : (int, int)
+        Address of a tangent of several directions at once, and how many (see `multibody.directions`); 0 for none.
+    columns : int
+        Address of a derivative by the states along several directions at once, for the Jacobian; 0 for none.
+    seeds : ndarray, shape (groups, n, lanes), optional
+        Its directions.
 
     Attributes
     ----------
@@ -94,6 +107,9 @@ class Field:
         p: np.ndarray,
         table: dict[str, np.ndarray],
         directions: dict[str, np.ndarray] | None = None,
+        wide: tuple[int, int] = (0, 0),
+        columns: int = 0,
+        seeds: np.ndarray | None = None,
     ) -> None:
         self.numbers = _numbers_of(table).copy()
         n_u, groups = table["values"].shape[1], table["break_delay"].size
@@ -119,8 +135,25 @@ class Field:
             counts + 8 * n_u,
             counts + 8 * (n_u + 1),
         )
+        if columns and seeds is not None:
+            passed = np.empty(seeds.shape[1:])
+            self._owned += (seeds, passed)
+            self.numbers[COLUMNS : PASSED + 1] = columns, seeds.shape[2], address_of(seeds), address_of(passed)
         if directions is not None:
             for name, index in _DIRECTIONS.items():
                 self.numbers[index] = address_of(directions[name])
             self.numbers[M], self.numbers[SHAPE_ROWS] = len(directions["channel"]), directions["shape_t"].size
             self.numbers[DELAYED] = int(np.any(directions["weight"] != 0.0))
+            self.numbers[PUSHED] = int(self.numbers[DELAYED] or np.any(directions["channel"] >= 0))
+            if wide[0] != 0:
+                self._widen(*wide, directions["p_dot"], n, n_u)
+
+    def _widen(self, address: int, lanes: int, p_dot: np.ndarray, n: int, n_u: int) -> None:
+        """Lay the directions side by side in groups; the last group is filled up with zeros."""
+        groups = -(-len(p_dot) // lanes)
+        full = np.zeros((groups * lanes, p_dot.shape[1]))
+        full[: len(p_dot)] = p_dot
+        grouped = np.ascontiguousarray(full.reshape(groups, lanes, -1).transpose(0, 2, 1))
+        room = np.zeros((2 * n + n_u) * lanes)
+        self._owned = (*self._owned, grouped, room)
+        self.numbers[[WIDE, LANES, P_WIDE, ROOM]] = address, lanes, address_of(grouped), address_of(room)

@@ -16,8 +16,10 @@ from multibody.solvers.kernels.bundle import (
     CURSOR,
     DELAYED,
     DELAYS,
+    FADING,
     HELD,
     KINDS,
+    LANES,
     LINEAR,
     MOVING,
     N_GROUPS,
@@ -26,8 +28,11 @@ from multibody.solvers.kernels.bundle import (
     N_P,
     N_U,
     P_DOT,
+    P_WIDE,
+    PUSHED,
     RATE,
     RHS,
+    ROOM,
     ROWS,
     SHAPE,
     SHAPE_CURSOR,
@@ -39,13 +44,24 @@ from multibody.solvers.kernels.bundle import (
     U_DOT,
     VALUES,
     WEIGHT,
+    WIDE,
     WINDOW,
     M,
     N,
     P,
     U,
 )
-from multibody.solvers.kernels.calls import call_rhs, call_tangent, entry, floats, inner, ints, pointer, shift
+from multibody.solvers.kernels.calls import (
+    call_rhs,
+    call_tangent,
+    entry,
+    floats,
+    independent,
+    inner,
+    ints,
+    pointer,
+    shift,
+)
 
 
 @inner
@@ -214,23 +230,72 @@ def input_tangent(t, k, c):
 
 
 @inner
+def died_away(y, first, last, c):
+    """Tell whether some directions only began, and are zero by now."""
+    channel, n = ints(c[CHANNEL]), c[N]
+    for k in range(first, last):
+        if channel[k] != FADING:
+            return False
+    i, end = n * (first + 1), n * (last + 1)
+    while i < end and y[i] == 0.0:
+        i += 1
+    return i == end
+
+
+@inner
+def tangents_together(t, y, dy, first, last, c):
+    """Write the derivatives of a group of directions, which go through the equations side by side."""
+    n, width, lanes, count = c[N], c[N_U], c[LANES], last - first
+    x_wide = floats(c[ROOM])
+    out, u_wide = shift(x_wide, n * lanes), shift(x_wide, 2 * n * lanes)
+    columns, rates = shift(y, n * (first + 1)), shift(dy, n * (first + 1))
+    for i in range(n):
+        for lane in independent(count):
+            x_wide[i * lanes + lane] = columns[n * lane + i]
+    if c[PUSHED] != 0:
+        u_dot = floats(c[U_DOT])
+        for lane in range(count):
+            input_tangent(t, first + lane, c)
+            for j in range(width):
+                u_wide[j * lanes + lane] = u_dot[j]
+    p_wide = shift(floats(c[P_WIDE]), first * c[N_P])
+    call_tangent(c[WIDE], t, y, floats(c[U]), floats(c[P]), x_wide, u_wide, p_wide, out)
+    for i in range(n):
+        for lane in independent(count):
+            rates[n * lane + i] = out[i * lanes + lane]
+
+
+@inner
 def tangents(t, y, dy, c):
     """Write the derivative of every direction's column of y into dy; u must be that of time t."""
     if c[DELAYED]:
         look_up_rates(t, c)
-    u, p, p_dot, u_dot = floats(c[U]), floats(c[P]), floats(c[P_DOT]), floats(c[U_DOT])
-    for k in range(c[M]):
-        input_tangent(t, k, c)
-        a = c[N] * (k + 1)
-        call_tangent(c[TANGENT], t, y, u, p, shift(y, a), u_dot, shift(p_dot, k * c[N_P]), shift(dy, a))
+    n, m, group, u, p = c[N], c[M], max(c[LANES], 1), floats(c[U]), floats(c[P])
+    for g in range((m + group - 1) // group):
+        first, last = g * group, min((g + 1) * group, m)
+        if died_away(y, first, last, c):
+            for i in range(n * (first + 1), n * (last + 1)):
+                dy[i] = 0.0
+        elif c[WIDE] != 0:
+            tangents_together(t, y, dy, first, last, c)
+        else:
+            input_tangent(t, first, c)
+            a, p_dot = n * (first + 1), shift(floats(c[P_DOT]), first * c[N_P])
+            call_tangent(c[TANGENT], t, y, u, p, shift(y, a), floats(c[U_DOT]), p_dot, shift(dy, a))
+
+
+@inner
+def evaluate_state(t, y, dy, c):
+    """Write the rates of the state alone."""
+    if c[N_MOVING] > 0:
+        look_up(t, c)
+    call_rhs(c[RHS], t, y, floats(c[U]), floats(c[P]), dy)
 
 
 @inner
 def evaluate(t, y, dy, c):
     """Write the derivative of y at time t into dy; held inputs stay as they are."""
-    if c[N_MOVING] > 0:
-        look_up(t, c)
-    call_rhs(c[RHS], t, y, floats(c[U]), floats(c[P]), dy)
+    evaluate_state(t, y, dy, c)
     if c[M] > 0:
         tangents(t, y, dy, c)
 

@@ -134,12 +134,13 @@ def direction_error(n, size, y, y_new, raw, rtol, atol, largest):
     the component has been (``largest``), where the states' tolerances are the units in which components of a direction
     compare.  A component that stays far below the others of its direction need not be relatively exact.
     """
-    found = 0.0
+    found, per_unit = 0.0, largest  # the states' places there are free
+    for i in range(n):
+        per_unit[i] = 1.0 / (atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i])))
     for j in range(1, size // n):
         first, most = j * n, 0.0
         for i in range(n):
-            own = max(largest[first + i], abs(y_new[first + i]), FAINT)
-            most = max(most, own / (atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i]))))
+            most = max(most, max(largest[first + i], abs(y_new[first + i]), FAINT) * per_unit[i])
         total = 0.0
         for i in range(n):
             unit = atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i]))
