@@ -268,6 +268,9 @@ class Case:
         What ``truth.json`` holds.
     true_model : Model
         The model with the hidden effects and the true parameters (errors of sensors stand in the truth only).
+    channels : tuple of Channel
+    offsets : tuple of str
+        Outputs whose sensors have an offset of their own in each record.
     """
 
     model: Model
@@ -281,6 +284,7 @@ class Case:
     truth: dict[str, Any]
     true_model: Model
     channels: tuple[Channel, ...] = field(default=(), repr=False)
+    offsets: tuple[str, ...] = ()
 
     def setup(self, **options: Any) -> Setup:
         """Return what a `Study` starts from; ``options`` such as ``seed`` and ``include`` go to `Setup`."""
@@ -291,6 +295,7 @@ class Case:
             "outputs": self.outputs,
             "start": dict.fromkeys(self.rest, 0.0),
             "free": self.free,
+            "offsets": self.offsets,
         }
         return Setup(
             self.model.name,

@@ -1,6 +1,6 @@
 """How often the search is right: machines with nothing, one thing or two things hidden, run by the hundred.
 
-`vtsdt validate discrepancy` runs the suites on the virtual axis, whose data come from another integrator, other
+`vtsdt validate discrepancy` runs the suites on a virtual machine, whose data come from another integrator, other
 friction regularisation, sensor noise, quantisation, jitter and a coloured disturbance.  Every case is a line of a
 JSON-lines file, so that a run that was interrupted goes on where it stopped.
 """
@@ -9,29 +9,39 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from discrepancy.trials import SUITES, Trial, page, rates, read_trials
+from discrepancy.trials import SUITES, Trial, file_name, page, rates, read_trials, with_section
+
+#: Machine, suite, seed and what is hidden.
+Task = tuple[str, str, int, tuple[str, ...]]
 
 __all__ = ["hidden_trial", "main", "null_trial", "run_suite"]
 
 TIMES_VISIBLE = 3.0
 NOT_FOUND_ALONE = ("unknown_force",)
+MACHINES = {"axis": "discrepancy.suite_axis"}
 BESIDES = ("peers", "resampled")  # comparisons, which have pages of their own
 
 
-def _diagnosed(suite: str, seed: int, hidden: Sequence[str], **rig: Any) -> Trial:
+def _module(machine: str) -> Any:
+    """Return the module of a virtual machine, with `case`, `sizes`, `names` and ``UNKNOWN`` as in the axis's."""
+    import importlib
+
+    return importlib.import_module(MACHINES.get(machine, machine))
+
+
+def _diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axis", **rig: Any) -> Trial:
     import time
 
-    from discrepancy.axis import axis_case
     from discrepancy.study import Study
 
     begun = time.perf_counter()
-    case = axis_case(seed, list(hidden), **rig)
+    case = _module(machine).case(seed, list(hidden), **rig)
     study = Study(case.setup(seed=seed))
     conclusion = study.diagnose()
     found = [s.accepted for s in study.stages if s.accepted is not None]
@@ -61,28 +71,25 @@ def _diagnosed(suite: str, seed: int, hidden: Sequence[str], **rig: Any) -> Tria
     )
 
 
-def null_trial(seed: int) -> Trial:
+def null_trial(seed: int, machine: str = "axis") -> Trial:
     """Diagnose a correct model: whatever is named is a false alarm."""
-    return _diagnosed("null", seed, ())
+    return _diagnosed("null", seed, (), machine)
 
 
 @lru_cache(maxsize=8)
-def _visible(seed: int) -> dict[str, float]:
+def _visible(seed: int, machine: str = "axis") -> dict[str, float]:
     """Return the smallest visible strength of every candidate on the records of a seed, nothing being hidden."""
-    from discrepancy.axis import axis_case
     from discrepancy.study import Study
 
-    study = Study(axis_case(seed).setup(seed=seed))
+    study = Study(_module(machine).case(seed).setup(seed=seed))
     scan = study.explain().scan
     return {r.name: float(r.mde) for r in scan.rows}
 
 
-def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds") -> Trial:
+def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds", machine: str = "axis") -> Trial:
     """Hide effects at three times their smallest visible strength and diagnose."""
-    from discrepancy.axis import axis_case
-
-    visible = _visible(seed)
-    usual = axis_case(seed, list(hidden)).truth["effects"]
+    visible = _visible(seed, machine)
+    usual = _module(machine).sizes(seed, list(hidden))
     factors = []
     for effect in usual:
         name = f"{effect['kind']}@{effect['where']}"
@@ -93,7 +100,7 @@ def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds") -> Tria
             note = "no smallest visible strength: the effect is refused on these records"
             return Trial(suite, seed, tuple(hidden), "refused", (), note=note)
         factors.append(TIMES_VISIBLE * visible[name] / size)
-    return _diagnosed(suite, seed, hidden, strength=max(factors))
+    return _diagnosed(suite, seed, hidden, machine, strength=max(factors))
 
 
 def _strengths(kind: str) -> tuple[str, ...]:
@@ -102,32 +109,34 @@ def _strengths(kind: str) -> tuple[str, ...]:
     return kind_named(kind).strengths
 
 
-def _plan(suite: str, trials: int, first: int) -> list[tuple[str, int, tuple[str, ...]]]:
-    from discrepancy.axis import list_axis
+def _plan(suite: str, trials: int, first: int, machine: str, sample: int = 0) -> list[Task]:
+    import numpy as np
 
-    names = [f"{e['kind']}@{e['where']}" for e in list_axis() if e["kind"] not in NOT_FOUND_ALONE]
+    module, rng = _module(machine), np.random.default_rng(first)
     if suite == "null":
-        return [("null", first + k, ()) for k in range(trials)]
+        return [(machine, "null", first + k, ()) for k in range(trials)]
     if suite == "unknown":
-        return [("unknown", first + k, ("unknown_force@guide",)) for k in range(trials)]
+        return [(machine, "unknown", first + k, (module.UNKNOWN,)) for k in range(trials)]
+    names = [n for n in module.names() if n.partition("@")[0] not in NOT_FOUND_ALONE]
     if suite == "pairs":
-        import numpy as np
+        pairs = [tuple(rng.choice(names, 2, replace=False).tolist()) for _ in range(trials)]
+        return [(machine, "pairs", first + k, pair) for k, pair in enumerate(pairs)]
+    if not sample:
+        return [(machine, "kinds", first + k, (name,)) for name in names for k in range(trials)]
+    chosen = rng.permutation(names).tolist()[:sample]
+    return [(machine, "kinds", first + k, (name,)) for k in range(trials) for name in chosen]
 
-        rng = np.random.default_rng(first)
-        return [("pairs", first + k, tuple(rng.choice(names, 2, replace=False).tolist())) for k in range(trials)]
-    return [("kinds", first + k, (name,)) for name in names for k in range(trials)]
 
-
-def _run(task: tuple[str, int, tuple[str, ...]]) -> Trial:
-    suite, seed, hidden = task
+def _run(task: Task) -> Trial:
+    machine, suite, seed, hidden = task
     try:
         if suite == "null":
-            return null_trial(seed)
+            return null_trial(seed, machine)
         if suite == "unknown":
             from discrepancy.unknown_laws import OVER
 
-            return _diagnosed("unknown", seed, hidden, over=OVER[seed % len(OVER)])
-        return hidden_trial(seed, hidden, suite)
+            return _diagnosed("unknown", seed, hidden, machine, over=OVER[seed % len(OVER)])
+        return hidden_trial(seed, hidden, suite, machine)
     except Exception as error:  # one case that fails is a result too, and must not lose the others
         return Trial(suite, seed, hidden, "failed", (), note=f"{type(error).__name__}: {error}"[:300])
 
@@ -139,6 +148,9 @@ def run_suite(
     *,
     first: int = 1000,
     workers: int = 2,
+    machine: str = "axis",
+    module: str = "",
+    sample: int = 0,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[Trial]:
     """Run a suite, or what is left of it, and return all its trials.
@@ -149,20 +161,26 @@ def run_suite(
     trials : int
         Number of seeds (of each kind, for ``"kinds"``).
     out : Path
-        Folder of ``<suite>.jsonl``.
+        Folder of ``<suite>.jsonl`` (``<machine>-<suite>.jsonl`` of another machine than the axis).
     first : int
         First seed.
     workers : int
         Processes.
+    machine : str
+        For the files' names.
+    module : str
+        Where the machine is; see `discrepancy.suite_axis`.
+    sample : int
+        Of ``"kinds"``: so many kinds, drawn by the first seed, in place of all.
     """
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
     out.mkdir(parents=True, exist_ok=True)
-    path = out / f"{suite}.jsonl"
+    path = out / file_name(machine, suite)
     done = read_trials(path)
     known = {(t.seed, t.hidden) for t in done}
-    left = [task for task in _plan(suite, trials, first) if (task[1], task[2]) not in known]
+    left = [task for task in _plan(suite, trials, first, module or machine, sample) if (task[2], task[3]) not in known]
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool, path.open("a") as stream:
         for count, trial in enumerate(pool.map(_run, left), 1):
             stream.write(json.dumps(asdict(trial)) + "\n")
@@ -175,14 +193,23 @@ def run_suite(
     return done
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run the suites named on the command line and write ``results.md`` and ``results.json``."""
+def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) -> int:
+    """Run the suites named on the command line and write ``results.md`` and ``results.json``.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+    machines : mapping of str to str, optional
+        Further machines: their names, and the modules where they are.
+    """
     import argparse
     from datetime import date
 
+    known = {**MACHINES, **(machines or {})}
+
     parser = argparse.ArgumentParser(
         prog="vtsdt validate discrepancy",
-        description="How often the search for a missing effect is right, on the virtual axis.",
+        description="How often the search for a missing effect is right, on a virtual machine.",
     )
     parser.add_argument(
         "suites", nargs="*", default=["null", "kinds"], metavar="SUITE", help=f"of {', '.join((*SUITES, *BESIDES))}"
@@ -190,6 +217,9 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument(
         "--out", required=True, type=Path, help="folder of the trials and the results; a run goes on there"
     )
+    parser.add_argument("--machine", choices=sorted(known), default="axis", help="default: the axis")
+    parser.add_argument("--sample", type=int, default=0, metavar="N", help="of 'kinds': N kinds drawn by the seed")
+    parser.add_argument("--page", type=Path, help="put the machine's results into this page of the documentation")
     parser.add_argument("--trials", type=int, default=100, help="seeds (of each kind, for 'kinds'); default 100")
     parser.add_argument("--seed", type=int, default=1000, help="first seed; default 1000")
     parser.add_argument("--workers", type=int, default=2, help="processes; default 2")
@@ -203,6 +233,8 @@ def main(arguments: Sequence[str]) -> int:
             if unknown
             else "--trials must be at least 1"
         )
+    if args.page is not None and not args.page.is_file():
+        parser.error(f"--page {args.page}: there is no such file")
     if "resampled" in args.suites and args.study is None:
         parser.error("'resampled' needs --study STUDY.toml: whose residual is to be resampled")
     if "peers" in args.suites:
@@ -220,14 +252,19 @@ def main(arguments: Sequence[str]) -> int:
             args.out,
             first=args.seed,
             workers=args.workers,
+            machine=args.machine,
+            module=known[args.machine],
+            sample=args.sample,
             progress=(lambda text: None) if args.quiet else _tell,
         )
     if set(args.suites) <= set(BESIDES):
         return 0
-    text = page(args.out, date.today().isoformat())
+    text = page(args.out, date.today().isoformat(), args.machine)
     (args.out / "results.md").write_text(text + "\n")
-    found = {s: [list(r) for r in rates(read_trials(args.out / f"{s}.jsonl"))] for s in SUITES}
+    found = {s: [list(r) for r in rates(read_trials(args.out / file_name(args.machine, s)))] for s in SUITES}
     (args.out / "results.json").write_text(json.dumps(found, indent=1) + "\n")
+    if args.page is not None:
+        args.page.write_text(with_section(args.page.read_text(), args.machine, text))
     from rich.console import Console
     from rich.markdown import Markdown
 

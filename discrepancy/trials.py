@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-__all__ = ["SUITES", "Trial", "page", "rates", "read_trials", "wilson"]
+__all__ = ["SUITES", "Trial", "file_name", "page", "rates", "read_trials", "wilson", "with_section"]
 
 SUITES = ("null", "kinds", "pairs", "unknown")
 
@@ -137,16 +137,40 @@ def _right_axis(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
     return rows
 
 
-def page(out: Path, date: str) -> str:
-    """Return the results page (Markdown) of all suites in a folder."""
+def file_name(machine: str, suite: str) -> str:
+    """Return the name of the file of a suite's trials."""
+    return f"{suite}.jsonl" if machine == "axis" else f"{machine}-{suite}.jsonl"
+
+
+def with_section(page_text: str, machine: str, results: str) -> str:
+    """Return a page with a machine's results in it, in the place of those that it had; what else it says stays.
+
+    Examples
+    --------
+    >>> with_section("# Rates\\n", "lift", "# Title\\n\\nMade today.\\n\\n## null\\n\\nNone.")
+    '# Rates\\n\\n<!-- lift -->\\n## Virtual lift\\n\\nMade today.\\n\\n### null\\n\\nNone.\\n<!-- /lift -->\\n'
+    """
+    import re
+
+    body = re.sub("^## ", "### ", results.partition("\n")[2].strip(), flags=re.MULTILINE)
+    section = f"<!-- {machine} -->\n## Virtual {machine}\n\n{body}\n<!-- /{machine} -->\n"
+    known = re.compile(rf"<!-- {machine} -->.*?<!-- /{machine} -->\n", re.DOTALL)
+    if known.search(page_text):
+        return known.sub(lambda found: section, page_text)
+    return page_text.rstrip() + "\n\n" + section
+
+
+def page(out: Path, date: str, machine: str = "axis") -> str:
+    """Return the results page (Markdown) of all suites of a machine in a folder."""
+    command = "vtsdt validate discrepancy" + ("" if machine == "axis" else f" --machine {machine}")
     lines = [
         "# How often the search is right",
         "",
-        f"Made by `vtsdt validate discrepancy` on {date}; virtual axis.",
+        f"Made by `{command}` on {date}; virtual {machine}.",
         "",
     ]
     for suite in SUITES:
-        trials = read_trials(out / f"{suite}.jsonl")
+        trials = read_trials(out / file_name(machine, suite))
         if not trials:
             continue
         seeds = sorted({t.seed for t in trials})

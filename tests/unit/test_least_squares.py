@@ -79,3 +79,40 @@ def test_a_failed_simulation_is_a_bad_step_and_not_the_end():
 def test_without_confirmation_it_still_ends_near_the_minimum():
     mine, theirs = fitted(tolerance=1e-4, confirm=False)
     assert mine.cost <= theirs.cost * (1.0 + 2e-3)
+
+
+def brown_dennis(x):
+    """Moré, Garbow and Hillstrom (1981), ACM TOMS 7, 17: problem 16, minimum 85822.2 (of the whole sum of squares)."""
+    t = np.arange(1, 21) / 5.0
+    first, second = x[0] + t * x[1] - np.exp(t), x[2] + x[3] * np.sin(t) - np.cos(t)
+    one = np.ones_like(t)
+    jacobian = np.column_stack([2 * first, 2 * first * t, 2 * second * one, 2 * second * np.sin(t)])
+    return first**2 + second**2, jacobian
+
+
+def jennrich_sampson(x):
+    """The same collection's problem 6, minimum 124.362."""
+    i = np.arange(1, 11)
+    a, b = np.exp(i * x[0]), np.exp(i * x[1])
+    return 2.0 + 2.0 * i - a - b, np.column_stack([-i * a, -i * b])
+
+
+@pytest.mark.parametrize(
+    ("of", "start", "minimum"),
+    [(brown_dennis, [25.0, 5.0, -5.0, -1.0], 85822.2), (jennrich_sampson, [0.3, 0.4], 124.362)],
+)
+def test_large_residuals_teach_their_curvature(of, start, minimum, monkeypatch):
+    def run():
+        def pieces(x):
+            residual, jacobian = of(x)
+            yield Piece(jacobian, np.arange(x.size), residual)
+
+        bound = np.full(len(start), 1e6)
+        return solve(
+            lambda x: [of(x)[0]], pieces, np.array(start), -bound, bound, tolerance=1e-10, max_evaluations=100
+        )
+
+    learned = run()
+    assert 2.0 * learned.cost == pytest.approx(minimum, rel=1e-5)
+    monkeypatch.setattr("estimation.least_squares._learned", lambda curvature, *rest: curvature)
+    assert learned.jacobians < run().jacobians

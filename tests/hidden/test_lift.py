@@ -1,0 +1,71 @@
+"""Effects hidden in the virtual lift are found by its 1D model, and nothing is found where nothing is hidden.
+
+The rig has all 37 states, misaligned guides, another integrator and another fading of friction, noisy, quantised and
+jittered records, true parameters that differ from the model's, and a force that disturbs it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from discrepancy.study import Study
+from discrepancy.suite import run_suite
+from discrepancy.trials import Trial, file_name, page, with_section
+from vtsdt.suite_lift import case, names, sizes
+
+
+def diagnosed(seed, hide):
+    made = case(seed, hide)
+    study = Study(made.setup(seed=seed))
+    return made, study, study.diagnose()
+
+
+def test_the_suite_knows_what_a_lift_can_hide():
+    hidden = sizes(3, ["coulomb_friction@cabin.z"])[0]
+    assert (hidden["kind"], hidden["where"]) == ("coulomb_friction", "cabin.z")
+    assert hidden["parameters"]["coulomb"]["unit"] == "N"
+
+
+def test_results_of_two_machines_stand_on_one_page(tmp_path):
+    import json
+    from dataclasses import asdict
+
+    trial = Trial("null", 7, (), "nothing missing", ())
+    (tmp_path / file_name("lift", "null")).write_text(json.dumps(asdict(trial)) + "\n")
+    results = page(tmp_path, "2026-01-01", "lift")
+    assert "| false alarms | 0 | 1 | 0.0% |" in results
+    once = with_section("# Rates\n\nOf the axis.\n", "lift", results)
+    assert with_section(once, "lift", results) == once
+    assert once.startswith("# Rates\n\nOf the axis.\n")
+    assert once.count("### null") == 1
+
+
+@pytest.mark.slow
+def test_lift_with_nothing_hidden_nothing_named():
+    _, _, conclusion = diagnosed(11, [])
+    assert conclusion.verdict == "nothing missing"
+
+
+@pytest.mark.slow
+def test_lift_friction_of_the_cabin_is_found():
+    made, study, _ = diagnosed(12, ["coulomb_friction@cabin.z"])
+    found = [s.accepted for s in study.stages if s.accepted is not None]
+    assert str(found[0].effect) == "coulomb_friction@cabin.z"
+    true = made.truth["effects"][0]["parameters"]["coulomb"]["value"]
+    effect = next(e for e in study.stages[-1].effects if str(e) == "coulomb_friction@cabin.z")
+    assert effect.strengths["coulomb"] == pytest.approx(true, rel=0.2)  # within 20 % after the refit
+    before, after = study.stages[1].rmse("validate"), study.stages[-1].rmse("validate")
+    assert after["F_c"] < 0.5 * before["F_c"]  # on a trip that took no part
+
+
+@pytest.mark.slow
+def test_lift_suite_goes_on_where_it_stopped(tmp_path):
+    import vtsdt.suite_lift as machine
+
+    first = run_suite("null", 1, tmp_path, first=11, workers=1, machine="lift", module=machine.__name__)
+    again = run_suite("null", 1, tmp_path, first=11, workers=1, machine="lift", module=machine.__name__)
+    assert len(first) == len(again) == 1
+    assert math.isnan(first[0].ratio)
+    assert "coulomb_friction@cabin.z" in names()

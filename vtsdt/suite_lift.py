@@ -1,0 +1,42 @@
+"""The virtual lift as the suites run it: the 1D model under test on trips of the lift with 37 states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+from discrepancy.bench import Case
+from vtsdt.bench_rig import LiftRig
+
+__all__ = ["TRIPS", "UNKNOWN", "case", "main", "names", "sizes"]
+
+#: Trips of a case; the last quarter is held out.
+TRIPS = 4
+UNKNOWN = "unknown_force@cabin.z"
+
+
+def case(seed: int, hidden: Sequence[str] = (), **settings: Any) -> Case:
+    """Return recordings of the lift with something hidden, and the model under test."""
+    found = LiftRig(seed=seed, **{"trips": TRIPS, **settings}).case(hidden)
+    return replace(found, offsets=("a_c",))
+
+
+def sizes(seed: int, hidden: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the effects as they are hidden at their usual size; nothing is simulated for it."""
+    rig = LiftRig(seed=seed, trips=TRIPS)
+    return [h.truth(rig.units) for h in rig.hidden(hidden)]
+
+
+@lru_cache(maxsize=1)
+def names() -> list[str]:
+    """Return everything that can be hidden, as ``kind@where``."""
+    return [f"{e['kind']}@{e['where']}" for e in LiftRig(trips=TRIPS).list()]
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run ``vtsdt validate discrepancy``, with the lift among its machines."""
+    from discrepancy.suite import main as run
+
+    return run(arguments, {"lift": __name__})
