@@ -288,8 +288,8 @@ def _limits(base: Sequence[Score], calm: Sequence[Score | None]) -> str:
     if undisturbed:
         worst = min(s.correlation for s in undisturbed)
         told += (
-            f"What limits the estimate most is no lag of the filter: without the disturbing force {len(calm)} lifts give a "
-            f"correlation of {np.mean([s.correlation for s in undisturbed]):.3f} from four trips, {worst:.3f} at "
+            "What limits the estimate most is no lag of the filter: without the disturbing force "
+            f"{len(calm)} lifts give a correlation of {np.mean([s.correlation for s in undisturbed]):.3f} from four trips, {worst:.3f} at "
             f"worst, and an error of {1e3 * np.mean([s.rms for s in undisturbed]):.2f} mm. "
         )
     return told + (
