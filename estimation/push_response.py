@@ -25,7 +25,6 @@ EXACT = 1e-8  # relative tolerance of the states that Jacobians are taken at
 KEPT_BYTES = 1 << 25  # transitions larger than this are kept only while one question is answered
 STIFF = 50  # explicit steps in an interval from which matrix exponentials are cheaper
 PIECES = 4  # of a stiff interval, each with a Jacobian of its own
-_SQUARINGS = 5
 
 
 def worth_it(system: System, pushes: Sequence[Push]) -> bool:
@@ -73,6 +72,7 @@ class PushResponse:
         from multibody.errors import SimulationError
         from multibody.simulate import native_problem
         from multibody.solvers.problem import ProblemError
+        from multibody.solvers.spectral_radius import spectral_radius
         from multibody.solvers.transitions import transitions
 
         time = np.array(experiment.record.time)
@@ -81,7 +81,7 @@ class PushResponse:
         x = _states_at(time, experiment, system, problem, x0)
         inputs = np.ascontiguousarray(table(time, p).reshape(time.size, -1))
         a = system.jacobian_along("x", time, x, inputs, p)
-        fastest = _spectral_radius(a)
+        fastest = spectral_radius(a)
         substep = REACH / np.maximum(np.maximum(fastest[1:], fastest[:-1]), 1e-300)
         chosen = np.array([system.index("input", n) for n in channels])
         stiff = np.flatnonzero(np.diff(time) > STIFF * substep)
@@ -196,18 +196,3 @@ def forget(experiment: Experiment) -> None:
     kept: Any = experiment._cache.get("pushes")
     if kept is not None and kept[3].nbytes > KEPT_BYTES:  # type: ignore[index]
         del experiment._cache["pushes"]
-
-
-def _spectral_radius(a: np.ndarray) -> np.ndarray:
-    """Return for each matrix about the largest magnitude of its eigenvalues, at most 1.5 times too large; (nt,).
-
-    The norm of a high power, with the scale taken out at every squaring (Gelfand's formula).
-    """
-    power, log = a.copy(), np.zeros(len(a))
-    for k in range(_SQUARINGS + 1):
-        size = np.maximum(np.max(np.abs(power), axis=(1, 2)), 1e-300)
-        log += np.log(size) / 2**k
-        power /= size[:, None, None]
-        if k < _SQUARINGS:
-            power = power @ power
-    return np.exp(log)

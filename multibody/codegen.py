@@ -53,7 +53,8 @@ class Source:
     Parameters
     ----------
     texts : mapping of str
-        Python source of each of the functions ``rhs``, ``outputs``, ``rhs_tangent`` and ``outputs_tangent``.
+        Python source of each of the functions ``rhs``, ``outputs``, ``rhs_tangent``, ``outputs_tangent`` and
+        ``rhs_columns``, which is ``rhs_tangent`` along states alone.
         Each stands in a file of its own: functions with the same text then share one compiled version,
         whatever else their models have.
     sparsity : ndarray of bool, shape (n, n)
@@ -88,13 +89,14 @@ def generate(work: Assembly) -> Source:
             raise ModelError(work.name, faults)
 
     def text(name: str) -> str:
-        of_outputs, tangent = name.startswith("outputs"), name.endswith("_tangent")
+        of_outputs, tangent = name.startswith("outputs"), name.endswith(("_tangent", "_columns"))
         items, wanted = (output_items, shown) if of_outputs else (rate_items, rates)
         result = "out" if tangent else "y" if of_outputs else "dx"
-        body = _function(work, name, result, items, wanted, tangent=tangent)
+        along = ("x",) if name.endswith("_columns") else ("x", "u", "p")
+        body = _function(work, name, result, items, wanted, tangent=tangent, along=along)
         return "\n\n".join([_HEADER, *kernel_texts, *(tangents() if "_tangent(" in body else ()), body]) + "\n"
 
-    texts = Texts(("rhs", "outputs", "rhs_tangent", "outputs_tangent"), text)
+    texts = Texts(("rhs", "outputs", "rhs_tangent", "outputs_tangent", "rhs_columns"), text)
     for name in ("rhs", "outputs"):  # what cannot be written is told when the model is built
         texts[name]
     deps = dependencies(rate_items, [q.variable for q in work.states])
@@ -102,7 +104,16 @@ def generate(work: Assembly) -> Source:
     return Source(texts, sparsity.reshape(len(rates), len(rates)))
 
 
-def _function(work: Assembly, name: str, result: str, items: list[Item], wanted: list[str], *, tangent: bool) -> str:
+def _function(
+    work: Assembly,
+    name: str,
+    result: str,
+    items: list[Item],
+    wanted: list[str],
+    *,
+    tangent: bool,
+    along: tuple[str, ...] = ("x", "u", "p"),
+) -> str:
     used = {n for item in items for n in item.reads} | set(wanted)
     lines: list[str] = []
     seeds: set[str] = set()
@@ -110,11 +121,11 @@ def _function(work: Assembly, name: str, result: str, items: list[Item], wanted:
         for k, q in enumerate(group):
             if q.variable in used:
                 lines.append(f"{q.variable} = {array}[{k}]")
-                if tangent:
+                if tangent and array in along:
                     lines.append(f"{d(q.variable)} = {array}_dot[{k}]")
                     seeds.add(q.variable)
     lines += [f"{c} = {value}" for c, value in work.constants.items() if c in used]
-    if "p" in used:
+    if "p" in used and "p" in along:
         seeds.add("p")
     nodes = [n for item in items for n in item.nodes]
     active = active_names(nodes, seeds)

@@ -10,9 +10,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 from multibody.compiler.kinds import Outside
-from multibody.native import TANGENT_ARRAYS, NativeFunction, compile_text, compiling
+from multibody.native import TANGENT_ARRAYS, NativeFunction, compile_text, compiling, jit_enabled
 
-__all__ = ["FEW_LANES", "MANY_LANES", "along_directions", "worth_lanes"]
+__all__ = ["FEW_LANES", "MANY_LANES", "along_directions", "along_states", "worth_lanes"]
 
 FEW_LANES, MANY_LANES = 4, 8  # directions at once: one vector register or two of the common kind
 WORTH = 10_000
@@ -41,6 +41,11 @@ def along_directions(tangent: NativeFunction, count: int) -> NativeFunction | No
     """
     text, stem = tangent.origin
     return _made(text, stem, tangent.name, count) if tangent.compiled and text else None
+
+
+def along_states(text: str, count: int) -> NativeFunction | None:
+    """Return ``rhs_columns`` of a system's texts along several directions at once, as `along_directions` does."""
+    return _made(text, "rhs_columns", "rhs_columns", count) if jit_enabled() else None
 
 
 @lru_cache(maxsize=256)

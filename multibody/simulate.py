@@ -208,6 +208,7 @@ def native_problem(
         table=table,
         n=len(system.states),
         tangent=system.rhs_tangent if wants_tangent else None,
+        columns=system.rhs_columns if tangent else None,
         directions=directions,
         colours=system.colours if wants_tangent else None,
         pattern=system.sparsity if wants_tangent else None,
@@ -243,7 +244,7 @@ def _run(
         from multibody.solvers.automatic import in_words
 
         cls = getattr(solvers, name)
-        problem = native_problem(system, p, table, tangent=name == "Rodas5P")
+        problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"))
         history: list[tuple[float, str]] = []
         if name == "Automatic":
             options |= {

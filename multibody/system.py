@@ -220,6 +220,17 @@ class System:
         return self._native("rhs_tangent")
 
     @cached_property
+    def rhs_columns(self) -> NativeFunction | None:
+        """Several columns of the rates' Jacobian by the states at once, or None where nothing is compiled.
+
+        As `multibody.directions.along_directions`; ``u_dot`` and ``p_dot`` are not read.
+        """
+        from multibody.directions import FEW_LANES, MANY_LANES, along_states
+
+        few = int(self.colours.max(initial=0)) < 4 * FEW_LANES
+        return along_states(self.texts["rhs_columns"], FEW_LANES if few else MANY_LANES) if self.compiled else None
+
+    @cached_property
     def outputs_tangent(self) -> NativeFunction:
         """Directional derivative of the outputs as a native function."""
         return self._native("outputs_tangent")

@@ -25,12 +25,14 @@ from multibody.solvers.kernels.stepping import (
 )
 from multibody.solvers.problem import NativeProblem
 from multibody.solvers.rosenbrock import Rodas5P, relative_cost
+from multibody.solvers.spectral_radius import spectral_radius
 
 __all__ = ["Automatic", "in_words"]
 
 LEAST_SPELL, LONGEST_SPELL = 64, 4096  # steps of the stiff method before the explicit one is tried again
 RUN_UP, JUDGED = 8, 16  # steps of the stiff method until its own pace is reached, and until that pace is judged
 PATIENCE = 4096  # explicit steps before a stiff method that did not pay is tried again, longer each time
+LOOK, EDGE = 2048, 2.0  # explicit steps after which the Jacobian is asked, and |h·λ| from which steps count as stiff
 SHORT_TRIAL = 64  # explicit steps after which, if they turn out stiff again, the next spell is longer
 
 
@@ -39,9 +41,11 @@ class Automatic(DormandPrince54):
 
     The explicit method watches its last two stages, which show the fastest eigenvalue (Hairer and Wanner, Solving
     Ordinary Differential Equations II, IV.2).  After fifteen steps in a row on the edge of its stability the stiff
-    method goes on from there; after a spell the explicit one is tried again, because a machine may be stiff only while
-    it rests in dry friction.  If the stiff method's steps turn out not to be longer by more than they cost, the
-    explicit one goes on, at first for some thousand steps.  A problem without a tangent stays with the explicit method.
+    method goes on from there.  Where the fast motion has died away to rounding the stages do not show it; the Jacobian,
+    asked after every two thousand explicit steps, does.  After a spell the explicit method is tried again, because a
+    machine may be stiff only while it rests in dry friction.  If the stiff method's steps turn out not to be longer by
+    more than they cost, the explicit one goes on, at first for some thousand steps.  A problem without a tangent stays
+    with the explicit method.
 
     It takes what `NativeSolver` takes, and two more parameters.
 
@@ -82,6 +86,7 @@ class Automatic(DormandPrince54):
         self._patience = PATIENCE
         self._proven = False  # whether the last spell paid to its end: then the next is not judged early
         self._rest = 0  # explicit steps before stiffness is watched for again
+        self._unseen = 0  # explicit steps since the Jacobian was asked
 
     def _advance(self) -> int:
         self._stored_stiff = self._in_stiff
@@ -89,12 +94,34 @@ class Automatic(DormandPrince54):
             return self._advance_stiff()
         if self._rest > 0:
             return self._advance_unwatched()
-        status = super()._advance()
-        self._done += int(self._tally[DONE])
-        if status == STIFF:
+        status = self._limited(LOOK - self._unseen, super()._advance)
+        self._unseen += int(self._tally[DONE])
+        if status == STIFF or (status == MORE and self._overlooked()):
             self._enter()
             return MORE
         return status
+
+    def _overlooked(self) -> bool:
+        """Tell, after many explicit steps, whether it is stability that limits them."""
+        if self._unseen < LOOK or not self._tally[WATCH]:
+            self._unseen %= LOOK
+            return False
+        self._unseen = 0
+        jacobian = self._differences()
+        finite = bool(np.all(np.isfinite(jacobian)))
+        return finite and abs(float(self._clock[STEP_OLD])) * spectral_radius(jacobian[None])[0] > EDGE
+
+    def _differences(self) -> np.ndarray:
+        """Return the Jacobian of the rates by forward differences: good enough for its largest eigenvalue."""
+        n, t, p = self.problem.n, float(self._clock[T]), self.problem.p
+        x, u = self._state[:n].copy(), self.problem.table(t, p)
+        steps = np.sqrt(np.finfo(float).eps) * np.maximum(np.abs(x), self.atol[:n] / self.rtol[:n])
+        rates, columns = self.problem.rhs(t, x, u, p, np.empty(n)), np.empty((n, n))
+        for k in range(n):
+            moved = x.copy()
+            moved[k] += steps[k]
+            columns[:, k] = (self.problem.rhs(t, moved, u, p, np.empty(n)) - rates) / (moved[k] - x[k])
+        return columns
 
     def _advance_unwatched(self) -> int:
         tally = self._tally

@@ -98,19 +98,17 @@ class Samples:
 class StoredSteps(DenseOutput):
     """The solution between two calls: the interpolants of the steps in between."""
 
-    def __init__(
-        self, t_old: float, t: float, direction: float, steps: int, store: Any, kernel: Callable
-    ) -> None:
+    def __init__(self, t_old: float, t: float, direction: float, steps: int, store: Any) -> None:
         super().__init__(t_old, t)
         self._direction = direction
         self._steps = steps
         self._store = tuple(part[:steps].copy() for part in store)
-        self._kernel = kernel
 
     def _call_impl(self, t: Any) -> np.ndarray:
         at = np.ascontiguousarray(np.atleast_1d(t), dtype=np.float64)
         out = np.empty((at.size, self._store[1].shape[1]))
-        self._kernel(at, self._direction, self._steps, *self._store, out)
+        between = load_driver("multibody.solvers.kernels.between")
+        between.interpolate_many(at, self._direction, self._steps, *self._store, out)
         return out[0] if np.ndim(t) == 0 else out.T
 
 
@@ -325,6 +323,4 @@ class NativeSolver(OdeSolver):
                 "samples replace dense output: leave out samples to use t_eval, events or dense_output"
             )
         steps = int(self._tally[DONE])
-        return StoredSteps(
-            self.t_old, self.t, float(self.direction), steps, self._store, self._driver.interpolate_many
-        )
+        return StoredSteps(self.t_old, self.t, float(self.direction), steps, self._store)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from multibody.solvers.base import NativeSolver
-from multibody.solvers.kernels.stepping import DONE, EVALUATIONS, WANTED, T
+from multibody.solvers.kernels.stepping import DONE, EVALUATIONS, JACOBIANS, WANTED, T
 from multibody.solvers.problem import ProblemError
 
 __all__ = ["Exponential43", "fast_motion"]
@@ -63,25 +63,34 @@ class Exponential43(NativeSolver):
 
     def _look(self) -> None:
         """Find the fast motion at the present state; of several directions the one of the fastest is kept."""
-        sizes = np.abs(self._state) + self.atol / self.rtol
-        found = fast_motion(self.problem.derivative, float(self._clock[T]), self._state, sizes)
-        self._tally[EVALUATIONS] += self._state.size + 1
+        found = fast_motion(self._jacobian(float(self._clock[T])))
         if found is not None and found[0] < self._fastest:
             self._fastest, self._left[:], self._right[:] = found
         self._due = SPELLS[int(self._fastest < 0.0)]
 
+    def _jacobian(self, t: float) -> np.ndarray:
+        """Return the Jacobian at the present state: exact where the problem has a tangent, else by differences."""
+        x, tally = self._state, self._tally
+        if self.problem.tangent is not None:
+            tally[JACOBIANS] += 1
+            return self.problem.jac(t, x)
+        sizes = np.abs(x) + self.atol / self.rtol
+        tally[EVALUATIONS] += x.size + 1
+        here, matrix = self.problem.derivative(t, x), np.empty((x.size, x.size))
+        for k in range(x.size):
+            moved = x.copy()
+            moved[k] += _DIFFERENCE * (sizes[k] if sizes[k] > 0.0 else 1.0)
+            matrix[:, k] = (self.problem.derivative(t, moved) - here) / (moved[k] - x[k])
+        return matrix
 
-def fast_motion(rates: Any, t: float, x: np.ndarray, sizes: np.ndarray) -> tuple[float, np.ndarray, np.ndarray] | None:
+
+def fast_motion(matrix: np.ndarray) -> tuple[float, np.ndarray, np.ndarray] | None:
     """Return rate, left and right eigenvector (with the product one) of the fastest motion, if it stands out.
 
     Parameters
     ----------
-    rates : callable
-        ``rates(t, x)``.
-    t : float, s
-    x : ndarray, shape (n,)
-    sizes : ndarray, shape (n,)
-        What is large for each state; differences are taken over a small share of it.
+    matrix : ndarray, shape (n, n), 1/s
+        Jacobian of the rates.
 
     Returns
     -------
@@ -90,16 +99,11 @@ def fast_motion(rates: Any, t: float, x: np.ndarray, sizes: np.ndarray) -> tuple
 
     Examples
     --------
-    >>> rate, left, right = fast_motion(lambda t, x: np.array([x[1], -x[0] - 1e6 * x[1]]), 0.0, np.zeros(2), np.ones(2))
+    >>> rate, left, right = fast_motion(np.array([[0.0, 1.0], [-1.0, -1e6]]))
     >>> round(rate), float(round(left @ right, 9))
     (-1000000, 1.0)
     """
-    n = x.size
-    here, matrix = rates(t, x), np.empty((n, n))
-    for k in range(n):
-        moved = x.copy()
-        moved[k] += _DIFFERENCE * (sizes[k] if sizes[k] > 0.0 else 1.0)
-        matrix[:, k] = (rates(t, moved) - here) / (moved[k] - x[k])
+    n = len(matrix)
     if n == 0 or not np.all(np.isfinite(matrix)):
         return None
     values, vectors = np.linalg.eig(matrix)

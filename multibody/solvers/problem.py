@@ -48,6 +48,16 @@ def _owners(n: int, colours: bytes, pattern: bytes) -> np.ndarray:
     return owner
 
 
+@lru_cache(maxsize=256)
+def _seeds(n: int, colours: bytes, pattern: bytes, lanes: int) -> np.ndarray:
+    """Return the states that each colour moves as directions side by side, in groups of ``lanes``."""
+    owner = _owners(n, colours, pattern)
+    seeds = np.zeros((-(-len(owner) // lanes), n, lanes))
+    for colour, row in enumerate(owner):
+        seeds[colour // lanes, row[row >= 0], colour % lanes] = 1.0
+    return seeds
+
+
 @dataclass(frozen=True, eq=False)
 class Directions:
     """Directions in initial state, parameters and inputs along which the solution is differentiated.
@@ -137,6 +147,8 @@ class NativeProblem:
         For messages.
     in_lanes : bool
         Evaluate several directions at once, with a tangent that is compiled for that: worth it for long records.
+    columns : NativeFunction, optional
+        Several columns of the Jacobian at once (`System.rhs_columns`), in place of one derivative for every colour.
 
     Raises
     ------
@@ -154,6 +166,7 @@ class NativeProblem:
     pattern: np.ndarray | None = None
     state_names: Sequence[str] = ()
     in_lanes: bool = False
+    columns: NativeFunction | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p", np.array(self.p, dtype=np.float64, ndmin=1, order="C"))
@@ -256,7 +269,10 @@ class NativeProblem:
             fading = (d.channel < 0) & ~np.any(d.p_dot, axis=1)
             directions["channel"] = np.where(fading, FADING, d.channel)
             table = self._with_breaks(d, own)
-        return Field(self.rhs.address, tangent, self.n, self.p, table, directions, self._wide())
+        columns, seeds = 0, None
+        if self.columns is not None and self.colours is not None:
+            columns, seeds = self.columns.address, _seeds(*self._structure(), self.columns.lanes)
+        return Field(self.rhs.address, tangent, self.n, self.p, table, directions, self._wide(), columns, seeds)
 
     def _wide(self) -> tuple[int, int]:
         """Return the address of a tangent for several directions at once, and for how many; zeros for none."""
@@ -298,7 +314,7 @@ class NativeProblem:
         time, state, rates, columns = np.empty(1), np.empty(self.size), np.empty(self.size), np.empty((n, n))
         work = np.zeros(2 * n + max(self.table.n_inputs, self.p.size, 1))
         owner = np.ascontiguousarray(self.owners(), dtype=np.int64)
-        driver = load_driver("multibody.solvers.kernels.rodas")
+        driver = load_driver("multibody.solvers.kernels.jacobian")
         evaluate = driver.jacobian_at.bound(field.numbers, time, state, rates, owner, work, columns)
 
         def jac(t: float, x: np.ndarray, _owner: Any = field) -> np.ndarray:

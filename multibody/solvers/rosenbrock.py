@@ -49,21 +49,24 @@ class Rodas5P(NativeSolver):
 def relative_cost(problem: NativeProblem) -> float:
     """Return the cost of a step of the stiff method over one of the explicit method, from counts of operations.
 
-    The explicit step takes 6 evaluations of the right-hand side; the stiff one 9, a directional derivative for every
-    colour, and linear algebra, which takes less where the Jacobian is sparse.  Along a direction the explicit step
-    takes 6 directional derivatives; the stiff one 16, and eight solutions.  Measured ratios: 3.4 for a chain of 2
-    masses, 6.0 for 6, 11 for 18, 22 for 40 (this function: 2.3, 6.1, 15, 29); 4.7 for the lift with 12 states, 12 with
-    17, 19 with 37 (this function: 7.0, 11, 21).
+    The explicit step takes 6 evaluations of the right-hand side; the stiff one 10, the columns of the Jacobian, and
+    linear algebra, which takes less where the Jacobian is sparse.  Along a direction the explicit step takes 6
+    directional derivatives; the stiff one 16, and eight solutions.  The factors were fitted to measured times; measured
+    ratios (and this function's): 2.0 (2.0) for a chain of 2 masses, 3.5 (3.4) for 6, 7.1 (7.9) for 18, 18 (16) for 40;
+    2.9 (2.8) for the lift with 12 states, 4.3 (4.3) with 17, 5.6 (5.8) with 37.
     """
     n, m, colours = problem.n, problem.n_directions, len(problem.owners())
     filled = 1.0 if problem.pattern is None else float(np.mean(problem.pattern))
     rates = _operations(problem.rhs.origin[0]) or 40 * n
     # Directional derivatives repeat what they share with the rates, which the processor does beside them.
     tangent = 0.75 * ((_operations(problem.tangent.origin[0]) if problem.tangent is not None else 0) or 120 * n)
-    explicit = 6 * (rates + m * tangent) + 900 + 40 * n * (1 + m)
-    linear_algebra = 500 * n + 9 * n**2 + 4 * filled * n**3 + 20 * n * colours
+    jacobian = colours * tangent
+    if problem.columns is not None:  # as vectors
+        jacobian = 0.42 * -(-colours // 4) * _operations(problem.columns.origin[0])
+    explicit = 6 * (rates + m * tangent) + 2000 + 16 * n * (1 + m)
+    linear_algebra = 2600 + 330 * n + 5 * n**2 + 1.06 * filled * n**3
     along = m * (16 * tangent + 16 * filled * n**2 + 100 * n)
-    return (9 * rates + colours * tangent + linear_algebra + along) / explicit
+    return (10 * rates + jacobian + linear_algebra + along) / explicit
 
 
 @lru_cache(maxsize=256)

@@ -36,8 +36,9 @@ def pushes(experiment):
 
 def test_derivatives_cost_few_evaluations_more(sticking):
     _, experiment, system, p = sticking
-    alone = experiment.respond(system, p).evaluations
-    assert alone < 200_000
+    for rtol in (1e-5, 2e-6, 1e-6, 3e-7, 1e-7):  # half a million where the stiff stretches are overlooked
+        alone = replace(experiment, rtol=rtol).respond(system, p).evaluations
+        assert alone < 100_000
     assert experiment.respond(system, p, pushes=pushes(experiment)).evaluations < 5 * alone
 
 

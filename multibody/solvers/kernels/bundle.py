@@ -31,7 +31,10 @@ WINDOW = 35
 # the tangent of several directions at once, how many (0: none), parameter tangents in its order, room for its other
 # arguments, and whether any direction acts on an input.
 WIDE, LANES, P_WIDE, ROOM, PUSHED = range(36, 41)
-SIZE = 41
+# For the Jacobian: a derivative by the states along several directions at once, how many (0: none), the directions in
+# its order, and room for its result.
+COLUMNS, ABREAST, SEEDS, PASSED = range(41, 45)
+SIZE = 45
 
 _TABLE = {
     "times": TIMES,
@@ -83,6 +86,10 @@ class Field:
         p_dot (m, n_p), channel (m,), weight (m, n_u), shape_t (ns,), shape (ns, m).
     wide : (int, int)
         Address of a tangent of several directions at once, and how many (see `multibody.directions`); 0 for none.
+    columns : int
+        Address of a derivative by the states along several directions at once, for the Jacobian; 0 for none.
+    seeds : ndarray, shape (groups, n, lanes), optional
+        Its directions.
 
     Attributes
     ----------
@@ -101,6 +108,8 @@ class Field:
         table: dict[str, np.ndarray],
         directions: dict[str, np.ndarray] | None = None,
         wide: tuple[int, int] = (0, 0),
+        columns: int = 0,
+        seeds: np.ndarray | None = None,
     ) -> None:
         self.numbers = _numbers_of(table).copy()
         n_u, groups = table["values"].shape[1], table["break_delay"].size
@@ -126,6 +135,10 @@ class Field:
             counts + 8 * n_u,
             counts + 8 * (n_u + 1),
         )
+        if columns and seeds is not None:
+            passed = np.empty(seeds.shape[1:])
+            self._owned += (seeds, passed)
+            self.numbers[COLUMNS : PASSED + 1] = columns, seeds.shape[2], address_of(seeds), address_of(passed)
         if directions is not None:
             for name, index in _DIRECTIONS.items():
                 self.numbers[index] = address_of(directions[name])

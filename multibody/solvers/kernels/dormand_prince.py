@@ -47,7 +47,6 @@ from multibody.solvers.kernels.stepping import (
     remember_step,
     settle,
     state_before,
-    step_of,
     worst,
 )
 
@@ -305,18 +304,3 @@ def advance(numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, ato
         )
         counts[STATUS] = standing
     return standing
-
-
-@entry
-def interpolate_many(t, direction, steps, store_t, store_y, store_k, out):
-    """Write the states at the times t, each in the stored step that holds it, into the rows of out."""
-    size = out.shape[1]
-    spans, states, stages_of, rows = pointer(store_t), pointer(store_y), pointer(store_k), pointer(out)
-    j = 0
-    for i in range(t.size):
-        j = step_of(t[i], direction, steps, spans, j)
-        h = spans[2 * j + 1]
-        z = (t[i] - spans[2 * j]) / h
-        interpolate(
-            z, h, size, shift(states, j * size), shift(stages_of, j * 7 * size), shift(rows, i * size)
-        )

@@ -40,7 +40,6 @@ from multibody.solvers.kernels.stepping import (
     remember_step,
     settle,
     state_before,
-    step_of,
     worst,
 )
 
@@ -283,16 +282,3 @@ def advance(
         y_new = shift(k, 2 * size)
         for i in range(size):
             state[i] = y_new[i]
-
-
-@entry
-def interpolate_many(t, direction, steps, store_t, store_y, store_k, out):
-    """Write the states at the times t, each in the stored step that holds it, into the rows of out."""
-    size = out.shape[1]
-    spans, states, ends, rows = pointer(store_t), pointer(store_y), pointer(store_k), pointer(out)
-    j = 0
-    for i in range(t.size):
-        j = step_of(t[i], direction, steps, spans, j)
-        h = spans[2 * j + 1]
-        z = (t[i] - spans[2 * j]) / h
-        interpolate(z, h, size, shift(states, j * size), shift(ends, j * 3 * size), shift(rows, i * size))

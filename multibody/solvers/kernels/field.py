@@ -285,11 +285,17 @@ def tangents(t, y, dy, c):
 
 
 @inner
-def evaluate(t, y, dy, c):
-    """Write the derivative of y at time t into dy; held inputs stay as they are."""
+def evaluate_state(t, y, dy, c):
+    """Write the rates of the state alone."""
     if c[N_MOVING] > 0:
         look_up(t, c)
     call_rhs(c[RHS], t, y, floats(c[U]), floats(c[P]), dy)
+
+
+@inner
+def evaluate(t, y, dy, c):
+    """Write the derivative of y at time t into dy; held inputs stay as they are."""
+    evaluate_state(t, y, dy, c)
     if c[M] > 0:
         tangents(t, y, dy, c)
 
