@@ -1,13 +1,14 @@
-"""Scan of 100 candidate effects on one 6 s trip of the lift with 37 states.
+"""Columns of 100 candidate effects on one 6 s trip of the lift with 37 states.
 
 The machine is simulated along the trip, its transitions from sample to sample are worked out once, and the force of
-every candidate at every point of its shape grid is carried through them to the eight outputs; then the residual is
-scored, plainly weighed, with 400 shuffled residuals.  Nothing is kept from the round before.
+every candidate at every point of its shape grid is carried through them to the eight outputs.  Nothing is kept from the
+round before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -26,7 +27,9 @@ def _facts() -> tuple[Any, Any, list[Any]]:
     from vtsdt.bench_rig import LiftRig
 
     case = LiftRig(seed=1, trips=2, under_test="reference").case()
-    study = Study(case.setup(seed=1, residual="simulation"))
+    setup = case.setup(seed=1, residual="simulation")
+    setup = replace(setup, identify=(_followed(setup, setup.identify[0]),), validate=())
+    study = Study(setup)
     study.prepare()
     experiment = study.setup.identify[0]
     system = study.setup.model.build(probes=True, outputs=experiment.outputs)
@@ -39,6 +42,20 @@ def _facts() -> tuple[Any, Any, list[Any]]:
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs)
     picked = [entries[int(k)] for k in np.linspace(0, len(entries) - 1, CANDIDATES)]
     return stage, scan_preparation(stage), picked
+
+
+def _followed(setup: Any, experiment: Any) -> Any:
+    """Return an experiment whose record the model follows but for noise, as after a calibration."""
+    import numpy as np
+
+    system = setup.model.build(probes=True, outputs=experiment.outputs)
+    p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
+    y = experiment.simulate(system, p)
+    rng, signals = np.random.default_rng(1), dict(experiment.record.signals)
+    for k, name in enumerate(experiment.outputs):
+        values = y[:, k] + 1e-3 * np.std(y[:, k]) * rng.standard_normal(len(y))
+        signals[name] = replace(signals[name], values=values)
+    return replace(experiment, record=replace(experiment.record, signals=signals), _cache={})
 
 
 def _columns(each: int) -> Callable[[], None]:
@@ -69,26 +86,3 @@ def bench_columns() -> Callable[[], None]:
 def bench_columns_fewer() -> Callable[[], None]:
     """of every tenth candidate: what the trip itself costs"""
     return _columns(10)
-
-
-def bench_scores() -> Callable[[], None]:
-    """scores of all, with their null"""
-    import numpy as np
-
-    from discrepancy.columns import Confrontation, candidate_columns
-    from discrepancy.scan import scan
-    from discrepancy.search import LOOKS
-    from discrepancy.whitening import identity
-
-    stage, preparation, entries = _facts()
-    facts = Confrontation.of_stage(stage, preparation)
-    candidates, _ = candidate_columns(facts, entries)
-    residual, sensitivities = facts.residual(), facts.sensitivities()
-    sizes = np.maximum(np.sqrt(np.mean(np.concatenate(residual.blocks) ** 2, axis=0)), 1e-300)
-
-    def work() -> None:
-        plain = identity(list(sizes), residual.channels, residual.dt)
-        scan(residual, sensitivities, candidates, level=0.02 / LOOKS, seed=1, whitener=plain)
-
-    work()
-    return work

@@ -126,7 +126,7 @@ def visit(
 
     given = parameters or with_rails(LiftParameters.bench(), rail_tables(LiftRig(seed=seed).profiles))
     guide = given.cabin_guide
-    if shift:
+    if shift and guide.right_x is not None:
         moved = dataclasses.replace(guide.right_x, deviation=tuple(d + shift for d in guide.right_x.deviation))
         given = dataclasses.replace(given, cabin_guide=dataclasses.replace(guide, right_x=moved))
     rig = LiftRig(

@@ -288,9 +288,9 @@ def _limits(base: Sequence[Score], calm: Sequence[Score | None]) -> str:
     if undisturbed:
         worst = min(s.correlation for s in undisturbed)
         told += (
-            f"What limits the estimate is not the filter: without the disturbing force {len(calm)} lifts give a "
-            f"correlation of {np.mean([s.correlation for s in undisturbed]):.3f} from four trips, {worst:.3f} at "
-            f"worst, and an error of {1e3 * np.mean([s.rms for s in undisturbed]):.2f} mm. "
+            "What limits the estimate most is no lag of the filter: without the disturbing force "
+            f"{len(calm)} lifts give a correlation of {np.mean([s.correlation for s in undisturbed]):.3f} from four "
+            f"trips, {worst:.3f} at worst, and an error of {1e3 * np.mean([s.rms for s in undisturbed]):.2f} mm. "
         )
     return told + (
         "The force of 1 N (1 N is 0.26 mm) pushes the cabin itself, anew on each trip, half of it with a correlation "

@@ -214,11 +214,16 @@ def _plan_row(study: WhatIf, name: str, year: dict[str, Any] | None) -> dict[str
         "year": "",
     }
     if year is not None:
-        energy = year[name]["energy"]
-        row["year"] = f"{energy['value']:.3g} kWh"
+        row["year"] = f"{_three_digits(year[name]['energy'])} kWh"
         if "money" in year[name]:
-            row["year"] += f", {year[name]['money']['value']:.3g} {year[name]['money']['unit']}"
+            row["year"] += f", {_three_digits(year[name]['money'])} {year[name]['money']['unit']}"
     return row
+
+
+def _three_digits(figure: dict[str, Any]) -> str:
+    """Return a figure of the JSON with its interval in brackets, if it has one."""
+    told = f"{figure['value']:.3g}"
+    return told if figure["low"] is None else f"{told} ({figure['low']:.3g} to {figure['high']:.3g})"
 
 
 def _how_sure(study: WhatIf, year: dict[str, Any] | None) -> str:

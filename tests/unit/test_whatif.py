@@ -191,7 +191,11 @@ def test_the_page_opens_alone_and_the_json_can_be_read(tmp_path: Path) -> None:
         "report.html", "what-if.json", "rail.png", "energies.png", "savings.png"}  # fmt: skip
     content = json.loads((tmp_path / "what-if.json").read_text())
     assert content["actions"]["straightened"]["saving"]["value"] == pytest.approx(1.19)
-    assert content["year"]["both"]["energy"]["value"] == pytest.approx(3.29 * 300 * 365 / 3.6e6)
+    year = content["year"]["both"]
+    assert year["energy"]["value"] == pytest.approx(3.29 * 300 * 365 / 3.6e6)
+    for figure in (year["energy"], year["money"]):
+        assert figure["low"] < figure["value"] < figure["high"]
+        assert f"{figure['value']:.3g} ({figure['low']:.3g} to {figure['high']:.3g})" in text
 
 
 def test_interval_told() -> None:
