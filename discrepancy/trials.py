@@ -160,6 +160,23 @@ def with_section(page_text: str, machine: str, results: str) -> str:
     return page_text.rstrip() + "\n\n" + section
 
 
+def _listed(seeds: Sequence[int]) -> str:
+    """Return increasing numbers in words; those in a row as a range.
+
+    Examples
+    --------
+    >>> _listed([3, 4, 5, 9])
+    '3 to 5, 9'
+    """
+    rows: list[list[int]] = []
+    for seed in seeds:
+        if rows and seed == rows[-1][-1] + 1:
+            rows[-1].append(seed)
+        else:
+            rows.append([seed])
+    return ", ".join(str(r[0]) if len(r) == 1 else f"{r[0]} to {r[-1]}" for r in rows)
+
+
 def page(out: Path, date: str, machine: str = "axis") -> str:
     """Return the results page (Markdown) of all suites of a machine in a folder."""
     command = "vtsdt validate discrepancy" + ("" if machine == "axis" else f" --machine {machine}")
@@ -177,7 +194,7 @@ def page(out: Path, date: str, machine: str = "axis") -> str:
         lines += [
             f"## {suite}",
             "",
-            f"Seeds {seeds[0]} to {seeds[-1]}.",
+            f"Seeds {_listed(seeds)}.",
             "",
             "| | hits | trials | rate | 95 % interval |",
             "|---|---|---|---|---|",
