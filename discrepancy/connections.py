@@ -15,6 +15,7 @@ import numpy as np
 from discrepancy.omnibus import knots_for, tents
 from discrepancy.residuals import Residuals
 from estimation.experiment import Push
+from multibody.side_by_side import cores
 
 __all__ = ["failing_connections"]
 
@@ -171,18 +172,19 @@ def _responses(
             speed / max(float(np.max(np.abs(speed))), 1e-300),
             (position - position.mean()) / max(float(np.ptp(position)), 1e-300),
         ]
+        dy = experiment.respond(
+            facts.facts.slim,
+            facts.facts.p,
+            facts.facts.start(i),
+            pushes=[Push(f"probe.{p}", f) for p in places for f in (*shared, *generic[p][i])],
+            sensors=facts.facts.sensors,
+            workers=cores(),
+        ).derivatives
+        flat = (dy * weight[:, None]).reshape(-1, dy.shape[2])
         for p in places:
-            pushes = [Push(f"probe.{p}", f) for f in (*shared, *generic[p][i])]
-            dy = experiment.respond(
-                facts.facts.slim,
-                facts.facts.p,
-                facts.facts.start(i),
-                pushes=pushes,
-                sensors=facts.facts.sensors,
-            ).derivatives
-            flat = (dy * weight[:, None]).reshape(-1, dy.shape[2])
-            common[p].append(flat[:, : len(shared)])
-            own[p].append(flat[:, len(shared) :])
+            here, flat = np.split(flat, [len(shared) + len(generic[p][i])], axis=1)
+            common[p].append(here[:, : len(shared)])
+            own[p].append(here[:, len(shared) :])
     return ({p: np.concatenate(v) for p, v in own.items()}, {p: np.concatenate(v) for p, v in common.items()})
 
 

@@ -54,7 +54,10 @@ class Picture:
 
 def _picture(figure: Figure, name: str, caption: str, section: str) -> Picture:
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
+    if (layout := figure.get_layout_engine()) is not None:  # once, and not again at each of the two drawings
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
     return Picture(name, buffer.getvalue(), caption, section)
 
 

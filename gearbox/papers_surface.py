@@ -115,7 +115,7 @@ def _hit_rates(seeds: Sequence[int], beside: Sequence[int]) -> list[Row]:
             "the same runs before their local polish")
     )  # fmt: skip
     for name, run in runs.items():
-        row = run.to_frame().loc[name]
+        row = dict(run.to_frame().loc[name])
         count, asked = int(row["runs"]), name == ASKED
         hits = round(row["hit_rate"] * count)
         rows.append(

@@ -98,8 +98,9 @@ def observe_along(
     wide = along_directions(function, MANY_LANES) if worth_lanes(times.size, m) else None
     if wide is None:
         room = np.empty(len(system.inputs))
-        more = (directions.p_dot, shape, directions.channel, delays)
-        driver.observe_along(function.address, *at, *more, room, found)
+        driver.observe_along(
+            function.address, *at, directions.p_dot, shape, directions.channel, delays, room, found
+        )
         function.check()
         return found.transpose(0, 2, 1)
     room = np.zeros((len(system.states) + len(system.inputs) + len(system.outputs)) * MANY_LANES)
@@ -108,8 +109,9 @@ def observe_along(
         lanes = np.zeros((p.size, MANY_LANES))
         lanes[:, : len(p_dot)] = p_dot.T
         some = np.empty((times.size, len(p_dot), found.shape[2]))
-        more = (lanes, shape, directions.channel, delays, room)
-        driver.observe_lanes_along(wide.address, first, *at, *more, some)
+        driver.observe_lanes_along(
+            wide.address, first, *at, lanes, shape, directions.channel, delays, room, some
+        )
         found[:, first : first + len(p_dot)] = some
     return found.transpose(0, 2, 1)
 

@@ -84,14 +84,10 @@ def _names(node: ast.AST) -> tuple[set[str], set[str]]:
             value = getattr(one, name, None)
             if value.__class__ is list:
                 waiting += [each for each in value if isinstance(each, ast.AST)]
-            elif isinstance(value, ast.AST) and value._fields and not (value is called and _is_name(value)):
+            elif isinstance(value, ast.AST) and value._fields and not (value is called and isinstance(value, ast.Name)):
                 waiting.append(value)
     reads.discard("math")
     return reads, writes
-
-
-def _is_name(node: ast.AST) -> bool:
-    return node.__class__ is ast.Name
 
 
 def copied(node: ast.stmt) -> ast.stmt:

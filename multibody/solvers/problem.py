@@ -266,8 +266,9 @@ class NativeProblem:
                 name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")
             }
             directions["weight"] = weight
-            fading = (d.channel < 0) & ~np.any(d.p_dot, axis=1)
-            directions["channel"] = np.where(fading, FADING, d.channel)
+            channel = directions["channel"]
+            fading = (channel < 0) & ~np.any(d.p_dot, axis=1)
+            directions["channel"] = np.where(fading, FADING, channel)
             table = self._with_breaks(d, own)
         columns, seeds = 0, None
         if self.columns is not None and self.colours is not None:
