@@ -8,7 +8,7 @@ to be compiled for it, and hundreds of candidates and shapes cost one integratio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,9 +25,6 @@ from estimation.experiment import Experiment, Push
 from estimation.push_response import forget, response_of, worth_it
 from multibody.errors import ModelError
 from multibody.side_by_side import cores, side_by_side
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["candidate_columns", "cannot_be_built"]
 
@@ -104,6 +101,7 @@ def candidate_columns(
 
 def _all_columns(facts: Confrontation, plans: Sequence[Plan], progress: Any) -> dict[tuple[str, int], list[np.ndarray]]:
     """Return the columns of every candidate, record by record, side by side."""
+
     def of(i: int) -> dict[tuple[str, int], np.ndarray]:
         if progress is not None:
             progress(f"sensitivities of {len(plans)} candidates on {facts.experiments[i].name}")

@@ -240,10 +240,11 @@ class Experiment:
             def answer(some: Sequence[Push]) -> Response:
                 return self._prepared(carried.outputs, carried(some), sensors, [], [])
 
-            shares = side_by_side(answer, [pushes[k::workers] for k in range(workers)])
+            count = min(workers, len(pushes))
+            shares = side_by_side(answer, [pushes[k::count] for k in range(count)])
             derivatives = np.empty((*shares[0].outputs.shape, len(pushes)))
             for k, share in enumerate(shares):
-                derivatives[:, :, k::workers] = share.derivatives
+                derivatives[:, :, k::count] = share.derivatives
             return Response(shares[0].outputs, derivatives)
         physical = [n for n in parameters if not n.startswith("sensor.")]
         total = len(physical) + len(states) + len(pushes)

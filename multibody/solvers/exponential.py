@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from multibody.solvers.base import NativeSolver
+from multibody.solvers.differences import forward_differences
 from multibody.solvers.kernels.stepping import DONE, EVALUATIONS, JACOBIANS, WANTED, T
 from multibody.solvers.problem import ProblemError
 
@@ -16,7 +17,6 @@ __all__ = ["Exponential43", "fast_motion"]
 SPELLS = (1024, 16384)
 #: How much faster than all others a motion must be to be taken as the one.
 APART = 2.0
-_DIFFERENCE = 1.5e-8
 
 
 class Exponential43(NativeSolver):
@@ -74,14 +74,9 @@ class Exponential43(NativeSolver):
         if self.problem.tangent is not None:
             tally[JACOBIANS] += 1
             return self.problem.jac(t, x)
-        sizes = np.abs(x) + self.atol / self.rtol
         tally[EVALUATIONS] += x.size + 1
-        here, matrix = self.problem.derivative(t, x), np.empty((x.size, x.size))
-        for k in range(x.size):
-            moved = x.copy()
-            moved[k] += _DIFFERENCE * (sizes[k] if sizes[k] > 0.0 else 1.0)
-            matrix[:, k] = (self.problem.derivative(t, moved) - here) / (moved[k] - x[k])
-        return matrix
+        sizes = np.abs(x) + self.atol / self.rtol
+        return forward_differences(lambda moved: self.problem.derivative(t, moved), x, sizes)
 
 
 def fast_motion(matrix: np.ndarray) -> tuple[float, np.ndarray, np.ndarray] | None:

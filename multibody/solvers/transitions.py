@@ -10,6 +10,7 @@ import numpy as np
 
 from multibody.native import load_driver
 from multibody.side_by_side import cores, side_by_side
+from multibody.solvers.kernels.stepping import DIRECTION
 from multibody.solvers.problem import Directions, NativeProblem, ProblemError
 
 __all__ = ["Transitions", "transitions"]
@@ -111,7 +112,7 @@ def transitions(
         whole = replace(problem, directions=directions)
         field = whole.field()
         clock = np.zeros(8)
-        clock[4] = 1.0
+        clock[DIRECTION] = 1.0
         ticks = slice(part.start, part.stop + 1)
         room = np.empty(whole.size), np.empty(7 * whole.size), np.empty(whole.size)
         driver.transition_blocks(

@@ -53,7 +53,7 @@ def test_corners_inside_a_step_are_seen_by_its_error(problem, method, rtol):
     error = (done.y[1] - exact(times)) / (1e-3 * rtol + rtol * 0.5)
     assert done.success
     assert np.sqrt(np.mean(error**2)) < 1.0
-    assert np.abs(error).max() < 30.0
+    assert np.abs(error).max() < 30.0  # the largest of the six is 15.9, with Rodas5P at 1e-4; the error is a mean
 
 
 def exact_start():
