@@ -14,6 +14,7 @@ from discrepancy.kinds import kind_named
 from discrepancy.next_measurement import next_measurements
 from discrepancy.omnibus import omnibus_of_stage
 from discrepancy.stage import Accepted, Stage
+from discrepancy.stated import outside, told
 from discrepancy.verdict import Verdict
 from discrepancy.wording import quantity
 
@@ -48,6 +49,10 @@ def conclude(study: Study) -> Conclusion:
     warnings = setup.warnings
     if study.beyond is not None and accepted:
         warnings = (*warnings, study.beyond.told(f"{_title(accepted[0].effect.kind)} at {accepted[0].effect.where}"))
+    if not accepted and (far := outside(stages[-1].identify)):
+        many = "their" if len(far) > 1 else "its"
+        listed = " and ".join(told(q, value) for q, value in far)
+        warnings = (*warnings, f"Calibration left {many} stated uncertainty: {listed}. Check what was stated.")
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
         verdict = verdict if accepted else ""
@@ -103,7 +108,7 @@ def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
     count = _NUMBER.get(len(names), f"{len(names)} effects")
     text = f"The model lacks {count}: {'; '.join(names)}."
     part = "validate" if stages[-1].validate is not None else "identify"
-    text += _fall(stages[1], stages[-1], part)
+    text += _fall(stages[1], stages[-1], part) + _instead(stages[1], stages[-1])
     text += f" {100 * explained(found)[0]:.0f} % of the mean square error above the noise floor is gone."
     if accepted[-1].ambiguous:
         rivals = [r for r in accepted[-1].rivals if r.indistinguishable and r.kind != accepted[-1].effect.kind]
@@ -119,6 +124,14 @@ def _fall(before: Stage, after: Stage, part: str) -> str:
     unit = after.system.unit(name)
     them = "it" if len(after.effects) == 1 else "them"
     return f" With {them} the error of {name} falls from {quantity(a[name], unit)} to {quantity(b[name], unit)} {held}."
+
+
+def _instead(before: Stage, after: Stage) -> str:
+    """Say which parameters calibration takes out of their stated uncertainty where the effects are not in the model."""
+    within = {q.name for q in after.identify.parameters} - {q.name for q, _ in outside(after.identify)}
+    far = [told(q, value) for q, value in outside(before.identify) if q.name in within]
+    without = "it" if len(after.effects) == 1 else "them"
+    return f" Without {without} the records ask for {' and '.join(far)}." if far else ""
 
 
 def _curve_words(entry: Accepted) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discrepancy.free_turns import free_turns
 from discrepancy.setup import Setup
 from discrepancy.start_guess import Followed, follow
 from discrepancy.windows import (
@@ -125,13 +126,15 @@ class _Look:
         values = np.concatenate([e.record.values(*e.outputs) for e in experiments])
         spread = np.maximum(np.std(values, axis=0), 1e-9 * np.maximum(np.max(np.abs(values), axis=0), 1e-300))
         units = np.array([system.unit(n) for n in experiments[0].outputs])
-        spread = np.where(units == "rad", np.minimum(spread, 1.0), spread)  # a turn more makes no angle less exact
         if longest_only:
             experiments = (max(experiments, key=lambda e: e.record.duration),)
         followed = tuple(follow(e, system, p) for e in experiments)
-        states = np.concatenate([f.states for f in followed])
-        scale = np.std(states, axis=0)
-        scale = np.where([q.unit == "rad" for q in system.states], np.minimum(scale, 1.0), scale)
+        scale = np.std(np.concatenate([f.states for f in followed]), axis=0)
+        # A turn more makes no angle less exact, unless it is one of those that only count turns.
+        turns, counted = free_turns(system, p, experiments, followed)
+        spread = np.where((units == "rad") & ~counted, np.minimum(spread, 1.0), spread)
+        angles = np.array([q.unit == "rad" for q in system.states], dtype=bool)
+        scale = np.where(angles & ~turns, np.minimum(scale, 1.0), scale)
         return cls(setup, system, p, experiments, followed, spread, scale)
 
     def whole(self) -> Growth:
