@@ -195,8 +195,9 @@ def _scipy(kind: str, stiff: bool, method: str) -> Solve:
 
 
 def _sundae(kind: str, stiff: bool) -> Solve:
-    from multibody.simulate import native_problem
     from sksundae.cvode import CVODE
+
+    from multibody.simulate import native_problem
 
     given = trip(kind, stiff)
     problem = native_problem(given.system, given.system.p, given.table, tangent=True)
