@@ -13,6 +13,7 @@ from functools import cache
 
 import numpy as np
 
+from multibody.cache import kept_text
 from multibody.differentiate import Differentiator, active_names, d
 from multibody.equation_set import Assembly
 from multibody.errors import EquationError, ModelError
@@ -89,6 +90,13 @@ def generate(work: Assembly) -> Source:
             raise ModelError(work.name, faults)
 
     def text(name: str) -> str:
+        base = name.partition("_")[0]
+        if name == base:
+            return written(name)
+        # A derivative follows from the text that it is the derivative of: one of an earlier process serves.
+        return kept_text(name, (texts[base],), lambda: written(name))
+
+    def written(name: str) -> str:
         of_outputs, tangent = name.startswith("outputs"), name.endswith(("_tangent", "_columns"))
         items, wanted = (output_items, shown) if of_outputs else (rate_items, rates)
         result = "out" if tangent else "y" if of_outputs else "dx"
