@@ -136,8 +136,8 @@ def _function(
     if "p" in used and "p" in along:
         seeds.add("p")
     nodes = [n for item in items for n in item.nodes]
-    active = active_names(nodes, seeds)
-    for item in items:  # an unknown follows from everything that its block reads
+    active = active_names(nodes, seeds) if tangent else set()
+    for item in items if tangent else ():  # an unknown follows from everything that its block reads
         if isinstance(item, Block) and item.reads & active:
             active = active_names(nodes, active | {u.variable for u in item.unknowns})
     writer = Differentiator(active, tangent_name)
