@@ -1,8 +1,8 @@
 """Start of a process: the interpreter and its imports.
 
-Byte code of all modules is there, as after an installation.  The first trip needs SciPy's `solve_ivp`, whose import alone
-is a row of its own; the rest of it is the model's equations, put together anew by every process, and machine code from the
-cache.
+Byte code of all modules is there, as after an installation.  The first trip needs SciPy's `solve_ivp`, whose import
+alone is a row of its own; the rest of it is the model's equations, put together anew by every process, and machine code
+from the cache.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
-
 
 _BYTE_CODE = tempfile.TemporaryDirectory()  # where this process may not write it beside the sources, or was told not to
 _ENVIRONMENT = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
