@@ -1,7 +1,8 @@
-"""Where the tuning ``likelihood`` comes from: ``python -m vtsdt.alignment_tuning``.
+"""Where the tuning ``likelihood`` comes from: ``python -m vtsdt.alignment_tuning [--out FILE.md]``.
 
 Variances of height, speed, δ and of both readings under which trips of a virtual lift are most likely, as they were
-sampled: low-passed readings are not white, and their likelihood means nothing.
+sampled: low-passed readings are not white, and their likelihood means nothing.  The same trips tell how likely they
+are under the other tunings.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import argparse
 import dataclasses
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,22 +20,60 @@ import numpy as np
 from vtsdt.alignment import balance
 from vtsdt.alignment_filter import DELTA, TUNINGS, GuideFilter, Tuning
 from vtsdt.alignment_lifts import prepared, visit
+from vtsdt.alignment_trips import AlignmentError, Trip
 from vtsdt.parameters import LiftParameters
 
 if TYPE_CHECKING:
-    from estimation.filters import Tuned
+    from estimation.filters import FilterRun, Samples, Tuned
 
-__all__ = ["likely"]
+__all__ = ["Believed", "Trips", "believed", "likely", "recorded", "table_text"]
 
 _FREE = ("z", "v_z", "delta")
 
 
-def likely(
-    seed: int = 41, trips: int = 2, steps: int = 25, progress: Callable[[str], Any] = lambda text: None
-) -> tuple[Tuning, Tuned]:
-    """Return the tuning that makes trips of a virtual lift most likely, beginning from ``quiet``, and how it was found.
+@dataclass(frozen=True, eq=False)
+class Trips:
+    """Trips of a virtual lift, as they were sampled and low-passed.
 
-    The lateral states keep their noise: the likelihood hardly depends on it.
+    Parameters
+    ----------
+    lift : LiftParameters
+        Nominal ones.
+    smooth : sequence of Trip
+        Low-passed.
+    raw : sequence of Samples
+        As they were sampled, without the accelerometer's offset and what is no friction in the tension.
+    """
+
+    lift: LiftParameters
+    smooth: Sequence[Trip]
+    raw: Sequence[Samples]
+
+
+@dataclass(frozen=True)
+class Believed:
+    """How a tuning and the trips fit each other.
+
+    Parameters
+    ----------
+    tuning : Tuning
+    likelihood : float
+        Logarithm of the likelihood for a sample; NaN if the filter loses the cabin.
+    height, acceleration : float
+        Mean square of each reading's innovation over the variance that the filter expects: 1 if it knows its own error.
+    bound : float
+        Share of the samples at which δ stands at its lower bound, on the low-passed trips as `vtsdt align` takes them.
+    """
+
+    tuning: Tuning
+    likelihood: float
+    height: float
+    acceleration: float
+    bound: float
+
+
+def recorded(seed: int = 41, trips: int = 2, progress: Callable[[str], Any] = lambda text: None) -> Trips:
+    """Record trips of a virtual lift.
 
     Parameters
     ----------
@@ -40,30 +81,47 @@ def likely(
         Of the lift.
     trips : int
         Two or more, up and down in turn.
+    progress : callable
+    """
+    from estimation.filters import Samples
+
+    records = visit(seed, 0, trips, progress=progress).records
+    smooth, lift = prepared(records), LiftParameters.bench()
+    error = balance(smooth, lift, np.linspace(0.1, lift.hoistway.travel - 0.1, 100)) or 0.0
+    raw = [
+        Samples(r["time"], r["tension"] - error, np.column_stack([r["height"], r["acceleration"] - t.offset]))
+        for r, t in zip(records, smooth, strict=True)
+    ]
+    taken = [dataclasses.replace(trip, tension=trip.tension - error) for trip in smooth]
+    return Trips(lift, taken, raw)
+
+
+def likely(
+    trips: Trips, steps: int = 25, progress: Callable[[str], Any] = lambda text: None
+) -> tuple[Tuning, list[Tuned]]:
+    """Return the tuning that makes trips most likely, beginning from ``quiet``, and how it was found trip by trip.
+
+    The lateral states keep their noise: the likelihood hardly depends on it.
+
+    Parameters
+    ----------
+    trips : Trips
     steps : int
         At most.
     progress : callable
     """
-    from estimation.filters import Samples, tune
+    from estimation.filters import tune
 
-    records = visit(seed, 0, trips, progress=progress).records
-    smooth, lift = prepared(records), LiftParameters.bench()
-    travel = np.linspace(0.1, lift.hoistway.travel - 0.1, 100)
-    error = balance(smooth, lift, travel) or 0.0
-    sensor = GuideFilter(lift, TUNINGS["quiet"])
+    sensor = GuideFilter(trips.lift, TUNINGS["quiet"])
     model, names = sensor.model(), {n.rpartition(".")[2]: n for n in sensor.system.state_names}
     names["delta"] = DELTA
-    samples = [
-        Samples(r["time"], r["tension"] - error, np.column_stack([r["height"], r["acceleration"] - t.offset]))
-        for r, t in zip(records, smooth, strict=True)
-    ]
     # Each trip has a start of its own, so each is tuned alone; the geometric mean counts.
     found = [
         tune(
             model, part, sensor.noise(), sensor.prior(trip), process=[names[k] for k in _FREE],
             measurement=["z_c", "zdd_c"], steps=steps, progress=progress, once=True,
         )
-        for part, trip in zip(samples, smooth, strict=True)
+        for part, trip in zip(trips.raw, trips.smooth, strict=True)
     ]  # fmt: skip
     tables = [np.log(each.to_frame()["tuned"].to_numpy()) for each in found]
     values = np.exp(np.mean(tables, axis=0))
@@ -71,20 +129,84 @@ def likely(
     tuning = dataclasses.replace(
         TUNINGS["likelihood"], process=process, height=float(values[3]), acceleration=float(values[4])
     )
-    return tuning, found[0]
+    return tuning, found
+
+
+def believed(trips: Trips, tuning: Tuning) -> Believed:
+    """Return how likely trips are under a tuning, and how often its filter loses the rail.
+
+    Parameters
+    ----------
+    trips : Trips
+    tuning : Tuning
+    """
+    from estimation.filters import FilterDivergence, extended
+
+    sensor = GuideFilter(trips.lift, tuning)
+    model, noise = sensor.model(), sensor.noise()
+    try:
+        runs = [
+            extended(model, part, noise, sensor.prior(trip), once=True)
+            for part, trip in zip(trips.raw, trips.smooth, strict=True)
+        ]
+    except FilterDivergence:
+        runs = []
+    count = sum(run.samples.count for run in runs)
+    likelihood = sum(run.log_likelihood for run in runs) / count if runs else np.nan
+    squares = np.nanmean(np.concatenate([run.normalised**2 for run in runs]), axis=0) if runs else (np.nan, np.nan)
+    shares = [_at_bound(sensor, trip) for trip in trips.smooth]
+    return Believed(tuning, float(likelihood), float(squares[0]), float(squares[1]), float(np.mean(shares)))
+
+
+def _at_bound(sensor: GuideFilter, trip: Trip) -> float:
+    """Return the share of a trip's samples at which δ stands at its lower bound; NaN if the cabin is lost."""
+    try:
+        run: FilterRun = sensor.run(trip)
+    except AlignmentError:
+        return np.nan
+    low = run.model.bounds[run.model.index(DELTA)][0] + run.model.nominal(DELTA)
+    return float(np.mean(run[DELTA] < low + 1e-5))
+
+
+def table_text(rows: Sequence[Believed]) -> str:
+    """Return tunings and what the trips say of them as a Markdown table."""
+    told = [
+        "| tuning | Q of z [m²/s] | of ż [m²/s³] | of δ [m²/s] | of x [m²/s] | R of z [m²] | of z̈ [m²/s⁴] | "
+        "log likelihood of a sample | innovations² over expected: z | z̈ | δ at its lower bound |",
+        "|---|" + "---:|" * 10,
+    ]
+    for row in rows:
+        t = row.tuning
+        values = (*(t.process[k] for k in (*_FREE, "x")), t.height, t.acceleration)
+        cells = [*(f"{v:.1e}" for v in values), f"{row.likelihood:.2f}", f"{row.height:.2g}", f"{row.acceleration:.2g}"]
+        told.append(f"| {t.name} | {' | '.join(cells)} | {row.bound:.0%} |")
+    return "\n".join(told)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Find the tuning and print it."""
+    """Find the tuning, lay the others beside it, and print or write both tables."""
     from vtsdt.progress import Progress
 
     parser = argparse.ArgumentParser(prog="python -m vtsdt.alignment_tuning", description=__doc__)
     parser.add_argument("--seed", type=int, default=41, help="of the virtual lift (default 41)")
+    parser.add_argument("--steps", type=int, default=25, help="of the search, at most (default 25)")
+    parser.add_argument("--out", metavar="FILE.md", default=None, help="write there instead of printing")
     args = parser.parse_args(arguments)
     with Progress(False) as progress:
-        tuning, found = likely(args.seed, progress=progress)
-    print(found.to_frame().to_string())
-    print({k: tuning.process[k] for k in _FREE}, f"height {tuning.height:.3g}, acceleration {tuning.acceleration:.3g}")
+        trips = recorded(args.seed, progress=progress)
+        found, each = likely(trips, args.steps, progress)
+        found = dataclasses.replace(found, name="found now")
+        rows = [believed(trips, tuning) for tuning in (*TUNINGS.values(), found)]
+    text = table_text(rows) + "\n"
+    for k, one in enumerate(each):
+        text += (
+            f"\nTrip {k + 1}: log likelihood {one.log_likelihoods[0]:.0f} before the search, "
+            f"{one.log_likelihoods[-1]:.0f} after {len(one.log_likelihoods) - 1} steps ({one.message}).\n"
+        )
+    if args.out is None:
+        print(text)
+    else:
+        Path(args.out).write_text(text, encoding="utf-8")
     return 0
 
 
