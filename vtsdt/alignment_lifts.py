@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -62,10 +62,6 @@ class Case:
     seed : int
     judged, before, after : Visit
         What is estimated from, and what the friction is scaled with: other trips, before and after the rail was moved.
-    calm : Visit
-        A few trips that no force disturbs.
-    more : Visit
-        As many further trips as are judged.
     height, pressing, in_plane : ndarray, shape (n,), m
         By the height of the floor: the deviation of a single rail that presses as hard, and the sum of both rails'
         deviations in x.
@@ -75,11 +71,19 @@ class Case:
     judged: Visit
     before: Visit
     after: Visit
-    calm: Visit
-    more: Visit
     height: np.ndarray = field(repr=False)
     pressing: np.ndarray = field(repr=False)
     in_plane: np.ndarray = field(repr=False)
+
+    @cached_property
+    def calm(self) -> Visit:
+        """A few trips that no force disturbs; recorded when they are asked for."""
+        return visit(self.seed, 3, CALM, force=0.0)
+
+    @cached_property
+    def more(self) -> Visit:
+        """As many further trips as are judged; recorded when they are asked for."""
+        return visit(self.seed, 4, len(self.judged.records))
 
     def scaled(self, tuning: Tuning | str = DEFAULT) -> tuple[LiftParameters, float]:
         """Return nominal parameters with friction scaled by the rail that was moved, and the factor.
@@ -168,13 +172,11 @@ def make_case(seed: int, trips: int = RECORDED, progress: Callable[[str], Any] =
     judged = visit(seed, 0, trips, progress=partial(_tell, progress, "judged, "))
     before = visit(seed, 1, SCALING, progress=partial(_tell, progress, "before the rail is moved, "))
     after = visit(seed, 2, SCALING, shift=INTRODUCED, progress=partial(_tell, progress, "after it, "))
-    calm = visit(seed, 3, CALM, force=0.0, progress=partial(_tell, progress, "undisturbed, "))
-    more = visit(seed, 4, trips, progress=partial(_tell, progress, "more trips, "))
     cabin, travel = judged.parameters.cabin, judged.parameters.hoistway.travel
     height = np.arange(round(travel / _STEP) + 1) * _STEP
     rails = judged.parameters.cabin_guide.profiles()
     return Case(
-        seed, judged, before, after, calm, more, height, pressing_deviation(judged.parameters, height),
+        seed, judged, before, after, height, pressing_deviation(judged.parameters, height),
         equivalent_deviation(rails, (cabin.shoe_low, cabin.shoe_high), height),
     )  # fmt: skip
 

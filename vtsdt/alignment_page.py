@@ -158,6 +158,7 @@ def _by_line(lifts: Sequence[Judged]) -> list[str]:
         "",
         "Correlation and error of the estimate: mean over the lifts, and the worst of them; false and missed: sections "
         "beyond 2.3 mm, mean of the lifts and the most. Errors are added to those that the records have already. "
+        f'"20 trips" and "{UNDISTURBED}" stand for the lifts that take all lines and for those that fall short. '
         '"refused": lifts whose trips the command refuses with its reason. "reached": lifts with correlation, error '
         "and sections as asked, with its 95 % interval. Each tuning has its own scaling.",
         "",
@@ -166,15 +167,19 @@ def _by_line(lifts: Sequence[Judged]) -> list[str]:
         "|---|---|---|---:|---:|---:|---:|---:|---:|---|---|---:|---:|",
     ]
     refusals: dict[str, list[int]] = {}
-    for line in lines():
-        found = [(lift.seed, lift.found[line.name]) for lift in lifts if line.name in lift.found]
+    rows = [(line, line.what, lifts) for line in lines()]
+    full = [lift for lift in lifts if all(line.name in lift.found for line in lines())]
+    if full and len(full) < len(lifts):
+        rows.insert(1, (rows[0][0], f"the same, lifts {', '.join(str(c.seed) for c in full)} alone", full))
+    for line, words, taken in rows:
+        found = [(lift.seed, lift.found[line.name]) for lift in taken if line.name in lift.found]
         if not found:
             continue
         known = [s for _, s in found if isinstance(s, Score)]
         for seed, why in found:
             if isinstance(why, str):
                 refusals.setdefault(f"{line.group}, {line.what}: {_sort(why)}", []).append(seed)
-        start = f"| {line.group} | {line.what} | {rate(sum(s.good for s in known), len(found))}"
+        start = f"| {line.group} | {words} | {rate(sum(s.good for s in known), len(found))}"
         refused = len(found) - len(known)
         if not known:
             told.append(f"{start} | | | | | | | | | | {refused} |")
