@@ -114,6 +114,15 @@ def _rates(lifts: Sequence[Judged]) -> list[str]:
     )
     told = ["| what is asked of ten trips | lifts (95 % of Clopper and Pearson) |", "|---|---|"]
     told += [f"| {words} | {rate(sum(map(test, known)), len(lifts))} |" for words, test in asked]
+    off = np.array([lift.factor / lift.friction - 1.0 for lift in lifts])
+    off = 100 * off[np.isfinite(off)]
+    if off.size:
+        told += [
+            "",
+            f"The scaling by the rail that was moved leaves the friction {np.sqrt(np.mean(off**2)):.0f} % off in the root "
+            f"mean square and {np.abs(off).max():.0f} % at worst: trips before and after meet forces of their own, too. "
+            "An error of the friction moves the whole estimate, and with it the edges of sections, but no correlation.",
+        ]
     covered = [s.covered for s in known if s.covered is not None]
     if covered:
         told += [
@@ -135,7 +144,17 @@ def _misses(lifts: Sequence[Judged]) -> list[str]:
             told.append(f"- Lift {lift.seed}: {refused}")
             continue
         parts = [_why_short(lift, one)] if one.short() else []
+        if one.median < CORRELATION:
+            parts.append(
+                f"the plain median over the trips follows with {one.median:.3f}, the median over their pairs with "
+                f"{one.correlation:.3f}: of errors that differ from trip to trip it leaves half as much variance again"
+            )
         parts += [wrong.reason() for wrong in one.wrong]
+        if one.wrong and np.isfinite(lift.factor):
+            parts.append(
+                f"The whole estimate of this lift is off by {1e3 * one.level:+.2f} mm, its friction having been scaled "
+                f"{100 * (lift.factor / lift.friction - 1.0):+.0f} % off the true one"
+            )
         if parts:
             told.append(f"- Lift {lift.seed}: " + ". ".join(parts) + ".")
     return told or ["Nothing."]
