@@ -119,8 +119,8 @@ def _rates(lifts: Sequence[Judged]) -> list[str]:
     if off.size:
         told += [
             "",
-            f"The scaling by the rail that was moved leaves the friction {np.sqrt(np.mean(off**2)):.0f} % off in the root "
-            f"mean square and {np.abs(off).max():.0f} % at worst: trips before and after meet forces of their own, too. "
+            f"The scaling by the rail that was moved leaves the friction {np.sqrt(np.mean(off**2)):.0f} % off in the "
+            f"root mean square and {np.abs(off).max():.0f} % at worst: its trips meet forces of their own, too. "
             "An error of the friction moves the whole estimate, and with it the edges of sections, but no correlation.",
         ]
     covered = [s.covered for s in known if s.covered is not None]

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["Believed", "Trips", "believed", "likely", "page_text", "recorded", "table_text"]
 
 _FREE = ("z", "v_z", "delta")
+#: Searches, each from the mean of the trips of the one before.
+ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,38 +100,46 @@ def recorded(seed: int = 41, trips: int = 2, progress: Callable[[str], Any] = la
 
 def likely(
     trips: Trips, steps: int = 25, progress: Callable[[str], Any] = lambda text: None
-) -> tuple[Tuning, list[Tuned]]:
-    """Return the tuning that makes trips most likely, beginning from ``quiet``, and how it was found trip by trip.
+) -> tuple[Tuning, list[list[Tuned]]]:
+    """Return the tuning that makes trips most likely, beginning from ``quiet``, and how it was found.
 
+    Searches stop early on the way, trip by trip in different places: they are begun again from the mean of the trips.
     The lateral states keep their noise: the likelihood hardly depends on it.
 
     Parameters
     ----------
     trips : Trips
     steps : int
-        At most.
+        Of each search, at most.
     progress : callable
+
+    Returns
+    -------
+    Tuning, list of list of Tuned
+        The searches, by round and trip.
     """
     from estimation.filters import tune
 
-    sensor = GuideFilter(trips.lift, TUNINGS["quiet"])
-    model, names = sensor.model(), {n.rpartition(".")[2]: n for n in sensor.system.state_names}
-    names["delta"] = DELTA
-    # Each trip has a start of its own, so each is tuned alone; the geometric mean counts.
-    found = [
-        tune(
-            model, part, sensor.noise(), sensor.prior(trip), process=[names[k] for k in _FREE],
-            measurement=["z_c", "zdd_c"], steps=steps, progress=progress, once=True,
+    tuning, every = TUNINGS["quiet"], []
+    for _ in range(ROUNDS):
+        sensor = GuideFilter(trips.lift, tuning)
+        model, names = sensor.model(), {n.rpartition(".")[2]: n for n in sensor.system.state_names}
+        names["delta"] = DELTA
+        # Each trip has a start of its own, so each is tuned alone; the geometric mean counts.
+        found = [
+            tune(
+                model, part, sensor.noise(), sensor.prior(trip), process=[names[k] for k in _FREE],
+                measurement=["z_c", "zdd_c"], steps=steps, progress=progress, once=True,
+            )
+            for part, trip in zip(trips.raw, trips.smooth, strict=True)
+        ]  # fmt: skip
+        values = np.exp(np.mean([np.log(each.to_frame()["tuned"].to_numpy()) for each in found], axis=0))
+        process = {**tuning.process, **dict(zip(_FREE, map(float, values), strict=False))}
+        tuning = dataclasses.replace(
+            TUNINGS["likelihood"], process=process, height=float(values[3]), acceleration=float(values[4])
         )
-        for part, trip in zip(trips.raw, trips.smooth, strict=True)
-    ]  # fmt: skip
-    tables = [np.log(each.to_frame()["tuned"].to_numpy()) for each in found]
-    values = np.exp(np.mean(tables, axis=0))
-    process = {**TUNINGS["quiet"].process, **dict(zip(_FREE, map(float, values), strict=False))}
-    tuning = dataclasses.replace(
-        TUNINGS["likelihood"], process=process, height=float(values[3]), acceleration=float(values[4])
-    )
-    return tuning, found
+        every.append(found)
+    return tuning, every
 
 
 def believed(trips: Trips, tuning: Tuning) -> Believed:
@@ -183,14 +193,14 @@ def table_text(rows: Sequence[Believed]) -> str:
     return "\n".join(told)
 
 
-def page_text(rows: Sequence[Believed], each: Sequence[Tuned], command: str) -> str:
+def page_text(rows: Sequence[Believed], every: Sequence[Sequence[Tuned]], command: str) -> str:
     """Return the table with what it means, as a page of the documentation.
 
     Parameters
     ----------
     rows : sequence of Believed
-    each : sequence of Tuned
-        The searches, trip by trip.
+    every : sequence of sequence of Tuned
+        The searches, by round and trip.
     command : str
         That made them.
     """
@@ -210,12 +220,13 @@ def page_text(rows: Sequence[Believed], each: Sequence[Tuned], command: str) -> 
         "1e-4 m²/s is 0.3 mm; the play of a shoe is 0.6 mm. Table 2 also trusts the accelerometer to 0.3 mm/s² and the "
         "height to no better than 10 mm.", "",
     ]  # fmt: skip
-    for k, one in enumerate(each):
-        before, after = one.log_likelihoods[0], one.log_likelihoods[-1]
-        told.append(
-            f"- Trip {k + 1}: log likelihood {before:.0f} before the search, {after:.0f} after "
-            f"{len(one.log_likelihoods) - 1} steps ({one.message})."
-        )
+    for k, found in enumerate(every):
+        for trip, one in enumerate(found):
+            before, after = one.log_likelihoods[0], one.log_likelihoods[-1]
+            told.append(
+                f"- Search {k + 1}, trip {trip + 1}: log likelihood {before:.0f} before it, {after:.0f} after "
+                f"{len(one.log_likelihoods) - 1} steps."
+            )
     told += [
         "",
         "What each of them estimates stands in the lines \"tuning\" of [the study on the virtual "
@@ -235,10 +246,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     with Progress(False) as progress:
         trips = recorded(args.seed, progress=progress)
-        found, each = likely(trips, args.steps, progress)
+        found, every = likely(trips, args.steps, progress)
         found = dataclasses.replace(found, name="found now")
         rows = [believed(trips, tuning) for tuning in (*TUNINGS.values(), found)]
-    text = page_text(rows, each, f"python -m vtsdt.alignment_tuning --seed {args.seed} --steps {args.steps}")
+    text = page_text(rows, every, f"python -m vtsdt.alignment_tuning --seed {args.seed} --steps {args.steps}")
     if args.out is None:
         print(text)
     else:
