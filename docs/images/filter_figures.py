@@ -123,7 +123,8 @@ def plot_consistency(path: Path) -> list[str]:
         lower.set_title(f"{inside} of {runs} runs inside", fontsize="medium")
         lower.set_xlabel("run [1]")
         lower.set_ylabel("NIS by reading [1]")
-        upper.legend(fontsize="small", loc="upper right")
+        upper.legend(fontsize="small", loc="lower right")
+        lower.xaxis.get_major_locator().set_params(integer=True)
         for axis in (upper, lower):
             axis.grid(alpha=0.3)
             middle = 1.0
@@ -175,7 +176,7 @@ def plot_covariances(path: Path) -> list[str]:
         axis.legend(fontsize="small")
     figure.savefig(path, dpi=90)
     plt.close(figure)
-    half = len(one.times) // 2
+    early, late = (int(np.searchsorted(one.times, t)) for t in (2.0, 5.0))
     told = []
     for found, name in ((one, DELTA), (both, "right rail")):
         std = 1e3 * found.std(name)
