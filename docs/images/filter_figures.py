@@ -180,9 +180,7 @@ def plot_covariances(path: Path) -> list[str]:
     told = []
     for found, name in ((one, DELTA), (both, "right rail")):
         std = 1e3 * found.std(name)
-        told.append(
-            f"standard deviation of {name}: {std[half]:.3f} mm at half of the trip, {std[-1]:.3f} mm at its end"
-        )
+        told.append(f"standard deviation of {name}: {std[early]:.3f} mm at 2 s, {std[late]:.3f} mm at 5 s")
     return told
 
 
