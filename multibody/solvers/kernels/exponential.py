@@ -45,6 +45,7 @@ from multibody.solvers.kernels.stepping import (
 
 #: Step of the difference quotient along the fast motion, as a share of the states' sizes.
 NEAR = 1e-6
+KEPT = 4.0
 
 
 @inner
@@ -202,7 +203,6 @@ def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space)
         tally[KNOWN] = 1
     proposal = min(clock[STEP], clock[LARGEST])
     limit = math.inf
-    fresh = False
     while True:
         h, t_new, clipped, jump = plan(c, clock, proposal)
         if h == 0.0:
@@ -211,19 +211,22 @@ def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space)
             evaluate(t, y, k, c)
             tally[EVALUATIONS] += 1
             tally[KNOWN] = 1
-        if not fresh:
+        if rates[1] < 0.5:
             rates[0] = fast_rate(c, t, c[N], y, k, left, right, rtol, atol, moved, u)
             tally[EVALUATIONS] += 1
-            fresh = True
+            rates[1] = KEPT
         stages(c, t, t_new - t, rates[0], size, y, k, u, left, moved, d2, d3, d4, y_new, f_new, errors)
         tally[EVALUATIONS] += 4
         error = mean_error(size, y, y_new, errors, rtol, atol, errors)
         if error <= 1.0:
             break
         limit = h
+        if rates[1] < KEPT - 0.5:
+            rates[1] = 0.0
         tally[REJECTED] += 1
         tally[WORST] = worst(size, errors)
         proposal = h * max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.2 * h
+    rates[1] -= 1.0
     settle(clock, h, t_new, error, 0.21, 0.05, proposal if clipped else 0.0, limit)
     tally[KNOWN] = 0 if jump else 2
     return True
