@@ -237,7 +237,7 @@ def inside(z0, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1
     """Return the integral of `patch` from z0 to z1 on the path of contact, where tips without relief leave no gap.
 
     There the penetration is a polynomial along the line, so that three Gauss points integrate all that the damper does
-    exactly.  Where a part of it has let go, the rest is integrated anew.
+    exactly.  Where a part of it has let go, both parts are integrated for themselves.
     """
     n, n_s, n_z, n_1, t, t_s, t_z, energy, loss, rubbing, at_0, at_1 = three(
         z0, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
@@ -245,8 +245,19 @@ def inside(z0, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1
         edge = 0.5 * (z0 + z1) + 0.5 * (z1 - z0) * GAUSS_3 * (at_0 + at_1) / (at_0 - at_1)
         edge = min(max(edge, min(z0, z1)), max(z0, z1))
         n, n_s, n_z, n_1, t, t_s, t_z, energy, loss, rubbing, _, _ = three(
-            edge if at_0 < 0.0 else z0, z1 if at_0 < 0.0 else edge, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D,
-            D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
+            z0, edge, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
+        d_n, d_ns, d_nz, d_n1, d_t, d_ts, d_tz, d_e, d_l, d_r, _, _ = three(
+            edge, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
+        n += d_n
+        n_s += d_ns
+        n_z += d_nz
+        n_1 += d_n1
+        t += d_t
+        t_s += d_ts
+        t_z += d_tz
+        energy += d_e
+        loss += d_l
+        rubbing += d_r
     return n, n_s, n_z, n_1, 0.0, t, t_s, t_z, energy, loss, rubbing
 
 
@@ -336,10 +347,6 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
     let_1 = letting_go(
         at_1, finish, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2,
         c22, c32, relief2, start2, K, e, C_D, D_P)
-    if e >= 2.0:
-        # beyond the place where flanks let go nothing is carried; with less the elastic force wins again at the end
-        begin = let_2
-        finish = let_1
     sharp = relief1 + relief2 <= 0.0
     last = begin
     for i in range(6):

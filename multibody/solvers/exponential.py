@@ -24,10 +24,10 @@ class Exponential43(NativeSolver):
 
     A stiff damper between two bodies, such as a tooth contact, makes one motion that dies away far faster than anything
     else moves.  Its rate limits the step of an explicit method, and a Rosenbrock method pays for a whole Jacobian and
-    its factors.  Here that one direction is split off and its exponential, a number, does the rest: five evaluations a
-    step, no matrix.  The direction is that of the eigenvalue of largest magnitude, found at the start and looked at
-    again now and then; its rate is renewed at every step.  Without a motion that stands out the method is the classical
-    one of Runge and Kutta with error control.
+    its factors.  Here that one direction is split off and its exponential, a number, does the rest: little more than
+    four evaluations a step, no matrix.  The direction is that of the eigenvalue of largest magnitude, found at the
+    start and looked at again now and then; its rate is renewed every few steps.  Without a motion that stands out the
+    method is the classical one of Runge and Kutta with error control.
 
     Parameters are those of `NativeSolver`; directions are not carried along.  Between steps a cubic is used, and the
     samples of compiled loops are put back on the fast motion's path.

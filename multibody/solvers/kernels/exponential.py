@@ -1,7 +1,8 @@
 """Many steps of Krogstad's exponential Runge-Kutta method of order 4 with one fast motion, in one call.
 
 The rates are split as f(y) = L·y + N(y) with L = u·wᵀ of rank one: w is the left eigenvector of the fast motion, kept
-from call to call, and u = (∂f/∂y)·v, from one more evaluation along the right eigenvector v (w·v = 1) at each step.
+from call to call, and u = (∂f/∂y)·v, from one more evaluation along the right eigenvector v (w·v = 1), renewed every
+few steps and when a step is refused: N holds what L lacks, so that any L gives the same order.
 Its functions are then numbers: φ(hL)·x = φ(0)·x + h·φ₊(hλ)·(w·x)·u with φ₊ the next function and λ = w·u.
 
 Krogstad (2005), Generalized integrating factor methods for stiff PDEs, J. Comput. Phys. 203, 72-88.  The rates at the
@@ -45,6 +46,7 @@ from multibody.solvers.kernels.stepping import (
 
 #: Step of the difference quotient along the fast motion, as a share of the states' sizes.
 NEAR = 1e-6
+#: Steps for which the fast motion's rate is kept, unless one of them is refused.
 KEPT = 4.0
 
 
@@ -238,7 +240,8 @@ def advance(
 ):
     """Take many steps; as `dormand_prince.advance` of one run, with rates and states at both ends for the interpolant.
 
-    ``left`` and ``right`` are the fast motion's eigenvectors, ``rates`` its λ in the last step.
+    ``left`` and ``right`` are the fast motion's eigenvectors, ``rates`` its λ in the last step and the steps for which
+    it still holds.
     """
     size, c = y.shape[1], pointer(numbers)
     ticks, counts, times, samples = pointer(clock), pointer(tally), pointer(sample_t), pointer(sample_y)
