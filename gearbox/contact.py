@@ -241,9 +241,10 @@ def inside(z0, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1
     """
     n, n_s, n_z, n_1, t, t_s, t_z, energy, loss, rubbing, at_0, at_1 = three(
         z0, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
-    if min(at_0, at_1) < 0.0 and max(at_0, at_1) > 0.0:
-        edge = 0.5 * (z0 + z1) + 0.5 * (z1 - z0) * GAUSS_3 * (at_0 + at_1) / (at_0 - at_1)
-        edge = min(max(edge, min(z0, z1)), max(z0, z1))
+    mean = 0.5 * (at_0 + at_1)
+    rise = 0.5 * (at_1 - at_0) / GAUSS_3
+    if abs(mean) < abs(rise):
+        edge = 0.5 * (z0 + z1) - 0.5 * (z1 - z0) * mean / rise
         n, n_s, n_z, n_1, t, t_s, t_z, energy, loss, rubbing, _, _ = three(
             z0, edge, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
         d_n, d_ns, d_nz, d_n1, d_t, d_ts, d_tz, d_e, d_l, d_r, _, _ = three(
