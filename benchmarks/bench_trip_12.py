@@ -2,7 +2,7 @@
 
 "C by hand" steps over the samples of the measured tension wherever the error allows it. The package's methods end
 steps where the signal has motions above a tenth of the tolerance that it does not resolve finely; "no step longer than
-a sample" is the same C program with the strict rule, which SciPy's methods keep through `max_step`.
+a sample" is the same C program with the strict rule.
 """
 
 from __future__ import annotations

@@ -181,16 +181,14 @@ def _native(kind: str, stiff: bool, method: Any) -> Solve:
 
 
 def _scipy(kind: str, stiff: bool, method: str) -> Solve:
-    from scipy.integrate import solve_ivp
+    from multibody.simulate import native_problem
+    from multibody.solvers import integrate
 
     given = trip(kind, stiff)
-    rates, jacobian = _python_functions(given)
-    options = {"jac": jacobian} if method in ("Radau", "BDF", "LSODA") else {}
+    problem = native_problem(given.system, given.system.p, given.table, tangent=method in ("Radau", "BDF", "LSODA"))
 
     def solve(rtol: float, atol: float) -> np.ndarray:
-        done = solve_ivp(
-            rates, (0.0, DURATION), given.start, method=method, t_eval=given.times, rtol=rtol, atol=atol, **options
-        )
+        done = integrate(problem, (0.0, DURATION), given.start, t_eval=given.times, method=method, rtol=rtol, atol=atol)
         return np.ascontiguousarray(done.y.T)
 
     return solve
@@ -199,8 +197,11 @@ def _scipy(kind: str, stiff: bool, method: str) -> Solve:
 def _sundae(kind: str, stiff: bool) -> Solve:
     from sksundae.cvode import CVODE
 
+    from multibody.simulate import native_problem
+
     given = trip(kind, stiff)
-    rates, jacobian = _python_functions(given)
+    problem = native_problem(given.system, given.system.p, given.table, tangent=True)
+    rates, jacobian = problem.fun, problem.jac  # one compiled call each, inputs included
 
     def rhs(t: float, y: np.ndarray, out: np.ndarray) -> None:
         out[:] = rates(t, y)
@@ -213,27 +214,6 @@ def _sundae(kind: str, stiff: bool) -> Solve:
         return np.ascontiguousarray(done.y)
 
     return solve
-
-
-def _python_functions(given: Trip) -> tuple[Callable[..., np.ndarray], Callable[..., np.ndarray]]:
-    """Return rates and exact Jacobian as functions of Python, with as little around the compiled ones as can be."""
-    system, table = (
-        given.system,
-        np.ascontiguousarray(given.table(given.times, given.system.p).reshape(len(given.times), -1)),
-    )
-    p, n, last = system.p, len(system.states), len(table) - 2
-
-    def inputs(t: float) -> np.ndarray:
-        i = min(max(int(t / STEP), 0), last)
-        return table[i] + (t / STEP - i) * (table[i + 1] - table[i])
-
-    def rates(t: float, x: np.ndarray) -> np.ndarray:
-        return system.rhs_function(t, x, inputs(t), p, np.empty(n))
-
-    def jacobian(t: float, x: np.ndarray) -> np.ndarray:
-        return system.jacobian("x", t, x, inputs(t), p)
-
-    return rates, jacobian
 
 
 def entries(kind: str, stiff: bool = False, others: bool = True) -> dict[str, Any]:

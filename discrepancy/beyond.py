@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.search import TIE, bic_difference
-from discrepancy.wording import quantity
+from discrepancy.stated import outside, told
 
 if TYPE_CHECKING:
     from discrepancy.stage import Stage
     from discrepancy.study import Study
+    from estimation.calibration import UncertainParameter
 
 __all__ = ["Beyond", "beyond_priors"]
 
 WIDER = 1000.0  # by which the stated deviations are multiplied: hardly any pull is left
-FAR = 3.0  # deviations from its stated value at which a parameter counts as outside
 
 
 @dataclass(frozen=True)
@@ -26,19 +26,18 @@ class Beyond:
 
     Parameters
     ----------
-    moved : tuple of (name, stated, std, value, unit)
+    moved : tuple of (UncertainParameter, float)
+        What was stated, and the value that explains the records.
     delta_bic : float
         BIC with these values minus that with the first effect found.
     """
 
-    moved: tuple[tuple[str, float, float, float, str], ...]
+    moved: tuple[tuple[UncertainParameter, float], ...]
     delta_bic: float
 
     def told(self, effect: str) -> str:
         """Say it in a sentence or two."""
-        parts = [
-            f"{n} = {quantity(v, u)} (stated: {quantity(s, u)} ± {quantity(d, u)})" for n, s, d, v, u in self.moved
-        ]
+        parts = [told(q, value) for q, value in self.moved]
         better = "better than" if self.delta_bic < -TIE else "as well as"
         return (
             f"Before {effect} is believed: {' and '.join(parts)} explain{'s' if len(parts) == 1 else ''} these records "
@@ -70,12 +69,8 @@ def beyond_priors(study: Study, baseline: Stage, found: Stage) -> Beyond | None:
         free = study.with_uncertain(wide, baseline)
     except RuntimeError:  # values at which the machine cannot be simulated explain nothing
         return None
-    moved = []
-    for q in study.setup.uncertain:
-        value = free.identify[q.name]
-        if np.isfinite(q.std) and abs(value - q.value) > FAR * q.std:
-            moved.append((q.name, q.value, q.std, value, q.unit))
+    moved = outside(free.identify, {q.name: q for q in study.setup.uncertain})
     difference = bic_difference(free, found)
     if not moved or difference > TIE:
         return None
-    return Beyond(tuple(moved), float(difference))
+    return Beyond(moved, float(difference))

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from discrepancy.describe_unknown import describe_unknown
 from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
 from discrepancy.effects import unit_at
@@ -14,6 +16,7 @@ from discrepancy.kinds import kind_named
 from discrepancy.next_measurement import next_measurements
 from discrepancy.omnibus import omnibus_of_stage
 from discrepancy.stage import Accepted, Stage
+from discrepancy.stated import outside, told
 from discrepancy.verdict import Verdict
 from discrepancy.wording import quantity
 
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
     from discrepancy.study import Study
 
 __all__ = ["conclude"]
+
+LOUD, VISIBLE = 10.0, 0.1  # times its noise and share of its spread, from which an error says that a model is wrong
 
 _NUMBER = {1: "one effect", 2: "two effects", 3: "three effects"}
 
@@ -48,6 +53,10 @@ def conclude(study: Study) -> Conclusion:
     warnings = setup.warnings
     if study.beyond is not None and accepted:
         warnings = (*warnings, study.beyond.told(f"{_title(accepted[0].effect.kind)} at {accepted[0].effect.where}"))
+    if not accepted and (far := outside(stages[-1].identify)):
+        many = "their" if len(far) > 1 else "its"
+        listed = " and ".join(told(q, value) for q, value in far)
+        warnings = (*warnings, f"Calibration left {many} stated uncertainty: {listed}. Check what was stated.")
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
         verdict = verdict if accepted else ""
@@ -74,7 +83,7 @@ def conclude(study: Study) -> Conclusion:
             **({"follows_inputs": {"p": still.p, "rejects": still.rejects, "most": still.leading}} if still else {}),
         },
     )
-    sentence = _sentence(found, accepted)
+    sentence = _sentence(found, accepted) + _far_off(stages[-1])
     return replace(found, sentence=f"{sentence} {still.sentence}" if still is not None else sentence)
 
 
@@ -103,7 +112,7 @@ def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
     count = _NUMBER.get(len(names), f"{len(names)} effects")
     text = f"The model lacks {count}: {'; '.join(names)}."
     part = "validate" if stages[-1].validate is not None else "identify"
-    text += _fall(stages[1], stages[-1], part)
+    text += _fall(stages[1], stages[-1], part) + _instead(stages[1], stages[-1])
     text += f" {100 * explained(found)[0]:.0f} % of the mean square error above the noise floor is gone."
     if accepted[-1].ambiguous:
         rivals = [r for r in accepted[-1].rivals if r.indistinguishable and r.kind != accepted[-1].effect.kind]
@@ -119,6 +128,30 @@ def _fall(before: Stage, after: Stage, part: str) -> str:
     unit = after.system.unit(name)
     them = "it" if len(after.effects) == 1 else "them"
     return f" With {them} the error of {name} falls from {quantity(a[name], unit)} to {quantity(b[name], unit)} {held}."
+
+
+def _far_off(stage: Stage) -> str:
+    """Say that a model does not follow its records, if it does not: then much can hide in what is left."""
+    error, shares = stage.rmse("identify"), {}
+    for c, name in enumerate(stage.outputs):
+        spread = float(np.std(np.concatenate([f.experiment.measured[:, c] for f in stage.identify.fits])))
+        if 0.0 < VISIBLE * spread < error[name] and error[name] > LOUD * stage.noise.get(name, 0.0):
+            shares[name] = error[name] / spread
+    if not shares:
+        return ""
+    name = max(shares, key=lambda n: shares[n])
+    return (
+        f" The model does not follow these records: {name} is off by {100.0 * shares[name]:.0f} % of its spread. "
+        "Something is missing or wrong that was not found."
+    )
+
+
+def _instead(before: Stage, after: Stage) -> str:
+    """Say which parameters calibration takes out of their stated uncertainty where the effects are not in the model."""
+    within = {q.name for q in after.identify.parameters} - {q.name for q, _ in outside(after.identify)}
+    far = [told(q, value) for q, value in outside(before.identify) if q.name in within]
+    without = "it" if len(after.effects) == 1 else "them"
+    return f" Without {without} the records ask for {' and '.join(far)}." if far else ""
 
 
 def _curve_words(entry: Accepted) -> str:

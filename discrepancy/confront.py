@@ -5,12 +5,13 @@ See docs/method/residuals.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discrepancy.free_turns import free_turns
 from discrepancy.setup import Setup
 from discrepancy.start_guess import Followed, follow
 from discrepancy.windows import (
@@ -30,7 +31,11 @@ if TYPE_CHECKING:
     from estimation.experiment import Experiment
     from multibody.system import System
 
-__all__ = ["Confronted", "confront"]
+__all__ = ["Confronted", "confront", "windows_instead"]
+
+LOST = 0.3
+"""A calibrated simulation that is off by 30 % of an output's spread does not follow its records: what a scan, which is
+linear in the error, says about it is worth nothing."""
 
 
 def _silent(text: str) -> None:
@@ -105,6 +110,43 @@ def confront(setup: Setup, progress: Callable[[str], None] = _silent) -> Confron
     return Confronted(windowed, "prediction", reason)
 
 
+def windows_instead(
+    setup: Setup, errors: Mapping[str, float] | None, progress: Callable[[str], None] = _silent
+) -> Confronted | None:
+    """Return the setup cut into windows, where calibrated simulations of whole records do not follow them.
+
+    Parameters
+    ----------
+    setup : Setup
+        As handed in.
+    errors : mapping of str to float, optional
+        Root mean square error of each output after calibration, SI; None cuts in any case.
+    progress : callable
+
+    Returns
+    -------
+    Confronted or None
+        None where the simulations follow, and where windows would be as long as the records: the machine does not run
+        away from its start, it is the model that is wrong.
+    """
+    look = _Look.of(setup)
+    reason = "as before"
+    if errors is not None:
+        shares = {n: errors[n] / s for n, s in zip(look.identify[0].outputs, look.spread, strict=True)}
+        worst = max(shares, key=lambda n: shares[n])
+        if not shares[worst] > LOST:
+            return None
+        reason = f"simulations of whole records end {shares[worst]:.0%} of the spread of {worst} away from them"
+    length = look.length()
+    least = max(samples_needed(e.preparation, e.record.rate) / e.record.rate for e in look.identify)
+    if max(length, least) > 0.5 * max(e.record.duration for e in look.identify):
+        return None
+    progress(f"cut the records into windows of at most {max(length, least):.3g} s: {reason}")
+    windowed, count = look.windowed(length)
+    told = f"{reason}, and show nothing that is missing: the records are cut into {count} windows"
+    return Confronted(windowed, "prediction", f"{told}, most of about {max(length, least):.2g} s")
+
+
 @dataclass(frozen=True, eq=False)
 class _Look:
     """A setup's records with the states that the machine had along them."""
@@ -125,13 +167,15 @@ class _Look:
         values = np.concatenate([e.record.values(*e.outputs) for e in experiments])
         spread = np.maximum(np.std(values, axis=0), 1e-9 * np.maximum(np.max(np.abs(values), axis=0), 1e-300))
         units = np.array([system.unit(n) for n in experiments[0].outputs])
-        spread = np.where(units == "rad", np.minimum(spread, 1.0), spread)  # a turn more makes no angle less exact
         if longest_only:
             experiments = (max(experiments, key=lambda e: e.record.duration),)
         followed = tuple(follow(e, system, p) for e in experiments)
-        states = np.concatenate([f.states for f in followed])
-        scale = np.std(states, axis=0)
-        scale = np.where([q.unit == "rad" for q in system.states], np.minimum(scale, 1.0), scale)
+        scale = np.std(np.concatenate([f.states for f in followed]), axis=0)
+        # A turn more makes no angle less exact, unless it is one of those that only count turns.
+        turns, counted = free_turns(system, p, experiments, followed)
+        spread = np.where((units == "rad") & ~counted, np.minimum(spread, 1.0), spread)
+        angles = np.array([q.unit == "rad" for q in system.states], dtype=bool)
+        scale = np.where(angles & ~turns, np.minimum(scale, 1.0), scale)
         return cls(setup, system, p, experiments, followed, spread, scale)
 
     def whole(self) -> Growth:

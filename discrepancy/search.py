@@ -16,6 +16,7 @@ from discrepancy.effects import Effect
 from discrepancy.from_scan import effect_of, simpler_in
 from discrepancy.kinds import kind_named
 from discrepancy.stage import Accepted, Rival, Stage
+from discrepancy.stated import outside, pull
 from estimation.correlation import correlation_time
 from estimation.signals import Preparation
 from multibody.errors import ModelError
@@ -208,7 +209,8 @@ def bic_difference(richer: Stage, poorer: Stage) -> float:
     """Return the BIC of one stage minus that of another on the identification records.
 
     Residuals are coloured, so the number of samples of an output is divided by how long the richer model's residual
-    remembers: BIC = Σ_c N_c·ln(SSE_c) + k·ln(Σ_c N_c) with N_c the effective number.
+    remembers: BIC = Σ_c N_c·ln(SSE_c) + k·ln(Σ_c N_c) + Σ (θ − θ₀)²/s² with N_c the effective number and the last sum
+    what the stated uncertainty says about the parameters (`discrepancy.stated.pull`).
     """
     total, samples = 0.0, 0.0
     for c, name in enumerate(richer.outputs):
@@ -220,7 +222,8 @@ def bic_difference(richer: Stage, poorer: Stage) -> float:
         total += n * (np.log(max(sse_a, 1e-300)) - np.log(max(sse_b, 1e-300)))
         samples += n
     more = len(richer.identify.parameters) - len(poorer.identify.parameters)
-    return float(total + more * np.log(max(samples, 2.0)))
+    stated = pull(richer.identify, poorer.identify) - pull(poorer.identify, richer.identify)
+    return float(total + more * np.log(max(samples, 2.0)) + stated)
 
 
 def _richer(kind: str, best: Stage) -> bool:
@@ -267,8 +270,12 @@ def _taken(richer: Stage, poorer: Stage) -> float:
 def matters(richer: Stage, poorer: Stage) -> bool:
     """Tell whether what an effect takes away reaches the noise floor of at least one output.
 
-    With enough samples anything is significant; an effect that calibration could all but replace is not worth a name.
+    With enough samples anything is significant; an effect that calibration could all but replace is not worth a name,
+    unless it can only do so with parameters outside their stated uncertainty.
     """
+    inside = {q.name for q, _ in outside(poorer.identify)} - {q.name for q, _ in outside(richer.identify)}
+    if inside:
+        return True
     before, after = poorer.rmse("identify"), richer.rmse("identify")
     gained = {n: max(before[n] ** 2 - after[n] ** 2, 0.0) ** 0.5 for n in richer.outputs}
     return any(gained[n] >= richer.noise.get(n, 0.0) for n in richer.outputs)

@@ -209,6 +209,8 @@ _FLAT = 1.5
 """Growth per doubling up to which a level counts as noise; white noise scatters up to 1.2."""
 _FALL = 0.5
 """A fall per doubling below which the level before was a motion that repeats in about the larger spacing."""
+_PLATEAU = 0.25
+"""Share of the channel's own deviation above which a flat stretch is the motion itself, beyond its memory."""
 
 
 def _difference_levels(values: np.ndarray) -> np.ndarray:
@@ -242,7 +244,9 @@ def noise_floor(values: np.ndarray) -> NoiseFloor:
     spacing on: then the third difference has the variance 20 σ² there.  At the sampling rate itself many
     channels are smoother than white (averaging, anti-aliasing), so the spacing is doubled until the signal
     shows (growth by more than 5 per doubling, or a fall to less than half, as of a motion that repeats), and
-    the beginning of the last flat stretch before that is taken. Medians are used, so that jumps do not count.
+    the beginning of the last flat stretch before that is taken, or the first level where there is none. A motion
+    that is random itself is flat beyond its memory, at the size of the whole channel: such stretches do not count.
+    Medians are used, so that jumps do not count.
     Vibration that is not resolved, or a disturbance that looks like noise, is counted as noise: give the noise
     in the study where it is known.  A quantised channel has at least step/√12, the deviation of an even
     rounding error.
@@ -265,7 +269,7 @@ def noise_floor(values: np.ndarray) -> NoiseFloor:
         growth = levels[1:] / np.maximum(levels[:-1], tiny)
         shows = (growth > _ONSET) | (growth < _FALL)
         onset = int(np.argmax(shows)) if shows.any() else len(growth)
-        flat = np.flatnonzero(growth[:onset] < _FLAT)
+        flat = np.flatnonzero((growth[:onset] < _FLAT) & (levels[:onset] < _PLATEAU * np.std(values)))
         place = 0
         if len(flat):
             place = int(flat[-1])

@@ -63,7 +63,8 @@ def simulate(
     rtol, atol : float
         Tolerances of the integrator.
     max_step : float, s, optional
-        Largest step; by default no step jumps over a sample of an input or over a feature of a component.
+        Largest step; by default no step jumps over a break of an input (see `multibody.input_breaks`) or over a feature
+        of a component.
     events : callable or list, optional
         As in ``solve_ivp``, functions of ``(t, x)``; what they found is in ``statistics["events"]``.
 
@@ -93,9 +94,7 @@ def simulate(
     p, x0 = system.parameter_vector(parameters), system.state_vector(initial)
     functions = {} if not isinstance(inputs, Mapping) else {k: v for k, v in inputs.items() if callable(v)}
     table = input_table(system, inputs, interpolation=interpolation)
-    # the compiled methods end their steps where an input bends; others must be kept from jumping over samples
-    native = _method(system, method, functions)[0] in NATIVE
-    limit = max_step if max_step is not None else np.inf if native else table.largest_step()
+    limit = max_step if max_step is not None else np.inf
     run = _run(system, table, functions, p, x0, (t0, t1), times, method, rtol, atol, limit, events)
     for _ in range(_FEATURE_RUNS):  # a run that jumped over a motion does not show the speeds that it has
         if max_step is not None or (finer := _feature_step(system, run, limit)) is None:
@@ -254,20 +253,19 @@ def _run(
         if name == "Automatic":
             why = in_words(history, float(solution.t[-1]))
     else:
-        import scipy.integrate
+        from multibody.solvers.scipy_methods import IMPLICIT, solve_with_stops
 
         def called(t: float, x: np.ndarray) -> np.ndarray:
             return system.rhs(t, x, _inputs_at(table, columns, t, p), p)
 
         # inputs and rates in one compiled call, where no input is a function and the model is compiled
         rates = called if columns or not system.compiled else native_problem(system, p, table).fun
-        if name in ("Radau", "BDF", "LSODA"):
+        if name in IMPLICIT:
             if columns or not system.compiled:
                 options["jac"] = lambda t, x: system.jacobian("x", t, x, _inputs_at(table, columns, t, p), p)
             else:
                 options["jac"] = native_problem(system, p, table, tangent=True).jac
-        solve: Any = scipy.integrate.solve_ivp  # its stubs know no options by keyword
-        solution = solve(rates, span, x0, method=name, t_eval=times, events=events, **options)
+        solution = solve_with_stops(rates, span, x0, table, p, name, t_eval=times, events=events, **options)
     if solution.status < 0 or not np.all(np.isfinite(solution.y)):
         raise SimulationError(_failure(system, solution, x0, span, name))
     inputs = _all_inputs(table, columns, solution.t, p)

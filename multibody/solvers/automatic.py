@@ -162,9 +162,10 @@ class Automatic(DormandPrince54):
         fun, options = self._options
         own = {k: options[k] for k in ("max_step",) if k in options}
         n, t = self.problem.n, float(self._clock[T])
+        first = min(self._explicit_step, abs(self.t_bound - t))  # at the end there is less left than a step
         partner = Rodas5P(
             fun, t, self._state[:n].copy(), self.t_bound, problem=replace(self._with_tangent(), directions=None),
-            rtol=self.rtol[:n], atol=self.atol[:n], first_step=self._explicit_step, internal_steps=1, **own,
+            rtol=self.rtol[:n], atol=self.atol[:n], first_step=first, internal_steps=1, **own,
         )  # fmt: skip
         mark = t
         for step in range(JUDGED):

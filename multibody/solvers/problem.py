@@ -332,11 +332,14 @@ class NativeProblem:
         field = self.field()
         time, state, rates = np.empty(1), np.empty(self.size), np.empty(self.size)
         evaluate = load_driver(FIELD).evaluate_at.bound(time, state, rates, field.numbers)
+        check = [f.check for f in (self.rhs, self.tangent) if f is not None and not f.compiled]
 
         def fun(t: float, y: np.ndarray, _owner: Any = field) -> np.ndarray:
-            time[0], state[:] = t, y
+            time[0] = t
+            state[:] = y
             evaluate()
-            self.check()
+            for one in check:
+                one()
             return rates.copy()
 
         return fun

@@ -8,7 +8,7 @@ import numpy as np
 
 from multibody.solvers.automatic import Automatic
 from multibody.solvers.base import NativeSolver, Samples
-from multibody.solvers.problem import NativeProblem
+from multibody.solvers.problem import NativeProblem, ProblemError
 
 __all__ = ["integrate"]
 
@@ -18,16 +18,16 @@ def integrate(
     t_span: tuple[float, float],
     x0: Any,
     t_eval: Any = None,
-    method: type[NativeSolver] = Automatic,
+    method: type[NativeSolver] | str = Automatic,
     events: Any = None,
     dense_output: bool = False,
     samples: Samples | None = None,
     **options: Any,
 ) -> Any:
-    """Solve a problem with a compiled method through ``solve_ivp``.
+    """Solve a problem through ``solve_ivp``, with a compiled method or one of SciPy's own.
 
-    It differs from a direct call in two options.  With ``t_eval`` alone the compiled loop writes the states
-    at these times itself; with ``events`` every call takes one step, so that no event between the steps of a
+    With a compiled method it differs from a direct call in two options.  With ``t_eval`` alone the compiled loop writes
+    the states at these times itself; with ``events`` every call takes one step, so that no event between the steps of a
     call is missed, as with SciPy's own methods.
 
     Parameters
@@ -37,22 +37,33 @@ def integrate(
     x0 : array_like, shape (n,)
         Initial state; the directions' part comes from the problem.
     t_eval : array_like, shape (nt,), s, optional
-    method : type
-        `Automatic`, `DormandPrince54` or `Rodas5P`.
+    method : type or str
+        `Automatic`, `DormandPrince54` or `Rodas5P`, or the name of a method of SciPy, whose steps then end at the
+        breaks of the inputs as well (see `multibody.solvers.scipy_methods`).
     events, dense_output
         As in ``solve_ivp``.
     samples : Samples, optional
         In place of ``t_eval``, to receive states piece by piece.
     options
         Options of `NativeSolver`: rtol, atol, max_step, first_step, control_directions, direction_rtol, internal_steps,
-        max_evaluations.
+        max_evaluations; or of SciPy's method.
 
     Returns
     -------
     OdeResult
         As from ``solve_ivp``; ``y`` has the shape (size, nt), see `NativeProblem.split`;
-        ``longest_step`` (s) unless there are events or dense output.
+        ``longest_step`` (s) unless a compiled method was asked for events or dense output.
+
+    Raises
+    ------
+    ProblemError
+        If a method of SciPy is given ``samples``, which only the compiled loops write.
     """
+    if isinstance(method, str):
+        if samples is not None:
+            raise ProblemError(f"{method} writes no samples: give t_eval, or a compiled method")
+        options |= {"t_eval": t_eval, "events": events, "dense_output": dense_output}
+        return _by_scipy(problem, t_span, x0, method, **options)
     import scipy.integrate
 
     # SciPy's stubs do not know that a method may take options of its own.
@@ -75,6 +86,16 @@ def integrate(
         solution.t = samples.times[: samples.count]
         solution.y = np.asarray(samples.states[: samples.count].T)
     return solution
+
+
+def _by_scipy(
+    problem: NativeProblem, t_span: tuple[float, float], x0: Any, method: str, **options: Any
+) -> Any:
+    from multibody.solvers.scipy_methods import IMPLICIT, solve_with_stops
+
+    if method in IMPLICIT and problem.tangent is not None and problem.directions is None:
+        options.setdefault("jac", problem.jac)
+    return solve_with_stops(problem.fun, t_span, problem.initial(x0), problem.table, problem.p, method, **options)
 
 
 def _unused(t: float, y: np.ndarray) -> np.ndarray:

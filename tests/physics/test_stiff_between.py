@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from multibody import native
 from multibody.inputs import InputTable
 from multibody.solvers import Automatic, NativeProblem, Rodas5P, integrate
+from multibody.solvers.problem import Directions
 
 RATE = 1e5  # 1/s
 
@@ -59,3 +62,12 @@ def test_corners_inside_a_step_are_seen_by_its_error(problem, method, rtol):
 def exact_start():
     """Phase zero, one lag behind."""
     return [0.0, 0.5 + 1.0 / RATE]
+
+
+def test_stiffness_seen_at_the_very_end_is_no_fault(problem):
+    """With directions the stiff method is tried on its own first; less may be left than an explicit step is long."""
+    directions = Directions(np.ones((1, 2)), np.zeros((1, 1)), np.array([-1]), np.array([0.0, 1.0]), np.zeros((2, 1)))
+    carried = replace(problem, directions=directions)
+    solver = Automatic(lambda t, y: y, 0.0, carried.initial(exact_start()), 1e-5, problem=carried, rtol=1e-4, atol=1e-7)
+    solver._explicit_step = 3e-5
+    assert solver._pace_alone() > 0.0

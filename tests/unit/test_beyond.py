@@ -53,11 +53,23 @@ def test_a_wrong_mass_is_named_beside_the_effect_that_would_replace_it():
     conclusion = study.diagnose()
     assert conclusion.accepted, "with 80 deviations between them the effect stands out"
     assert study.beyond is not None
-    assert [m[0] for m in study.beyond.moved] == ["carriage.m"]
-    assert abs(study.beyond.moved[0][3] - 24.0) < 0.1
+    assert [q.name for q, _ in study.beyond.moved] == ["carriage.m"]
+    assert abs(study.beyond.moved[0][1] - 24.0) < 0.1
     told = [w for w in conclusion.warnings if "carriage.m" in w]
     assert told
     assert "stated" in told[0]
+
+
+def test_a_mass_that_calibration_takes_out_of_its_uncertainty_is_an_effect_or_a_warning():
+    study = study_of(true_mass=24.0, std=0.6)
+    conclusion = study.diagnose()
+    assert abs(study.stages[1].identify["carriage.m"] - 24.0) < 0.2, "calibration leaves little for an effect"
+    assert [str(a.effect) for a in conclusion.accepted] == ["added_inertia@guide"]
+    assert abs(study.stages[-1].effects[-1].strengths["inertia"] - 4.0) < 3 * 0.6, "known as well as the mass"
+    assert "carriage.m = 23.9 kg (stated: 20.0 kg ± 0.600 kg)" in conclusion.sentence
+    blind = Study(replace(study.setup, include=("coulomb_friction@*",))).diagnose()
+    assert blind.accepted == ()
+    assert any("carriage.m = 23.9 kg (stated: 20.0 kg ± 0.600 kg)" in w for w in blind.warnings)
 
 
 def test_a_mass_within_its_uncertainty_is_calibrated_and_nothing_is_named():

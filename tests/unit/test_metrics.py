@@ -124,6 +124,20 @@ def test_printed_decimals_are_no_quantisation():
         noise_floor(np.ones(7))
 
 
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("corner", [5.0, 12.0])
+def test_a_motion_that_is_random_is_no_noise(order, corner):
+    """A car's body on a rough road: its acceleration is flat at spacings beyond its memory, as noise is."""
+    from scipy.signal import butter, sosfilt
+
+    rng = np.random.default_rng(5)
+    motion = sosfilt(butter(order, corner, fs=250.0, output="sos"), rng.standard_normal(3000))
+    noisy = motion / np.std(motion) + rng.normal(0.0, 0.02, 3000)
+    # What the motion changes within four samples counts as noise; of the third order that is next to nothing.
+    resolved = np.std(np.diff(motion / np.std(motion), 3)) / np.sqrt(20.0)
+    assert 0.95 * 0.02 < noise_floor(noisy).std < 1.1 * np.hypot(0.02, resolved)
+
+
 def test_a_motion_that_rings_is_no_noise():
     """A spacing near the period makes the differences fall, after which they are flat as those of noise are."""
     time = np.arange(2000) * 0.004
