@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from discrepancy.describe_unknown import describe_unknown
 from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
 from discrepancy.effects import unit_at
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     from discrepancy.study import Study
 
 __all__ = ["conclude"]
+
+LOUD, VISIBLE = 10.0, 0.1  # times its noise and share of its spread, from which an error says that a model is wrong
 
 _NUMBER = {1: "one effect", 2: "two effects", 3: "three effects"}
 
@@ -79,7 +83,7 @@ def conclude(study: Study) -> Conclusion:
             **({"follows_inputs": {"p": still.p, "rejects": still.rejects, "most": still.leading}} if still else {}),
         },
     )
-    sentence = _sentence(found, accepted)
+    sentence = _sentence(found, accepted) + _far_off(stages[-1])
     return replace(found, sentence=f"{sentence} {still.sentence}" if still is not None else sentence)
 
 
@@ -124,6 +128,22 @@ def _fall(before: Stage, after: Stage, part: str) -> str:
     unit = after.system.unit(name)
     them = "it" if len(after.effects) == 1 else "them"
     return f" With {them} the error of {name} falls from {quantity(a[name], unit)} to {quantity(b[name], unit)} {held}."
+
+
+def _far_off(stage: Stage) -> str:
+    """Say that a model does not follow its records, if it does not: then much can hide in what is left."""
+    error, shares = stage.rmse("identify"), {}
+    for c, name in enumerate(stage.outputs):
+        spread = float(np.std(np.concatenate([f.experiment.measured[:, c] for f in stage.identify.fits])))
+        if 0.0 < VISIBLE * spread < error[name] and error[name] > LOUD * stage.noise.get(name, 0.0):
+            shares[name] = error[name] / spread
+    if not shares:
+        return ""
+    name = max(shares, key=lambda n: shares[n])
+    return (
+        f" The model does not follow these records: {name} is off by {100.0 * shares[name]:.0f} % of its spread. "
+        "Something is missing or wrong that was not found."
+    )
 
 
 def _instead(before: Stage, after: Stage) -> str:

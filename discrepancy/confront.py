@@ -5,7 +5,7 @@ See docs/method/residuals.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -31,7 +31,11 @@ if TYPE_CHECKING:
     from estimation.experiment import Experiment
     from multibody.system import System
 
-__all__ = ["Confronted", "confront"]
+__all__ = ["Confronted", "confront", "windows_instead"]
+
+LOST = 0.3
+"""A calibrated simulation that is off by 30 % of an output's spread does not follow its records: what a scan, which is
+linear in the error, says about it is worth nothing."""
 
 
 def _silent(text: str) -> None:
@@ -104,6 +108,43 @@ def confront(setup: Setup, progress: Callable[[str], None] = _silent) -> Confron
     if setup.residual == "prediction":
         reason = f"asked for by the study; {reason}"
     return Confronted(windowed, "prediction", reason)
+
+
+def windows_instead(
+    setup: Setup, errors: Mapping[str, float] | None, progress: Callable[[str], None] = _silent
+) -> Confronted | None:
+    """Return the setup cut into windows, where calibrated simulations of whole records do not follow them.
+
+    Parameters
+    ----------
+    setup : Setup
+        As handed in.
+    errors : mapping of str to float, optional
+        Root mean square error of each output after calibration, SI; None cuts in any case.
+    progress : callable
+
+    Returns
+    -------
+    Confronted or None
+        None where the simulations follow, and where windows would be as long as the records: the machine does not run
+        away from its start, it is the model that is wrong.
+    """
+    look = _Look.of(setup)
+    reason = "as before"
+    if errors is not None:
+        shares = {n: errors[n] / s for n, s in zip(look.identify[0].outputs, look.spread, strict=True)}
+        worst = max(shares, key=lambda n: shares[n])
+        if not shares[worst] > LOST:
+            return None
+        reason = f"simulations of whole records end {shares[worst]:.0%} of the spread of {worst} away from them"
+    length = look.length()
+    least = max(samples_needed(e.preparation, e.record.rate) / e.record.rate for e in look.identify)
+    if max(length, least) > 0.5 * max(e.record.duration for e in look.identify):
+        return None
+    progress(f"cut the records into windows of at most {max(length, least):.3g} s: {reason}")
+    windowed, count = look.windowed(length)
+    told = f"{reason}, and show nothing that is missing: the records are cut into {count} windows"
+    return Confronted(windowed, "prediction", f"{told}, most of about {max(length, least):.2g} s")
 
 
 @dataclass(frozen=True, eq=False)

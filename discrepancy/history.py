@@ -79,6 +79,7 @@ def save_history(study: Study, path: str | Path) -> Path:
         "fingerprint": fingerprint(study),
         "seed": study.setup.seed,
         "settled": study.settled,
+        "in_windows_instead": study.mode_reason if study.in_windows_instead else "",
         "stages": [_entry(s) for s in study.stages],
     }
     return write_whole(path, content)
@@ -125,6 +126,8 @@ def restore(study: Study, path: str | Path) -> None:
             ]
         )
     study.prepare()
+    if content.get("in_windows_instead") and study.cut_into_windows() and study.confronted is not None:
+        study.confronted = dataclasses.replace(study.confronted, reason=content["in_windows_instead"])
     study.stages.clear()
     for k, entry in enumerate(content["stages"]):
         study.progress(f"build stage '{entry.get('name', k)}' again")

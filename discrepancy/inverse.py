@@ -101,6 +101,8 @@ def inverse_setup(setup: Setup, bandwidth: float | None = None) -> Inverse:
 
     identify, validate = tuple(map(given, setup.identify)), tuple(map(given, setup.validate))
     excluded = (*setup.exclude, "sensor_*@needed.*", "input_*@motion.*")
+    if any(not m.force for m in motions):  # what is compared with zero is least where every signal counts for nothing
+        excluded = (*excluded, "sensor_gain@*", "input_gain@*")
     noise = {n: v for n, v in setup.noise.items() if n in compared}
     changed = replace(
         setup,

@@ -167,6 +167,11 @@ def _centre(m: MotionRange) -> Shapes:
     return [{"centre": m.centre}]
 
 
+def _bends_about(m: MotionRange) -> Shapes:
+    """About the middle of the travel and, where the connection has a spring, about where that has no force."""
+    return [{"centre": c} for c in ((0.0, m.centre) if m.scale > 0.0 else (m.centre,))]
+
+
 def _spots(m: MotionRange) -> Shapes:
     widths = (0.05 * m.half, 0.15 * m.half)
     return [
@@ -273,9 +278,9 @@ _add([
         _smooth_sign, ("v_s",), one_sided=True, contains=("coulomb_friction",), by_direction=True),
     Kind("asymmetric_viscous_friction", "connection", "AsymmetricViscous", ("forward", "backward"), _T(
         "viscous friction that differs with direction", "A resistance proportional to speed, steeper one way.",
-        "A ball screw or nut worn on one flank, seals with a lip, one-sided lubrication.",
+        "A shock absorber, a ball screw or nut worn on one flank, seals with a lip, one-sided lubrication.",
         "Plot the drive force against constant speed in both directions: the two slopes differ."),
-        one_sided=True, elastic=False, contains=("viscous_friction",), by_direction=True),
+        one_sided=True, contains=("viscous_friction", "extra_damping"), by_direction=True),
     Kind("stribeck_friction", "connection", "Stribeck", ("breakaway",), _T(
         "Stribeck friction (more friction at low speed)", "Friction that falls while the motion gathers speed.",
         "Lubricated sliding contacts, in which the oil film builds up only with speed; guides that stood for a while.",
@@ -283,9 +288,9 @@ _add([
         _low_speeds, ("v_stribeck", "v_s"), one_sided=True, contains=("coulomb_friction",)),
     Kind("quadratic_drag", "connection", "Drag", ("drag",), _T(
         "drag that grows with the square of the speed", "A resistance proportional to speed squared.",
-        "Air or fluid that is pushed aside, ventilation of rotors, displaced oil.",
+        "Air or fluid that is pushed aside, ventilation of rotors, displaced oil, oil through an orifice.",
         "Compare constant speeds: doubling the speed makes this part of the force four times larger."),
-        one_sided=True, elastic=False),
+        one_sided=True),
     Kind("load_dependent_friction", "connection", "LoadFriction", ("share",), _T(
         "friction proportional to the load", "Dry friction whose level follows the force that passes through.",
         "Gear meshes, screws, loaded guides and bearings: the normal force rises with the load.",
@@ -309,7 +314,7 @@ _add([
         "a spring that hardens or softens", "A force that grows with the cube of the displacement.",
         "Flexures at large deflection, rubber, stops that come into contact gradually.",
         "Hold still at several places: the holding force bends away from a straight line towards the ends."),
-        _centre),
+        _bends_about, ("centre",)),
     Kind("backlash", "connection", "Backlash", ("gap",), _T(
         "play (backlash)", "A gap in an elastic connection: within it nothing is transmitted.",
         "Worn gears, keys, couplings, loose screws, a nut without preload.",

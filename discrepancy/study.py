@@ -52,6 +52,8 @@ class Study:
         False while it is still open whether the latest effect has made an earlier one idle.
     interrupted : bool
         True if a search was broken off; what it had found until then stands.
+    in_windows_instead : bool
+        True if simulations of whole records were given up for windows.
     beyond : Beyond or None
         Parameters that, outside their stated uncertainty, explain as much as the first effect found.
 
@@ -69,6 +71,7 @@ class Study:
     checkpoint: Callable[[Study], object] | None = None
     settled: bool = True
     interrupted: bool = False
+    in_windows_instead: bool = False
     beyond: Beyond | None = None
 
     def __post_init__(self) -> None:
@@ -98,11 +101,31 @@ class Study:
     def prepare(self) -> None:
         """Choose how the model is confronted with its records, if that has not been done yet."""
         from discrepancy.confront import confront
-        from discrepancy.effort import bounded_effort
 
         if self.confronted is None:
-            self.confronted = confront(self.setup, self.progress)
-            self.setup = bounded_effort(self.confronted.setup)
+            self._confront(confront(self.setup, self.progress))
+
+    def _confront(self, confronted: Confronted) -> None:
+        from discrepancy.effort import bounded_effort
+
+        self.confronted = confronted
+        self.setup = bounded_effort(confronted.setup)
+
+    def cut_into_windows(self, errors: Mapping[str, float] | None = None) -> bool:
+        """Begin again window by window where simulations with these errors do not follow the records, and say whether.
+
+        Without errors in any case; see `discrepancy.confront.windows_instead`.
+        """
+        from discrepancy.confront import windows_instead
+
+        found = windows_instead(self.given, errors, self.progress)
+        if found is None:
+            return False
+        self._confront(found)
+        self.in_windows_instead = True
+        self.stages.clear()
+        self.steps.clear()
+        return True
 
     def _begin(self) -> None:
         self.prepare()
@@ -245,6 +268,9 @@ class Study:
             self._settle()
         self._free_curves()
         first = next((s for s in self.stages if s.accepted is not None), None)
+        whole = self.mode == "simulation" and self.given.residual == "auto"
+        if first is None and whole and self.cut_into_windows(self.stages[1].rmse("identify")):
+            self._search()
         if first is not None:
             from discrepancy.beyond import beyond_priors
 

@@ -23,13 +23,17 @@ Task = tuple[str, str, int, tuple[str, ...]]
 __all__ = ["hidden_trial", "main", "null_trial", "run_suite"]
 
 TIMES_VISIBLE = 3.0
+TRIALS = 100
 NOT_FOUND_ALONE = ("unknown_force",)
 MACHINES = {"axis": "discrepancy.suite_axis"}
 BESIDES = ("peers", "resampled")  # comparisons, which have pages of their own
 
 
 def _module(machine: str) -> Any:
-    """Return the module of a virtual machine, with `case`, `sizes`, `names` and ``UNKNOWN`` as in the axis's."""
+    """Return the module of a virtual machine, with `case`, `sizes`, `names` and ``UNKNOWN`` as in the axis's.
+
+    It may say how many ``TRIALS`` are usual, and by ``SCALED = False`` that effects are hidden at their usual size.
+    """
     import importlib
 
     return importlib.import_module(MACHINES.get(machine, machine))
@@ -87,7 +91,9 @@ def _visible(seed: int, machine: str = "axis") -> dict[str, float]:
 
 
 def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds", machine: str = "axis") -> Trial:
-    """Hide effects at three times their smallest visible strength and diagnose."""
+    """Hide effects at three times their smallest visible strength, or at their usual size, and diagnose."""
+    if not getattr(_module(machine), "SCALED", True):
+        return _diagnosed(suite, seed, hidden, machine)
     visible = _visible(seed, machine)
     usual = _module(machine).sizes(seed, list(hidden))
     factors = []
@@ -220,12 +226,14 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
     parser.add_argument("--machine", choices=sorted(known), default="axis", help="default: the axis")
     parser.add_argument("--sample", type=int, default=0, metavar="N", help="of 'kinds': N kinds drawn by the seed")
     parser.add_argument("--page", type=Path, help="put the machine's results into this page of the documentation")
-    parser.add_argument("--trials", type=int, default=100, help="seeds (of each kind, for 'kinds'); default 100")
+    parser.add_argument("--trials", type=int, help="seeds (of each kind, for 'kinds'); default 100, of the gear 3")
     parser.add_argument("--seed", type=int, default=1000, help="first seed; default 1000")
     parser.add_argument("--workers", type=int, default=2, help="processes; default 2")
     parser.add_argument("--study", type=Path, help="of 'resampled': study of a real machine")
     parser.add_argument("--quiet", action="store_true", help="no progress")
     args = parser.parse_args(list(arguments))
+    if args.trials is None:
+        args.trials = getattr(_module(known[args.machine]), "TRIALS", TRIALS)
     unknown = [s for s in args.suites if s not in (*SUITES, *BESIDES)]
     if unknown or args.trials < 1:
         parser.error(
@@ -233,6 +241,8 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
             if unknown
             else "--trials must be at least 1"
         )
+    if "unknown" in args.suites and not _module(known[args.machine]).UNKNOWN:
+        parser.error(f"the virtual {args.machine} hides no unknown force: leave the suite 'unknown' out")
     if args.page is not None and not args.page.is_file():
         parser.error(f"--page {args.page}: there is no such file")
     if "resampled" in args.suites and args.study is None:

@@ -10,52 +10,21 @@ from __future__ import annotations
 
 import math
 
+from gearbox.contact_laws import PER_UNIT, friction_coefficient, impact, smooth_step
+
 # fmt: off
 __all__ = [
-    "bell", "closeness", "extent", "friction_coefficient", "impact", "letting_go", "lift", "line", "patch", "piece",
-    "pitted", "smooth_step", "tip",
+    "bell", "closeness", "extent", "friction_coefficient", "impact", "inside", "letting_go", "lift", "line", "patch",
+    "piece", "pitted", "smooth_step", "three", "tip",
 ]
 
-#: A contact of stiffness K carries K newtons when pressed in by 1 mm: Table 2 gives K in N/mm^e.
-PER_UNIT = 1e3
 #: Abscissas and half weights of the Gauss-Legendre rule with four points on [-1, 1].
 GAUSS_1, GAUSS_2 = 0.3399810435848563, 0.8611363115940526
 WEIGHT_1, WEIGHT_2 = 0.32607257743127307, 0.17392742256872693
+#: The same for the rule with three points.
+GAUSS_3, WEIGHT_MIDDLE, WEIGHT_3 = 0.7745966692414834, 0.4444444444444444, 0.2777777777777778
 #: Pieces of a line that are shorter (m) count as nothing.
 NOTHING = 1e-12
-
-
-def smooth_step(x, x_0, h_0, x_1, h_1):
-    """Return the cubic step from h_0 at x_0 to h_1 at x_1, constant outside."""
-    q = min(max((x - x_0) / (x_1 - x_0), 0.0), 1.0)
-    return h_0 + (h_1 - h_0) * q * q * (3.0 - 2.0 * q)
-
-
-def impact(depth, rate, K, e, C_D, D_P):
-    """Return the force K·δ^e + step(δ; 0, 0, D_P, C_D)·δ̇, never negative, and its elastic part K·δ^e."""
-    if depth > 0.0:
-        q = min(depth / D_P, 1.0)
-        elastic = K * (depth * PER_UNIT) ** e
-        force = max(elastic + C_D * q * q * (3.0 - 2.0 * q) * rate, 0.0)
-    else:
-        elastic = 0.0
-        force = 0.0
-    return force, elastic
-
-
-def friction_coefficient(v, mu_s, v_s, mu_d, v_d):
-    """Return the Coulomb friction coefficient with the sign of the sliding speed v.
-
-    It goes from −mu_s to mu_s between ∓v_s and falls from there to mu_d at v_d, by cubic steps (Table 2).
-    """
-    speed = abs(v)
-    if speed < v_s:
-        mu = smooth_step(v, -v_s, -mu_s, v_s, mu_s)
-    elif speed < v_d:
-        mu = math.copysign(smooth_step(speed, v_s, mu_s, v_d, mu_d), v)
-    else:
-        mu = math.copysign(mu_d, v)
-    return mu
 
 
 def tip(r, edge, c2, c3, relief, start):
@@ -125,7 +94,7 @@ def patch(z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, rel
     s, depth, rate, slope1, slope2 = closeness(
         z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32, relief2,
         start2, pit, pit_s, pit_half, pit_z, pit_width)
-    force, elastic = impact(depth, rate, K, e, C_D, D_P)
+    _, force, elastic = impact(depth, rate, K, e, C_D, D_P)
     sliding = u0 + s * u1 + z * u2
     rub = force * friction_coefficient(sliding, mu_s, v_s, mu_d, v_d)
     return (
@@ -163,10 +132,12 @@ def letting_go(near, far, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, 
         f1 = lift(
             sense * x1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
             c32, relief2, start2, K, e, C_D, D_P)
-        f0 = lift(
-            sense * x0, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
-            c32, relief2, start2, K, e, C_D, D_P)
-        if f1 < 0.0 and f0 > 0.0:
+        f0 = 0.0
+        if f1 < 0.0:
+            f0 = lift(
+                sense * x0, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2,
+                c22, c32, relief2, start2, K, e, C_D, D_P)
+        if f0 > 0.0:
             for _ in range(2):
                 found = x1 - f1 * (x1 - x0) / (f1 - f0)
                 f = lift(
@@ -219,6 +190,76 @@ def piece(z0, z1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31
         loss += w * d_l
         rubbing += w * d_r
     return n, n_s, n_z, n_1, n_2, t, t_s, t_z, energy, loss, rubbing
+
+
+def three(z0, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d):
+    """Return the integral of `patch` from z0 to z1 without gaps by three Gauss points, and the outer signed forces."""
+    middle = 0.5 * (z0 + z1)
+    half = 0.5 * (z1 - z0)
+    n = 0.0
+    n_s = 0.0
+    n_z = 0.0
+    n_1 = 0.0
+    t = 0.0
+    t_s = 0.0
+    t_z = 0.0
+    energy = 0.0
+    loss = 0.0
+    rubbing = 0.0
+    at_0 = 0.0
+    at_1 = 0.0
+    for i in range(3):
+        z = middle + half * (i - 1.0) * GAUSS_3
+        w = 2.0 * half * (WEIGHT_MIDDLE if abs(i - 1.0) < 0.5 else WEIGHT_3)
+        s = p1 + slope * z
+        depth = a + s * (b + q * s) + z * c
+        steep = b + 2.0 * q * s
+        rate = da + s * db + z * dc + steep * v1
+        signed, force, elastic = impact(depth, rate, K, e, C_D, D_P)
+        at_0 = signed if i < 0.5 else at_0
+        at_1 = signed
+        sliding = u0 + s * u1 + z * u2
+        rub = force * friction_coefficient(sliding, mu_s, v_s, mu_d, v_d)
+        n += w * force
+        n_s += w * force * s
+        n_z += w * force * z
+        n_1 -= w * force * steep
+        t += w * rub
+        t_s += w * rub * s
+        t_z += w * rub * z
+        energy += w * elastic * depth / (e + 1.0)
+        loss += w * (force - elastic) * rate
+        rubbing += w * rub * sliding
+    return n, n_s, n_z, n_1, t, t_s, t_z, energy, loss, rubbing, at_0, at_1
+
+
+def inside(z0, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d):
+    """Return the integral of `patch` from z0 to z1 on the path of contact, where tips without relief leave no gap.
+
+    There the penetration is a polynomial along the line, so that three Gauss points integrate all that the damper does
+    exactly.  Where a part of it has let go, both parts are integrated for themselves.
+    """
+    n, n_s, n_z, n_1, t, t_s, t_z, energy, loss, rubbing, at_0, at_1 = three(
+        z0, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
+    mean = 0.5 * (at_0 + at_1)
+    rise = 0.5 * (at_1 - at_0) / GAUSS_3
+    if abs(mean) < abs(rise):
+        edge = 0.5 * (z0 + z1) - 0.5 * (z1 - z0) * mean / rise
+        n, n_s, n_z, n_1, t, t_s, t_z, energy, loss, rubbing, _, _ = three(
+            z0, edge, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
+        d_n, d_ns, d_nz, d_n1, d_t, d_ts, d_tz, d_e, d_l, d_r, _, _ = three(
+            edge, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
+        n += d_n
+        n_s += d_ns
+        n_z += d_nz
+        n_1 += d_n1
+        t += d_t
+        t_s += d_ts
+        t_z += d_tz
+        energy += d_e
+        loss += d_l
+        rubbing += d_r
+    return n, n_s, n_z, n_1, 0.0, t, t_s, t_z, energy, loss, rubbing
 
 
 def pitted(begin, finish, sense, steep, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
@@ -278,12 +319,16 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
     high = z_high if sense > 0.0 else -z_low
     at_2 = min(max((p2 - edge2) / steep, low), high)
     at_1 = min(max((edge1 - p1) / steep, low), high)
-    s_2 = p1 + steep * at_2
-    s_1 = p1 + steep * at_1
-    deep_2 = a + s_2 * (b + q * s_2) + sense * at_2 * c - relief2
-    deep_1 = a + s_1 * (b + q * s_1) + sense * at_1 * c - relief1
-    begin = min(max((p2 - edge2 - extent(deep_2, c22, c32)) / steep, low), high)
-    finish = min(max((edge1 + extent(deep_1, c21, c31) - p1) / steep, low), high)
+    begin = at_2
+    finish = at_1
+    if at_2 > low:
+        s_2 = p1 + steep * at_2
+        deep_2 = a + s_2 * (b + q * s_2) + sense * at_2 * c - relief2
+        begin = min(max((p2 - edge2 - extent(deep_2, c22, c32)) / steep, low), high)
+    if at_1 < high:
+        s_1 = p1 + steep * at_1
+        deep_1 = a + s_1 * (b + q * s_1) + sense * at_1 * c - relief1
+        finish = min(max((edge1 + extent(deep_1, c21, c31) - p1) / steep, low), high)
     turning = steep * u1 + sense * u2
     still = min(max(-(u0 + p1 * u1) / turning, at_2), at_1) if abs(turning) > 1e-30 else at_2
     n = 0.0
@@ -303,6 +348,7 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
     let_1 = letting_go(
         at_1, finish, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2,
         c22, c32, relief2, start2, K, e, C_D, D_P)
+    sharp = relief1 + relief2 <= 0.0
     last = begin
     for i in range(6):
         first = last
@@ -310,10 +356,15 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
             let_2 if i < 0.5 else at_2 if i < 1.5 else still if i < 2.5 else at_1 if i < 3.5 else let_1 if i < 4.5
             else finish)
         if last - first > NOTHING:
-            d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = piece(
-                sense * first, sense * last, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
-                start1, edge2, c22, c32, relief2, start2, 0.0, 0.0, 0.0, 0.0, 1.0, K, e, C_D, D_P, u0, u1, u2, mu_s,
-                v_s, mu_d, v_d)
+            if sharp and abs(i - 2.5) < 1.0:
+                d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = inside(
+                    sense * first, sense * last, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2,
+                    mu_s, v_s, mu_d, v_d)
+            else:
+                d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = piece(
+                    sense * first, sense * last, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31,
+                    relief1, start1, edge2, c22, c32, relief2, start2, 0.0, 0.0, 0.0, 0.0, 1.0, K, e, C_D, D_P, u0, u1,
+                    u2, mu_s, v_s, mu_d, v_d)
             n += sense * d_n
             n_s += sense * d_ns
             n_z += sense * d_nz

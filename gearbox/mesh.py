@@ -12,25 +12,25 @@ from multibody.declare import Energy, Option, Output, Parameter, Power, Rotation
 __all__ = ["HelicalMesh", "approach", "hit", "sliding", "turned"]
 
 
-def approach(m, alpha, beta_b, r_1, r_2, x, y, z, roll_x, roll_y, roll_y1, roll_y2, way):
+def approach(m, s_x, s_y, c_b, s_b, r_1, r_2, x, y, z, roll_x, roll_y, roll_y1, roll_y2, way):
     """Return a, b, c of the penetration a + b·s + c·z of a flank (m = 1 front, −1 back), or of its rate.
 
     x, y, z and roll_x, roll_y are those of gear 1 relative to gear 2; ``way`` is what the gears have turned towards
-    each other along the line of action.
+    each other along the line of action, of direction (s_x, s_y); c_b, s_b are cosine and sine of the base helix angle.
     """
-    n_x = math.cos(beta_b) * math.sin(alpha)
-    n_y = m * math.cos(beta_b) * math.cos(alpha)
-    n_z = -m * math.sin(beta_b)
-    a = x * n_x + y * n_y + z * n_z - n_z * (r_1 * roll_y1 + r_2 * roll_y2) + m * math.cos(beta_b) * way
-    b = n_z * (m * math.cos(alpha) * roll_x - math.sin(alpha) * roll_y)
+    n_x = c_b * s_x
+    n_y = m * c_b * s_y
+    n_z = -m * s_b
+    a = x * n_x + y * n_y + z * n_z - n_z * (r_1 * roll_y1 + r_2 * roll_y2) + m * c_b * way
+    b = n_z * (m * s_y * roll_x - s_x * roll_y)
     c = n_x * roll_y - n_y * roll_x
     return a, b, c
 
 
-def sliding(m, alpha, r_1, r_2, v_x, v_y, w_x, w_y, w_1, w_2):
+def sliding(m, s_x, s_y, r_1, r_2, v_x, v_y, w_x, w_y, w_1, w_2):
     """Return u₀, u₁, u₂ of the sliding speed u₀ + u₁·s + u₂·z of gear 1 against gear 2, in the transverse section."""
-    t_x = m * math.cos(alpha)
-    t_y = -math.sin(alpha)
+    t_x = m * s_y
+    t_y = -s_x
     u0 = v_x * t_x + v_y * t_y + t_y * (r_1 * w_1 + r_2 * w_2)
     return u0, w_2 - w_1, w_y * t_x - w_x * t_y
 
@@ -164,9 +164,14 @@ class HelicalMesh(Component):
     friction_loss = Power(kind="loss", meaning="power lost to friction")
 
     def equations(self):
-        r_1 = self.base_1 / math.cos(self.alpha)
-        r_2 = self.base_2 / math.cos(self.alpha)
-        slope = math.tan(self.beta_b)
+        # direction of the line of action in the transverse section, and the base helix
+        s_x = math.sin(self.alpha)
+        s_y = math.cos(self.alpha)
+        c_b = math.cos(self.beta_b)
+        s_b = math.sin(self.beta_b)
+        r_1 = self.base_1 / s_y
+        r_2 = self.base_2 / s_y
+        slope = s_b / c_b
         half = 0.5 * self.width
         span = self.edge_1 + self.reach + half * abs(slope)
         ahead = self.base_1 * self.spin_1.angle + self.base_2 * self.spin_2.angle
@@ -176,38 +181,38 @@ class HelicalMesh(Component):
         k_face = self.K / self.width
         c_face = self.C_D / self.width
         a, b, c = approach(
-            1.0, self.alpha, self.beta_b, r_1, r_2, self.x_1.position - self.x_2.position,
+            1.0, s_x, s_y, c_b, s_b, r_1, r_2, self.x_1.position - self.x_2.position,
             self.y_1.position - self.y_2.position, self.z_1.position - self.z_2.position,
             self.tilt_x_1.angle - self.tilt_x_2.angle, self.tilt_y_1.angle - self.tilt_y_2.angle, self.tilt_y_1.angle,
             self.tilt_y_2.angle, ahead)
         da, db, dc = approach(
-            1.0, self.alpha, self.beta_b, r_1, r_2, self.x_1.velocity - self.x_2.velocity,
+            1.0, s_x, s_y, c_b, s_b, r_1, r_2, self.x_1.velocity - self.x_2.velocity,
             self.y_1.velocity - self.y_2.velocity, self.z_1.velocity - self.z_2.velocity,
             self.tilt_x_1.speed - self.tilt_x_2.speed, self.tilt_y_1.speed - self.tilt_y_2.speed, self.tilt_y_1.speed,
             self.tilt_y_2.speed, faster)
         a_back, b_back, c_back = approach(
-            -1.0, self.alpha, self.beta_b, r_1, r_2, self.x_1.position - self.x_2.position,
+            -1.0, s_x, s_y, c_b, s_b, r_1, r_2, self.x_1.position - self.x_2.position,
             self.y_1.position - self.y_2.position, self.z_1.position - self.z_2.position,
             self.tilt_x_1.angle - self.tilt_x_2.angle, self.tilt_y_1.angle - self.tilt_y_2.angle, self.tilt_y_1.angle,
             self.tilt_y_2.angle, ahead)
         da_back, db_back, dc_back = approach(
-            -1.0, self.alpha, self.beta_b, r_1, r_2, self.x_1.velocity - self.x_2.velocity,
+            -1.0, s_x, s_y, c_b, s_b, r_1, r_2, self.x_1.velocity - self.x_2.velocity,
             self.y_1.velocity - self.y_2.velocity, self.z_1.velocity - self.z_2.velocity,
             self.tilt_x_1.speed - self.tilt_x_2.speed, self.tilt_y_1.speed - self.tilt_y_2.speed, self.tilt_y_1.speed,
             self.tilt_y_2.speed, faster)
         u0, u1, u2 = sliding(
-            1.0, self.alpha, r_1, r_2, self.x_1.velocity - self.x_2.velocity, self.y_1.velocity - self.y_2.velocity,
+            1.0, s_x, s_y, r_1, r_2, self.x_1.velocity - self.x_2.velocity, self.y_1.velocity - self.y_2.velocity,
             self.tilt_x_1.speed - self.tilt_x_2.speed, self.tilt_y_1.speed - self.tilt_y_2.speed, self.spin_1.speed,
             self.spin_2.speed)
         u0_back, u1_back, u2_back = sliding(
-            -1.0, self.alpha, r_1, r_2, self.x_1.velocity - self.x_2.velocity, self.y_1.velocity - self.y_2.velocity,
+            -1.0, s_x, s_y, r_1, r_2, self.x_1.velocity - self.x_2.velocity, self.y_1.velocity - self.y_2.velocity,
             self.tilt_x_1.speed - self.tilt_x_2.speed, self.tilt_y_1.speed - self.tilt_y_2.speed, self.spin_1.speed,
             self.spin_2.speed)
         self.transmission_error = ahead
         self.deflection = a
-        n_x = math.cos(self.beta_b) * math.sin(self.alpha)
-        n_y = math.cos(self.beta_b) * math.cos(self.alpha)
-        n_z = math.sin(self.beta_b)
+        n_x = c_b * s_x
+        n_y = c_b * s_y
+        n_z = s_b
         gap = self.backlash
         q = 0.0
         turn_1 = 0.0
@@ -326,8 +331,8 @@ class HelicalMesh(Component):
         f_s = 0.0
         f_a = 0.0
         if a_back - gap + abs(b_back) * span + abs(c_back) * half > 0.0:
-            behind = self.thickness * math.cos(self.alpha)
-            opening = gap / math.cos(self.beta_b)
+            behind = self.thickness * s_y
+            opening = gap / c_b
             first_back = -math.floor((span + self.base_1 * self.spin_1.angle - behind) / self.base_pitch)
             for i in range(self.lines):
                 p1 = behind - self.base_1 * self.spin_1.angle - (first_back + i) * self.base_pitch
@@ -356,8 +361,6 @@ class HelicalMesh(Component):
         self.contact_loss = damped
         self.friction_loss = rubbed
         # directions: normal (n_x, ±n_y, ∓n_z), line of action (s_x, ±s_y), friction (±s_y, −s_x)
-        s_x = math.sin(self.alpha)
-        s_y = math.cos(self.alpha)
         self.force_x = (n + m) * n_x + (t - f) * s_y
         self.force_y = (n - m) * n_y - (t + f) * s_x
         self.force_z = -(n - m) * n_z
@@ -376,8 +379,8 @@ class HelicalMesh(Component):
         self.tilt_y_1.torque = self.moment_y_1
         self.tilt_y_2.torque = self.moment_y_2
         self.spin_1.torque = (
-            -self.base_1 * ((n - m) * math.cos(self.beta_b) - n_1 + m_1) - n * turn_1 - m * turn_1_back
+            -self.base_1 * ((n - m) * c_b - n_1 + m_1) - n * turn_1 - m * turn_1_back
             + (t + f) * r_1 * s_x + t_s + f_s)
         self.spin_2.torque = (
-            -self.base_2 * ((n - m) * math.cos(self.beta_b) - n_2 + m_2) - n * turn_2 - m * turn_2_back
+            -self.base_2 * ((n - m) * c_b - n_2 + m_2) - n * turn_2 - m * turn_2_back
             + (t + f) * r_2 * s_x - t_s - f_s)

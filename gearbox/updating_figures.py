@@ -103,6 +103,10 @@ def surface(result: UpdatingResult) -> Figure:
         axis.plot([best.values[fitted.space.names[i]]], [best.predicted], "*", color="#000000", markersize=9)
         axis.set_xlabel(name)
         axis.ticklabel_format(axis="x", style="sci", scilimits=(-3, 4))
+    limits = [axis.get_ylim() for axis in axes[0, 1:]]
+    for axis in axes[0, 1:]:
+        axis.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+    axes[0, 1].set_ylabel("predicted [–]")
     axes[0, 1].set_title("cuts through the optimum", fontsize=9)
     return figure
 

@@ -33,7 +33,7 @@ ELSEWHERE = {
     ("warm",): Elsewhere("vtsdt.warm:main", "compile the shipped models before they are needed"),
     ("validate", "papers"): Elsewhere("vtsdt.papers:main", "the papers' tables, made again and compared"),
     ("validate", "discrepancy"): Elsewhere(
-        "vtsdt.suite_lift:main", "error rates of finding missing effects"
+        "vtsdt.suites:main", "error rates of finding missing effects"
     ),
 }
 

@@ -10,7 +10,7 @@ from typing import Any
 from discrepancy.bench import Case
 from vtsdt.bench_rig import LiftRig
 
-__all__ = ["TRIPS", "UNKNOWN", "case", "main", "names", "sizes"]
+__all__ = ["TRIPS", "UNKNOWN", "case", "names", "sizes"]
 
 #: Trips of a case; the last quarter is held out.
 TRIPS = 4
@@ -33,10 +33,3 @@ def sizes(seed: int, hidden: Sequence[str]) -> list[dict[str, Any]]:
 def names() -> list[str]:
     """Return everything that can be hidden, as ``kind@where``."""
     return [f"{e['kind']}@{e['where']}" for e in LiftRig(trips=TRIPS).list()]
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Run ``vtsdt validate discrepancy``, with the lift among its machines."""
-    from discrepancy.suite import main as run
-
-    return run(arguments, {"lift": __name__})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,17 @@ def test_sidebands_explain_energy_of_data_not_used(found):
         assert whole.held_out > sides.held_out
         # What was fitted carries over: nothing was gained by fitting noise.
         assert sides.held_out > sides.fitted - 0.03
+
+
+def test_the_page_says_what_comes_out(found):
+    page = (ROOT / "docs" / "method" / "gear-updating.md").read_text(encoding="utf-8")
+    assert sorted(set(re.findall(r"^\| (ch\d+) \|", page, re.MULTILINE))) == sorted(found)
+    for name, each in found.items():
+        row = re.search(rf"^\| {name} \|(.*)\|$", page, re.MULTILINE)
+        said = [float(text) for text in re.findall(r"([\d.]+) %", row.group(1))]
+        # One digit is printed; the last one may differ between processors.
+        assert said == pytest.approx([100.0 * e.held_out for e in each.explained], abs=0.11)
+        assert f"{each.mesh_frequency:.2f} Hz" in page
 
 
 def test_sidebands_at_a_frequency_where_nothing_turns_explain_nothing(found, example, measured_data):

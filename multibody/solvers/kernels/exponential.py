@@ -1,7 +1,8 @@
 """Many steps of Krogstad's exponential Runge-Kutta method of order 4 with one fast motion, in one call.
 
 The rates are split as f(y) = L·y + N(y) with L = u·wᵀ of rank one: w is the left eigenvector of the fast motion, kept
-from call to call, and u = (∂f/∂y)·v, from one more evaluation along the right eigenvector v (w·v = 1) at each step.
+from call to call, and u = (∂f/∂y)·v, from one more evaluation along the right eigenvector v (w·v = 1), renewed every
+few steps and when a step is refused: N holds what L lacks, so that any L gives the same order.
 Its functions are then numbers: φ(hL)·x = φ(0)·x + h·φ₊(hλ)·(w·x)·u with φ₊ the next function and λ = w·u.
 
 Krogstad (2005), Generalized integrating factor methods for stiff PDEs, J. Comput. Phys. 203, 72-88.  The rates at the
@@ -45,6 +46,8 @@ from multibody.solvers.kernels.stepping import (
 
 #: Step of the difference quotient along the fast motion, as a share of the states' sizes.
 NEAR = 1e-6
+#: Steps for which the fast motion's rate is kept, unless one of them is refused.
+KEPT = 4.0
 
 
 @inner
@@ -202,7 +205,6 @@ def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space)
         tally[KNOWN] = 1
     proposal = min(clock[STEP], clock[LARGEST])
     limit = math.inf
-    fresh = False
     while True:
         h, t_new, clipped, jump = plan(c, clock, proposal)
         if h == 0.0:
@@ -211,19 +213,22 @@ def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space)
             evaluate(t, y, k, c)
             tally[EVALUATIONS] += 1
             tally[KNOWN] = 1
-        if not fresh:
+        if rates[1] < 0.5:
             rates[0] = fast_rate(c, t, c[N], y, k, left, right, rtol, atol, moved, u)
             tally[EVALUATIONS] += 1
-            fresh = True
+            rates[1] = KEPT
         stages(c, t, t_new - t, rates[0], size, y, k, u, left, moved, d2, d3, d4, y_new, f_new, errors)
         tally[EVALUATIONS] += 4
         error = mean_error(size, y, y_new, errors, rtol, atol, errors)
         if error <= 1.0:
             break
         limit = h
+        if rates[1] < KEPT - 0.5:
+            rates[1] = 0.0
         tally[REJECTED] += 1
         tally[WORST] = worst(size, errors)
         proposal = h * max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.2 * h
+    rates[1] -= 1.0
     settle(clock, h, t_new, error, 0.21, 0.05, proposal if clipped else 0.0, limit)
     tally[KNOWN] = 0 if jump else 2
     return True
@@ -235,7 +240,8 @@ def advance(
 ):
     """Take many steps; as `dormand_prince.advance` of one run, with rates and states at both ends for the interpolant.
 
-    ``left`` and ``right`` are the fast motion's eigenvectors, ``rates`` its λ in the last step.
+    ``left`` and ``right`` are the fast motion's eigenvectors, ``rates`` its λ in the last step and the steps for which
+    it still holds.
     """
     size, c = y.shape[1], pointer(numbers)
     ticks, counts, times, samples = pointer(clock), pointer(tally), pointer(sample_t), pointer(sample_y)

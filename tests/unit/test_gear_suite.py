@@ -1,0 +1,56 @@
+"""The gear rig as a machine of ``vtsdt validate discrepancy``: names, sizes, what is refused, where it goes on."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+import pytest
+
+from discrepancy import suite
+from discrepancy.trials import Trial
+from gearbox import suite_gear
+from gearbox.rig import GearRig
+from vtsdt.suites import MACHINES, main
+
+
+def test_names_are_those_of_the_model_under_test() -> None:
+    from discrepancy.catalogue import catalogue
+    from gearbox.rig_encoders import build
+
+    outputs = ["transmission_error", "drive_torque"]
+    system = build().build(outputs=outputs, compiled=False)
+    offered = {e.name for e in catalogue(system, outputs, ["speed", "torque"])}
+    hidden = [n for n in suite_gear.names() if not n.startswith("unbalance")]
+    assert {"eccentricity@mesh.gear_1", "misalignment@mesh"} <= set(hidden)
+    assert set(hidden) <= offered
+
+
+@pytest.mark.parametrize(
+    ("name", "on_rig"), [("eccentricity@mesh.gear_2", "eccentricity@output_gear"), ("misalignment@mesh",) * 2]
+)
+def test_what_is_hidden_is_what_the_rig_hides(name, on_rig) -> None:
+    (effect,) = suite_gear.sizes(5, [name])
+    assert f"{effect['kind']}@{effect['where']}" == name
+    size = sum(v["value"] ** 2 for v in effect["parameters"].values()) ** 0.5
+    assert size == pytest.approx(GearRig(seed=5).faults_of([on_rig])[0].size)
+
+
+def test_the_machine_is_reached_by_its_name_and_hides_no_unknown_force(tmp_path, capsys) -> None:
+    assert MACHINES["gear"] == suite_gear.__name__
+    with pytest.raises(SystemExit):
+        main(["unknown", "--machine", "gear", "--out", str(tmp_path)])
+    assert "hides no unknown force" in capsys.readouterr().err
+
+
+def test_trials_that_are_there_are_not_run_again(tmp_path, monkeypatch) -> None:
+    """Few seeds unless told otherwise; with all of them in the file nothing is left to do."""
+
+    def none(*arguments: object, **options: object) -> None:
+        raise AssertionError("a trial was run again")
+
+    rows = [Trial("null", 1000 + k, (), "nothing missing", ()) for k in range(suite_gear.TRIALS)]
+    (tmp_path / "gear-null.jsonl").write_text("".join(json.dumps(asdict(r)) + "\n" for r in rows))
+    monkeypatch.setattr(suite, "_run", none)
+    assert main(["null", "--machine", "gear", "--out", str(tmp_path), "--quiet", "--workers", "1"]) == 0
+    assert json.loads((tmp_path / "results.json").read_text())["null"] == [["false alarms", 0, suite_gear.TRIALS]]
