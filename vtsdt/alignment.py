@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vtsdt.alignment_filter import DELTA, SPEED_OFF, TUNINGS, GuideFilter, Tuning
+from vtsdt.alignment_filter import DEFAULT, DELTA, SPEED_OFF, TUNINGS, GuideFilter, Tuning
 from vtsdt.alignment_rail import equivalent_deviation, pressing_deviation, rail_profile
 from vtsdt.alignment_result import Alignment
 from vtsdt.alignment_sections import Section, sections
@@ -39,7 +39,7 @@ def align(
     trips: Sequence[Trip],
     parameters: LiftParameters | None = None,
     *,
-    tuning: Tuning | str = "bounded",
+    tuning: Tuning | str = DEFAULT,
     threshold: float = THRESHOLD,
     step: float = 0.01,
     balanced: bool = True,
@@ -56,7 +56,7 @@ def align(
         From `read_trips`.
     parameters : LiftParameters, optional
         Default: the shipped bench.
-    tuning : Tuning or {"bounded", "table2", "quiet", "likelihood"}
+    tuning : Tuning or {"quiet", "bounded", "table2", "likelihood"}
     threshold : float, m
         Beyond which a deviation is to be corrected.
     step : float, m
@@ -275,8 +275,8 @@ def main(arguments: Sequence[str]) -> int:
         help="deviation to be corrected, mm (default 2.3)",
     )  # fmt: skip
     add(
-        "--tuning", choices=tuple(TUNINGS), default="bounded",
-        help="; ".join(f"{t.name}: {t.meaning}" for t in TUNINGS.values()) + " (default bounded)",
+        "--tuning", choices=tuple(TUNINGS), default=DEFAULT,
+        help="; ".join(f"{t.name}: {t.meaning}" for t in TUNINGS.values()) + f" (default {DEFAULT})",
     )  # fmt: skip
     for role in ("time", *ROLES):
         add(f"--{role}", metavar="COLUMN", default=None, help=f"column of the {role}, if it is not found by itself")

@@ -22,7 +22,7 @@ from vtsdt.parameters import LiftParameters
 if TYPE_CHECKING:
     from estimation.filters import FilterModel, FilterRun, Noise, Prior
 
-__all__ = ["DELTA", "SPEED_OFF", "TUNINGS", "GuideFilter", "Tuning"]
+__all__ = ["DEFAULT", "DELTA", "SPEED_OFF", "TUNINGS", "GuideFilter", "Tuning"]
 
 #: The state that is the deviation.
 DELTA = "cabin_guide.right_deviation"
@@ -64,6 +64,8 @@ def _less(factor: float) -> dict[str, float]:
 #: What the marginal likelihood of two trips of the virtual lift 41 finds (`vtsdt.alignment_tuning`).
 _LIKELY = {**{k: 1e-2 * v for k, v in _less(1e-4).items()}, "z": 2.9e-9, "v_z": 3.9e-6, "delta": 3.5e-7}
 
+#: The tuning that is taken if none is asked for.
+DEFAULT = "quiet"
 #: The tunings by name.  Table 2 does not say whether its Q is per second or per step; here it is per second.
 TUNINGS = {
     t.name: t
@@ -103,7 +105,7 @@ class GuideFilter:
     """
 
     parameters: LiftParameters
-    tuning: Tuning = field(default_factory=lambda: TUNINGS["bounded"])
+    tuning: Tuning = field(default_factory=lambda: TUNINGS[DEFAULT])
     loaded: bool = False
     options: Mapping[str, Any] = field(default_factory=dict)
     forces: tuple[str, ...] = ()
@@ -198,7 +200,8 @@ class GuideFilter:
                     f"{run['cabin.v_z'][k]:.2g} m/s, the measured one at {trip.speed[k]:.2g} m/s, because the tension "
                     "says less friction than a sliding cabin has, or far more: check the tension's zero"
                     f"{'' if tension_error else ' (trips of one direction do not show it)'}, the cabin's mass and the "
-                    "friction coefficient in the parameters; noisy readings need --tuning quiet"
+                    "friction coefficient in the parameters"
+                    f"{'' if self.tuning.name == DEFAULT else f'; --tuning {DEFAULT} trusts noisy readings less'}"
                 ]
             )
         lost = np.abs(run["cabin.z"] - trip.height) > 0.05

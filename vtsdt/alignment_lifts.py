@@ -9,14 +9,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vtsdt.alignment import align, calibrated, equivalent_deviation, pressing_deviation
-from vtsdt.alignment_filter import Tuning
+from vtsdt.alignment_filter import DEFAULT, Tuning
 from vtsdt.alignment_trips import Trip, prepare
 from vtsdt.parameters import LiftParameters
 
@@ -62,8 +62,6 @@ class Case:
     seed : int
     judged, before, after : Visit
         What is estimated from, and what the friction is scaled with: other trips, before and after the rail was moved.
-    calm : Visit
-        A few trips that no force disturbs.
     height, pressing, in_plane : ndarray, shape (n,), m
         By the height of the floor: the deviation of a single rail that presses as hard, and the sum of both rails'
         deviations in x.
@@ -73,12 +71,21 @@ class Case:
     judged: Visit
     before: Visit
     after: Visit
-    calm: Visit
     height: np.ndarray = field(repr=False)
     pressing: np.ndarray = field(repr=False)
     in_plane: np.ndarray = field(repr=False)
 
-    def scaled(self, tuning: Tuning | str = "bounded") -> tuple[LiftParameters, float]:
+    @cached_property
+    def calm(self) -> Visit:
+        """A few trips that no force disturbs; recorded when they are asked for."""
+        return visit(self.seed, 3, CALM, force=0.0)
+
+    @cached_property
+    def more(self) -> Visit:
+        """As many further trips as are judged; recorded when they are asked for."""
+        return visit(self.seed, 4, len(self.judged.records))
+
+    def scaled(self, tuning: Tuning | str = DEFAULT) -> tuple[LiftParameters, float]:
         """Return nominal parameters with friction scaled by the rail that was moved, and the factor.
 
         Parameters
@@ -165,12 +172,11 @@ def make_case(seed: int, trips: int = RECORDED, progress: Callable[[str], Any] =
     judged = visit(seed, 0, trips, progress=partial(_tell, progress, "judged, "))
     before = visit(seed, 1, SCALING, progress=partial(_tell, progress, "before the rail is moved, "))
     after = visit(seed, 2, SCALING, shift=INTRODUCED, progress=partial(_tell, progress, "after it, "))
-    calm = visit(seed, 3, CALM, force=0.0, progress=partial(_tell, progress, "undisturbed, "))
     cabin, travel = judged.parameters.cabin, judged.parameters.hoistway.travel
     height = np.arange(round(travel / _STEP) + 1) * _STEP
     rails = judged.parameters.cabin_guide.profiles()
     return Case(
-        seed, judged, before, after, calm, height, pressing_deviation(judged.parameters, height),
+        seed, judged, before, after, height, pressing_deviation(judged.parameters, height),
         equivalent_deviation(rails, (cabin.shoe_low, cabin.shoe_high), height),
     )  # fmt: skip
 
@@ -194,7 +200,7 @@ def prepared(records: Sequence[dict[str, np.ndarray]]) -> list[Trip]:
 def spoiled(
     records: Sequence[dict[str, np.ndarray]], seed: int, *, tension_gain: float = 0.0, tension_offset: float = 0.0,
     tension_noise: float = 0.0, acceleration_noise: float = 0.0, acceleration_offset: float = 0.0,
-    height_noise: float = 0.0,
+    height_noise: float = 0.0, height_offset: float = 0.0, height_gain: float = 0.0,
 ) -> list[dict[str, np.ndarray]]:  # fmt: skip
     """Return records with further errors of their sensors: a gain (1 is 100 %), offsets, white noise."""
     rng = np.random.default_rng([seed, 77])
@@ -206,7 +212,8 @@ def spoiled(
                 "time": each["time"],
                 "tension": (1.0 + tension_gain) * each["tension"] + tension_offset
                 + tension_noise * rng.standard_normal(size),
-                "height": each["height"] + height_noise * rng.standard_normal(size),
+                "height": (1.0 + height_gain) * each["height"] + height_offset
+                + height_noise * rng.standard_normal(size),
                 "acceleration": each["acceleration"] + acceleration_offset
                 + acceleration_noise * rng.standard_normal(size),
             }

@@ -223,7 +223,7 @@ def _table_2() -> Chapter:
         Row(
             "Q of 12 states and δ",
             "1e-2, 1e-1, 1e-4, 1e-3; δ 1e-3",
-            "the same, as tuning `table2`; the default has less noise on lateral states"
+            "the same, as tuning `table2`; the default is another, see the page of the alignment"
             if dict(tuning.process) == TABLE_2
             else f"{dict(tuning.process)}",
             AGREES if dict(tuning.process) == TABLE_2 else DIFFERS,

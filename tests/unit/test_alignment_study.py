@@ -1,0 +1,120 @@
+"""The study of the alignment sensor: scores, what is kept of a run that was stopped, and the page."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from vtsdt import alignment_study
+from vtsdt.alignment import Alignment
+from vtsdt.alignment_filter import TUNINGS
+from vtsdt.alignment_page import page, rate
+from vtsdt.alignment_score import Score, score
+from vtsdt.alignment_study import BASE, CALM, Judged, lines, run_study
+
+HEIGHT = np.round(np.arange(0.0, 1.901, 0.01), 2)
+
+
+def estimated(curve: np.ndarray, spread: float = 0.05e-3) -> Alignment:
+    """An estimate from ten trips that are off a curve to both sides."""
+    off = spread * np.linspace(-1.5, 1.5, 10)[:, None]
+    return Alignment(
+        HEIGHT, tuple(f"{k}" for k in range(10)), np.ones(10), curve + off, 2.3e-3, TUNINGS["bounded"], 0.0,
+        (0.03, 0.55), 1.2e-3, 3.8e3,
+    )  # fmt: skip
+
+
+def bumps(*places: tuple[float, float, float]) -> np.ndarray:
+    """A deviation of 2 mm with more between heights."""
+    curve = np.full(HEIGHT.size, 2.0e-3) + 1e-5 * np.sin(9.0 * HEIGHT)
+    for low, high, size in places:
+        curve += np.where(np.abs(HEIGHT - 0.5 * (low + high)) < 0.5 * (high - low) + 1e-9, size, 0.0)
+    return curve
+
+
+def test_every_section_that_is_wrong_is_told_with_its_numbers():
+    truth = bumps((0.3, 0.4, 0.5e-3), (0.8, 0.9, 0.32e-3))
+    found = score(estimated(bumps((0.3, 0.4, 0.5e-3), (0.8, 0.9, 0.28e-3), (1.2, 1.4, 0.4e-3))), HEIGHT, truth)
+    assert (found.false, found.missed) == (1, 1)
+    false, missed = found.wrong
+    assert (false.low, false.high) == pytest.approx((1.2, 1.4))
+    assert false.true < 2.02e-3
+    assert "missed, 0.80 to 0.90 m: the truth is 0.03 mm beyond the threshold at most" in missed.reason()
+    assert missed.reason().endswith("; listed as undecided")
+    assert found.good is (found.correlation >= 0.9)
+    assert Score.of(json.loads(json.dumps(dataclasses.asdict(found)))) == found
+
+
+def test_a_score_says_what_it_falls_short_of():
+    assert Score(0.95, 0.9, 0.2e-3, 1, 1).good
+    assert Score(0.85, 0.9, 0.4e-3, 2, 0).short() == ["correlation 0.850", "error 0.40 mm", "2 false"]
+    assert not Score(float("nan"), 0.9, 0.2e-3, 0, 0).good
+
+
+def test_rates_have_the_interval_of_clopper_and_pearson():
+    """Tables of exact binomial limits: 8 of 10 has 44.4 to 97.5 %."""
+    assert rate(8, 10) == "8 of 10 (44 to 97 %)"
+    assert rate(0, 10) == "0 of 10 (0 to 31 %)"
+
+
+@pytest.fixture
+def stubs(monkeypatch):
+    """Lifts that cost nothing; every line that is run is listed."""
+    ran: list[str] = []
+
+    class Case:
+        def __init__(self, seed):
+            self.seed, self.height, self.pressing = seed, HEIGHT, bumps()
+            self.judged = type("Visit", (), {"truth": dict.fromkeys(
+                ("cabin_guide.mu", "cabin_guide.stiffness", "cabin.mass"), 1.0)})  # fmt: skip
+
+        def scaled(self):
+            return None, 1.0
+
+    def judged(case, line):
+        ran.append(f"{case.seed} {line.what}")
+        return Score(0.95, 0.93, 0.1e-3, 0, 0, covered=0.9) if line.group != "tuning" else "trip 1: the filter diverges"
+
+    monkeypatch.setattr(alignment_study, "make_case", lambda seed, progress: Case(seed))
+    monkeypatch.setattr(alignment_study, "_judged", judged)
+    monkeypatch.setattr(alignment_study, "_draw", lambda case, folder: None)
+    return ran
+
+
+def test_a_study_that_was_stopped_goes_on_where_it_was(tmp_path, stubs, monkeypatch):
+    told = run_study([101, 102], tmp_path, groups=["as recorded"])
+    assert [t.seed for t in told] == [101, 102]
+    assert stubs == [f"101 {BASE}", f"102 {BASE}"]
+    run_study([101, 102], tmp_path, groups=["as recorded", "disturbing force"])
+    assert stubs[2:] == [f"101 {CALM}", f"102 {CALM}"]
+    again = run_study([101, 102], tmp_path, groups=["as recorded", "disturbing force"])
+    assert len(stubs) == 4
+    assert again[0].score(CALM).correlation == 0.95
+    monkeypatch.setattr(alignment_study, "_code", lambda: "another")
+    run_study([101], tmp_path, groups=["as recorded"])
+    assert stubs[4:] == [f"101 {BASE}"]
+
+
+def test_the_page_gives_rates_reasons_and_refusals(tmp_path, stubs):
+    told = run_study([31, 101], tmp_path, groups=["as recorded", "tuning", "disturbing force"])
+    short = Score(0.7, 0.6, 0.35e-3, 0, 0)
+    told[1] = dataclasses.replace(told[1], found={**told[1].found, f"as recorded: {BASE}": short})
+    text = page(told, "python -m vtsdt.alignment_study")
+    assert "The method was made with the lifts 31 in sight." in text
+    assert "| RMS error at most 0.3 mm | 1 of 2 (1 to 99 %) |" in text
+    assert "- Lift 101: falls short with correlation 0.700, error 0.35 mm" in text
+    assert "without the disturbing force reach it: correlation 0.950" in text
+    assert "two trips of another lift: the filter diverges (lifts 31, 101)" in text
+    rows = [row for row in text.splitlines() if row.startswith("|")]
+    widths = {row.replace("\\|", "").count("|") for row in rows}
+    assert widths == {18, 3, 14}
+
+
+def test_lines_have_names_of_their_own():
+    names = [line.name for line in lines()]
+    assert len(set(names)) == len(names)
+    assert len({line.what for line in lines() if line.what in (BASE, CALM)}) == 2
+    assert Judged(1, 1.0, 1.0, 1.0, 1e-4, {}).score(BASE) is None
