@@ -16,20 +16,26 @@ static void inputs_at(double t, const double *table, long long rows, double spac
         u[j] = table[i * N_U + j] + z * (table[(i + 1) * N_U + j] - table[i * N_U + j]);
 }
 
-/* Integrates from 0 to the last of the times in steps of at most `largest`; returns the number of evaluations, or -1. */
+/* Integrates from 0 to the last of the times in steps of at most `largest` that end at the stops; returns the number of
+ * evaluations, or -1. */
 long long integrate(const double *x0, double *p, const double *table, long long rows, double spacing,
-                    const double *times, long long count, double rtol, double atol, double largest, double *out)
+                    const double *times, long long count, double rtol, double atol, double largest,
+                    const double *stops, long long stop_count, double *out)
 {
     double y[N], new[N], k1[N], k2[N], k3[N], k4[N], k5[N], k6[N], k7[N], u[N_U > 0 ? N_U : 1];
     double t = 0.0, end = times[count - 1], h = 1e-5, last = 1e-4;
-    long long next = 0, evaluations = 1;
+    long long next = 0, stop = 0, evaluations = 1;
 #define RATES(at, state, rate) (inputs_at(at, table, rows, spacing, u), rhs(at, state, u, p, rate))
     memcpy(y, x0, sizeof y);
     RATES(0.0, y, k1);
     while (next < count && times[next] <= 0.0) memcpy(out + N * next++, y, sizeof y);
     while (t < end) {
+        double kept = 0.0, target = end;
         if (h > largest) h = largest;
-        if (t + 1.01 * h >= end) h = end - t;
+        while (stop < stop_count && stops[stop] <= t + 1e-14 * t) stop++;
+        if (stop < stop_count && stops[stop] < end) target = stops[stop];
+        if (t + 1.01 * h >= target) kept = h, h = target - t;
+        else if (t + 2.0 * h > target) kept = h, h = 0.5 * (target - t);
         if (h < 1e-14) return -1;
         for (int i = 0; i < N; i++) new[i] = y[i] + h * (1.0 / 5) * k1[i];
         RATES(t + h / 5, new, k2);
@@ -63,7 +69,8 @@ long long integrate(const double *x0, double *p, const double *table, long long 
             h *= isfinite(error) ? fmax(0.2, 0.9 * pow(error, -0.17)) : 0.2;
             continue;
         }
-        while (next < count && times[next] <= t + h) {
+        double reached = h == target - t ? target : t + h;
+        while (next < count && times[next] <= reached) {
             double z = (times[next] - t) / h, z2 = z * z, z3 = z2 * z, z4 = z3 * z;
             double b1 = h * (z - (8048581381.0 / 2820520608) * z2 + (8663915743.0 / 2820520608) * z3
                              - (12715105075.0 / 11282082432) * z4);
@@ -80,10 +87,11 @@ long long integrate(const double *x0, double *p, const double *table, long long 
             for (int i = 0; i < N; i++)
                 row[i] = y[i] + (b1 * k1[i] + b3 * k3[i] + b4 * k4[i] + b5 * k5[i] + b6 * k6[i] + b7 * k7[i]);
         }
-        t += h;
+        t = reached;
         memcpy(y, new, sizeof y);
         memcpy(k1, k7, sizeof k1);
         h *= fmin(10.0, fmax(0.2, 0.9 * pow(fmax(error, 1e-10), -0.17) * pow(last, 0.04)));
+        if (h < kept) h = kept;
         last = fmax(error, 1e-4);
     }
     return evaluations;

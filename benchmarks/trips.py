@@ -110,10 +110,16 @@ class HandWritten:
         For gcc.
     largest : float, s
         Largest step.
+    stops : bool
+        Whether steps end where the package's own methods end theirs for the sake of the inputs.
     """
 
     def __init__(
-        self, trip: Trip, options: tuple[str, ...] = ("-O3", "-march=native"), largest: float = 1e300
+        self,
+        trip: Trip,
+        options: tuple[str, ...] = ("-O3", "-march=native"),
+        largest: float = 1e300,
+        stops: bool = False,
     ) -> None:
         from multibody.compiler.c_source import c_source
         from multibody.compiler.units import unit_of_text
@@ -134,17 +140,20 @@ class HandWritten:
         self._integrate.restype = ctypes.c_longlong
         pointer, number, whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_longlong
         self._integrate.argtypes = [
-            pointer, pointer, pointer, whole, number, pointer, whole, number, number, number, pointer]  # fmt: skip
-        self.trip, self.largest = trip, largest
-        self.table = np.ascontiguousarray(trip.table(trip.times, system.p).reshape(trip.times.size, -1))
+            pointer, pointer, pointer, whole, number, pointer, whole, number, number, number, pointer,
+            whole, pointer]  # fmt: skip
+        self.trip, self.largest, self.stops = trip, largest, stops
+        self._inputs = trip.table
+        self.table = np.ascontiguousarray(self._inputs(trip.times, system.p).reshape(trip.times.size, -1))
         self.out = np.empty((trip.times.size, len(system.states)))
         self.p = system.p.copy()
 
     def __call__(self, rtol: float, atol: float) -> np.ndarray:
         """Integrate, and return the states at the trip's times."""
+        stops = self._inputs.kernel_for(rtol)["breaks"] if self.stops else self.trip.times[:0]
         done = self._integrate(
             self.trip.start.ctypes.data, self.p.ctypes.data, self.table.ctypes.data, len(self.table), STEP,
-            self.trip.times.ctypes.data, self.trip.times.size, rtol, atol, self.largest,
+            self.trip.times.ctypes.data, self.trip.times.size, rtol, atol, self.largest, stops.ctypes.data, stops.size,
             self.out.ctypes.data)  # fmt: skip
         if done < 0:
             raise ArithmeticError("the step became too small")
@@ -228,6 +237,9 @@ def entries(kind: str, stiff: bool = False, others: bool = True) -> dict[str, An
         "C by hand, gcc -O3": hand(("-O3",)),
         "C by hand, -O3 -march=native, no step longer than a sample": lambda: HandWritten(
             trip(kind, stiff), largest=STEP
+        ),
+        "C by hand, -O3 -march=native, steps end where the package's do": lambda: HandWritten(
+            trip(kind, stiff), stops=True
         ),
         "solve_ivp, default method": lambda: _native(kind, stiff, solvers.Automatic),
         "solve_ivp, DormandPrince54": lambda: _native(kind, stiff, solvers.DormandPrince54),

@@ -297,6 +297,8 @@ def _rename(work: Assembly) -> None:
             return ast.Name(final(node.id), node.ctx)
 
     for item in work.statements:
+        if work.renamed.keys().isdisjoint(item.reads) and work.renamed.keys().isdisjoint(item.writes):
+            continue
         item.nodes = [Put().visit(n) for n in item.nodes]
         item.reads = {final(n) for n in item.reads}
         item.writes = {final(n) for n in item.writes}

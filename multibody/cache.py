@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 import tempfile
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
-__all__ = ["cache_dir", "digest_of", "fingerprint", "read_object", "write_object", "write_once"]
+__all__ = ["cache_dir", "digest_of", "fingerprint", "kept_text", "read_object", "write_object", "write_once"]
 
 _MARK = b"vtsdt object 1"
 
@@ -104,3 +106,32 @@ def write_object(path: Path, code: bytes, note: str = "") -> None:
         os.replace(draft, path)
     finally:
         Path(draft).unlink(missing_ok=True)
+
+
+@lru_cache(maxsize=1)
+def _generator() -> str:
+    """What a generated text depends on beside its source: all that generates, and the Python that writes it."""
+    folder = Path(__file__).parent
+    parts = (path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.py")))
+    return digest_of(sys.version, *parts)
+
+
+def kept_text(stem: str, source: tuple[str, ...], write: Callable[[], str]) -> str:
+    """Return a generated text: the one kept from an earlier process, or newly written and kept.
+
+    Parameters
+    ----------
+    stem : str
+        Beginning of the file's name.
+    source : tuple of str
+        Everything that the text follows from beside the package's own modules.
+    write : callable
+        Returns the text.
+    """
+    path = cache_dir() / f"{stem}_{digest_of(_generator(), *source)}.txt"
+    found = read_object(path)
+    if found is not None:
+        return found[0].decode()
+    text = write()
+    write_object(path, text.encode())
+    return text

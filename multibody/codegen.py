@@ -13,6 +13,7 @@ from functools import cache
 
 import numpy as np
 
+from multibody.cache import kept_text
 from multibody.differentiate import Differentiator, active_names, d
 from multibody.equation_set import Assembly
 from multibody.errors import EquationError, ModelError
@@ -89,6 +90,13 @@ def generate(work: Assembly) -> Source:
             raise ModelError(work.name, faults)
 
     def text(name: str) -> str:
+        base = name.partition("_")[0]
+        if name == base:
+            return written(name)
+        # A derivative follows from the text that it is the derivative of: one of an earlier process serves.
+        return kept_text(name, (texts[base],), lambda: written(name))
+
+    def written(name: str) -> str:
         of_outputs, tangent = name.startswith("outputs"), name.endswith(("_tangent", "_columns"))
         items, wanted = (output_items, shown) if of_outputs else (rate_items, rates)
         result = "out" if tangent else "y" if of_outputs else "dx"
@@ -128,8 +136,8 @@ def _function(
     if "p" in used and "p" in along:
         seeds.add("p")
     nodes = [n for item in items for n in item.nodes]
-    active = active_names(nodes, seeds)
-    for item in items:  # an unknown follows from everything that its block reads
+    active = active_names(nodes, seeds) if tangent else set()
+    for item in items if tangent else ():  # an unknown follows from everything that its block reads
         if isinstance(item, Block) and item.reads & active:
             active = active_names(nodes, active | {u.variable for u in item.unknowns})
     writer = Differentiator(active, tangent_name)

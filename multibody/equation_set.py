@@ -84,4 +84,4 @@ class Assembly:
 
 def statement(text: str, origin: str) -> Statement:
     """Return one assignment, given as text, as a statement."""
-    return Statement.of([parse(text).body[0]], origin)
+    return Statement.parsed([parse(text).body[0]], origin)

@@ -185,6 +185,11 @@ class Statement:
         """Return nodes as a statement, with what they read and assign."""
         for node in nodes:
             ast.fix_missing_locations(node)
+        return cls.parsed(nodes, origin)
+
+    @classmethod
+    def parsed(cls, nodes: list[ast.stmt], origin: str) -> Statement:
+        """Return nodes that come from a text, and have their places in it, as a statement."""
         found = flow(nodes)
         return cls(nodes, set(found.reads), set(found.maybe), origin)
 

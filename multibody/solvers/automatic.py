@@ -35,6 +35,9 @@ RUN_UP, JUDGED = 8, 16  # steps of the stiff method until its own pace is reache
 PATIENCE = 4096  # explicit steps before a stiff method that did not pay is tried again, longer each time
 LOOK = 2048  # explicit steps after which the Jacobian is asked
 EDGE = 2.0  # |h·λ| from which steps count as stiff: on the edge of stability, at 3.3, they vary between 2 and 5
+# Times that stiff steps must be longer than what they cost: for the same price the explicit ones, held short by
+# stability, are far more exact (the lift with 17 states at rtol 3e-4: error 4e-5 in place of 4e-4).
+GAIN = 1.5
 SHORT_TRIAL = 64  # explicit steps after which, if they turn out stiff again, the next spell is longer
 
 
@@ -219,8 +222,8 @@ class Automatic(DormandPrince54):
         return status
 
     def _pays(self, step: float) -> bool:
-        """Tell whether stiff steps of a size are longer than explicit ones by more than they cost."""
-        return abs(step) >= self._explicit_step * self._cost
+        """Tell whether stiff steps of a size are longer than explicit ones by clearly more than they cost."""
+        return abs(step) >= GAIN * self._explicit_step * self._cost
 
     def _leave(self, step: float) -> None:
         """Go back to the explicit method, and stay there for a while if the stiff steps did not pay."""

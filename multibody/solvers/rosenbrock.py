@@ -56,7 +56,7 @@ def relative_cost(problem: NativeProblem) -> float:
     2.9 (2.8) for the lift with 12 states, 4.3 (4.3) with 17, 5.6 (5.8) with 37.
     """
     n, m, colours = problem.n, problem.n_directions, len(problem.owners())
-    filled = 1.0 if problem.pattern is None else float(np.mean(problem.pattern))
+    filled = 1.0 if problem.pattern is None else np.count_nonzero(problem.pattern) / n**2
     rates = _operations(problem.rhs.origin[0]) or 40 * n
     # Directional derivatives repeat what they share with the rates, which the processor does beside them.
     tangent = 0.75 * ((_operations(problem.tangent.origin[0]) if problem.tangent is not None else 0) or 120 * n)

@@ -142,3 +142,32 @@ def test_folder_without_permission_names_the_remedy(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "access", lambda path, mode: not (str(path) == str(tmp_path) and mode == os.W_OK))
     with pytest.raises(OSError, match="cannot be written to: set VTSDT_CACHE to a writable folder"):
         native.cache_dir()
+
+
+DERIVED = """
+from multibody.differentiate import Differentiator
+written = []
+plain = Differentiator.statements
+Differentiator.statements = lambda self, nodes: written.append(1) or plain(self, nodes)
+s = machine().build()
+print(s.jacobian("x", 0.0, s.start).min(), "written" if written else "found")
+"""
+
+
+def test_derivatives_are_written_once_and_follow_an_edit(tmp_path: Path) -> None:
+    folder, cache = tmp_path / "own", tmp_path / "cache"
+    folder.mkdir()
+    cache.mkdir()
+
+    def answer() -> str:
+        return run(DERIVED, folder, cache).splitlines()[0]
+
+    (folder / "machine.py").write_text(MACHINE)
+    assert answer() == "-3.0 written"
+    assert answer() == "-3.0 found"
+    (folder / "machine.py").write_text(MACHINE.replace("FACTOR = 1.0", "FACTOR = 2.0"))
+    assert answer() == "-6.0 written"
+    for kept in cache.glob("rhs_tangent_*.txt"):
+        kept.write_bytes(kept.read_bytes()[:-20])  # damaged: seen, and written anew
+    assert answer() == "-6.0 written"
+    assert answer() == "-6.0 found"
