@@ -30,7 +30,7 @@ __all__ = ["Believed", "Trips", "believed", "likely", "page_text", "recorded", "
 
 _FREE = ("z", "v_z", "delta")
 #: Searches, each from the mean of the trips of the one before.
-ROUNDS = 3
+ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
