@@ -26,6 +26,7 @@ from discrepancy.windows import (
     keeps_growing,
     samples_needed,
 )
+from multibody.silent import silent
 
 if TYPE_CHECKING:
     from estimation.experiment import Experiment
@@ -36,10 +37,6 @@ __all__ = ["Confronted", "confront", "windows_instead"]
 LOST = 0.3
 """A calibrated simulation that is off by 30 % of an output's spread does not follow its records: what a scan, which is
 linear in the error, says about it is worth nothing."""
-
-
-def _silent(text: str) -> None:
-    """Swallow progress."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +57,7 @@ class Confronted:
     reason: str
 
 
-def confront(setup: Setup, progress: Callable[[str], None] = _silent) -> Confronted:
+def confront(setup: Setup, progress: Callable[[str], None] = silent) -> Confronted:
     """Choose how to confront a model with its records, and prepare the experiments for it.
 
     Parameters
@@ -86,8 +83,8 @@ def confront(setup: Setup, progress: Callable[[str], None] = _silent) -> Confron
         found = inverse_setup(setup)
         return Confronted(found.setup, "inverse", f"asked for by the study; {found.told}")
     progress("how fast the machine runs away from a start that is slightly off")
-    if setup.residual == "auto":  # one record tells a machine that stays where it is put, which most do
-        whole = _Look.of(setup, longest_only=True).whole()
+    if setup.residual == "auto":  # two records tell a machine that stays where it is put, which most do
+        whole = _Look.of(setup, telling_only=True).whole()
         if not np.isfinite(whole.within):
             return Confronted(setup, "simulation", _stays(whole))
     look = _Look.of(setup)
@@ -111,7 +108,7 @@ def confront(setup: Setup, progress: Callable[[str], None] = _silent) -> Confron
 
 
 def windows_instead(
-    setup: Setup, errors: Mapping[str, float] | None, progress: Callable[[str], None] = _silent
+    setup: Setup, errors: Mapping[str, float] | None = None, progress: Callable[[str], None] = silent
 ) -> Confronted | None:
     """Return the setup cut into windows, where calibrated simulations of whole records do not follow them.
 
@@ -160,15 +157,17 @@ class _Look:
     scale: np.ndarray
 
     @classmethod
-    def of(cls, setup: Setup, *, longest_only: bool = False) -> _Look:
+    def of(cls, setup: Setup, *, telling_only: bool = False) -> _Look:
         experiments = tuple(crop(e) for e in setup.identify)
         system = setup.model.build(outputs=experiments[0].outputs)
         p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
         values = np.concatenate([e.record.values(*e.outputs) for e in experiments])
         spread = np.maximum(np.std(values, axis=0), 1e-9 * np.maximum(np.max(np.abs(values), axis=0), 1e-300))
         units = np.array([system.unit(n) for n in experiments[0].outputs])
-        if longest_only:
-            experiments = (max(experiments, key=lambda e: e.record.duration),)
+        if telling_only:
+            wide = [float(np.max(np.ptp(e.record.values(*e.outputs), axis=0) / spread)) for e in experiments]
+            longest = int(np.argmax([e.record.duration for e in experiments]))
+            experiments = tuple(experiments[i] for i in dict.fromkeys((longest, int(np.argmax(wide)))))
         followed = tuple(follow(e, system, p) for e in experiments)
         scale = np.std(np.concatenate([f.states for f in followed]), axis=0)
         # A turn more makes no angle less exact, unless it is one of those that only count turns.
@@ -179,8 +178,11 @@ class _Look:
         return cls(setup, system, p, experiments, followed, spread, scale)
 
     def whole(self) -> Growth:
-        """Return how errors grow over the longest record."""
-        i = int(np.argmax([e.record.duration for e in self.identify]))
+        """Return how errors grow over the record in which they grow the soonest, or the farthest."""
+        found = [self._over(i) for i in range(len(self.identify))]
+        return min(found, key=lambda g: (g.within, -float(np.max(g.start))))
+
+    def _over(self, i: int) -> Growth:
         growth = growth_from(self.identify[i], self.system, self.p, self.followed[i], 0, self.spread, self.scale)
         cut = growth.time[-1] < 0.99 * self.identify[i].record.duration
         if cut:  # the simulation broke off: errors beyond all bounds at its end

@@ -14,6 +14,7 @@ from discrepancy.plotting import (
     AFTER,
     BEFORE,
     FLOOR,
+    LEGEND,
     MEASURED,
     drawing,
     label,
@@ -23,6 +24,7 @@ from discrepancy.plotting import (
     thinned,
     unit_text,
     wants_log,
+    wrapped,
 )
 from discrepancy.wording import scaled
 
@@ -159,7 +161,8 @@ def over_time(conclusion: Conclusion, evidence: Evidence, output: str) -> Figure
     handles |= {
         k: v for k, v in zip(*reversed(middle.get_legend_handles_labels()), strict=True) if k not in handles
     }
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=2)
+    names = [wrapped(name, LEGEND) for name in handles]
+    figure.legend(handles.values(), names, loc="outside lower center", ncols=2)
     return figure
 
 
@@ -171,7 +174,7 @@ def _signals(axes: Axes, first: SignalComparison, models: _Models, part: slice) 
     axes.plot(*thinned(first.time[part], first.measured[part] / factor), label="measured", **MEASURED)
     for signal, style, name in models:
         axes.plot(*thinned(signal.time[part], signal.model[part] / factor), label=f"model, {name}", **style)
-    axes.set_ylabel(f"{first.output} [{unit or '–'}]")
+    axes.set_ylabel(wrapped(f"{first.output} [{unit or '–'}]"))
     axes.set_xlim(float(first.time[part][0]), float(first.time[part][-1]))
 
 
@@ -182,7 +185,7 @@ def _residuals(axes: Axes, first: SignalComparison, models: _Models, part: slice
         axes.plot(
             *thinned(signal.time[part], signal.residual[part] / factor), label=f"model, {name}", **style
         )
-    axes.set_ylabel(f"measured − model [{unit or '–'}]")
+    axes.set_ylabel(wrapped(f"measured − model [{unit or '–'}]"))
     axes.set_xlim(float(first.time[part][0]), float(first.time[part][-1]))
 
 
@@ -245,7 +248,7 @@ def residual_against(before: Residuals, after: Residuals | None, place: str, out
             )
         a.axhline(0.0, color="#000000", linewidth=0.7)
         a.set_xlabel(label(f"{name} of {motion.name}", units[name]))
-        a.set_ylabel(f"measured − model [{unit or '–'}]")
+        a.set_ylabel(wrapped(f"measured − model [{unit or '–'}]"))
     axes[0, 0].set_title(f"{output}: what the model misses, against speed")
     axes[1, 0].set_title("against position")
     axes[0, 0].legend(loc="best")
@@ -316,11 +319,11 @@ def comparison_figure(signals: Sequence[SignalComparison]) -> Figure:
         row[0].plot(*thinned(s.time, s.measured), label="measured", **MEASURED)
         row[0].plot(*thinned(s.time, s.model), label="model", **BEFORE)
         row[0].set_title(f"{s.output} on '{s.record}'")
-        row[0].set_ylabel(label(s.output, s.unit))
+        row[0].set_ylabel(wrapped(label(s.output, s.unit)))
         row[0].legend(loc="best")
         noise_band(row[1], s.noise)
         row[1].plot(*thinned(s.time, s.residual), **BEFORE)
-        row[1].set_ylabel(label("measured − model", s.unit))
+        row[1].set_ylabel(wrapped(label("measured − model", s.unit)))
         row[1].set_title(f"RMS {s.figures.rmse:.3g} {unit_text(s.unit)}")
         for a in row[:2]:
             a.set_xlabel("time [s]")

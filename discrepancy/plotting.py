@@ -63,6 +63,9 @@ _RULES: Any = {
 }
 
 
+ACROSS, LEGEND = 24, 40  # characters beside an axis and in one of two columns under it
+
+
 def drawing(make: Callable[P, Figure]) -> Callable[P, Figure]:
     """Let a function draw with this package's rules, and leave matplotlib's own as they were."""
 
@@ -110,6 +113,35 @@ def bare_unit(unit: str) -> str:
 def label(name: str, unit: str) -> str:
     """Return a name with its unit in brackets."""
     return f"{name} [{unit_text(unit)}]" if unit else f"{name} [–]"
+
+
+def wrapped(text: str, most: int = ACROSS) -> str:
+    """Return a text on lines of at most so many characters where it can be cut: at spaces, else after points.
+
+    Examples
+    --------
+    >>> wrapped("body_sensor.acceleration [m/s²]").splitlines()
+    ['body_sensor.acceleration', '[m/s²]']
+    >>> wrapped("needed.bearing.torque", 16).splitlines()
+    ['needed.bearing.', 'torque']
+    """
+    parts = [p for word in text.split(" ") for p in _cut(word, most)]
+    lines = [parts[0]]
+    for part in parts[1:]:
+        gap = "" if lines[-1].endswith(".") else " "
+        if len(lines[-1]) + len(gap) + len(part) <= most:
+            lines[-1] += gap + part
+        else:
+            lines.append(part)
+    return "\n".join(lines)
+
+
+def _cut(word: str, most: int) -> list[str]:
+    """Return a word whole, or cut after its points if it is too long."""
+    if len(word) <= most:
+        return [word]
+    *first, last = word.split(".")
+    return [*(f"{p}." for p in first), last]
 
 
 def wants_log(values: Any, factor: float = 8.0) -> bool:

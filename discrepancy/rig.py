@@ -30,6 +30,7 @@ from discrepancy.catalogue import Entry, catalogue
 from discrepancy.hidden import UNKNOWN, Hidden, Scale, SignalScale, choose, draw_effect, unknown_effect
 from discrepancy.kinds import MotionRange
 from discrepancy.unknown_laws import OVER
+from multibody.silent import silent
 
 if TYPE_CHECKING:
     from estimation.calibrate import UncertainParameter
@@ -48,10 +49,6 @@ Run = tuple[str, np.ndarray, dict[str, np.ndarray]]
 
 #: Share of the widest motion of its kind below which a place counts as trembling.
 _TREMBLES = 1e-3
-
-
-def silent(text: str) -> None:
-    """Swallow progress."""
 
 
 @dataclass(frozen=True)

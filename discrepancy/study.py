@@ -14,6 +14,7 @@ from discrepancy.fitted import beside_held_out, fitted_stage
 from discrepancy.search import Step, search_step
 from discrepancy.setup import Setup, from_file, noise_floors
 from discrepancy.stage import Accepted, Stage
+from multibody.silent import silent
 
 if TYPE_CHECKING:
     import pandas
@@ -28,10 +29,6 @@ if TYPE_CHECKING:
 __all__ = ["Study"]
 
 SHARES = (1.0, 0.3, 0.1, 0.01)  # of the strengths given, with which an effect that is added by hand is tried
-
-
-def _silent(text: str) -> None:
-    """Swallow progress."""
 
 
 @dataclass
@@ -64,7 +61,7 @@ class Study:
     """
 
     setup: Setup
-    progress: Callable[[str], None] = _silent
+    progress: Callable[[str], None] = silent
     stages: list[Stage] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     confronted: Confronted | None = None
@@ -84,7 +81,7 @@ class Study:
         *,
         seed: int | None = None,
         max_effects: int | None = None,
-        progress: Callable[[str], None] = _silent,
+        progress: Callable[[str], None] = silent,
     ) -> Study:
         """Return the study that a study file describes; see `discrepancy.setup.from_file`."""
         return cls(from_file(path, seed=seed, max_effects=max_effects), progress)
@@ -112,10 +109,7 @@ class Study:
         self.setup = bounded_effort(confronted.setup)
 
     def cut_into_windows(self, errors: Mapping[str, float] | None = None) -> bool:
-        """Begin again window by window where simulations with these errors do not follow the records, and say whether.
-
-        Without errors in any case; see `discrepancy.confront.windows_instead`.
-        """
+        """Begin again in windows where simulations with these errors (or any) do not follow; say whether that is so."""
         from discrepancy.confront import windows_instead
 
         found = windows_instead(self.given, errors, self.progress)
@@ -268,7 +262,7 @@ class Study:
             self._settle()
         self._free_curves()
         first = next((s for s in self.stages if s.accepted is not None), None)
-        whole = self.mode == "simulation" and self.given.residual == "auto"
+        whole = self.mode == "simulation" and self.given.residual == "auto"  # see discrepancy.confront.windows_instead
         if first is None and whole and self.cut_into_windows(self.stages[1].rmse("identify")):
             self._search()
         if first is not None:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["ProfileTable"]
 
 _NAMES = ("height_m", "delta_mm", "spread_mm")
+_JOIN = 0.03  # m: ranges nearer to each other are one
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,14 +113,23 @@ class ProfileTable:
         return self.height, 1e3 * self.delta, 1e3 * self.spread
 
     def beyond(self, threshold: float) -> list[tuple[float, float]]:
-        """Return the ranges of height, m, in which the deviation is larger than a threshold, m."""
+        """Return the ranges of height, m, in which the deviation is larger than a threshold, m.
+
+        Ranges less than 30 mm apart are one: nobody straightens up to the middle of a dip so short.
+        """
         fine = np.unique(np.concatenate([self.height, np.linspace(self.height[0], self.height[-1], 2001)]))
         profile = self.profile
         above = np.array([profile.at(h) for h in fine]) > threshold
         edges = np.flatnonzero(np.diff(above.astype(int)))
         begins = [0] * bool(above[0]) + [int(k) + 1 for k in edges if not above[k]]
         ends = [int(k) for k in edges if above[k]] + [fine.size - 1] * bool(above[-1])
-        return [(float(fine[a]), float(fine[b])) for a, b in zip(begins, ends, strict=True)]
+        found: list[tuple[float, float]] = []
+        for a, b in zip(begins, ends, strict=True):
+            low, high = float(fine[a]), float(fine[b])
+            if found and low - found[-1][1] < _JOIN:
+                low = found.pop()[0]
+            found.append((low, high))
+        return found
 
 
 def _from_json(text: str) -> dict[str, list[Any]]:

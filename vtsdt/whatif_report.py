@@ -199,7 +199,8 @@ def _page(
 
 def _section_row(s: Any) -> dict[str, str]:
     spread = f" ± {1e3 * s.spread:.2f}" if s.spread > 0.0 else ""
-    sure = f"{100 * s.sure:.0f} %" if s.spread > 0.0 else "not known"
+    # In words that do not claim certainty.
+    sure = ("> 99 %" if s.sure > 0.99 else f"{100 * s.sure:.0f} %") if s.spread > 0.0 else "not known"
     return {
         "where": f"{s.low:.2f} to {s.high:.2f} m", "worst": f"{s.worst:.2f} m",
         "deviation": f"{1e3 * s.deviation:.2f}{spread} mm", "sure": sure, "saving": f"{s.interval.told()} J",

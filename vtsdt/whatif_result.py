@@ -36,10 +36,13 @@ class Interval:
 
     def told(self, factor: float = 1.0, digits: int = 2) -> str:
         """Return the figure as text, with its interval where there is one."""
-        value = f"{factor * self.value:.{digits}f}"
+
+        def text(value: float) -> str:
+            return f"{round(factor * value, digits) + 0.0:.{digits}f}"  # no minus zero
+
         if not np.isfinite(self.low):
-            return value
-        return f"{value} ({factor * self.low:.{digits}f} to {factor * self.high:.{digits}f})"
+            return text(self.value)
+        return f"{text(self.value)} ({text(self.low)} to {text(self.high)})"
 
     def to_json(self) -> dict[str, float | None]:
         """Return value and bounds; None where there is none."""

@@ -36,7 +36,7 @@ def explained_by(case, *kinds):
 def test_the_trip_that_is_proposed_breaks_the_tie():
     hidden, rival = "cubic_stiffness", "linear_stiffness"
     hide = [f"{hidden}@guide"]
-    first, second = explained_by(axis_case(5, hide, trips=2, strength=0.3), hidden, rival)
+    first, second = explained_by(axis_case(5, hide, trips=2, strength=0.5), hidden, rival)
     now = bic_difference(second, first)
     assert abs(now) < TIE, "one recording of six seconds does not tell the two springs apart"
     record, proposals = compare_trips(first, second)
@@ -47,7 +47,7 @@ def test_the_trip_that_is_proposed_breaks_the_tie():
     assert best.separation > 10.0 * usual.separation
     assert best.repeats == 1
     # the same machine, another disturbance, the trip that was asked for
-    followed = axis_case(5, hide, trips=2, strength=0.3, plan=best.trip)
+    followed = axis_case(5, hide, trips=2, strength=0.5, plan=best.trip)
     truth, other = explained_by(followed, hidden, rival)
     assert bic_difference(other, truth) > TIE
 

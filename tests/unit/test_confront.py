@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.confront import confront
+from discrepancy.confront import confront, windows_instead
 from discrepancy.input_noise import shaping_of
 from discrepancy.inverse import derivatives, inverse_setup
 from discrepancy.setup import Setup, experiments_of
@@ -93,6 +93,11 @@ def test_machine_on_a_spring_is_simulated():
     found = confront(setup)
     assert (found.mode, found.setup) == ("simulation", setup)
     assert "stays where its inputs put it" in found.reason
+
+
+def test_a_wrong_model_of_a_calm_machine_is_not_cut_into_windows():
+    setup, _ = slide_setup(stiffness=2000.0, noise=0.05)
+    assert windows_instead(setup, {"carriage.position": 1.0}) is None
 
 
 def test_free_mass_with_a_noisy_force_is_cut_into_windows():

@@ -61,6 +61,15 @@ def test_sections_beyond_the_threshold_are_those_of_the_paper() -> None:
     assert [(round(a, 1), round(b, 1)) for a, b in found] == [(0.0, 0.2), (0.3, 0.5), (1.1, 1.3), (1.5, 1.8)]
 
 
+def test_ranges_that_a_short_dip_parts_are_one() -> None:
+    height = np.linspace(0.0, 2.0, 201)
+    delta = np.where((height > 0.395) & (height < 1.205), 3e-3, 2e-3)
+    delta[60] = delta[61] = 2e-3  # 20 mm
+    delta[85:95] = 2e-3
+    found = ProfileTable(height, delta, np.zeros(201)).beyond(2.3e-3)
+    np.testing.assert_allclose(found, [(0.4, 0.845), (0.945, 1.2)], atol=0.01)
+
+
 # -------------------------------------------------------------------- threshold
 
 
@@ -200,6 +209,7 @@ def test_the_page_opens_alone_and_the_json_can_be_read(tmp_path: Path) -> None:
 
 def test_interval_told() -> None:
     assert Interval.of(1.0, [0.5, 1.0, 1.5]).told(2.0, 1) == "2.0 (1.1 to 3.0)"
+    assert Interval(0.01, -0.001, 0.11).told() == "0.01 (0.00 to 0.11)"
 
 
 # -------------------------------------------------------------------- settings
