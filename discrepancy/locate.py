@@ -128,8 +128,8 @@ def _signals(facts: Residuals) -> list[Entry]:
             )
         else:
             told = (
-                f"{name}: error {quantity(float(rms[c]), unit)}, {ratio:.2g} times the noise of the sensor; "
-                f"{100 * share[c]:.0f} % of all error above noise is here."
+                f"{name}: error {quantity(float(rms[c]), unit)}, {quantity(ratio, digits=2)} times the noise of the "
+                f"sensor; {100 * share[c]:.0f} % of all error above noise is here."
             )
         found.append(
             {
@@ -218,7 +218,7 @@ def _regime_entry(
     name, unit, factor = facts.outputs[c], facts.units[c], float(np.exp(ratio))
     said = []
     if louder:
-        said.append(f"the error is {factor:.2g} times its overall size")
+        said.append(f"the error is {quantity(factor, digits=2)} times its overall size")
     if shifted:
         side = "more" if centre > 0.0 else "less"
         said.append(f"the machine reads {quantity(abs(centre), unit)} {side} than the model on average")

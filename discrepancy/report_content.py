@@ -133,7 +133,7 @@ def _table(conclusion: Conclusion, evidence: Evidence, outputs: list[str]) -> li
                     "" if a is None or not math.isfinite(a.nrmse) else share_words(a.nrmse)
                 )
             a = pooled[conclusion.judged_on].get(output)
-            cells["over_noise"] = f"{a.rmse / noise:.2g} ×" if a is not None and noise else ""
+            cells["over_noise"] = f"{quantity(a.rmse / noise, digits=2)} ×" if a is not None and noise else ""
             rows.append(cells)
         number += stage.accepted is not None
         told = stage_title(stage) + (f" (effect {number})" if stage.accepted is not None else "")

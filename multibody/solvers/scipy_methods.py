@@ -109,7 +109,8 @@ class Stops:
 def _lapack(name: str, kind: str) -> Any:
     from scipy.linalg import get_lapack_funcs
 
-    return get_lapack_funcs((name,), dtype=np.dtype(kind))[0]
+    found: Any = get_lapack_funcs((name,), dtype=np.dtype(kind))
+    return found[0]
 
 
 def _solve(factors: tuple[np.ndarray, np.ndarray], right: np.ndarray) -> np.ndarray:

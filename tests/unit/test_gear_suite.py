@@ -54,3 +54,12 @@ def test_trials_that_are_there_are_not_run_again(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(suite, "_run", none)
     assert main(["null", "--machine", "gear", "--out", str(tmp_path), "--quiet", "--workers", "1"]) == 0
     assert json.loads((tmp_path / "results.json").read_text())["null"] == [["false alarms", 0, suite_gear.TRIALS]]
+
+
+def test_faults_rig_and_catalogue_have_one_list_of_kinds() -> None:
+    from gearbox.effects import GEAR_KINDS
+    from gearbox.faults import FAULTS
+    from gearbox.rig_hidden import KINDS
+
+    assert {row.kind for row in FAULTS.values()} == {k.name for k in GEAR_KINDS} == set(KINDS)
+    assert all(row is FAULTS[row.label] for row in KINDS.values())
