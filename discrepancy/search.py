@@ -16,7 +16,7 @@ from discrepancy.effects import Effect
 from discrepancy.from_scan import effect_of, simpler_in
 from discrepancy.kinds import kind_named
 from discrepancy.stage import Accepted, Rival, Stage
-from discrepancy.stated import outside, pull
+from discrepancy.stated import brings_back, pull
 from estimation.correlation import correlation_time
 from estimation.signals import Preparation
 from multibody.errors import ModelError
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from discrepancy.verdict import Row
     from discrepancy.whitening import Whitener
 
-__all__ = ["Step", "bic_difference", "scan_preparation", "search_step"]
+__all__ = ["Step", "bic_difference", "matters", "scan_preparation", "search_step"]
 
 SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 FINALISTS = 3
@@ -138,7 +138,9 @@ def search_step(
     for row, found in zip(rows, side_by_side(trial, rows), strict=True):
         if isinstance(found, ModelError):
             refused.append((by_name[row.name].info["entry"], cannot_be_built(found)))
-        elif found is not None and bic_difference(found, stage) < 0.0 and matters(found, stage):
+        elif found is not None and bic_difference(found, stage) < 0.0 and (
+            matters(found, stage) or brings_back(found.identify, stage.identify)
+        ):
             tried.append((found, row))
     if not tried:
         return Step(scans[0], None, None, tuple(refused))
@@ -270,12 +272,8 @@ def _taken(richer: Stage, poorer: Stage) -> float:
 def matters(richer: Stage, poorer: Stage) -> bool:
     """Tell whether what an effect takes away reaches the noise floor of at least one output.
 
-    With enough samples anything is significant; an effect that calibration could all but replace is not worth a name,
-    unless it can only do so with parameters outside their stated uncertainty.
+    With enough samples anything is significant; an effect that calibration could all but replace is not worth a name.
     """
-    inside = {q.name for q, _ in outside(poorer.identify)} - {q.name for q, _ in outside(richer.identify)}
-    if inside:
-        return True
     before, after = poorer.rmse("identify"), richer.rmse("identify")
     gained = {n: max(before[n] ** 2 - after[n] ** 2, 0.0) ** 0.5 for n in richer.outputs}
     return any(gained[n] >= richer.noise.get(n, 0.0) for n in richer.outputs)

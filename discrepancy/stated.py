@@ -12,7 +12,7 @@ from discrepancy.wording import quantity
 if TYPE_CHECKING:
     from estimation.calibration import Calibration, UncertainParameter
 
-__all__ = ["FAR", "outside", "pull", "told"]
+__all__ = ["FAR", "brings_back", "outside", "pull", "told"]
 
 FAR = 3.0  # deviations from its stated value at which a parameter counts as outside
 
@@ -58,6 +58,11 @@ def outside(
         if abs(float(value) - said.value) > FAR * said.std:
             found.append((said, float(value)))
     return tuple(found)
+
+
+def brings_back(richer: Calibration, poorer: Calibration) -> bool:
+    """Tell whether a poorer model replaces an effect only with parameters outside their stated uncertainty."""
+    return bool({q.name for q, _ in outside(poorer)} - {q.name for q, _ in outside(richer)})
 
 
 def told(parameter: UncertainParameter, value: float) -> str:

@@ -14,6 +14,7 @@ from discrepancy.fitted import beside_held_out, fitted_stage
 from discrepancy.search import Step, search_step
 from discrepancy.setup import Setup, from_file, noise_floors
 from discrepancy.stage import Accepted, Stage
+from discrepancy.standing import standing
 from multibody.silent import silent
 
 if TYPE_CHECKING:
@@ -227,12 +228,10 @@ class Study:
         step = search_step(
             self.stage,
             lambda effect, instead_of: self._with(effect, instead_of, trial=True),
-            include=self.setup.include,
-            exclude=self.setup.exclude,
-            level=self.setup.level,
-            seed=self.setup.seed + len(self.stages),
-            progress=self.progress,
-        )
+            include=self.setup.include, exclude=self.setup.exclude, level=self.setup.level,
+            seed=self.setup.seed + len(self.stages), progress=self.progress,
+        )  # fmt: skip
+        step = standing(step, self.stage, lambda trial: self._fitted(trial.name, trial.effects, trial, trial.noise))
         self.steps.append(step)
         self.stages[-1] = replace(self.stages[-1], scan=step.scan)
         return step

@@ -15,6 +15,7 @@ __all__ = ["CORRELATION", "HEIGHTS", "RMS", "WRONG", "Score", "WrongSection", "s
 HEIGHTS = (0.1, 1.8)
 #: What an estimate has to reach: correlation, error in m, and sections found that are none or missed, of either kind.
 CORRELATION, RMS, WRONG = 0.9, 0.3e-3, 1
+Ranges = list[tuple[float, float]]
 _NEAR = 0.05  # m: sections that meet within this distance are the same
 
 
@@ -132,29 +133,33 @@ def score(found: Alignment, height: np.ndarray, truth: np.ndarray, in_plane: np.
     true = np.interp(at, height, truth)
     ours = sections(at, estimate, THRESHOLD, std)
     theirs = sections(at, true, THRESHOLD)
-    wrong = []
-    for kind, these, those in (("false", ours, theirs), ("missed", theirs, ours)):
+    wrong: list[WrongSection] = []
+    pairs: tuple[tuple[Literal["false", "missed"], Ranges, Ranges], ...] = (
+        ("false", ours, theirs), ("missed", theirs, ours),
+    )  # fmt: skip
+    for kind, these, those in pairs:
         for low, high in _alone(these, those):
             here = (at >= low - 1e-9) & (at <= high + 1e-9)
             k = int(np.argmax(np.where(here, estimate, -np.inf)))
             met = kind == "missed" and any(a <= high + 1e-9 and low - 1e-9 <= b for a, b in found.undecided)
-            values = (float(v) for v in (low, high, true[here].max(), estimate[k], std[k]))
-            wrong.append(WrongSection(kind, *values, met))  # type: ignore[arg-type]
+            wrong.append(
+                WrongSection(kind, low, high, float(true[here].max()), float(estimate[k]), float(std[k]), met)
+            )
     told = np.array([any(low - 1e-9 <= h <= high + 1e-9 for low, high in ours) for h in at])
 
     def with_truth(values: np.ndarray, other: np.ndarray = true) -> float:
         return float(np.corrcoef(values, other)[0, 1])
 
-    counts = [sum(w.kind == kind for w in wrong) for kind in ("false", "missed")]
+    false, missed = (sum(w.kind == kind for w in wrong) for kind in ("false", "missed"))
     return Score(
         with_truth(estimate), with_truth(found.median[inside]), float(np.sqrt(np.mean((estimate - true) ** 2))),
-        *counts, max((abs(w.true - THRESHOLD) for w in wrong), default=0.0),
+        false, missed, max((abs(w.true - THRESHOLD) for w in wrong), default=0.0),
         float(np.mean(told == (true > THRESHOLD))), found.expected_correlation,
         None if in_plane is None else with_truth(estimate, np.interp(at, height, in_plane)),
         float(np.mean(estimate - true)), float(np.mean(np.abs(estimate - true) < 1.96 * std)), tuple(wrong),
     )  # fmt: skip
 
 
-def _alone(these: list[tuple[float, float]], those: list[tuple[float, float]]) -> list[tuple[float, float]]:
+def _alone(these: Ranges, those: Ranges) -> Ranges:
     """Return the ranges that none of the others meets."""
     return [(low, high) for low, high in these if not any(low <= y + _NEAR and x - _NEAR <= high for x, y in those)]

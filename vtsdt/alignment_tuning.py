@@ -231,9 +231,9 @@ def page_text(rows: Sequence[Believed], every: Sequence[Sequence[Tuned]], comman
     if best is not rows[-1]:
         told += [
             "",
-            f"The search ends below `{best.tuning.name}`, which is likelier for the same trips: δ at its bound makes the "
-            "likelihood no smooth function of the variances, and a search by differences stops where a better place is "
-            "further off. It does not reach the values that ship from this start.",
+            f"The search ends below `{best.tuning.name}`, which is likelier for the same trips: δ at its bound makes "
+            "the likelihood no smooth function of the variances, and a search by differences stops where a better "
+            "place is further off. It does not reach the values that ship from this start.",
         ]
     told += [
         "",

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from discrepancy.setup import Setup, experiments_of
+from discrepancy.standing import standing
 from discrepancy.study import Study
 from estimation.calibrate import UncertainParameter
 from estimation.record import Record, Signal
@@ -70,6 +71,19 @@ def test_a_mass_that_calibration_takes_out_of_its_uncertainty_is_an_effect_or_a_
     blind = Study(replace(study.setup, include=("coulomb_friction@*",))).diagnose()
     assert blind.accepted == ()
     assert any("carriage.m = 23.9 kg (stated: 20.0 kg ± 0.600 kg)" in w for w in blind.warnings)
+
+
+def test_an_effect_that_takes_nothing_away_must_be_known_to_be_there():
+    """Where the model is wrong in another way, what brings parameters back is known badly."""
+    study = study_of(true_mass=24.0, std=0.6)
+    before = study.stage
+    step = study.explain()
+    assert step.accepted is not None
+    settled = replace(step.stage, noise={"carriage.position": 1.0})  # as if the error that goes were no error
+    known = study._fitted(settled.name, settled.effects, settled, settled.noise)
+    assert standing(replace(step, stage=settled), before, lambda trial: known).accepted is step.accepted
+    vague = replace(known, identify=replace(known.identify, std=100.0 * known.identify.std))
+    assert standing(replace(step, stage=settled), before, lambda trial: vague).accepted is None
 
 
 def test_a_mass_within_its_uncertainty_is_calibrated_and_nothing_is_named():
