@@ -1,0 +1,173 @@
+"""Machines whose recordings come from plain equations and SciPy, diagnosed through files and the command alone."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import butter, sosfiltfilt
+
+from vtsdt.cli import main
+
+MODELS = '''
+from multibody import Model
+from multibody import library as lib
+
+
+def fan():
+    m = Model("fan")
+    drive = m.add("motor", lib.DCMotorDrive(R=1.2, L=2e-3, k_t=0.08, inductive=True))
+    rotor = m.add("rotor", lib.Inertia(J=4e-4))
+    bearing = m.add("bearing", lib.RotaryViscousFriction(viscous=2e-4))
+    m.connect(drive.flange, rotor.flange, bearing.b)
+    m.connect(bearing.a, m.ground)
+    m.input("supply.voltage", drive.voltage)
+    return m
+
+
+def car():
+    m = Model("quarter_car")
+    road = m.add("road", lib.PositionSource())
+    tyre = m.add("tyre", lib.SpringDamper(stiffness=1.8e5, damping=300.0))
+    wheel = m.add("wheel", lib.Mass(m=35.0))
+    strut = m.add("strut", lib.SpringDamper(stiffness=1.8e4, damping=1400.0))
+    body = m.add("body", lib.Mass(m=320.0))
+    above, below = m.add("above", lib.AccelerationSensor()), m.add("below", lib.AccelerationSensor())
+    m.connect(road.flange, tyre.a)
+    m.connect(tyre.b, wheel.flange, strut.a, below.flange)
+    m.connect(strut.b, body.flange, above.flange)
+    for name in ("position", "velocity", "acceleration"):
+        m.input(f"road.{name}", f"road.{name}")
+    return m
+'''
+
+FAN = """
+[model]
+build = "models.py:fan"
+[uncertain]
+"motor.k_t" = { std = 0.002 }
+"rotor.J" = { std = 2e-5 }
+"bearing.viscous" = { std = 5e-5, min = 0.0 }
+"motor.R" = { std = 0.03 }
+[inputs]
+"supply.voltage" = "voltage_V"
+[outputs]
+"motor.i" = "current_A"
+"rotor.speed" = "speed_rad_per_s"
+"rotor.angle" = "angle_rad"
+"""
+
+CAR = """
+[model]
+build = "models.py:car"
+[uncertain]
+"strut.stiffness" = { std = 600.0 }
+"strut.damping" = { std = 100.0 }
+"body.m" = { std = 5.0 }
+[inputs]
+"road.position" = "road_mm"
+"road.velocity" = "road_m_per_s"
+"road.acceleration" = "road_m_per_s2"
+[outputs]
+"above.acceleration" = "body_m_per_s2"
+"below.acceleration" = "wheel_m_per_s2"
+"""
+
+RECORDS = """
+[records]
+time = "time_s"
+identify = ["run0.csv", "run1.csv"]
+validate = ["run2.csv"]
+"""
+
+
+def low_passed(rng: np.random.Generator, t: np.ndarray, corner: float) -> np.ndarray:
+    """Return band-limited noise of deviation one."""
+    x = sosfiltfilt(butter(3, corner * 2.0 * (t[1] - t[0]), output="sos"), rng.standard_normal(t.size))
+    return x / x.std()
+
+
+def fan(rng: np.random.Generator, drag: float) -> dict[str, np.ndarray]:
+    """A fan in air that the model does not know of; its angle is recorded over hundreds of turns."""
+    t = np.arange(0.0, 10.0, 0.005)
+    u = np.interp(t, np.linspace(0.0, 10.0, 12), rng.uniform(-18.0, 24.0, 12))
+    R, L, k, J, b = 1.2, 2e-3, 0.0795, 4.1e-4, 2e-4
+
+    def rates(s, x):
+        i, w, _ = x
+        return [(np.interp(s, t, u) - R * i - k * w) / L, (k * i - b * w - drag * w * abs(w)) / J, w]
+
+    i, w, a = solve_ivp(rates, (0.0, t[-1]), [0.0, 0.0, 0.0], "LSODA", t, rtol=1e-8, atol=1e-9, max_step=0.01).y
+    noise = rng.standard_normal((3, t.size))
+    return {
+        "time_s": t, "voltage_V": u, "current_A": np.round(i + 0.01 * noise[0], 3),
+        "speed_rad_per_s": np.round(w + 0.15 * noise[1], 2), "angle_rad": np.round(a + 1e-3 * noise[2], 4),
+    }  # fmt: skip
+
+
+def car(rng: np.random.Generator, rebound: float) -> dict[str, np.ndarray]:
+    """A quarter of a car whose shock absorber damps more when it is pulled out."""
+    dt = 0.004
+    t = np.arange(0.0, 10.0, dt)
+    rise = np.clip(t / 0.5, 0.0, 1.0)
+    z = (0.012 * low_passed(rng, t, 2.0) + 0.002 * low_passed(rng, t, 12.0)) * rise**2 * (3.0 - 2.0 * rise)
+    rate = np.gradient(z, dt)
+    kt, ct, mw, ks, cs, mb = 1.8e5, 300.0, 35.0, 1.76e4, 1430.0, 323.0
+
+    def forces(x, height, speed):
+        zw, vw, zb, vb = x
+        pull = ks * (zb - zw) + cs * (vb - vw) + rebound * np.maximum(vb - vw, 0.0)
+        return pull, kt * (zw - height) + ct * (vw - speed)
+
+    def rates(s, x):
+        pull, push = forces(x, np.interp(s, t, z), np.interp(s, t, rate))
+        return [x[1], (pull - push) / mw, x[3], -pull / mb]
+
+    x = solve_ivp(rates, (0.0, t[-1]), np.zeros(4), "RK45", t, rtol=1e-7, atol=1e-9, max_step=dt).y
+    pull, push = forces(x, z, rate)
+    noise = rng.standard_normal((2, t.size))
+    return {
+        "time_s": t, "road_mm": 1e3 * z, "road_m_per_s": rate, "road_m_per_s2": np.gradient(rate, dt),
+        "body_m_per_s2": -pull / mb + 0.02 * noise[0], "wheel_m_per_s2": (pull - push) / mw + 0.05 * noise[1],
+    }  # fmt: skip
+
+
+def diagnosed(folder: Path, machine, size: float, study: str) -> dict:
+    """Write the recordings of a machine, its model and a study; run the command; return diagnosis.json."""
+    for k in range(3):
+        columns = machine(np.random.default_rng([7, k]), size)
+        table = np.column_stack(list(columns.values()))
+        np.savetxt(folder / f"run{k}.csv", table, fmt="%.7g", delimiter=",", header=",".join(columns), comments="")
+    (folder / "models.py").write_text(MODELS)
+    (folder / "study.toml").write_text(study + RECORDS)
+    assert main(["diagnose", str(folder / "study.toml"), "--out", str(folder / "out"), "--quiet"]) == 0
+    return json.loads((folder / "out" / "diagnosis.json").read_text())
+
+
+def test_the_air_around_a_fan_is_found(tmp_path):
+    diagnosis = diagnosed(tmp_path, fan, 2.2e-6, FAN)
+    assert diagnosis["residual"]["mode"] == "simulation", "how often it has turned moves nothing else"
+    assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["quadratic_drag@bearing"]
+    assert diagnosis["effects"][0]["parameters"]["drag"]["value"] == pytest.approx(2.2e-6, rel=0.01)
+    assert diagnosis["explained"] > 0.99
+
+
+def test_rebound_of_a_shock_absorber_is_found(tmp_path):
+    diagnosis = diagnosed(tmp_path, car, 600.0, CAR)
+    assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["asymmetric_viscous_friction@strut"]
+    damping = next(p for p in diagnosis["parameters"] if p["name"] == "strut.damping")["value"]
+    sides = sorted(v["value"] for v in diagnosis["effects"][0]["parameters"].values())
+    # the same way as in the model, and pulled out: 1430 and 2030 N s/m
+    assert damping + sides[0] == pytest.approx(1430.0, rel=0.01)
+    assert damping + sides[1] == pytest.approx(2030.0, rel=0.01)
+    assert diagnosis["explained"] > 0.99
+
+
+@pytest.mark.parametrize(("machine", "study"), [(fan, FAN), (car, CAR)])
+def test_where_it_has_nothing_nothing_is_named(tmp_path, machine, study):
+    diagnosis = diagnosed(tmp_path, machine, 0.0, study)
+    assert diagnosis["verdict"] == "nothing missing"
+    assert diagnosis["effects"] == []
