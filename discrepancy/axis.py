@@ -20,11 +20,12 @@ from discrepancy.axis_trips import CYCLE, trip
 from discrepancy.bench import Case, Channel, Disturbance, check_folder
 from discrepancy.catalogue import Entry
 from discrepancy.hidden import Hidden
-from discrepancy.rig import Progress, Rig, Run, silent, write_case
+from discrepancy.rig import Progress, Rig, Run, write_case
 from discrepancy.trip_plan import TripPlan
 from estimation.calibrate import UncertainParameter
 from multibody.component import nearest
 from multibody.model import Model
+from multibody.silent import silent
 
 if TYPE_CHECKING:
     from multibody.system import System

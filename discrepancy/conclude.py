@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 __all__ = ["conclude"]
 
-LOUD, VISIBLE = 10.0, 0.1  # times its noise and share of its spread, from which an error says that a model is wrong
+# Times its noise, and share of its spread, from which the report says that an error is large: chosen, not measured.
+LOUD, VISIBLE = 10.0, 0.1
 
 _NUMBER = {1: "one effect", 2: "two effects", 3: "three effects"}
 
@@ -54,9 +55,8 @@ def conclude(study: Study) -> Conclusion:
     if study.beyond is not None and accepted:
         warnings = (*warnings, study.beyond.told(f"{_title(accepted[0].effect.kind)} at {accepted[0].effect.where}"))
     if not accepted and (far := outside(stages[-1].identify)):
-        many = "their" if len(far) > 1 else "its"
         listed = " and ".join(told(q, value) for q, value in far)
-        warnings = (*warnings, f"Calibration left {many} stated uncertainty: {listed}. Check what was stated.")
+        warnings = (*warnings, f"Calibration ends outside what was stated: {listed}. Check what was stated.")
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
         verdict = verdict if accepted else ""

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Confronted", "confront", "windows_instead"]
 
-LOST = 0.3
-"""A calibrated simulation that is off by 30 % of an output's spread does not follow its records: what a scan, which is
-linear in the error, says about it is worth nothing."""
+LOST = 0.01 * FACTOR
+"""Share of an output's spread from which a calibrated simulation does not follow its records, as one that runs away.
+What a scan, which is linear in the error, says about it is worth nothing."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from multibody.system import System
     from multibody.trajectory import Trajectory
 
-__all__ = ["Progress", "Rig", "Run", "silent", "write_case"]
+__all__ = ["Progress", "Rig", "Run", "write_case"]
 
 Progress = Callable[[str], None]
 #: Name of a recording, its time stamps, and its columns as they are written.

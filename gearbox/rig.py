@@ -20,6 +20,7 @@ from gearbox.condition import OperatingCondition
 from gearbox.recordings import Recording
 from gearbox.rig_hidden import KINDS, HiddenFault, choose, manufacturing
 from gearbox.signals import Signal
+from multibody.silent import silent
 
 if TYPE_CHECKING:
     from gearbox.stage import Stage
@@ -49,10 +50,6 @@ TRUE_RANGES = (
     ("C_D", 150e3, 600e3, "N*s/m"),
     ("e_F", 1.8, 2.3, ""),
 )
-
-
-def _silent(text: str) -> None:
-    """Swallow progress."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +208,7 @@ def _sensor_path(rig: GearRig, number: int, values: Array, step: float) -> Array
 
 
 def record(
-    rig: GearRig, hide: Sequence[str] = (), progress: Progress = _silent
+    rig: GearRig, hide: Sequence[str] = (), progress: Progress = silent
 ) -> tuple[list[RigRecording], list[HiddenFault]]:
     """Run the rig at every condition; returns the recordings and what the stage has that the model lacks."""
     from multibody.units import convert
@@ -256,7 +253,7 @@ def record(
 
 
 def make_gear(
-    out: str | os.PathLike[str], hide: Sequence[str] = (), *, rig: GearRig | None = None, progress: Progress = _silent
+    out: str | os.PathLike[str], hide: Sequence[str] = (), *, rig: GearRig | None = None, progress: Progress = silent
 ) -> Path:
     """Write recordings of the virtual gear rig into a folder, with the study file and the truth.
 

@@ -18,6 +18,7 @@ import numpy as np
 from discrepancy.bench import Channel, Logger, check_folder, write_csv, write_json
 from gearbox.rig import TEETH, GearRig, true_stage
 from gearbox.rig import truth as truth_of
+from multibody.silent import silent
 
 if TYPE_CHECKING:
     from multibody.model import Model
@@ -128,16 +129,12 @@ stiffness, damping and exponent of the rig are drawn. `truth.json` says what was
 """
 
 
-def _silent(text: str) -> None:
-    """Swallow progress."""
-
-
 def make_encoders(
     out: str | os.PathLike[str],
     hide: Sequence[str] = (),
     *,
     rig: GearRig | None = None,
-    progress: Callable[[str], None] = _silent,
+    progress: Callable[[str], None] = silent,
 ) -> Path:
     """Write recordings by encoders into a folder, with the study file and the truth; returns the study file.
 

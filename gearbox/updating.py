@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from multibody.silent import silent
+
 if TYPE_CHECKING:
     from gearbox.updating_result import UpdatingResult
 
@@ -21,16 +23,12 @@ STORE = "simulations.jsonl"
 Progress = Callable[[str], None]
 
 
-def _silent(text: str) -> None:
-    """Swallow progress."""
-
-
 def update(
     study: str | Path,
     out: str | Path | None = None,
     *,
     processes: int | None = None,
-    progress: Progress = _silent,
+    progress: Progress = silent,
     **changes: Any,
 ) -> UpdatingResult:
     """Update the model of a study file.

@@ -25,6 +25,7 @@ from gearbox.updating_result import Candidate, FrequencyCheck, SurfaceChoice, Up
 from gearbox.updating_runs import Runs
 from gearbox.updating_settings import UpdatingSettings
 from gearbox.virtual import PERIODIC_LIMIT, Run
+from multibody.silent import silent
 from surrogate import (
     DesignSpace,
     OneAtATimeResult,
@@ -47,10 +48,6 @@ __all__ = ["UpdatingChain"]
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 Surface = ResponseSurface | OutputSurfaces
-
-
-def _silent(text: str) -> None:
-    """Swallow progress."""
 
 
 class UpdatingChain:
@@ -81,7 +78,7 @@ class UpdatingChain:
         identify: Sequence[Recording],
         validate: Sequence[Recording] = (),
         *,
-        progress: Progress = _silent,
+        progress: Progress = silent,
     ) -> None:
         self.settings, self.runs, self.progress = settings, runs, progress
         faults = [] if identify else ["there is no recording to update the model from"]

@@ -20,16 +20,13 @@ import numpy as np
 from gearbox.condition import OperatingCondition
 from gearbox.signals import Signal
 from gearbox.virtual import Run, Settings, VibrationModel, run_model
+from multibody.silent import silent
 
 __all__ = ["ModelSource", "Runs"]
 
 _log = logging.getLogger(__name__)
 _SCHEMA = 1
 Progress = Callable[[str], None]
-
-
-def _silent(text: str) -> None:
-    """Swallow progress."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +92,7 @@ class Runs:
         store: Path | None = None,
         processes: int = 1,
         executor: Executor | None = None,
-        progress: Progress = _silent,
+        progress: Progress = silent,
     ) -> None:
         self.source, self.settings, self.store, self.progress = source, settings, store, progress
         self.processes, self._executor = max(1, int(processes)), executor

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from discrepancy.bench import Disturbance, Logger, check_folder, write_json
-from discrepancy.rig import Progress, silent, write_case
+from discrepancy.rig import Progress, write_case
+from multibody.silent import silent
 from vtsdt import bench_texts
 from vtsdt.bench_model import MODELS
 from vtsdt.bench_rails import RailSpectrum
