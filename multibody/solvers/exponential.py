@@ -43,7 +43,7 @@ class Exponential43(NativeSolver):
         super().__init__(fun, t0, y0, t_bound, problem=problem, **options)
         n = self.problem.n
         self._work = np.zeros(6 * max(n, 1))
-        self._left, self._right, self._rates = np.zeros(n), np.zeros(n), np.zeros(2)
+        self._left, self._right, self._rates = np.zeros(n), np.zeros(n), np.zeros(3)
         self._fastest = 0.0
         self._due = 0
 

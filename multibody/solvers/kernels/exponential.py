@@ -46,8 +46,10 @@ from multibody.solvers.kernels.stepping import (
 
 #: Step of the difference quotient along the fast motion, as a share of the states' sizes.
 NEAR = 1e-6
-#: Steps for which the fast motion's rate is kept, unless one of them is refused.
-KEPT = 4.0
+#: Steps for which the fast motion's rate is kept at most; fewer while it changes, none once a step with it is refused.
+KEPT = 8.0
+#: Relative change of the rate from which it is renewed at every step, and below which it is kept twice as long.
+CHANGING, RESTING = 0.1, 0.03
 
 
 @inner
@@ -104,6 +106,17 @@ def fast_rate(c, t, n, y, f, left, right, rtol, atol, moved, u):
         for i in range(n):
             u[i] = 0.0
     return rate
+
+
+@inner
+def spell(before, rate, kept):
+    """Return for how many steps a renewed rate is kept, after it was kept for some."""
+    change, size = abs(rate - before), max(abs(rate), abs(before))
+    if change > CHANGING * size:
+        kept = 1.0
+    elif change < RESTING * size:
+        kept = min(2.0 * kept, KEPT)
+    return max(kept, 1.0)
 
 
 @fused
@@ -214,17 +227,19 @@ def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space)
             tally[EVALUATIONS] += 1
             tally[KNOWN] = 1
         if rates[1] < 0.5:
+            before = rates[0]
             rates[0] = fast_rate(c, t, c[N], y, k, left, right, rtol, atol, moved, u)
             tally[EVALUATIONS] += 1
-            rates[1] = KEPT
+            rates[2] = spell(before, rates[0], rates[2])
+            rates[1] = rates[2]
         stages(c, t, t_new - t, rates[0], size, y, k, u, left, moved, d2, d3, d4, y_new, f_new, errors)
         tally[EVALUATIONS] += 4
         error = mean_error(size, y, y_new, errors, rtol, atol, errors)
         if error <= 1.0:
             break
         limit = h
-        if rates[1] < KEPT - 0.5:
-            rates[1] = 0.0
+        if rates[1] < rates[2] - 0.5:
+            rates[1], rates[2] = 0.0, 1.0
         tally[REJECTED] += 1
         tally[WORST] = worst(size, errors)
         proposal = h * max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.2 * h
