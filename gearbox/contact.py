@@ -112,7 +112,7 @@ def let_go(f0, f1, f2, f3, d0, d1, d2, d3):
         g1 = f1 / (d1 * d1)
         g2 = f2 / (d2 * d2)
         g3 = f3 / (d3 * d3)
-        # below half of the most a force may end within the piece: c0 + c1·x + c2·x² + c3·x³ from the even and the odd parts
+        # a force of less than half the most may end within the piece: c0 + c1·x + c2·x² + c3·x³, even and odd parts
         steep = 0.5 * (g2 - g1) / INNER
         c2 = 0.5 * (g0 + g3 - g1 - g2) / BETWEEN
         c3 = (0.5 * (g3 - g0) / OUTER - steep) / BETWEEN

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 
 # fmt: off
-__all__ = ["PER_UNIT", "friction_coefficient", "friction_coefficients", "impact", "near_powers", "power", "signed_force", "smooth_step"]
+__all__ = [
+    "PER_UNIT", "friction_coefficient", "friction_coefficients", "impact", "near_powers", "power", "signed_force",
+    "smooth_step",
+]
 
 #: A contact of stiffness K carries K newtons when pressed in by 1 mm: Table 2 gives K in N/mm^e.
 PER_UNIT = 1e3
