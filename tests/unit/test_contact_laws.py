@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from gearbox.contact import INNER, OUTER, let_go
 from gearbox.contact_laws import SERIES, friction_coefficient, friction_coefficients, impact, near_powers
+from gearbox.mesh_forms import waves
 
 TABLE_2 = (0.1, 1e-3, 0.08, 1e-2)
 PLACES = (-OUTER, -INNER, INNER, OUTER)
@@ -41,3 +44,11 @@ def test_a_piece_that_holds_is_whole() -> None:
     depths = [4e-5] * 4
     assert let_go(100.0, 110.0, 90.0, 80.0, *depths) == (-1.0, 1.0)
     assert let_go(100.0, 60.0, 30.0, 10.0, *[1e-5 * (1.0 - 0.9 * x) for x in PLACES]) == (-1.0, 1.0)
+
+
+def test_waves_over_the_teeth_are_what_their_names_say() -> None:
+    parts = (0.7, -0.2, 0.3, 0.5, -0.4, 0.1)
+    for angle in (0.0, 0.3, 2.0, 5.5):
+        pairs = zip((2, 3, 4), parts[::2], parts[1::2], strict=True)
+        wanted = sum(a * math.cos(k * angle) + b * math.sin(k * angle) for k, a, b in pairs)
+        assert waves(angle, *parts) == pytest.approx(wanted, abs=1e-14)
