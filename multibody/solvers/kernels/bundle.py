@@ -34,7 +34,9 @@ WIDE, LANES, P_WIDE, ROOM, PUSHED = range(36, 41)
 # For the Jacobian: a derivative by the states along several directions at once, how many (0: none), the directions in
 # its order, and room for its result.
 COLUMNS, ABREAST, SEEDS, PASSED = range(41, 45)
-SIZE = 45
+# For what passes by: its speeds' address and number, its widths, and room for the speeds.
+SPEEDS, N_SPEEDS, WIDTHS, PACES = range(45, 49)
+SIZE = 49
 
 _TABLE = {
     "times": TIMES,
@@ -90,6 +92,10 @@ class Field:
         Address of a derivative by the states along several directions at once, for the Jacobian; 0 for none.
     seeds : ndarray, shape (groups, n, lanes), optional
         Its directions.
+    speeds : int
+        Address of the speeds at which something narrow passes by; 0 for none.
+    widths : ndarray, shape (n_speeds,), optional
+        Its widths.
 
     Attributes
     ----------
@@ -110,6 +116,8 @@ class Field:
         wide: tuple[int, int] = (0, 0),
         columns: int = 0,
         seeds: np.ndarray | None = None,
+        speeds: int = 0,
+        widths: np.ndarray | None = None,
     ) -> None:
         self.numbers = _numbers_of(table).copy()
         n_u, groups = table["values"].shape[1], table["break_delay"].size
@@ -139,6 +147,10 @@ class Field:
             passed = np.empty(seeds.shape[1:])
             self._owned += (seeds, passed)
             self.numbers[COLUMNS : PASSED + 1] = columns, seeds.shape[2], address_of(seeds), address_of(passed)
+        if speeds and widths is not None and widths.size:
+            paces = np.zeros(widths.size)
+            self._owned += (widths, paces)
+            self.numbers[SPEEDS : PACES + 1] = speeds, widths.size, address_of(widths), address_of(paces)
         if directions is not None:
             for name, index in _DIRECTIONS.items():
                 self.numbers[index] = address_of(directions[name])

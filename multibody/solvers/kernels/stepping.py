@@ -13,8 +13,20 @@ from __future__ import annotations
 
 import math
 
-from multibody.solvers.kernels.bundle import DELAYED, JUMPS, N_GROUPS, N_HELD, WINDOW
-from multibody.solvers.kernels.calls import floats, inner, ints
+from multibody.solvers.kernels.bundle import (
+    DELAYED,
+    JUMPS,
+    N_GROUPS,
+    N_HELD,
+    N_SPEEDS,
+    PACES,
+    SPEEDS,
+    WIDTHS,
+    WINDOW,
+    P,
+    U,
+)
+from multibody.solvers.kernels.calls import call_rhs, floats, inner, ints
 from multibody.solvers.kernels.field import evaluate, hold_at, next_break
 
 T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD, LONGEST = range(9)
@@ -63,6 +75,19 @@ def plan(c, clock, proposal):
         window = floats(c[WINDOW])
         window[0], window[1] = min(t, t_new) + inside, max(t, t_new) - inside
     return h, t_new, clipped, jump
+
+
+@inner
+def passing(c, t, y):
+    """Return the step in which something narrow passes by half of its width, at the speeds of a state."""
+    shortest = math.inf
+    if c[N_SPEEDS] > 0:
+        speeds, widths = floats(c[PACES]), floats(c[WIDTHS])
+        call_rhs(c[SPEEDS], t, y, floats(c[U]), floats(c[P]), speeds)
+        for i in range(c[N_SPEEDS]):
+            if 0.5 * widths[i] < abs(speeds[i]) * shortest:
+                shortest = 0.5 * widths[i] / abs(speeds[i])
+    return shortest
 
 
 @inner
