@@ -19,10 +19,10 @@ from multibody.solvers.kernels.stepping import (
     FINISHED,
     FIRST,
     JACOBIANS,
+    LEAST_ERROR,
     LONGEST,
     MORE,
     SAMPLE,
-    STEP,
     TICKS,
     TOO_SMALL,
     WANTED,
@@ -112,9 +112,9 @@ class StoredSteps(DenseOutput):
         return out[0] if np.ndim(t) == 0 else out.T
 
 
-def _tolerance(name: str, value: Any, problem: NativeProblem) -> np.ndarray:
+def _tolerance(name: str, value: Any, problem: NativeProblem, least: float = 0.0) -> np.ndarray:
     if type(value) is float and problem.directions is None and 0.0 <= value < np.inf:
-        return np.full(problem.n, value)
+        return np.full(problem.n, max(value, least))
     given = np.asarray(value, dtype=np.float64)
     if given.shape not in ((), (problem.n,), (problem.size,)):
         raise ProblemError(
@@ -122,6 +122,7 @@ def _tolerance(name: str, value: Any, problem: NativeProblem) -> np.ndarray:
         )
     if not np.all(np.isfinite(given)) or np.any(given < 0.0):
         raise ProblemError(f"{name} must be finite and not negative")
+    given = np.maximum(given, least)
     if given.shape == () and problem.directions is None:
         return np.full(problem.n, given)
     if given.shape == (problem.size,):
@@ -211,13 +212,14 @@ class NativeSolver(OdeSolver):
         self.problem = problem
         self.y = np.array(self.y, dtype=np.float64)
         self.max_step, self.max_evaluations = max_step, max_evaluations
-        self.rtol = np.maximum(_tolerance("rtol", rtol, problem), 100 * np.finfo(float).eps)
+        self.rtol = _tolerance("rtol", rtol, problem, 100 * np.finfo(float).eps)
         self.atol = _tolerance("atol", atol, problem)
         if not direction_rtol > 0.0:
             raise ProblemError(f"direction_rtol must be positive, it is {direction_rtol}")
-        if not control_directions and np.shape(rtol) != (problem.size,):
+        if problem.directions is not None and not control_directions and np.shape(rtol) != (problem.size,):
             self.rtol[problem.n :] = min(direction_rtol, 1e300)
-        self.tolerance = float(self.rtol[: problem.n].min(initial=1.0))
+        alike = type(rtol) is float and problem.n > 0
+        self.tolerance = min(1.0, float(self.rtol[0] if alike else self.rtol[: problem.n].min(initial=1.0)))
         self.field = problem.field(self.tolerance)
         self._driver = load_driver(self.DRIVER)
         self._count = problem.size if control_directions else problem.n
@@ -236,11 +238,12 @@ class NativeSolver(OdeSolver):
         self._clock = np.zeros(TICKS)
         self._tally = np.zeros(COUNTS, dtype=np.int64)
         self._tally[WANTED] = self._steps
+        self._call: Callable[[], int] | None = None
         self._begin_samples()
-        # Infinity would become nan in products with zero, and no interval is longer than this.
-        self._clock[:6] = self.t, 0.0, 1e-4, self.t_bound, self.direction, min(max_step, 1e300)
         # The driver finds the first step by itself where it is zero.
-        self._clock[STEP] = 0.0 if first_step is None else first_step
+        begin = 0.0 if first_step is None else first_step
+        # Infinity would become nan in products with zero, and no interval is longer than this.
+        self._clock[:6] = self.t, begin, LEAST_ERROR, self.t_bound, self.direction, min(max_step, 1e300)
 
     def _begin_samples(self) -> None:
         if self._samples is None:
@@ -254,7 +257,8 @@ class NativeSolver(OdeSolver):
         ):
             raise ProblemError(f"sample times must be within {self.t:g} s and {self.t_bound:g} s")
         self._sample_t, self._sample_y = t, self._samples.begin(self.n)
-        at_start = int(np.searchsorted(self.direction * t, self.direction * self.t, side="right"))
+        forward = self.direction > 0.0
+        at_start = int(t.searchsorted(self.t, "right") if forward else (-t).searchsorted(-self.t, "right"))
         self._sample_y[: min(at_start, len(self._sample_y))] = self.y
         self._tally[SAMPLE] = at_start
         self._samples.count = at_start
@@ -264,20 +268,22 @@ class NativeSolver(OdeSolver):
         return ()
 
     def _advance(self) -> int:
-        return self._driver.advance(
-            self.field.numbers[None],
-            self._clock[None],
-            self._tally[None],
-            self._state[None],
-            self._work,
-            *self._store,
-            self.rtol,
-            self.atol,
-            self._count,
-            self._sample_t,
-            self._sample_y[None],
-            *self._extra(),
-        )
+        if self._call is None:
+            self._call = self._driver.advance.bound(
+                self.field.numbers[None],
+                self._clock[None],
+                self._tally[None],
+                self._state[None],
+                self._work,
+                *self._store,
+                self.rtol,
+                self.atol,
+                self._count,
+                self._sample_t,
+                self._sample_y[None],
+                *self._extra(),
+            )
+        return self._call()
 
     def _step_impl(self) -> tuple[bool, str | None]:
         clock, tally = self._clock, self._tally

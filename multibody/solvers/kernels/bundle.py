@@ -51,12 +51,14 @@ _TABLE = {
     "break_start": BREAK_START,
     "break_delay": BREAK_DELAY,
 }
-_OWN = [RHS, TANGENT, N, N_P, P, U, RATE, U_DOT, WINDOW, CURSOR, SHAPE_CURSOR, BREAK_CURSOR]
 _DIRECTIONS = {"p_dot": P_DOT, "channel": CHANNEL, "weight": WEIGHT, "shape_t": SHAPE_T, "shape": SHAPE}
 
 
-def _numbers_of(table: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the part of the vector that belongs to a table of inputs; kept with the table."""
+def _of_table(table: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what belongs to a table of inputs, and is kept with it: its part of the vector, and the workspace.
+
+    The workspace holds inputs, their rates, their tangent and the window; and the remembered intervals.
+    """
     if "numbers" not in table:
         numbers = np.zeros(SIZE, dtype=np.int64)
         for name, index in _TABLE.items():
@@ -64,7 +66,13 @@ def _numbers_of(table: dict[str, np.ndarray]) -> np.ndarray:
         numbers[N_U], numbers[ROWS] = table["values"].shape[1], table["times"].size
         numbers[N_HELD], numbers[N_MOVING] = table["held"].size, table["moving"].size
         numbers[N_GROUPS] = table["break_delay"].size
-        table["numbers"] = numbers
+        n_u = table["values"].shape[1]
+        work = np.zeros(3 * n_u + 3)
+        work[:n_u] = table["values"][0]
+        work[3 * n_u :] = -np.inf, np.inf, np.nan
+        cursors = np.zeros(n_u + table["break_delay"].size + 1, dtype=np.int64)
+        cursors[n_u + 1 :] = table["break_start"][:-1]
+        table["numbers"] = numbers, work, cursors
     return table["numbers"]
 
 
@@ -119,30 +127,16 @@ class Field:
         speeds: int = 0,
         widths: np.ndarray | None = None,
     ) -> None:
-        self.numbers = _numbers_of(table).copy()
-        n_u, groups = table["values"].shape[1], table["break_delay"].size
-        work = np.zeros(3 * n_u + 3)
-        self.u = work[:n_u]
-        self.u[:] = table["values"][0]
-        work[3 * n_u :] = -np.inf, np.inf, np.nan
-        cursors = np.zeros(n_u + groups + 1, dtype=np.int64)
-        cursors[n_u + 1 :] = table["break_start"][:-1]
+        numbers, work, cursors = (part.copy() for part in _of_table(table))
+        n_u = table["values"].shape[1]
+        self.numbers, self.u = numbers, work[:n_u]
         self._owned: tuple[Any, ...] = (p, table, work, cursors, directions)
         floats, counts = address_of(work), address_of(cursors)
-        self.numbers[_OWN] = (
-            rhs,
-            tangent,
-            n,
-            p.size,
-            address_of(p),
-            floats,
-            floats + 8 * n_u,
-            floats + 16 * n_u,
-            floats + 24 * n_u,
-            counts,
-            counts + 8 * n_u,
-            counts + 8 * (n_u + 1),
-        )
+        numbers[: N + 1] = rhs, tangent, n
+        numbers[N_P], numbers[P] = p.size, address_of(p)
+        numbers[U : CURSOR + 1] = floats, floats + 8 * n_u, floats + 16 * n_u, counts
+        numbers[WINDOW], numbers[SHAPE_CURSOR] = floats + 24 * n_u, counts + 8 * n_u
+        numbers[BREAK_CURSOR] = counts + 8 * (n_u + 1)
         if columns and seeds is not None:
             passed = np.empty(seeds.shape[1:])
             self._owned += (seeds, passed)

@@ -259,17 +259,17 @@ def march(
         last = shift(k, 6 * size)
         start, k = shift(states, slot * size), shift(stages_of, slot * 7 * size)
         if tally[KNOWN] == 2:
-            for i in range(size):
+            for i in independent(size):
                 k[i] = last[i]
             tally[KNOWN] = 1
-        for i in range(size):
+        for i in independent(size):
             start[i] = y[i]
         if not one_step(c, clock, tally, size, count, start, k, y_new, rtol, atol, errors, largest):
             return TOO_SMALL
         remember_step(clock, tally, spans)
         if tally[WATCH] != 0:
             watch(clock, tally, c[N], size, start, k, y_new, rtol, atol)
-        for i in range(size):
+        for i in independent(size):
             y[i] = y_new[i]
 
 
