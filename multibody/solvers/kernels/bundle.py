@@ -26,7 +26,8 @@ P_DOT, CHANNEL, WEIGHT, SHAPE_T, SHAPE, SHAPE_CURSOR = range(24, 30)
 # times at which a step must end, whether a held input jumps there; begin, delay, remembered time of each
 # group;
 BREAKS, JUMPS, BREAK_START, BREAK_DELAY, BREAK_CURSOR = range(30, 35)
-# and the interval within which rates of inputs are looked up, with the time of the inputs that u holds;
+# and the interval within which rates of inputs are looked up, with the time of the inputs that u holds, and the
+# samples per second where they are even, else zero;
 WINDOW = 35
 # the tangent of several directions at once, how many (0: none), parameter tangents in its order, room for its other
 # arguments, and whether any direction acts on an input.
@@ -36,7 +37,9 @@ WIDE, LANES, P_WIDE, ROOM, PUSHED = range(36, 41)
 COLUMNS, ABREAST, SEEDS, PASSED = range(41, 45)
 # For what passes by: its speeds' address and number, its widths, and room for the speeds.
 SPEEDS, N_SPEEDS, WIDTHS, PACES = range(45, 49)
-SIZE = 49
+# And whether every moving column is linear and without delay.
+PLAIN = 49
+SIZE = 50
 
 _TABLE = {
     "times": TIMES,
@@ -66,14 +69,25 @@ def _of_table(table: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         numbers[N_U], numbers[ROWS] = table["values"].shape[1], table["times"].size
         numbers[N_HELD], numbers[N_MOVING] = table["held"].size, table["moving"].size
         numbers[N_GROUPS] = table["break_delay"].size
+        moving = table["moving"]
+        numbers[PLAIN] = np.all(table["kinds"][moving] == LINEAR) and np.all(table["delays"][moving] < 0)
         n_u = table["values"].shape[1]
-        work = np.zeros(3 * n_u + 3)
+        work = np.zeros(3 * n_u + 4)
         work[:n_u] = table["values"][0]
-        work[3 * n_u :] = -np.inf, np.inf, np.nan
+        work[3 * n_u :] = -np.inf, np.inf, np.nan, _samples_per_second(table["times"])
         cursors = np.zeros(n_u + table["break_delay"].size + 1, dtype=np.int64)
         cursors[n_u + 1 :] = table["break_start"][:-1]
         table["numbers"] = numbers, work, cursors
     return table["numbers"]
+
+
+def _samples_per_second(times: np.ndarray) -> float:
+    """Return the pace of a grid whose times are nowhere off an even one by half of its spacing, else zero."""
+    if times.size < 2:
+        return 0.0
+    pace = (times.size - 1) / (times[-1] - times[0])
+    off = np.abs((times - times[0]) * pace - np.arange(times.size))
+    return float(pace) if np.max(off) < 0.5 else 0.0
 
 
 class Field:
