@@ -87,6 +87,7 @@ class Automatic(DormandPrince54):
         self._since = float(self.t)  # time of the last change
         self._explicit_step = 0.0
         self._cost = 0.0  # of a stiff step over an explicit one
+        self._rates: Callable[[float, np.ndarray], np.ndarray] | None = None
         self._mark = float(self.t)  # time at the end of the stiff method's run-up
         self._patience = PATIENCE
         self._proven = False  # whether the last spell paid to its end: then the next is not judged early
@@ -121,7 +122,10 @@ class Automatic(DormandPrince54):
         n, t = self.problem.n, float(self._clock[T])
         x = self._state[:n].copy()
         sizes = np.maximum(np.abs(x), self.atol[:n] / self.rtol[:n])
-        return forward_differences(lambda moved: self.problem.derivative(t, moved), x, sizes)
+        if self._rates is None:
+            self._rates = (replace(self.problem, directions=None) if self.problem.n_directions else self.problem).fun
+        rates = self._rates
+        return forward_differences(lambda moved: rates(t, moved), x, sizes)
 
     def _advance_unwatched(self) -> int:
         tally = self._tally
@@ -215,6 +219,8 @@ class Automatic(DormandPrince54):
             return status
         if goal == RUN_UP:
             self._mark = float(self._clock[T])
+            if not self._pays(2.0 * float(self._clock[STEP])):  # far from it: the rest of the trial would tell the same
+                self._leave(float(self._clock[STEP]))
         elif goal == self._spell:
             self._leave((float(self._clock[T]) - self._since) / self._done)
         elif not self._pays(pace := (float(self._clock[T]) - self._mark) / (JUDGED - RUN_UP)):
