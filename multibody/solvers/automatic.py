@@ -194,14 +194,7 @@ class Automatic(DormandPrince54):
 
     def _partner(self) -> Rodas5P:
         """Return the stiff method on the same clock, state and samples."""
-        fun, options = self._options
-        own = {k: v for k, v in options.items() if k not in ("samples", "first_step")}
-        problem = self._with_tangent()
-        partner = Rodas5P(fun, float(self._clock[T]), self._state, self.t_bound, problem=problem, **own)
-        if problem is self.problem:
-            partner.field = self.field
-        partner._clock, partner._tally, partner._state = self._clock, self._tally, self._state
-        partner._sample_t, partner._sample_y = self._sample_t, self._sample_y
+        partner = Rodas5P.beside(self, self._with_tangent())
         partner._largest = self._work[2 * self.problem.size :]
         return partner
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
@@ -36,6 +37,7 @@ __all__ = ["NativeSolver", "Samples", "StoredSteps"]
 STORE_BYTES = 1 << 20
 CHUNK_BYTES = 1 << 23
 SAMPLED_STEPS = 1 << 14
+LEAST_RTOL = 100 * sys.float_info.epsilon
 
 
 class Samples:
@@ -205,14 +207,14 @@ class NativeSolver(OdeSolver):
         if not max_step > 0.0:
             raise ProblemError(f"max_step must be positive, it is {max_step}")
         span = abs(t_bound - t0)
-        if first_step is not None and not 0.0 < first_step <= max(span, np.finfo(float).tiny):
+        if first_step is not None and not 0.0 < first_step <= max(span, sys.float_info.min):
             raise ProblemError(
                 f"first_step must be positive and within the interval of {span:g} s, it is {first_step}"
             )
         self.problem = problem
         self.y = np.array(self.y, dtype=np.float64)
         self.max_step, self.max_evaluations = max_step, max_evaluations
-        self.rtol = _tolerance("rtol", rtol, problem, 100 * np.finfo(float).eps)
+        self.rtol = _tolerance("rtol", rtol, problem, LEAST_RTOL)
         self.atol = _tolerance("atol", atol, problem)
         if not direction_rtol > 0.0:
             raise ProblemError(f"direction_rtol must be positive, it is {direction_rtol}")
@@ -224,26 +226,42 @@ class NativeSolver(OdeSolver):
         self._driver = load_driver(self.DRIVER)
         self._count = problem.size if control_directions else problem.n
         self._samples = samples
-        size = problem.size
         if samples is not None:
             self._steps = internal_steps or SAMPLED_STEPS
             slots = 1
         else:
-            fitting = STORE_BYTES // (8 * max(size, 1) * (self.STAGES + 1))
-            self._steps = internal_steps or int(np.clip(fitting, 1, 64))
+            fitting = STORE_BYTES // (8 * max(problem.size, 1) * (self.STAGES + 1))
+            self._steps = internal_steps or min(max(fitting, 1), 64)
             slots = self._steps
-        self._store = (np.empty((slots, 2)), np.empty((slots, size)), np.empty((slots, self.STAGES, size)))
-        self._work = np.zeros(3 * size)
+        self._allocate(slots)
         self._state = self.y.copy()
         self._clock = np.zeros(TICKS)
         self._tally = np.zeros(COUNTS, dtype=np.int64)
         self._tally[WANTED] = self._steps
-        self._call: Callable[[], int] | None = None
         self._begin_samples()
         # The driver finds the first step by itself where it is zero.
         begin = 0.0 if first_step is None else first_step
         # Infinity would become nan in products with zero, and no interval is longer than this.
         self._clock[:6] = self.t, begin, LEAST_ERROR, self.t_bound, self.direction, min(max_step, 1e300)
+
+    def _allocate(self, slots: int) -> None:
+        """Make the room in which the driver works, with so many slots for the steps of a call."""
+        size = self.problem.size
+        self._store = (np.empty((slots, 2)), np.empty((slots, size)), np.empty((slots, self.STAGES, size)))
+        self._work = np.zeros(3 * size)
+        self._call: Callable[[], int] | None = None
+
+    @classmethod
+    def beside(cls, other: NativeSolver, problem: NativeProblem) -> Self:
+        """Return this method on clock, state, tolerances and samples of another, for a problem of the same states."""
+        solver = cls.__new__(cls)
+        vars(solver).update(vars(other))
+        solver.problem = problem
+        if problem is not other.problem:
+            solver.field = problem.field(other.tolerance)
+        solver._driver = load_driver(cls.DRIVER)
+        solver._allocate(len(other._store[0]))
+        return solver
 
     def _begin_samples(self) -> None:
         if self._samples is None:

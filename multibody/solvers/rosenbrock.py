@@ -35,6 +35,9 @@ class Rodas5P(NativeSolver):
                 "Rodas5P needs the tangent of the right-hand side: NativeProblem(..., tangent=...)"
             )
         super().__init__(fun, t0, y0, t_bound, problem=problem, **options)
+
+    def _allocate(self, slots: int) -> None:
+        super()._allocate(slots)
         n, size = self.problem.n, self.problem.size
         vectors = 14 * size + 2 * n * n + max(self.problem.table.n_inputs, self.problem.p.size, 1)
         self._work = np.zeros(vectors)
