@@ -216,6 +216,7 @@ def _sensor_column(experiment: Experiment, run: dict[str, np.ndarray], time: np.
     shape = {"offset": np.ones_like(time), "gain": y, "drift": time - time[0], "delay": -np.gradient(y, time)}[
         entry.kind.law
     ]
-    full = np.zeros((time.size, len(experiment.outputs)))
-    full[:, experiment.outputs.index(entry.where)] = shape
-    return experiment.preparation.apply(time, full)[1][:, :, None]
+    prepared = experiment.preparation.apply(time, shape)[1]
+    full = np.zeros((prepared.size, len(experiment.outputs), 1))
+    full[:, experiment.outputs.index(entry.where), 0] = prepared
+    return full

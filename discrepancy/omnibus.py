@@ -10,7 +10,7 @@ decide.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,7 @@ from discrepancy.blocks import Array, Candidate, Residual, Sensitivities
 from discrepancy.null import cut, shuffled
 from discrepancy.result import ScanResult
 from discrepancy.scan import scan
+from discrepancy.verdict import Verdict
 
 if TYPE_CHECKING:
     from discrepancy.stage import Stage
@@ -36,7 +37,7 @@ class Omnibus:
     Attributes
     ----------
     p : float
-        Family-wise p that the residual follows some driver.
+        Family-wise p that the residual follows some driver by an amount that would matter.
     rejects : bool
         True if p is below the level: something is missing or wrong, whatever the catalogue says.
     leading : str
@@ -110,8 +111,10 @@ def with_effect(sens: Sensitivities, candidate: Candidate, shape: int = 0) -> Se
     )
 
 
-def generic_candidates(residual: Residual, drivers: Mapping[str, Sequence[Array]]) -> list[Candidate]:
-    """Delayed copies and free curves of each driver, in each output."""
+def generic_candidates(
+    residual: Residual, drivers: Mapping[str, Sequence[Array]], coarse: Collection[str] = ()
+) -> list[Candidate]:
+    """Delayed copies and free curves of each driver, in each output; no fine curves of the ``coarse`` ones."""
     out = []
     C = len(residual.channels)
 
@@ -127,7 +130,9 @@ def generic_candidates(residual: Residual, drivers: Mapping[str, Sequence[Array]
             continue
         mean = float(np.mean(pooled))
         lags = sorted({round(s / residual.dt) for s in LAGS_S})
-        curves = {"curve": knots_for(pooled, N_TENTS), "fine curve": knots_for(pooled, N_FINE)}
+        curves = {"curve": knots_for(pooled, N_TENTS)}
+        if name not in coarse:
+            curves["fine curve"] = knots_for(pooled, N_FINE)
         for c, channel in enumerate(residual.channels):
             grid = []
             for lag in lags:
@@ -161,16 +166,22 @@ def omnibus_of_stage(stage: Stage, *, level: float, draws: int = 200, seed: int 
 
     facts = Confrontation.of_stage(stage, scan_preparation(stage))
     drivers: dict[str, list[Array]] = {}
+    rates = set()
     for experiment in facts.experiments:
         time = np.asarray(experiment.record.time)
         for name in experiment.inputs:
             u = np.asarray(experiment.record.signals[name].values)
-            for told, x in ((name, u), (f"rate of {name}", np.gradient(u, time))):
+            rates.add(rate := f"rate of {name}")
+            for told, x in ((name, u), (rate, np.gradient(u, time))):
                 drivers.setdefault(told, []).append(np.interp(experiment.time, time, x))
     drivers = {n: x for n, x in drivers.items() if np.ptp(np.concatenate(x)) > 0.0}
     if not drivers:
         return None
-    return omnibus(facts.residual(), facts.sensitivities(), drivers, level=level, draws=draws, seed=seed)
+    floor = [stage.noise[c] for c in facts.residual().channels]
+    return omnibus(
+        facts.residual(), facts.sensitivities(), drivers,
+        level=level, draws=draws, seed=seed, coarse=rates, noise_floor=floor,
+    )  # fmt: skip
 
 
 def omnibus(
@@ -182,6 +193,8 @@ def omnibus(
     level: float = 0.02,
     draws: int = 400,
     seed: int = 0,
+    coarse: Collection[str] = (),
+    noise_floor: Sequence[float] | None = None,
 ) -> Omnibus:
     """Test whether the calibrated residual still follows the machine's motion or inputs.
 
@@ -194,8 +207,10 @@ def omnibus(
         which carry the disturbance themselves.
     moving : sequence of bool ndarray, shape (n_t,), optional
         When the machine moves; adds the variance in motion against rest.
-    level, draws, seed
+    level, draws, seed, noise_floor
         As for `scan`.
+    coarse : collection of str
+        Drivers of which no fine curve is tried, as rates of inputs.
     """
     bad = [
         f"driver {k}: {[len(b) for b in v]} samples for {[len(b) for b in residual.blocks]}"
@@ -204,10 +219,10 @@ def omnibus(
     ]
     if bad:
         raise ValueError("; ".join(bad))
-    r = scan(
-        residual, sensitivities, generic_candidates(residual, drivers), level=level, draws=draws, seed=seed
-    )
-    best = min(r.rows, key=lambda x: x.p) if r.rows else None
+    generic = generic_candidates(residual, drivers, coarse)
+    r = scan(residual, sensitivities, generic, level=level, draws=draws, seed=seed, noise_floor=noise_floor)
+    matter = [row for row in r.rows if row.verdict is not Verdict.NEGLIGIBLE]
+    best = min(matter, key=lambda x: x.p) if matter else None
     p = best.p if best else 1.0
     symptoms = {"portmanteau": _portmanteau(r), "low-frequency energy": _low_frequency(r)}
     if moving is not None:

@@ -99,6 +99,15 @@ class Projection:
             stacked -= self.basis @ (self.basis.T @ stacked)
         return stacked
 
+    def take_out(self, stacked: Array) -> Array:
+        """(I − P) applied in place; return the parameter changes that stand for what was removed, (n_theta, …)."""
+        self.remove_local(stacked)
+        inside = self.basis.T @ stacked
+        if self.basis.shape[1]:
+            stacked -= self.basis @ inside
+        out: Array = self.solve @ inside
+        return out
+
     def remove_local(self, stacked: Array) -> Array:
         """Remove each block's nuisance directions, in place."""
         for b, q in enumerate(self.local):

@@ -7,7 +7,7 @@ done to the null as well.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,7 +22,11 @@ MIN_WINDOW = 16
 # Norm of a column relative to the largest value on the candidate's own shape grid.
 NOT_EXCITED = 1e-9
 ABSORBED = 1.0 - 1e-6
+CANCELLED = 1e-2  # share of a column's energy left by a projection below which it is projected again
 TOGETHER = 128  # columns that are projected in one product
+# What a column must explain to be worth removing, as a log-likelihood; columns looked at closely for that.
+PER_COLUMN = 8.0
+SHORTLIST = 256
 
 
 @dataclass(frozen=True)
@@ -67,61 +71,144 @@ def prepare_columns(
     uncertain: str = "the uncertain parameters",
 ) -> Columns:
     """Project and orthonormalise; ``whitened`` holds (candidate, shape, one_sided, columns (n_rows, k))."""
-    parts, groups, Rs, absorbed = [], [], [], []
+    groups, Rs, absorbed = [], [], []
     kappa: dict[tuple[int, int], float] = {}
     dropped: dict[tuple[int, int], str] = {}
-    start = 0
+    sizes = [Z.shape[1] for *_, Z in whitened]
+    Zall = np.empty((projection.layout.n_rows, sum(sizes)))
+    looked = list(_orthonormal(whitened, projection, Zall))
     strongest: dict[int, float] = {}
-    for cand, _, _, Z in whitened:
-        strongest[cand] = max(strongest.get(cand, 0.0), float(np.max(np.abs(Z), initial=0.0)))
-    for (cand, shape, one_sided, Z), (theta, Zp) in zip(whitened, _projected(whitened, projection), strict=True):
-        key = (cand, shape)
-        norm = np.linalg.norm(Z, axis=0)
-        if not np.all(norm > NOT_EXCITED * strongest[cand]) or strongest[cand] == 0.0:
-            dropped[key] = "not excited: these records never make it act"
-            kappa[key] = float("nan")
+    for (cand, *_), one in zip(whitened, looked, strict=True):
+        strongest[cand] = max(strongest.get(cand, 0.0), one.peak)
+    kept = np.ones(Zall.shape[1], dtype=bool)
+    start, at = 0, 0
+    for (cand, shape, one_sided, _), one, k in zip(whitened, looked, sizes, strict=True):
+        key, own, at = (cand, shape), slice(at, at + k), at + k
+        if not np.all(one.norm > NOT_EXCITED * strongest[cand]) or strongest[cand] == 0.0:
+            dropped[key], kappa[key] = "not excited: these records never make it act", float("nan")
+            kept[own] = False
             continue
-        kept = float(np.sum(Zp**2) / np.sum(Z**2))
-        kappa[key] = 1.0 - kept
-        q, r = np.linalg.qr(Zp / norm)
-        least = np.linalg.svd(r, compute_uv=False)[-1]
-        if kappa[key] > ABSORBED or least**2 < 1.0 - ABSORBED:
+        kappa[key] = one.kappa
+        if one.kappa > ABSORBED or one.R is None:
             dropped[key] = f"not identifiable: {uncertain} can imitate it entirely"
+            kept[own] = False
             continue
-        flip = np.sign(np.diag(r))
-        k = Z.shape[1]
-        parts.append(q * flip)
-        Rs.append((r * flip[:, None]) * norm)
-        absorbed.append(theta)
+        Rs.append(one.R)
+        absorbed.append(one.theta)
         groups.append(Group(cand, shape, slice(start, start + k), one_sided))
         start += k
-    rows = projection.layout.n_rows
-    Zall = np.concatenate(parts, axis=1) if parts else np.zeros((rows, 0))
-    return Columns(Zall, groups, Rs, absorbed, kappa, dropped)
+    return Columns(Zall if kept.all() else Zall[:, kept], groups, Rs, absorbed, kappa, dropped)
 
 
-def _projected(
-    whitened: list[tuple[int, int, bool, Array]], projection: Projection
-) -> Iterator[tuple[Array, Array]]:
-    """Yield what calibration makes of each candidate's columns, and what is left of them; many columns at a time."""
+@dataclass(frozen=True)
+class _Projected:
+    """What projection and orthonormalisation found out about the columns of one group.
+
+    Attributes
+    ----------
+    norm : ndarray, shape (k,)
+        Before the projection.
+    peak : float
+    kappa : float
+    R : ndarray, shape (k, k), or None
+        None where what is left of the columns is linearly dependent.
+    theta : ndarray, shape (n_theta, k)
+    """
+
+    norm: Array
+    peak: float
+    kappa: float
+    R: Array | None
+    theta: Array
+
+
+def _orthonormal(
+    whitened: list[tuple[int, int, bool, Array]], projection: Projection, out: Array
+) -> Iterator[_Projected]:
+    """Write orthonormal columns of each group into ``out``; by Cholesky and many groups at a time, which is fastest."""
     waiting = list(whitened)
+    at = 0
     while waiting:
         taken, width = 0, 0
         while taken < len(waiting) and (taken == 0 or width + waiting[taken][3].shape[1] <= TOGETHER):
             width += waiting[taken][3].shape[1]
             taken += 1
-        parts = [Z for *_, Z in waiting[:taken]]
-        del waiting[:taken]
-        together = np.concatenate(parts, axis=1)
-        theta = projection.parameters(together)
-        projection.remove(together)
-        # A second pass removes what rounding left of nearly collinear columns.
-        projection.remove(together)
+        together = np.concatenate([Z for *_, Z in waiting[:taken]], axis=1)
+        norm = np.sqrt(np.einsum("ij,ij->j", together, together))
+        peak = np.maximum(together.max(axis=0, initial=0.0), -together.min(axis=0, initial=0.0))
+        theta = projection.take_out(together)
+        left = np.einsum("ij,ij->j", together, together)
+        if np.any(left < CANCELLED * norm**2):  # remove what rounding left of nearly collinear columns
+            projection.remove(together)
+        scale = np.where(norm > 0.0, norm, 1.0)
+        straight = np.zeros((width, width))
         first = 0
-        for Z in parts:
+        for *_, Z in waiting[:taken]:
             own = slice(first, first + Z.shape[1])
-            yield theta[:, own], np.ascontiguousarray(together[:, own])
+            part = together[:, own]
+            gram = part.T @ part / np.outer(scale[own], scale[own])
+            R = None
+            if np.linalg.eigvalsh(gram)[0] >= 1.0 - ABSORBED:
+                r = np.linalg.cholesky(gram).T
+                straight[own, own] = np.linalg.inv(r) / scale[own, None]
+                R = r * norm[own]
+            total = float(np.sum(norm[own] ** 2))
+            share = float(np.diag(gram) @ norm[own] ** 2) / total if total > 0.0 else 0.0
+            yield _Projected(norm[own], float(peak[own].max(initial=0.0)), 1.0 - share, R, theta[:, own])
             first = own.stop
+        np.matmul(together, straight, out=out[:, at : at + width])
+        at += width
+        del waiting[:taken]
+
+
+def most_explaining(columns: Columns, e: Array) -> Columns:
+    """Return the groups that explain most of a projected residual, some `SHORTLIST` columns of them.
+
+    Parameters
+    ----------
+    columns : Columns
+    e : ndarray, shape (n_rows,)
+    """
+    if columns.Z.shape[1] <= SHORTLIST:
+        return columns
+    size = np.array([g.cols.stop - g.cols.start for g in columns.groups])
+    used = allowed(columns, (columns.Z.T @ e)[:, None])[:, 0]
+    worth = np.add.reduceat(used**2, [g.cols.start for g in columns.groups]) - PER_COLUMN * size
+    order = np.argsort(-worth, kind="stable")
+    keep = np.sort(order[: max(1, int(np.searchsorted(np.cumsum(size[order]), SHORTLIST, side="right")))])
+    ends = np.cumsum(size[keep])
+    groups = [
+        replace(columns.groups[i], cols=slice(int(z - k), int(z)))
+        for i, k, z in zip(keep, size[keep], ends, strict=True)
+    ]
+    return Columns(
+        np.concatenate([columns.Z[:, columns.groups[i].cols] for i in keep], axis=1),
+        groups,
+        [columns.R[i] for i in keep],
+        [columns.absorbed[i] for i in keep],
+        columns.kappa,
+        columns.dropped,
+    )
+
+
+def allowed(columns: Columns, A: Array) -> Array:
+    """Return amplitudes (n_columns, m) that their signs allow: a wrong sign counts as zero."""
+    used = A.copy()
+    for i, g in enumerate(columns.groups):
+        if not g.one_sided:
+            continue
+        part = A[g.cols]
+        R = columns.R[i]
+        if part.shape[0] == 1:
+            used[g.cols] = np.maximum(part, 0.0)
+            continue
+        raw = np.linalg.solve(R, part)
+        d = R / np.linalg.norm(R, axis=0)
+        along = np.maximum(d.T @ part, 0.0)
+        pick = np.argmax(along, axis=0)
+        single = d[:, pick] * along[pick, np.arange(part.shape[1])]
+        used[g.cols] = np.where(np.all(raw >= 0, axis=0), part, single)
+    return used
 
 
 @dataclass(frozen=True)
@@ -163,7 +250,7 @@ class Scorer:
         """
         Z = self.columns.Z
         A = Z.T @ E
-        used = self._one_sided(A)
+        used = allowed(self.columns, A)
         lm = self._sum(used**2)
         N = E if noise is None else noise
         cross = self.variance.bands.cross(N)
@@ -183,7 +270,7 @@ class Scorer:
 
         The candidate's own fit is removed first; ``e`` has shape (n_rows,).
         """
-        a = self._one_sided((self.columns.Z.T @ e)[:, None])[:, 0]
+        a = allowed(self.columns, (self.columns.Z.T @ e)[:, None])[:, 0]
         num = np.zeros(len(self.columns.groups))
         den = np.zeros_like(num)
         level_d = 0.0
@@ -231,25 +318,6 @@ class Scorer:
                 part = a[g.cols]
                 out[i] = np.einsum("cm,cd,dm->m", part, self.variance.own[i], part)
         return out
-
-    def _one_sided(self, A: Array) -> Array:
-        """Amplitudes allowed by sign: a wrong sign counts as zero."""
-        used = A.copy()
-        for i, g in enumerate(self.columns.groups):
-            if not g.one_sided:
-                continue
-            part = A[g.cols]
-            R = self.columns.R[i]
-            if part.shape[0] == 1:
-                used[g.cols] = np.maximum(part, 0.0)
-                continue
-            raw = np.linalg.solve(R, part)
-            d = R / np.linalg.norm(R, axis=0)
-            along = np.maximum(d.T @ part, 0.0)
-            pick = np.argmax(along, axis=0)
-            single = d[:, pick] * along[pick, np.arange(part.shape[1])]
-            used[g.cols] = np.where(np.all(raw >= 0, axis=0), part, single)
-        return used
 
     def raw_amplitude(self, group: int, a: Array) -> tuple[Array, Array]:
         """Amplitude in the candidate's unit and its covariance for λ = 1."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from discrepancy.blocks import Array, Candidate, Residual, Sensitivities
 from discrepancy.projection import Layout, Projection, project
-from discrepancy.score import Columns, Scorer, Scores, make_scorer, prepare_columns
+from discrepancy.score import PER_COLUMN, Columns, Scorer, Scores, make_scorer, most_explaining, prepare_columns
 from discrepancy.whitening import Whitener, fit_whitener, identity
 
 # Surprise (−ln p of one column) above which an effect is kept out of the whitening fit.
@@ -35,9 +35,14 @@ class Whitened:
 
 
 def whiten_all(
-    whitener: Whitener, residual: Residual, sens: Sensitivities, candidates: Sequence[Candidate]
+    whitener: Whitener,
+    residual: Residual,
+    sens: Sensitivities,
+    candidates: Sequence[Candidate],
+    *,
+    shortlist: bool = False,
 ) -> Whitened:
-    """Whiten and project residual, sensitivities and candidates."""
+    """Whiten and project residual, sensitivities and candidates; on request keep only those that explain most."""
     has_prior = np.isfinite(sens.prior_std)
     layout = Layout(tuple(len(b) for b in residual.blocks), len(residual.channels), int(has_prior.sum()))
     proj = project(whitener, sens, layout)
@@ -45,6 +50,8 @@ def whiten_all(
     e = proj.remove(e_raw.copy())
     # One scale for all channels keeps their relative weight and makes the noise variance one.
     columns = prepare_columns(_stacked(layout, whitener, candidates), proj)
+    if shortlist:
+        columns = most_explaining(columns, e)
     scorer = make_scorer(columns, proj, residual.dt) if columns.groups else None
     return Whitened(whitener, proj, e_raw, e, columns, scorer)
 
@@ -60,7 +67,7 @@ def _stacked(
     white = layout.stack(whitener, together)
     ends = np.cumsum([cols[0].shape[2] for *_, cols in entries])
     parts = np.split(white, ends[:-1], axis=1)
-    return [(i, j, one, np.ascontiguousarray(z)) for (i, j, one, _), z in zip(entries, parts, strict=True)]
+    return [(i, j, one, z) for (i, j, one, _), z in zip(entries, parts, strict=True)]
 
 
 def louder(s: Scores, scorer: Scorer, e: Array) -> Scores:
@@ -109,7 +116,7 @@ def remove_effects(w: Whitened, limit: int, least_u: float) -> Clean:
         if u.max() < least_u:
             break
         # Among those that stand out, the one that explains most, as a fit would choose.
-        i = int(np.argmax(np.where(u >= least_u, s.lm[:, 0] - 8.0 * scorer_k, -np.inf)))
+        i = int(np.argmax(np.where(u >= least_u, s.lm[:, 0] - PER_COLUMN * scorer_k, -np.inf)))
         chosen.append(i)
         cols = Z[:, w.columns.groups[i].cols]
         q = cols - basis @ (basis.T @ cols)
@@ -187,7 +194,7 @@ def fit_whitened(
     """Fit the whitening on what is left without calibration and the best candidates, and whiten everything with it."""
     if whitener is not None:
         return whiten_all(whitener, residual, sens, candidates)
-    w = whiten_all(start_whitener(residual, sens), residual, sens, candidates)
+    w = whiten_all(start_whitener(residual, sens), residual, sens, candidates, shortlist=True)
     for r in range(rounds):
         groups: tuple[int, ...] = ()
         if w.scorer is not None and clean:
@@ -195,5 +202,5 @@ def fit_whitened(
             groups = remove_effects(w, clean, least).groups
         raw = raw_residual(w, residual, sens, candidates, groups)
         fitted = fit_whitener(raw, residual.dt, residual.channels, max_order=max_order)
-        w = whiten_all(fitted, residual, sens, candidates)
+        w = whiten_all(fitted, residual, sens, candidates, shortlist=r + 1 < rounds)
     return w

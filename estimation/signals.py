@@ -41,14 +41,19 @@ def _step(time: np.ndarray) -> float:
 
 
 def _design(cutoff_hz: float, step: float) -> np.ndarray:
-    from scipy.signal import butter
-
     nyquist = 0.5 / step
     if not 0.0 < cutoff_hz < nyquist:
         raise SignalError(
             f"low-pass at {cutoff_hz:g} Hz must lie between 0 and half the sampling rate, {nyquist:g} Hz"
         )
-    return np.asarray(butter(_ORDER, cutoff_hz / nyquist, output="sos"))
+    return _butterworth(cutoff_hz / nyquist)
+
+
+@lru_cache(maxsize=32)
+def _butterworth(relative: float) -> np.ndarray:
+    from scipy.signal import butter
+
+    return np.asarray(butter(_ORDER, relative, output="sos"))
 
 
 def edge_time(cutoff_hz: float) -> float:

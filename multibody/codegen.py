@@ -7,7 +7,7 @@ it is the same text that is hashed for the cache on disk.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -54,8 +54,8 @@ class Source:
     Parameters
     ----------
     texts : mapping of str
-        Python source of each of the functions ``rhs``, ``outputs``, ``rhs_tangent``, ``outputs_tangent`` and
-        ``rhs_columns``, which is ``rhs_tangent`` along states alone.
+        Python source of each of the functions ``rhs``, ``outputs``, ``speeds``, ``rhs_tangent``,
+        ``outputs_tangent`` and ``rhs_columns``, which is ``rhs_tangent`` along states alone.
         Each stands in a file of its own: functions with the same text then share one compiled version,
         whatever else their models have.
     sparsity : ndarray of bool, shape (n, n)
@@ -66,8 +66,10 @@ class Source:
     sparsity: np.ndarray
 
 
-def generate(work: Assembly) -> Source:
+def generate(work: Assembly, speeds: Sequence[str] = ()) -> Source:
     """Order the equations of an assembled model and write them out.
+
+    ``speeds`` are the states and outputs that the function ``speeds`` writes.
 
     Raises
     ------
@@ -76,12 +78,14 @@ def generate(work: Assembly) -> Source:
     """
     rates = [work.derivatives[q.variable] for q in work.states]
     shown = [q.variable for q in work.outputs]
+    variables = {q.name: q.variable for q in (*work.outputs, *work.states)}
+    passing = [variables[name] for name in speeds]
     try:
         kernel_texts, tangents = kernel_sources(work.kernels, work.statements)
     except EquationError as error:
         raise ModelError(work.name, str(error).splitlines()) from error
     unknowns = [u.variable for u in work.unknowns]
-    rate_items, output_items, unknown_items = ordered(work, rates, shown, unknowns)
+    rate_items, output_items, unknown_items, speed_items = ordered(work, rates, shown, unknowns, passing)
     if blocks := [item for item in unknown_items if isinstance(item, Block)]:
         from multibody.solvability import unsolvable
 
@@ -99,12 +103,14 @@ def generate(work: Assembly) -> Source:
     def written(name: str) -> str:
         of_outputs, tangent = name.startswith("outputs"), name.endswith(("_tangent", "_columns"))
         items, wanted = (output_items, shown) if of_outputs else (rate_items, rates)
-        result = "out" if tangent else "y" if of_outputs else "dx"
+        if name == "speeds":
+            items, wanted = speed_items, passing
+        result = "out" if tangent else "dx" if name == "rhs" else "y"
         along = ("x",) if name.endswith("_columns") else ("x", "u", "p")
         body = _function(work, name, result, items, wanted, tangent=tangent, along=along)
         return "\n\n".join([_HEADER, *kernel_texts, *(tangents() if "_tangent(" in body else ()), body]) + "\n"
 
-    texts = Texts(("rhs", "outputs", "rhs_tangent", "outputs_tangent", "rhs_columns"), text)
+    texts = Texts(("rhs", "outputs", "speeds", "rhs_tangent", "outputs_tangent", "rhs_columns"), text)
     for name in ("rhs", "outputs"):  # what cannot be written is told when the model is built
         texts[name]
     deps = dependencies(rate_items, [q.variable for q in work.states])

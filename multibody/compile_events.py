@@ -46,12 +46,12 @@ def listen_to_numba() -> None:
         def on_start(self, event: Any) -> None:
             function = event.data["dispatcher"].py_func
             self.open.append((function.__name__, time.perf_counter()))
-            if len(self.open) == 1 and function.__module__.startswith("vtsdt_native_"):
+            if len(self.open) == 1 and (function.__module__ or "").startswith("vtsdt_native_"):
                 tell(function.__name__, None)
 
         def on_end(self, event: Any) -> None:
             name, begun = self.open.pop()
-            module = event.data["dispatcher"].py_func.__module__
+            module = event.data["dispatcher"].py_func.__module__ or ""
             if not self.open and module.startswith("vtsdt_native_"):
                 tell(name, time.perf_counter() - begun)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from multibody.component import nearest
 from multibody.errors import SimulationError
+from multibody.passing import Feature, features, finer_step, step_over_time
 from multibody.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -63,8 +64,9 @@ def simulate(
     rtol, atol : float
         Tolerances of the integrator.
     max_step : float, s, optional
-        Largest step; by default no step jumps over a break of an input (see `multibody.input_breaks`) or over a feature
-        of a component.
+        Largest step; by default no step jumps over a break of an input (see `multibody.input_breaks`) or over something
+        narrow that passes by (see `multibody.passing`): the compiled methods look at its speed in every step, and a run
+        by a method of SciPy that turns out to have jumped is made again with shorter steps.
     events : callable or list, optional
         As in ``solve_ivp``, functions of ``(t, x)``; what they found is in ``statistics["events"]``.
 
@@ -94,14 +96,26 @@ def simulate(
     p, x0 = system.parameter_vector(parameters), system.state_vector(initial)
     functions = {} if not isinstance(inputs, Mapping) else {k: v for k, v in inputs.items() if callable(v)}
     table = input_table(system, inputs, interpolation=interpolation)
-    limit = max_step if max_step is not None else np.inf
-    run = _run(system, table, functions, p, x0, (t0, t1), times, method, rtol, atol, limit, events)
+    passing = features(system, p) if max_step is None else []
+    limit = step_over_time(passing) if max_step is None else max_step
+    watched, left = _watched(passing) if method in ("auto", *NATIVE) and not functions else ({}, passing)
+    given = (table, functions, p, x0, (t0, t1), times, method, rtol, atol)
+    run = _run(system, *given, limit, events, watched)
     for _ in range(_FEATURE_RUNS):  # a run that jumped over a motion does not show the speeds that it has
-        if max_step is not None or (finer := _feature_step(system, run, limit)) is None:
+        if not left or (finer := finer_step(run, left, limit)) is None:
             break
         limit = finer
-        run = _run(system, table, functions, p, x0, (t0, t1), times, method, rtol, atol, limit, events)
+        run = _run(system, *given, limit, events, watched)
     return run
+
+
+def _watched(passing: list[Feature]) -> tuple[dict[str, float], list[Feature]]:
+    """Return the least width by speed of what the compiled methods look at in every step, and what is left."""
+    widths: dict[str, float] = {}
+    for feature in passing:
+        if feature.speed != "time" and not isinstance(feature.width, str):
+            widths[feature.speed] = min(feature.width, widths.get(feature.speed, np.inf))
+    return widths, [f for f in passing if isinstance(f.width, str)]
 
 
 def input_table(
@@ -196,8 +210,12 @@ def native_problem(
     *,
     tangent: bool = False,
     in_lanes: bool = False,
+    widths: Mapping[str, float] | None = None,
 ) -> NativeProblem:
-    """Return the initial value problem of a system for the compiled solvers; see `NativeProblem`."""
+    """Return the initial value problem of a system for the compiled solvers; see `NativeProblem`.
+
+    ``widths`` are those of what passes by, for names in ``system.speed_names``.
+    """
     from multibody.solvers.problem import NativeProblem
 
     wants_tangent = tangent or directions is not None
@@ -213,6 +231,8 @@ def native_problem(
         pattern=system.sparsity if wants_tangent else None,
         state_names=system.state_names,
         in_lanes=in_lanes,
+        speeds=system.speeds_function if widths else None,
+        widths=np.array([widths.get(n, np.inf) for n in system.speed_names]) if widths else None,
     )
 
 
@@ -229,6 +249,7 @@ def _run(
     atol: float | np.ndarray,
     limit: float,
     events: Any,
+    widths: dict[str, float],
 ) -> Trajectory:
     name, why = _method(system, method, functions)
     if not system.states:
@@ -243,12 +264,11 @@ def _run(
         from multibody.solvers.automatic import in_words
 
         cls = getattr(solvers, name)
-        problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"))
+        problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"), widths=widths)
         history: list[tuple[float, str]] = []
         if name == "Automatic":
-            options |= {
-                "stiff_problem": lambda: native_problem(system, p, table, tangent=True), "history": history
-            }  # fmt: skip
+            options["stiff_problem"] = lambda: native_problem(system, p, table, tangent=True, widths=widths)
+            options["history"] = history
         solution = solvers.integrate(problem, span, x0, t_eval=times, method=cls, events=events, **options)
         if name == "Automatic":
             why = in_words(history, float(solution.t[-1]))
@@ -330,45 +350,3 @@ def _failure(system: System, solution: Any, x0: np.ndarray, span: tuple[float, f
         "or a parameter far from its usual size."
     )
 
-
-def _feature_step(system: System, run: Trajectory, limit: float) -> float | None:
-    """Return a smaller largest step when a step could have jumped over a feature, else None."""
-    finest = limit
-    for owner, component in system.model.components.items():
-        for width_name, speed_name in getattr(component, "features", {}).items():
-            if width_name in component.tables:
-                width = _closest(component.tables[width_name][0])
-            elif width_name in component.values:
-                width = float(run.p[system.index("parameter", f"{owner}.{width_name}")])
-            else:
-                width = float(np.min(np.abs(run[f"{owner}.{width_name}"])))
-            speed = 1.0 if speed_name == "time" else _fastest(run, f"{owner}.{speed_name}")
-            if speed > 0.0 and width > 0.0:
-                finest = min(finest, 0.5 * width / speed)
-    for given, signal in system.model.features.values():
-        speed = _fastest(run, signal)
-        if isinstance(given, str):
-            owner, _, table = given.partition(".")
-            held = system.model.components.get(owner)
-            if held is None or table not in held.tables:
-                continue
-            given = _closest(held.tables[table][0])
-        if speed > 0.0 and given > 0.0:
-            finest = min(finest, 0.5 * given / speed)
-    if float(run.statistics.get("longest_step", np.inf)) <= finest:
-        return None
-    return finest if finest < 0.8 * limit else None  # the same speed, sampled anew, is no reason to run again
-
-
-def _closest(points: Any) -> float:
-    """Return the least distance of a table's points; two points nearer than a millionth of its length are one."""
-    x = np.asarray(points, dtype=float)
-    apart = np.diff(x)
-    return float(np.min(apart[apart > 1e-6 * (x[-1] - x[0])], initial=np.inf))
-
-
-def _fastest(run: Trajectory, signal: str) -> float:
-    """Return the largest magnitude of a signal; zero if the system does not have it."""
-    if signal not in run.system.state_names and signal not in run.system.output_names:
-        return 0.0
-    return float(np.max(np.abs(run[signal]), initial=0.0))

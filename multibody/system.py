@@ -15,6 +15,7 @@ from multibody.codegen import generate
 from multibody.component import nearest
 from multibody.equation_set import Quantity
 from multibody.errors import EquationError, ModelError
+from multibody.passing import speed_signals
 from multibody.places import Place
 from multibody.units import UnitError, quantity
 
@@ -64,7 +65,10 @@ class System:
         compiled: bool = True,
     ):
         work = assemble(model, probes=probes, energy=energy, outputs=outputs)
-        source = generate(work)
+        known = {q.name for q in (*work.outputs, *work.states)}
+        #: states and outputs at whose speeds something narrow passes by (see `multibody.passing`)
+        self.speed_names = speed_signals(model, known)
+        source = generate(work, self.speed_names)
         self.model = model
         self.name = model.name
         self.texts = source.texts
@@ -213,6 +217,11 @@ class System:
     def outputs_function(self) -> NativeFunction:
         """The outputs as a native function ``outputs(t, x, u, p, y)``."""
         return self._native("outputs")
+
+    @cached_property
+    def speeds_function(self) -> NativeFunction:
+        """The speeds named by ``speed_names`` as a native function ``speeds(t, x, u, p, y)``."""
+        return self._native("speeds")
 
     @cached_property
     def rhs_tangent(self) -> NativeFunction:

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 __all__ = ["COMMANDS", "MODELS", "main", "shipped", "warm"]
 
 _PARTS = {"rhs_function": "rates", "outputs_function": "outputs", "rhs_tangent": "Jacobian of the rates",
-          "rhs_columns": "its columns side by side", "outputs_tangent": "Jacobian of the outputs"}  # fmt: skip
+          "rhs_columns": "its columns side by side", "outputs_tangent": "Jacobian of the outputs",
+          "speeds_function": "speeds of what passes by"}  # fmt: skip
 
 
 #: The shipped models by the names that the command takes: what builds each, in its own package.

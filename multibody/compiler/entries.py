@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from multibody.compiler.kinds import FLOAT, INT, TRUTH, Array, Kind, Outside, address_of, kind_of_argument
+from multibody.compiler.kinds import FLOAT, INT, TRUTH, Array, Kind, Outside, kind_and_address, kind_of_argument
 
 __all__ = ["Entry", "Inner", "Instruction", "module_texts"]
 
@@ -79,13 +79,21 @@ class _Native:
             call = functools.partial(self._function, *given)
             call.keep = keep  # type: ignore[attr-defined]
             return call
-        out = np.zeros(len(self._returns), dtype=np.int64)
-        real, function, address = out.view(np.float64), self._function, out.ctypes.data
+        out = (ctypes.c_int64 * len(self._returns))()
+        address, function = ctypes.addressof(out), self._function
+        if self._returns == ("int",):
+
+            def call_and_tell(keep: Any = keep) -> Any:
+                function(*given, address)
+                return out[0]
+
+            return call_and_tell
+        real = (ctypes.c_double * len(out)).from_buffer(out)
         read = [real if kind == FLOAT else out for kind in self._returns]
 
         def call_and_read(keep: Any = keep) -> Any:
             function(*given, address)
-            found = [part[k].item() for k, part in enumerate(read)]
+            found = [part[k] for k, part in enumerate(read)]
             return found[0] if len(found) == 1 else tuple(found)
 
         return call_and_read
@@ -109,10 +117,15 @@ class Entry(Inner):
         kinds: list[Kind] = []
         given: list[Any] = []
         for value in arguments:
-            kinds.append(kind_of_argument(value))
             if isinstance(value, np.ndarray):
-                given.append(address_of(value))
+                kind, address = kind_and_address(value)
+                kinds.append(kind)
+                given.append(address)
                 given += value.shape
+                continue
+            kinds.append(kind_of_argument(value))
+            if type(value) is int:
+                given.append(value)
             else:
                 given.append(value.item() if isinstance(value, np.generic) else value)
         known = tuple(map(id, kinds))  # each kind is one object for ever; its own hash takes longer than the search

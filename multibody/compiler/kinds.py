@@ -10,7 +10,7 @@ import numpy as np
 
 __all__ = [
     "FLOAT", "FLOATS", "INT", "INTS", "NOTHING", "TRUTH", "Array", "Kind", "Lanes", "LanesAt", "Outside", "Value",
-    "address_of", "element", "joined", "kind_of_argument", "llvm_type", "real",
+    "address_of", "element", "joined", "kind_and_address", "kind_of_argument", "llvm_type", "real",
 ]  # fmt: skip
 
 
@@ -52,6 +52,7 @@ _RANK = {TRUTH: 0, INT: 1, FLOAT: 2}
 _PLAIN: dict[type, Kind] = {int: INT, float: FLOAT, bool: TRUTH, np.int64: INT, np.float64: FLOAT}
 _REAL, _WHOLE = np.dtype(np.float64), np.dtype(np.int64)
 _HELD = {np.dtype(k).str: [Array(of, n) for n in range(8)] for k, of in ((np.float64, FLOAT), (np.int64, INT))}
+_REALS, _WHOLES = _HELD[_REAL.str], _HELD[_WHOLE.str]
 
 
 @dataclass(frozen=True)
@@ -124,11 +125,7 @@ def kind_of_argument(value: Any) -> Kind:
     if found is not None:
         return found
     if isinstance(value, np.ndarray):
-        own = value.dtype
-        held = _HELD[_REAL.str] if own is _REAL else _HELD[_WHOLE.str] if own is _WHOLE else _HELD.get(own.str)
-        if held is None or not value.flags.c_contiguous:
-            raise TypeError(f"compiled code takes contiguous arrays of float64 or int64, not {value.dtype}")
-        return held[value.ndim]
+        return kind_and_address(value)[0]
     if isinstance(value, bool | np.bool_):
         return TRUTH
     if isinstance(value, int | np.integer):
@@ -136,6 +133,20 @@ def kind_of_argument(value: Any) -> Kind:
     if isinstance(value, float | np.floating):
         return FLOAT
     raise TypeError(f"compiled code takes numbers and arrays, not {type(value).__name__}")
+
+
+def kind_and_address(array: np.ndarray) -> tuple[Kind, int]:
+    """Return the kind of an array, as `kind_of_argument` does, and the address of its first element."""
+    own = array.dtype
+    held = _REALS if own is _REAL else _WHOLES if own is _WHOLE else _HELD.get(own.str)
+    try:
+        address = ctypes.addressof(_NOTHING_OF(array))  # type: ignore[arg-type]
+    except (TypeError, ValueError):  # not writable, or not contiguous
+        held = held if array.flags.c_contiguous else None
+        address = int(array.__array_interface__["data"][0])
+    if held is None:
+        raise TypeError(f"compiled code takes contiguous arrays of float64 or int64, not {array.dtype}")
+    return held[array.ndim], address
 
 
 def address_of(array: np.ndarray) -> int:

@@ -87,6 +87,7 @@ class Automatic(DormandPrince54):
         self._since = float(self.t)  # time of the last change
         self._explicit_step = 0.0
         self._cost = 0.0  # of a stiff step over an explicit one
+        self._rates: Callable[[float, np.ndarray], np.ndarray] | None = None
         self._mark = float(self.t)  # time at the end of the stiff method's run-up
         self._patience = PATIENCE
         self._proven = False  # whether the last spell paid to its end: then the next is not judged early
@@ -121,7 +122,10 @@ class Automatic(DormandPrince54):
         n, t = self.problem.n, float(self._clock[T])
         x = self._state[:n].copy()
         sizes = np.maximum(np.abs(x), self.atol[:n] / self.rtol[:n])
-        return forward_differences(lambda moved: self.problem.derivative(t, moved), x, sizes)
+        if self._rates is None:
+            self._rates = (replace(self.problem, directions=None) if self.problem.n_directions else self.problem).fun
+        rates = self._rates
+        return forward_differences(lambda moved: rates(t, moved), x, sizes)
 
     def _advance_unwatched(self) -> int:
         tally = self._tally
@@ -190,14 +194,7 @@ class Automatic(DormandPrince54):
 
     def _partner(self) -> Rodas5P:
         """Return the stiff method on the same clock, state and samples."""
-        fun, options = self._options
-        own = {k: v for k, v in options.items() if k not in ("samples", "first_step")}
-        problem = self._with_tangent()
-        partner = Rodas5P(fun, float(self._clock[T]), self._state, self.t_bound, problem=problem, **own)
-        if problem is self.problem:
-            partner.field = self.field
-        partner._clock, partner._tally, partner._state = self._clock, self._tally, self._state
-        partner._sample_t, partner._sample_y = self._sample_t, self._sample_y
+        partner = Rodas5P.beside(self, self._with_tangent())
         partner._largest = self._work[2 * self.problem.size :]
         return partner
 
@@ -215,6 +212,8 @@ class Automatic(DormandPrince54):
             return status
         if goal == RUN_UP:
             self._mark = float(self._clock[T])
+            if not self._pays(2.0 * float(self._clock[STEP])):  # far from it: the rest of the trial would tell the same
+                self._leave(float(self._clock[STEP]))
         elif goal == self._spell:
             self._leave((float(self._clock[T]) - self._since) / self._done)
         elif not self._pays(pace := (float(self._clock[T]) - self._mark) / (JUDGED - RUN_UP)):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
@@ -19,10 +20,10 @@ from multibody.solvers.kernels.stepping import (
     FINISHED,
     FIRST,
     JACOBIANS,
+    LEAST_ERROR,
     LONGEST,
     MORE,
     SAMPLE,
-    STEP,
     TICKS,
     TOO_SMALL,
     WANTED,
@@ -36,6 +37,7 @@ __all__ = ["NativeSolver", "Samples", "StoredSteps"]
 STORE_BYTES = 1 << 20
 CHUNK_BYTES = 1 << 23
 SAMPLED_STEPS = 1 << 14
+LEAST_RTOL = 100 * sys.float_info.epsilon
 
 
 class Samples:
@@ -112,9 +114,9 @@ class StoredSteps(DenseOutput):
         return out[0] if np.ndim(t) == 0 else out.T
 
 
-def _tolerance(name: str, value: Any, problem: NativeProblem) -> np.ndarray:
+def _tolerance(name: str, value: Any, problem: NativeProblem, least: float = 0.0) -> np.ndarray:
     if type(value) is float and problem.directions is None and 0.0 <= value < np.inf:
-        return np.full(problem.n, value)
+        return np.full(problem.n, max(value, least))
     given = np.asarray(value, dtype=np.float64)
     if given.shape not in ((), (problem.n,), (problem.size,)):
         raise ProblemError(
@@ -122,6 +124,7 @@ def _tolerance(name: str, value: Any, problem: NativeProblem) -> np.ndarray:
         )
     if not np.all(np.isfinite(given)) or np.any(given < 0.0):
         raise ProblemError(f"{name} must be finite and not negative")
+    given = np.maximum(given, least)
     if given.shape == () and problem.directions is None:
         return np.full(problem.n, given)
     if given.shape == (problem.size,):
@@ -194,6 +197,8 @@ class NativeSolver(OdeSolver):
         if extraneous:
             warnings.warn(f"{type(self).__name__} ignores: {', '.join(sorted(extraneous))}", stacklevel=3)
         super().__init__(fun, t0, y0, t_bound, vectorized)
+        # SciPy's wrappers refer to the solver: with them its samples would wait for the garbage collector.
+        self.fun = self.fun_single = self.fun_vectorized = self._fun
         if self.n != problem.size:
             raise ProblemError(
                 f"y0 has {self.n} components, the problem {problem.size} "
@@ -202,43 +207,61 @@ class NativeSolver(OdeSolver):
         if not max_step > 0.0:
             raise ProblemError(f"max_step must be positive, it is {max_step}")
         span = abs(t_bound - t0)
-        if first_step is not None and not 0.0 < first_step <= max(span, np.finfo(float).tiny):
+        if first_step is not None and not 0.0 < first_step <= max(span, sys.float_info.min):
             raise ProblemError(
                 f"first_step must be positive and within the interval of {span:g} s, it is {first_step}"
             )
         self.problem = problem
         self.y = np.array(self.y, dtype=np.float64)
         self.max_step, self.max_evaluations = max_step, max_evaluations
-        self.rtol = np.maximum(_tolerance("rtol", rtol, problem), 100 * np.finfo(float).eps)
+        self.rtol = _tolerance("rtol", rtol, problem, LEAST_RTOL)
         self.atol = _tolerance("atol", atol, problem)
         if not direction_rtol > 0.0:
             raise ProblemError(f"direction_rtol must be positive, it is {direction_rtol}")
-        if not control_directions and np.shape(rtol) != (problem.size,):
+        if problem.directions is not None and not control_directions and np.shape(rtol) != (problem.size,):
             self.rtol[problem.n :] = min(direction_rtol, 1e300)
-        self.tolerance = float(self.rtol[: problem.n].min(initial=1.0))
+        alike = type(rtol) is float and problem.n > 0
+        self.tolerance = min(1.0, float(self.rtol[0] if alike else self.rtol[: problem.n].min(initial=1.0)))
         self.field = problem.field(self.tolerance)
         self._driver = load_driver(self.DRIVER)
         self._count = problem.size if control_directions else problem.n
         self._samples = samples
-        size = problem.size
         if samples is not None:
             self._steps = internal_steps or SAMPLED_STEPS
             slots = 1
         else:
-            fitting = STORE_BYTES // (8 * max(size, 1) * (self.STAGES + 1))
-            self._steps = internal_steps or int(np.clip(fitting, 1, 64))
+            fitting = STORE_BYTES // (8 * max(problem.size, 1) * (self.STAGES + 1))
+            self._steps = internal_steps or min(max(fitting, 1), 64)
             slots = self._steps
-        self._store = (np.empty((slots, 2)), np.empty((slots, size)), np.empty((slots, self.STAGES, size)))
-        self._work = np.zeros(3 * size)
+        self._allocate(slots)
         self._state = self.y.copy()
         self._clock = np.zeros(TICKS)
         self._tally = np.zeros(COUNTS, dtype=np.int64)
         self._tally[WANTED] = self._steps
         self._begin_samples()
-        # Infinity would become nan in products with zero, and no interval is longer than this.
-        self._clock[:6] = self.t, 0.0, 1e-4, self.t_bound, self.direction, min(max_step, 1e300)
         # The driver finds the first step by itself where it is zero.
-        self._clock[STEP] = 0.0 if first_step is None else first_step
+        begin = 0.0 if first_step is None else first_step
+        # Infinity would become nan in products with zero, and no interval is longer than this.
+        self._clock[:6] = self.t, begin, LEAST_ERROR, self.t_bound, self.direction, min(max_step, 1e300)
+
+    def _allocate(self, slots: int) -> None:
+        """Make the room in which the driver works, with so many slots for the steps of a call."""
+        size = self.problem.size
+        self._store = (np.empty((slots, 2)), np.empty((slots, size)), np.empty((slots, self.STAGES, size)))
+        self._work = np.zeros(3 * size)
+        self._call: Callable[[], int] | None = None
+
+    @classmethod
+    def beside(cls, other: NativeSolver, problem: NativeProblem) -> Self:
+        """Return this method on clock, state, tolerances and samples of another, for a problem of the same states."""
+        solver = cls.__new__(cls)
+        vars(solver).update(vars(other))
+        solver.problem = problem
+        if problem is not other.problem:
+            solver.field = problem.field(other.tolerance)
+        solver._driver = load_driver(cls.DRIVER)
+        solver._allocate(len(other._store[0]))
+        return solver
 
     def _begin_samples(self) -> None:
         if self._samples is None:
@@ -252,7 +275,8 @@ class NativeSolver(OdeSolver):
         ):
             raise ProblemError(f"sample times must be within {self.t:g} s and {self.t_bound:g} s")
         self._sample_t, self._sample_y = t, self._samples.begin(self.n)
-        at_start = int(np.searchsorted(self.direction * t, self.direction * self.t, side="right"))
+        forward = self.direction > 0.0
+        at_start = int(t.searchsorted(self.t, "right") if forward else (-t).searchsorted(-self.t, "right"))
         self._sample_y[: min(at_start, len(self._sample_y))] = self.y
         self._tally[SAMPLE] = at_start
         self._samples.count = at_start
@@ -262,20 +286,22 @@ class NativeSolver(OdeSolver):
         return ()
 
     def _advance(self) -> int:
-        return self._driver.advance(
-            self.field.numbers[None],
-            self._clock[None],
-            self._tally[None],
-            self._state[None],
-            self._work,
-            *self._store,
-            self.rtol,
-            self.atol,
-            self._count,
-            self._sample_t,
-            self._sample_y[None],
-            *self._extra(),
-        )
+        if self._call is None:
+            self._call = self._driver.advance.bound(
+                self.field.numbers[None],
+                self._clock[None],
+                self._tally[None],
+                self._state[None],
+                self._work,
+                *self._store,
+                self.rtol,
+                self.atol,
+                self._count,
+                self._sample_t,
+                self._sample_y[None],
+                *self._extra(),
+            )
+        return self._call()
 
     def _step_impl(self) -> tuple[bool, str | None]:
         clock, tally = self._clock, self._tally

@@ -77,8 +77,8 @@ class Exponential43(NativeSolver):
             tally[JACOBIANS] += 1
             return self.problem.jac(t, x)
         tally[EVALUATIONS] += x.size + 1
-        sizes = np.abs(x) + self.atol / self.rtol
-        return forward_differences(lambda moved: self.problem.derivative(t, moved), x, sizes)
+        sizes, rates = np.abs(x) + self.atol / self.rtol, self.problem.fun
+        return forward_differences(lambda moved: rates(t, moved), x, sizes)
 
 
 def fast_motion(matrix: np.ndarray) -> tuple[float, np.ndarray, np.ndarray] | None:

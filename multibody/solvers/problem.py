@@ -149,6 +149,11 @@ class NativeProblem:
         Evaluate several directions at once, with a tangent that is compiled for that: worth it for long records.
     columns : NativeFunction, optional
         Several columns of the Jacobian at once (`System.rhs_columns`), in place of one derivative for every colour.
+    speeds : NativeFunction, optional
+        ``f(t, x, u, p, y)``: the speeds at which something narrow passes by (`System.speeds_function`).
+    widths : ndarray, shape (n_speeds,), optional
+        Its widths: no step is longer than half of one over its speed where the step begins, or than the whole where
+        it ends.
 
     Raises
     ------
@@ -167,6 +172,8 @@ class NativeProblem:
     state_names: Sequence[str] = ()
     in_lanes: bool = False
     columns: NativeFunction | None = None
+    speeds: NativeFunction | None = None
+    widths: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p", np.array(self.p, dtype=np.float64, ndmin=1, order="C"))
@@ -193,6 +200,8 @@ class NativeProblem:
                 )
         if self.colours is not None:
             faults += self._colour_faults(np.asarray(self.colours))
+        if (self.speeds is None) != (self.widths is None):
+            faults.append("speeds and widths of what passes by belong together: give both or neither")
         if self.state_names and len(self.state_names) != self.n:
             faults.append(f"there are {self.n} states but {len(self.state_names)} state names")
         if faults:
@@ -273,7 +282,12 @@ class NativeProblem:
         columns, seeds = 0, None
         if self.columns is not None and self.colours is not None:
             columns, seeds = self.columns.address, _seeds(*self._structure(), self.columns.lanes)
-        return Field(self.rhs.address, tangent, self.n, self.p, table, directions, self._wide(), columns, seeds)
+        passing: tuple[Any, ...] = ()
+        if self.speeds is not None and self.widths is not None:
+            passing = (self.speeds.address, np.ascontiguousarray(self.widths, dtype=np.float64))
+        return Field(
+            self.rhs.address, tangent, self.n, self.p, table, directions, self._wide(), columns, seeds, *passing
+        )
 
     def _wide(self) -> tuple[int, int]:
         """Return the address of a tangent for several directions at once, and for how many; zeros for none."""
@@ -305,8 +319,9 @@ class NativeProblem:
     def check(self) -> None:
         """Raise what a plain Python function raised while compiled code called it."""
         self.rhs.check()
-        if self.tangent is not None:
-            self.tangent.check()
+        for other in (self.tangent, self.speeds):
+            if other is not None:
+                other.check()
 
     @property
     def jac(self) -> Callable[[float, np.ndarray], np.ndarray]:

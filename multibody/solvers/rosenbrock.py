@@ -35,6 +35,9 @@ class Rodas5P(NativeSolver):
                 "Rodas5P needs the tangent of the right-hand side: NativeProblem(..., tangent=...)"
             )
         super().__init__(fun, t0, y0, t_bound, problem=problem, **options)
+
+    def _allocate(self, slots: int) -> None:
+        super()._allocate(slots)
         n, size = self.problem.n, self.problem.size
         vectors = 14 * size + 2 * n * n + max(self.problem.table.n_inputs, self.problem.p.size, 1)
         self._work = np.zeros(vectors)
@@ -52,8 +55,8 @@ def relative_cost(problem: NativeProblem) -> float:
     The explicit step takes 6 evaluations of the right-hand side; the stiff one 10, the columns of the Jacobian, and
     linear algebra, which takes less where the Jacobian is sparse.  Along a direction the explicit step takes 6
     directional derivatives; the stiff one 16, and eight solutions.  The factors were fitted to measured times; measured
-    ratios (and this function's): 2.0 (2.0) for a chain of 2 masses, 3.5 (3.4) for 6, 7.1 (7.9) for 18, 18 (16) for 40;
-    2.9 (2.8) for the lift with 12 states, 4.3 (4.3) with 17, 5.6 (5.8) with 37.
+    ratios (and this function's): 3.7 (3.6) for a chain with 2 states, 4.5 (6.2) with 6, 12 (11) with 18, 19 (18) with
+    40; 3.6 (3.3) for the lift with 12 states, 8.6 (7.9) with 17, 6.8 (6.6) with 37.
     """
     n, m, colours = problem.n, problem.n_directions, len(problem.owners())
     filled = 1.0 if problem.pattern is None else np.count_nonzero(problem.pattern) / n**2
@@ -63,8 +66,8 @@ def relative_cost(problem: NativeProblem) -> float:
     jacobian = colours * tangent
     if problem.columns is not None:  # as vectors
         jacobian = 0.42 * -(-colours // 4) * _operations(problem.columns.origin[0])
-    explicit = 6 * (rates + m * tangent) + 2000 + 16 * n * (1 + m)
-    linear_algebra = 2600 + 330 * n + 5 * n**2 + 1.06 * filled * n**3
+    explicit = 6 * (rates + m * tangent) + 320 + 13 * n * (1 + m)
+    linear_algebra = 600 + 330 * n + 5 * n**2 + 1.06 * filled * n**3
     along = m * (16 * tangent + 16 * filled * n**2 + 100 * n)
     return (10 * rates + jacobian + linear_algebra + along) / explicit
 

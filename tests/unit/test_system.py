@@ -311,13 +311,43 @@ def test_no_step_jumps_over_a_feature_that_the_model_names():
     model.feature("absent", 1e-9, "no.such_signal")
     held = model.copy("other").build().simulate(1.0, method="Rodas5P")
     assert free.statistics["longest_step"] > 0.05
-    assert held.statistics["longest_step"] <= 0.5 * 0.02 / 2.0 * 1.0001
+    assert held.statistics["longest_step"] <= 0.5 * 0.02 / held["body.velocity"].min()
     fine = model.build().simulate(1.0, method="Rodas5P", rtol=1e-13, atol=1e-16, max_step=1e-3)
     assert fine["body.position"][-1] == pytest.approx(held["body.position"][-1], rel=1e-6)
 
 
+@pytest.mark.parametrize("method", ["auto", "DormandPrince54", "Rodas5P", "Exponential43"])
+def test_no_step_is_longer_than_what_passes_by_at_its_own_speed_and_the_run_is_made_once(method, monkeypatch):
+    import multibody.solvers as solvers
+
+    model = Model("start from rest")
+    body = model.add("body", Mass(m=1.0))
+    push = model.add("push", ForceSource())
+    model.input("force", push.force, default=0.5)
+    model.connect(push.flange, body.flange)
+    free = model.build().simulate(4.0, method=method)
+    model.feature("joint", 0.02, "body.velocity")
+    runs, ends = [], []
+    integrate = solvers.integrate
+
+    def seen(problem, *given, **options):
+        runs.append(problem)
+        marks = [lambda t, x: ends.append((t, x[1])) or 1.0]  # with events every call takes one step
+        return integrate(problem, *given, **{**options, "events": marks})
+
+    monkeypatch.setattr(solvers, "integrate", seen)
+    held = model.copy("other").build().simulate(4.0, method=method)
+    t, v = np.unique(np.array(ends), axis=0).T
+    assert len(runs) == 1
+    assert free.statistics["longest_step"] > 0.5
+    steps, slow = np.diff(t), np.maximum(v[:-1], 1e-12)
+    assert np.all(steps <= 1.0001 * np.minimum(0.01 / slow, 0.02 / v[1:]))
+    assert steps.max() > 5.0 * steps[-1]  # where it is slow, steps are long
+    assert held["body.position"][-1] == pytest.approx(4.0, rel=1e-6)
+
+
 def test_points_that_only_rounding_tells_apart_are_one_feature():
-    from multibody.simulate import _closest
+    from multibody.passing import _closest
 
     assert _closest((0.0, 1.0, 1.0 + 4e-16, 3.0)) == pytest.approx(1.0)
     assert _closest((0.0, 0.25, 2.0)) == pytest.approx(0.25)

@@ -26,7 +26,8 @@ P_DOT, CHANNEL, WEIGHT, SHAPE_T, SHAPE, SHAPE_CURSOR = range(24, 30)
 # times at which a step must end, whether a held input jumps there; begin, delay, remembered time of each
 # group;
 BREAKS, JUMPS, BREAK_START, BREAK_DELAY, BREAK_CURSOR = range(30, 35)
-# and the interval within which rates of inputs are looked up, with the time of the inputs that u holds;
+# and the interval within which rates of inputs are looked up, with the time of the inputs that u holds, and the
+# samples per second where they are even, else zero;
 WINDOW = 35
 # the tangent of several directions at once, how many (0: none), parameter tangents in its order, room for its other
 # arguments, and whether any direction acts on an input.
@@ -34,7 +35,11 @@ WIDE, LANES, P_WIDE, ROOM, PUSHED = range(36, 41)
 # For the Jacobian: a derivative by the states along several directions at once, how many (0: none), the directions in
 # its order, and room for its result.
 COLUMNS, ABREAST, SEEDS, PASSED = range(41, 45)
-SIZE = 45
+# For what passes by: its speeds' address and number, its widths, and room for the speeds.
+SPEEDS, N_SPEEDS, WIDTHS, PACES = range(45, 49)
+# And whether every moving column is linear and without delay.
+PLAIN = 49
+SIZE = 50
 
 _TABLE = {
     "times": TIMES,
@@ -49,12 +54,14 @@ _TABLE = {
     "break_start": BREAK_START,
     "break_delay": BREAK_DELAY,
 }
-_OWN = [RHS, TANGENT, N, N_P, P, U, RATE, U_DOT, WINDOW, CURSOR, SHAPE_CURSOR, BREAK_CURSOR]
 _DIRECTIONS = {"p_dot": P_DOT, "channel": CHANNEL, "weight": WEIGHT, "shape_t": SHAPE_T, "shape": SHAPE}
 
 
-def _numbers_of(table: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the part of the vector that belongs to a table of inputs; kept with the table."""
+def _of_table(table: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what belongs to a table of inputs, and is kept with it: its part of the vector, and the workspace.
+
+    The workspace holds inputs, their rates, their tangent and the window; and the remembered intervals.
+    """
     if "numbers" not in table:
         numbers = np.zeros(SIZE, dtype=np.int64)
         for name, index in _TABLE.items():
@@ -62,8 +69,25 @@ def _numbers_of(table: dict[str, np.ndarray]) -> np.ndarray:
         numbers[N_U], numbers[ROWS] = table["values"].shape[1], table["times"].size
         numbers[N_HELD], numbers[N_MOVING] = table["held"].size, table["moving"].size
         numbers[N_GROUPS] = table["break_delay"].size
-        table["numbers"] = numbers
+        moving = table["moving"]
+        numbers[PLAIN] = np.all(table["kinds"][moving] == LINEAR) and np.all(table["delays"][moving] < 0)
+        n_u = table["values"].shape[1]
+        work = np.zeros(3 * n_u + 4)
+        work[:n_u] = table["values"][0]
+        work[3 * n_u :] = -np.inf, np.inf, np.nan, _samples_per_second(table["times"])
+        cursors = np.zeros(n_u + table["break_delay"].size + 1, dtype=np.int64)
+        cursors[n_u + 1 :] = table["break_start"][:-1]
+        table["numbers"] = numbers, work, cursors
     return table["numbers"]
+
+
+def _samples_per_second(times: np.ndarray) -> float:
+    """Return the pace of a grid whose times are nowhere off an even one by half of its spacing, else zero."""
+    if times.size < 2:
+        return 0.0
+    pace = (times.size - 1) / (times[-1] - times[0])
+    off = np.abs((times - times[0]) * pace - np.arange(times.size))
+    return float(pace) if np.max(off) < 0.5 else 0.0
 
 
 class Field:
@@ -90,6 +114,10 @@ class Field:
         Address of a derivative by the states along several directions at once, for the Jacobian; 0 for none.
     seeds : ndarray, shape (groups, n, lanes), optional
         Its directions.
+    speeds : int
+        Address of the speeds at which something narrow passes by; 0 for none.
+    widths : ndarray, shape (n_speeds,), optional
+        Its widths.
 
     Attributes
     ----------
@@ -110,35 +138,27 @@ class Field:
         wide: tuple[int, int] = (0, 0),
         columns: int = 0,
         seeds: np.ndarray | None = None,
+        speeds: int = 0,
+        widths: np.ndarray | None = None,
     ) -> None:
-        self.numbers = _numbers_of(table).copy()
-        n_u, groups = table["values"].shape[1], table["break_delay"].size
-        work = np.zeros(3 * n_u + 3)
-        self.u = work[:n_u]
-        self.u[:] = table["values"][0]
-        work[3 * n_u :] = -np.inf, np.inf, np.nan
-        cursors = np.zeros(n_u + groups + 1, dtype=np.int64)
-        cursors[n_u + 1 :] = table["break_start"][:-1]
+        numbers, work, cursors = (part.copy() for part in _of_table(table))
+        n_u = table["values"].shape[1]
+        self.numbers, self.u = numbers, work[:n_u]
         self._owned: tuple[Any, ...] = (p, table, work, cursors, directions)
         floats, counts = address_of(work), address_of(cursors)
-        self.numbers[_OWN] = (
-            rhs,
-            tangent,
-            n,
-            p.size,
-            address_of(p),
-            floats,
-            floats + 8 * n_u,
-            floats + 16 * n_u,
-            floats + 24 * n_u,
-            counts,
-            counts + 8 * n_u,
-            counts + 8 * (n_u + 1),
-        )
+        numbers[: N + 1] = rhs, tangent, n
+        numbers[N_P], numbers[P] = p.size, address_of(p)
+        numbers[U : CURSOR + 1] = floats, floats + 8 * n_u, floats + 16 * n_u, counts
+        numbers[WINDOW], numbers[SHAPE_CURSOR] = floats + 24 * n_u, counts + 8 * n_u
+        numbers[BREAK_CURSOR] = counts + 8 * (n_u + 1)
         if columns and seeds is not None:
             passed = np.empty(seeds.shape[1:])
             self._owned += (seeds, passed)
             self.numbers[COLUMNS : PASSED + 1] = columns, seeds.shape[2], address_of(seeds), address_of(passed)
+        if speeds and widths is not None and widths.size:
+            paces = np.zeros(widths.size)
+            self._owned += (widths, paces)
+            self.numbers[SPEEDS : PACES + 1] = speeds, widths.size, address_of(widths), address_of(paces)
         if directions is not None:
             for name, index in _DIRECTIONS.items():
                 self.numbers[index] = address_of(directions[name])

@@ -42,6 +42,7 @@ from multibody.solvers.kernels.stepping import (
     first_step,
     forget_tiny,
     mean_error,
+    passing,
     plan,
     remember_largest,
     remember_step,
@@ -203,7 +204,7 @@ def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, larg
     if clock[STEP] == 0.0:
         first_step(c, clock, tally, size, count, y, k, y_new, shift(k, size), rtol, atol)
         tally[KNOWN] = 1
-    proposal = min(clock[STEP], clock[LARGEST])
+    proposal = min(min(clock[STEP], clock[LARGEST]), passing(c, t, y))
     limit = math.inf
     while True:
         h, t_new, clipped, jump = plan(c, clock, proposal)
@@ -219,10 +220,14 @@ def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, larg
         error = mean_error(count, y, y_new, errors, rtol, atol, errors)
         if count < size:
             error = max(error, direction_error(c[N], size, y, y_new, errors, rtol, atol, largest))
-        if error <= 1.0:
+        near = passing(c, t_new, y_new) if error <= 1.0 else 0.0
+        if h <= 2.0 * near:
             break
         limit = h
         tally[REJECTED] += 1
+        if error <= 1.0:
+            proposal = max(0.2 * h, near)
+            continue
         tally[WORST] = worst(count, errors)
         proposal = h * max(0.2, 0.9 * error**-0.17) if math.isfinite(error) else 0.2 * h
     forget_tiny(size, y_new)
@@ -254,17 +259,17 @@ def march(
         last = shift(k, 6 * size)
         start, k = shift(states, slot * size), shift(stages_of, slot * 7 * size)
         if tally[KNOWN] == 2:
-            for i in range(size):
+            for i in independent(size):
                 k[i] = last[i]
             tally[KNOWN] = 1
-        for i in range(size):
+        for i in independent(size):
             start[i] = y[i]
         if not one_step(c, clock, tally, size, count, start, k, y_new, rtol, atol, errors, largest):
             return TOO_SMALL
         remember_step(clock, tally, spans)
         if tally[WATCH] != 0:
             watch(clock, tally, c[N], size, start, k, y_new, rtol, atol)
-        for i in range(size):
+        for i in independent(size):
             y[i] = y_new[i]
 
 

@@ -37,6 +37,7 @@ from multibody.solvers.kernels.stepping import (
     due,
     first_step,
     mean_error,
+    passing,
     plan,
     remember_step,
     settle,
@@ -232,7 +233,7 @@ def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space)
     if clock[STEP] == 0.0:
         first_step(c, clock, tally, size, size, y, k, y_new, d2, rtol, atol)
         tally[KNOWN] = 1
-    proposal = min(clock[STEP], clock[LARGEST])
+    proposal = min(min(clock[STEP], clock[LARGEST]), passing(c, t, y))
     limit = math.inf
     while True:
         h, t_new, clipped, jump = plan(c, clock, proposal)
@@ -248,12 +249,16 @@ def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space)
         stages(c, t, t_new - t, rates[RATE], size, y, k, u, left, moved, d2, d3, d4, y_new, f_new, errors)
         tally[EVALUATIONS] += 4
         error = mean_error(size, y, y_new, errors, rtol, atol, errors)
-        if error <= 1.0:
+        near = passing(c, t_new, y_new) if error <= 1.0 else 0.0
+        if h <= 2.0 * near:
             break
         limit = h
         if rates[LEFT] < rates[SPELL] - 0.5:
             rates[LEFT], rates[SPELL] = 0.0, 1.0
         tally[REJECTED] += 1
+        if error <= 1.0:
+            proposal = max(0.2 * h, near)
+            continue
         tally[WORST] = worst(size, errors)
         proposal = h * max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.2 * h
     rates[LEFT] -= 1.0

@@ -29,6 +29,7 @@ from multibody.solvers.kernels.bundle import (
     N_U,
     P_DOT,
     P_WIDE,
+    PLAIN,
     PUSHED,
     RATE,
     RHS,
@@ -97,14 +98,49 @@ def own_time(t, column, c):
 
 
 @inner
+def interval(s, column, c):
+    """Return the interval of the table that holds a time inside it, and remember it for a column."""
+    times, cursor, end = floats(c[TIMES]), ints(c[CURSOR]), c[ROWS] - 1
+    i = cursor[column]
+    if s < times[i] or s >= times[i + 1]:
+        pace = floats(c[WINDOW])[3]
+        if pace > 0.0:  # an even grid: a step that is longer than two of its intervals needs no search
+            i = min(int((s - times[0]) * pace), end - 1)
+        i = locate(times, end + 1, s, i)
+        cursor[column] = i
+    return i
+
+
+@inner
+def look_up_plain(t, c):
+    """As `look_up`, where every column is linear between its samples and none is delayed."""
+    times, u, moving, end = floats(c[TIMES]), floats(c[U]), ints(c[MOVING]), c[ROWS] - 1
+    if times[0] < t < times[end]:
+        i = interval(t, moving[0], c)
+        z = (t - times[i]) / (times[i + 1] - times[i])
+        low = shift(floats(c[VALUES]), i * c[N_U])
+        high = shift(low, c[N_U])
+        for a in range(c[N_MOVING]):
+            column = moving[a]
+            u[column] = low[column] + z * (high[column] - low[column])
+    else:
+        row = shift(floats(c[VALUES]), 0 if t <= times[0] else end * c[N_U])
+        for a in range(c[N_MOVING]):
+            u[moving[a]] = row[moving[a]]
+
+
+@inner
 def look_up(t, c):
     """Write the continuously changing inputs at time t into u."""
     seen = shift(floats(c[WINDOW]), 2)
     if t == seen[0]:  # the last stages of a step are at one time
         return
     seen[0] = t
+    if c[PLAIN] != 0:
+        look_up_plain(t, c)
+        return
     times, values, slopes, u = floats(c[TIMES]), floats(c[VALUES]), floats(c[SLOPES]), floats(c[U])
-    cursor, kinds, moving = ints(c[CURSOR]), ints(c[KINDS]), ints(c[MOVING])
+    kinds, moving = ints(c[KINDS]), ints(c[MOVING])
     width, end = c[N_U], c[ROWS] - 1
     last, i, z, span, inside = math.nan, 0, 0.0, 1.0, False
     for a in range(c[N_MOVING]):
@@ -115,8 +151,7 @@ def look_up(t, c):
             inside = times[0] < s < times[end]
             i = 0 if s <= times[0] else end
             if inside:
-                i = locate(times, end + 1, s, cursor[column])
-                cursor[column] = i
+                i = interval(s, column, c)
                 span = times[i + 1] - times[i]
                 z = (s - times[i]) / span
         j = i * width + column

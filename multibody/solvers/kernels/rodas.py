@@ -41,6 +41,7 @@ from multibody.solvers.kernels.stepping import (
     first_step,
     forget_tiny,
     mean_error,
+    passing,
     plan,
     remember_largest,
     remember_step,
@@ -260,7 +261,7 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
     factors, zero = shift(matrix, n * n), shift(matrix, 2 * n * n)
     if clock[STEP] == 0.0:
         first_step(c, clock, tally, size, count, y, f, y_new, result, rtol, atol)
-    proposal = min(clock[STEP], clock[LARGEST])
+    proposal = min(min(clock[STEP], clock[LARGEST]), passing(c, t, y))
     limit = math.inf
     known = False
     while True:
@@ -279,7 +280,7 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
         for i in range(n):
             factors[i * n + i] += diagonal
         tally[FACTORIZATIONS] += 1
-        error = math.nan
+        error, near = math.nan, 0.0
         if factorize(n, factors, pivots):
             stages(c, t, signed, size, y, f, f_t, factors, pivots, k, y_new, shifted, result)
             tally[EVALUATIONS] += 7
@@ -295,6 +296,8 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
                 tally[EVALUATIONS] += 1
                 error = max(error, inside) if math.isfinite(inside) else inside
             if error <= 1.0:
+                near = passing(c, t_new, y_new)
+            if h <= 2.0 * near:
                 break
             tally[WORST] = worst(count, errors)
         if not math.isfinite(error):
@@ -302,6 +305,9 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
             tally[WORST] = found if found >= 0 else tally[WORST]
         limit = h
         tally[REJECTED] += 1
+        if error <= 1.0:
+            proposal = max(0.2 * h, near)
+            continue
         proposal = h * max(0.2, 0.9 * error**-0.2) if math.isfinite(error) else 0.2 * h
     forget_tiny(size, y_new)
     if count < size:

@@ -1,6 +1,6 @@
 """What every method with error control does around its formulas: plan a step, settle the next one.
 
-Indices into ``clock`` (float64): time, proposed step, error of the last step, end, direction, largest step,
+Indices into ``clock`` (float64): time, proposed step, logarithm of the last step's error, end, direction, largest step,
 begin and size of the last accepted step, largest accepted step.
 Indices into ``tally`` (int64): steps wanted, steps done, rejected
 steps, evaluations, next sample, first sample of the buffer, state of the largest error, whether the
@@ -13,8 +13,20 @@ from __future__ import annotations
 
 import math
 
-from multibody.solvers.kernels.bundle import DELAYED, JUMPS, N_GROUPS, N_HELD, WINDOW
-from multibody.solvers.kernels.calls import floats, inner, ints
+from multibody.solvers.kernels.bundle import (
+    DELAYED,
+    JUMPS,
+    N_GROUPS,
+    N_HELD,
+    N_SPEEDS,
+    PACES,
+    SPEEDS,
+    WIDTHS,
+    WINDOW,
+    P,
+    U,
+)
+from multibody.solvers.kernels.calls import call_rhs, floats, independent, inner, ints
 from multibody.solvers.kernels.field import evaluate, hold_at, next_break
 
 T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD, LONGEST = range(9)
@@ -24,6 +36,7 @@ TICKS, COUNTS = 9, 15  # lengths of clock and tally
 MORE, FINISHED, BUFFER_FULL, STIFF, GO_ON, TOO_SMALL = 0, 1, 2, 3, 4, -1
 ROW = 15  # steps in a row on the edge of stability that make a problem stiff
 NEGLIGIBLE = 1e-4  # share of a direction's largest component below which a component needs no relative accuracy
+LEAST_ERROR = math.log(1e-4)  # of those that the next step looks back at
 TINY = 1e-150  # what is smaller has died away; its square is still a normal number
 FAINT = 1e-130  # a direction that is smaller has not begun: its error counts from there
 
@@ -63,6 +76,19 @@ def plan(c, clock, proposal):
         window = floats(c[WINDOW])
         window[0], window[1] = min(t, t_new) + inside, max(t, t_new) - inside
     return h, t_new, clipped, jump
+
+
+@inner
+def passing(c, t, y):
+    """Return the step in which something narrow passes by half of its width, at the speeds of a state."""
+    shortest = math.inf
+    if c[N_SPEEDS] > 0:
+        speeds, widths = floats(c[PACES]), floats(c[WIDTHS])
+        call_rhs(c[SPEEDS], t, y, floats(c[U]), floats(c[P]), speeds)
+        for i in range(c[N_SPEEDS]):
+            if 0.5 * widths[i] < abs(speeds[i]) * shortest:
+                shortest = 0.5 * widths[i] / abs(speeds[i])
+    return shortest
 
 
 @inner
@@ -106,9 +132,10 @@ def settle(clock, h, t_new, error, exponent, damping, keep, limit):
     A PI controller (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.2).
     """
     t = clock[T]
-    factor = 0.9 * max(error, 1e-10) ** -exponent * clock[ERROR] ** damping
+    size = math.log(max(error, 1e-10))  # two powers by one logarithm: they are a tenth of a small machine's step
+    factor = 0.9 * math.exp(damping * clock[ERROR] - exponent * size)
     clock[STEP] = min(limit, max(keep, h * min(10.0, max(0.2, factor))))
-    clock[ERROR] = max(error, 1e-4)
+    clock[ERROR] = max(size, LEAST_ERROR)
     clock[T_OLD] = t
     clock[STEP_OLD] = t_new - t
     clock[LONGEST] = max(clock[LONGEST], h)
@@ -118,12 +145,19 @@ def settle(clock, h, t_new, error, exponent, damping, keep, limit):
 @inner
 def mean_error(count, y, y_new, raw, rtol, atol, errors):
     """Scale raw errors by the tolerances and return their root mean square."""
-    total = 0.0
-    for i in range(count):
-        e = raw[i] / (atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i])))
-        errors[i] = e
-        total += e * e
-    return math.sqrt(total / count)
+    for i in independent(count):
+        errors[i] = raw[i] / (atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i])))
+    # four sums side by side: each addition waits for the one before
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    whole = count - count % 4
+    for i in range(0, whole, 4):
+        a += errors[i] * errors[i]
+        b += errors[i + 1] * errors[i + 1]
+        c += errors[i + 2] * errors[i + 2]
+        d += errors[i + 3] * errors[i + 3]
+    for i in range(whole, count):
+        a += errors[i] * errors[i]
+    return math.sqrt((a + b + c + d) / count)
 
 
 @inner
@@ -167,9 +201,8 @@ def forget_tiny(size, y_new):
 
     The derivatives by a start state get there within seconds in a machine that forgets how it began.
     """
-    for i in range(size):
-        if abs(y_new[i]) < TINY:
-            y_new[i] = 0.0
+    for i in independent(size):
+        y_new[i] = 0.0 if abs(y_new[i]) < TINY else y_new[i]
 
 
 @inner
