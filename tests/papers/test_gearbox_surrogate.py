@@ -139,7 +139,10 @@ def test_firefly_30_by_100_finds_the_maximum(method):
 
 @pytest.mark.slow
 def test_firefly_30_by_100_on_100_seeds_beside_the_alternatives():
-    run = BENCHMARK.on_eq18(range(1000, 1100))
+    """Further forms of the firefly: `python benchmarks/optimisers.py`."""
+    alternatives = ("differential_evolution, restarted", "direct", "multistart")
+    names = ("firefly (default)", "firefly, exp(-gamma r^2)", *alternatives)
+    run = BENCHMARK.on_eq18(range(1000, 1100), {name: BENCHMARK.FORMS[name] for name in names})
     assert run.hit_rate("firefly (default)") >= 0.95
     assert run.hit_rate("firefly, exp(-gamma r^2)") >= 0.95
     assert run.hit_rate("multistart") >= 0.99
