@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.search import TIE, bic_difference
+from discrepancy.search import TIE
 from discrepancy.stated import outside, told
+from discrepancy.worth import bic_difference
 
 if TYPE_CHECKING:
     from discrepancy.stage import Stage

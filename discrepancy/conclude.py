@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,6 @@ from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
 from discrepancy.effects import unit_at
 from discrepancy.kinds import kind_named
 from discrepancy.next_measurement import next_measurements
-from discrepancy.omnibus import omnibus_of_stage
 from discrepancy.stage import Accepted, Stage
 from discrepancy.stated import outside, told
 from discrepancy.verdict import Verdict
@@ -47,16 +47,14 @@ def conclude(study: Study) -> Conclusion:
         )
     refused, hidden = _left_over(study)
     separating = next_measurements(study)
-    still = None
-    if study.steps and not accepted:
-        study.progress("does anything that is left follow the inputs?")
-        still = omnibus_of_stage(stages[-1], level=setup.level, seed=setup.seed)
+    still = None if accepted else study.follows
     warnings = setup.warnings
     if study.beyond is not None and accepted:
         warnings = (*warnings, study.beyond.told(f"{_title(accepted[0].effect.kind)} at {accepted[0].effect.where}"))
     if not accepted and (far := outside(stages[-1].identify)):
         listed = " and ".join(told(q, value) for q, value in far)
         warnings = (*warnings, f"Calibration ends outside what was stated: {listed}. Check what was stated.")
+    warnings = (*warnings, *_not_lasting(stages))
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
         verdict = verdict if accepted else ""
@@ -128,6 +126,22 @@ def _fall(before: Stage, after: Stage, part: str) -> str:
     unit = after.system.unit(name)
     them = "it" if len(after.effects) == 1 else "them"
     return f" With {them} the error of {name} falls from {quantity(a[name], unit)} to {quantity(b[name], unit)} {held}."
+
+
+def _not_lasting(stages: Sequence[Stage]) -> list[str]:
+    """Say which effects lower the error of no output on the records that were held out."""
+    found = []
+    for before, after in pairwise(stages):
+        if after.accepted is None or after.validate is None:
+            continue
+        a, b = before.rmse("validate"), after.rmse("validate")
+        if all(b[n] >= a[n] for n in b):
+            name = f"{_title(after.accepted.effect.kind)} at {after.accepted.effect.where}"
+            found.append(
+                f"{name.capitalize()} lowers the error on the records used to find it, but of no output on those held "
+                "out: do not trust it."
+            )
+    return found
 
 
 def _far_off(stage: Stage) -> str:

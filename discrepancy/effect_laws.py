@@ -223,6 +223,19 @@ class _Bump(DryLaw):
         self.force = -coulomb(self.speed, self.level * math.exp(-s * s), self.v_s)
 
 
+class _EndStop(Law):
+    """A stop on one side of the travel: F = −side·stiffness·max(side·(x − place), 0)."""
+
+    stiffness = Parameter(0.0, "F/X", "force per way into the stop")
+    place = Parameter(0.0, "X", "where the stop begins")
+    side = Parameter(1.0, "", "1 for a stop towards larger x, -1 for one towards smaller x")
+
+    def equations(self):
+        super().equations()
+        into = self.side * (self.a.position - self.b.position - self.place)
+        self.force = -self.side * self.stiffness * max(into, 0.0)
+
+
 class _Harmonic(Law):
     """A force that repeats along the way: F = cosine·cos(order·x) + sine·sin(order·x).
 

@@ -33,6 +33,7 @@ def fitted_stage(
     *,
     move: bool = True,
     trial: bool = False,
+    stated: bool = False,
     held: Held | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Stage:
@@ -54,6 +55,8 @@ def fitted_stage(
         False leaves the uncertain parameters where they are.
     trial : bool
         A quicker fit, without the held-out records.
+    stated : bool
+        Begin where the uncertain parameters were stated, and the machine where the sensors put it.
     held : tuple, optional
         What an earlier fit has given: nothing is fitted to the records for identification then.
     progress : callable
@@ -68,6 +71,8 @@ def fitted_stage(
     parameters = list(setup.uncertain) if move else []
     begun = start.identify.to_dict() if start is not None else {}
     own, scale = _own(start), start.identify.scale if trial and start is not None else None
+    if stated:
+        begun, own = {k: v for k, v in begun.items() if k not in {q.name for q in setup.uncertain}}, None
     if held is not None:
         begun, own, scale = dict(held[0]), list(held[1]), dict(held[2])
     base = system.parameter_vector({p.name: p.value for p in setup.uncertain})

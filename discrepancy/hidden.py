@@ -232,6 +232,7 @@ _SIZES: dict[str, _Sizes] = {
         "wave": s.force * (0.02 if s.motion.scale else 0.6),
     },
     "local_bump": lambda s: {"level": 3.0 * s.force},
+    "end_stop": lambda s: {"stiffness": 10.0 * s.force / s.motion.half},
     "angle_harmonic": lambda s: {"cosine": 0.8 * s.force, "sine": 0.8 * s.force},
     "added_inertia": lambda s: {"inertia": 1.5 * s.force / s.acceleration},
     "slip": lambda s: {"creep": 6.0 / (s.motion.scale * s.duration)},

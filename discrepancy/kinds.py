@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
+from discrepancy import kind_shapes as shapes
 
 if TYPE_CHECKING:
     from multibody.component import Component
@@ -147,61 +147,6 @@ class Kind:
         return self.shapes(motion) if self.shapes is not None else [{}]
 
 
-def _smooth_sign(m: MotionRange) -> Shapes:
-    return [{"v_s": f * m.v_s} for f in (0.3, 1.0, 3.0)]
-
-
-def _low_speeds(m: MotionRange) -> Shapes:
-    return [{"v_stribeck": f * m.speed, "v_s": m.v_s} for f in (0.03, 0.08, 0.2, 0.5)]
-
-
-def _centred(m: MotionRange) -> Shapes:
-    return [{"centre": m.centre, "half": m.half}]
-
-
-def _centred_sign(m: MotionRange) -> Shapes:
-    return [{"centre": m.centre, "half": m.half, "v_s": m.v_s}]
-
-
-def _centre(m: MotionRange) -> Shapes:
-    return [{"centre": m.centre}]
-
-
-def _bends_about(m: MotionRange) -> Shapes:
-    """About the middle of the travel and, where the connection has a spring, about where that has no force."""
-    return [{"centre": c} for c in ((0.0, m.centre) if m.scale > 0.0 else (m.centre,))]
-
-
-def _spots(m: MotionRange) -> Shapes:
-    widths = (0.05 * m.half, 0.15 * m.half)
-    return [
-        {"place": float(c), "width": float(w), "v_s": m.v_s}
-        for w in widths
-        for c in np.arange(m.low + 0.5 * w, m.high, 1.2 * w)
-    ]
-
-
-def _orders(m: MotionRange) -> Shapes:
-    """Whole orders per turn on a shaft; on a slide, wavelengths from half the travel downwards."""
-    if m.turns and m.high - m.low > np.pi:
-        return [{"order": float(k)} for k in (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 36, 48)]
-    count = 40
-    return [{"order": float(np.pi * k / (2 * m.half) * 2)} for k in np.arange(1.0, count, 0.5)]
-
-
-def _displacements(m: MotionRange) -> Shapes:
-    return [{"x_s": f * m.half} for f in (0.003, 0.01, 0.03, 0.1)]
-
-
-def _spring(m: MotionRange) -> Shapes:
-    return [{"stiffness": m.scale}]
-
-
-def _spring_gap(m: MotionRange) -> Shapes:
-    gaps = [f * m.half for f in (0.05, 0.2, 0.5, 1.0)]
-    return [{"stiffness": m.scale, "centre": c, "secant": gap} for c in (0.0, m.centre) for gap in gaps]
-
-
 _T = KindText
 _KINDS: dict[str, Kind] = {}
 
@@ -270,12 +215,12 @@ _add([
         "dry (Coulomb) friction", "A resistance of constant size against the motion, whatever the speed.",
         "Sliding guides, seals, plain bearings, screws, preloaded rolling guides.",
         "Move slowly in both directions: the drive force jumps by twice the friction when the direction changes."),
-        _smooth_sign, ("v_s",), one_sided=True),
+        shapes.smooth_sign, ("v_s",), one_sided=True),
     Kind("asymmetric_coulomb_friction", "connection", "AsymmetricCoulomb", ("forward", "backward"), _T(
         "dry friction that differs with direction", "A constant resistance, of another size in each direction.",
         "Worn or tilted guides, a one-sided preload, a screw worn on one flank, a cable chain, weight on an incline.",
         "Move at the same constant speed forwards and backwards: the drive force differs by more than its sign."),
-        _smooth_sign, ("v_s",), one_sided=True, contains=("coulomb_friction",), by_direction=True),
+        shapes.smooth_sign, ("v_s",), one_sided=True, contains=("coulomb_friction",), by_direction=True),
     Kind("asymmetric_viscous_friction", "connection", "AsymmetricViscous", ("forward", "backward"), _T(
         "viscous friction that differs with direction", "A resistance proportional to speed, steeper one way.",
         "A shock absorber, a ball screw or nut worn on one flank, seals with a lip, one-sided lubrication.",
@@ -285,7 +230,7 @@ _add([
         "Stribeck friction (more friction at low speed)", "Friction that falls while the motion gathers speed.",
         "Lubricated sliding contacts, in which the oil film builds up only with speed; guides that stood for a while.",
         "Move at very low constant speeds: the drive force falls with rising speed; stick-slip may show."),
-        _low_speeds, ("v_stribeck", "v_s"), one_sided=True, contains=("coulomb_friction",)),
+        shapes.low_speeds, ("v_stribeck", "v_s"), one_sided=True, contains=("coulomb_friction",)),
     Kind("quadratic_drag", "connection", "Drag", ("drag",), _T(
         "drag that grows with the square of the speed", "A resistance proportional to speed squared.",
         "Air or fluid that is pushed aside, ventilation of rotors, displaced oil, oil through an orifice.",
@@ -295,12 +240,12 @@ _add([
         "friction proportional to the load", "Dry friction whose level follows the force that passes through.",
         "Gear meshes, screws, loaded guides and bearings: the normal force rises with the load.",
         "Repeat a slow motion with twice the payload: the friction rises with it."),
-        _smooth_sign, ("v_s",), one_sided=True, needs="load"),
+        shapes.smooth_sign, ("v_s",), one_sided=True, needs="load"),
     Kind("position_dependent_friction", "connection", "PositionFriction", ("slope", "bow"), _T(
         "friction that changes along the travel", "Dry friction with a level that depends on where the machine is.",
         "Guides that are not parallel, a bent rail, uneven wear, misaligned bearings.",
         "Move slowly over the whole travel both ways: half the difference of the two force curves is the friction."),
-        _centred_sign, elastic=False),
+        shapes.centred_sign, elastic=False),
     Kind("constant_force", "connection", "Constant", ("push",), _T(
         "a constant force", "A force that does not depend on motion.",
         "Weight of a part or a slope, a counterbalance, a preloaded cable or hose, an offset of the drive.",
@@ -309,37 +254,42 @@ _add([
         "a spring", "A force proportional to the displacement.",
         "A cable or hose that is dragged along, a bellows, a flexure, magnetic attraction.",
         "Hold still at several places: the holding force rises in a straight line with position."),
-        _centre),
+        shapes.centre),
     Kind("cubic_stiffness", "connection", "CubicStiffness", ("stiffness",), _T(
         "a spring that hardens or softens", "A force that grows with the cube of the displacement.",
         "Flexures at large deflection, rubber, stops that come into contact gradually.",
         "Hold still at several places: the holding force bends away from a straight line towards the ends."),
-        _bends_about, ("centre",)),
+        shapes.bends_about, ("centre",)),
     Kind("backlash", "connection", "Backlash", ("gap",), _T(
         "play (backlash)", "A gap in an elastic connection: within it nothing is transmitted.",
         "Worn gears, keys, couplings, loose screws, a nut without preload.",
         "Hold one side and move the other by hand: it moves freely for a moment. Reverse slowly and watch both sides."),
-        _spring_gap, ("centre",), one_sided=True, linear=False, needs="stiffness", elastic=True),
+        shapes.spring_gap, ("centre",), one_sided=True, linear=False, needs="stiffness", elastic=True),
     Kind("hysteresis", "connection", "Hysteresis", ("level",), _T(
         "friction with elastic displacement (hysteresis)", "Friction that first yields like a spring, then slides.",
         "Rolling guides and ball screws (presliding), rope strands, rubber, clamped joints.",
         "Reverse after a very short stroke: force against position draws a closed loop."),
-        _displacements, ("x_s",), one_sided=True, contains=("coulomb_friction",)),
+        shapes.displacements, ("x_s",), one_sided=True, contains=("coulomb_friction",)),
     Kind("position_dependent_force", "connection", "PositionForce", ("bow", "wave"), _T(
         "a force that belongs to the position", "A force that depends on position but not on direction of travel.",
         "A rail that is not level, magnetic attraction, cable carriers, cams, an uneven counterbalance.",
         "Move slowly both ways over the travel: the mean of the two force curves is not flat."),
-        _centred),
+        shapes.centred),
     Kind("local_bump", "connection", "Bump", ("level",), _T(
         "a tight spot", "More resistance at one place of the travel.",
         "A rail joint, a dent, dirt, a damaged ball or race, a bent screw.",
         "Move slowly over the place by hand or under power and watch the force; look at the rail there."),
-        _spots, ("place", "width", "v_s"), one_sided=True),
+        shapes.spots, ("place", "width", "v_s"), one_sided=True),
+    Kind("end_stop", "connection", "EndStop", ("stiffness",), _T(
+        "an end stop", "A stop or buffer that is met before the end of the travel.",
+        "A rubber buffer, a bump stop of a suspension, a cable that is too short, a part that touches the frame.",
+        "Move slowly towards both ends by hand: at one place resistance sets in. Look for a mark of contact there."),
+        shapes.end_stops, ("place",), one_sided=True),
     Kind("angle_harmonic", "connection", "Harmonic", ("cosine", "sine"), _T(
         "a force that repeats along the way", "A force with a fixed period in angle or position.",
         "Cogging of a motor, eccentric pulleys or gears, unbalance against gravity, pitch error of a screw or rack.",
         "Move at several speeds: the frequency of the ripple follows the speed; its period in angle stays."),
-        _orders, ("order",)),
+        shapes.orders, ("order",)),
     Kind("added_inertia", "connection", "AddedInertia", ("inertia",), _T(
         "inertia that is not in the model", "A resistance against acceleration.",
         "A payload, coupling, rotor, hose or fixture that was forgotten or changed.",
@@ -349,7 +299,7 @@ _add([
         "slip (creep)", "An elastic connection that gives way slowly under load.",
         "A belt or rope that creeps over its pulley, a clamp or press fit that slides.",
         "Mark both sides and run loaded: the marks drift apart."),
-        _spring, one_sided=True, linear=False, needs="stiffness", elastic=True),
+        shapes.spring, one_sided=True, linear=False, needs="stiffness", elastic=True),
     Kind("sensor_offset", "sensor", "offset", ("offset",), _T(
         "a sensor offset", "The sensor reads too much or too little by a constant.",
         "Zero not set, temperature, mounting under stress, a homing position that moved.",

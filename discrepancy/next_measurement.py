@@ -262,7 +262,7 @@ def _against(study: Study, accepted: Accepted, rival: Rival) -> NextMeasurement:
         return NextMeasurement(*names, titles, why_not=kind_named(rival.kind).text.confirm.rstrip("."))
     study.progress(f"what would tell {best} from {effect}")
     try:
-        other = study._fitted(last.name, (*kept, effect), last, last.noise, trial=True)
+        other = study.fitted(last.name, (*kept, effect), last, last.noise, trial=True)
         record, proposals = compare_trips(last, other, progress=study.progress)
     except RuntimeError as error:
         return NextMeasurement(*names, titles, why_not=f"the second could not be simulated: {error}")

@@ -234,7 +234,7 @@ def best_stage(study_file: Path, out: Path, progress: Callable[[str], None] = la
         return study.stage, study.setup.level
     effects = tuple(Effect(**{**e, "ports": tuple(e["ports"])}) for e in json.loads(path.read_text()))
     first = study.stage
-    return study._fitted("best", effects, first, first.noise), study.setup.level
+    return study.fitted("best", effects, first, first.noise), study.setup.level
 
 
 def read_resampled(path: Path) -> list[Resampled]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,9 +16,10 @@ from discrepancy.confrontation import Confrontation
 from discrepancy.effects import Effect
 from discrepancy.from_scan import effect_of, simpler_in
 from discrepancy.kinds import kind_named
+from discrepancy.refits import Refit, begun_anew, best_of
 from discrepancy.stage import Accepted, Rival, Stage
-from discrepancy.stated import brings_back, pull
-from estimation.correlation import correlation_time
+from discrepancy.stated import brings_back
+from discrepancy.worth import bic_difference, matters, taken
 from estimation.signals import Preparation
 from multibody.errors import ModelError
 from multibody.side_by_side import side_by_side
@@ -27,16 +29,13 @@ if TYPE_CHECKING:
     from discrepancy.verdict import Row
     from discrepancy.whitening import Whitener
 
-__all__ = ["Step", "bic_difference", "matters", "scan_preparation", "search_step"]
+__all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scan_preparation", "search_step"]
 
 SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 FINALISTS = 3
 LOOKS = 3  # plain scan, whitened scan, free curves: each may raise a false alarm, so each gets its share of the level
 TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
 MOST = 0.8  # share of a richer law's gain that makes the simpler law in it the first answer
-
-#: Adds an effect to the stage's model in the place of others, and fits everything again.
-Refit = Callable[[Effect, Sequence[Effect]], Stage]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +97,7 @@ def search_step(
     ----------
     stage : Stage
     refit : callable
-        Puts an effect into the stage's model, in the place of the simpler ones that it contains, fits everything again
-        and returns the new stage.
+        See `discrepancy.refits.Refit`.
     include, exclude : sequence of str
     level : float
         Family-wise level.
@@ -119,35 +117,42 @@ def search_step(
     by_name = {c.name: c for c in candidates}
 
     def trial(row: Row) -> Stage | ModelError | None:
-        entry: Entry = by_name[row.name].info["entry"]
+        candidate = by_name[row.name]
+        entry: Entry = candidate.info["entry"]
         simpler = simpler_in(stage.effects, row.kind, row.where)
         effect = effect_of(entry, row, stage.effects, simpler)
         progress(f"refit with {effect}" + (f" in the place of {simpler[0]}" if simpler else ""))
-        try:
-            found = refit(effect, simpler)
-            if simpler and not entry.kind.by_direction and bic_difference(found, stage) >= 0.0:
-                found = refit(effect_of(entry, row, stage.effects), ())  # not in their place: is it beside them?
-            return found
-        except RuntimeError as error:  # a simulation that fails is a bad explanation, not the end of the search
-            progress(f"{effect} could not be simulated: {error}")
-            return None
-        except ModelError as error:  # say an algebraic loop: these records cannot speak about it in this model
-            return error
+        fits = [partial(refit, effect, simpler)]
+        if not entry.kind.linear:
+            anew = begun_anew(entry, row, candidate.shapes, stage.effects, simpler)
+            fits += [partial(refit, e, simpler, stated=True) for e in anew]
+        found = best_of(fits, stage, progress)
+        if isinstance(found, Stage) and simpler and not entry.kind.by_direction and bic_difference(found, stage) >= 0.0:
+            beside = partial(refit, effect_of(entry, row, stage.effects), ())  # not in their place: is it beside them?
+            found = best_of([beside], stage, progress)
+        return found
 
     tried: list[tuple[Stage, Row]] = []
-    for row, found in zip(rows, side_by_side(trial, rows), strict=True):
-        if isinstance(found, ModelError):
-            refused.append((by_name[row.name].info["entry"], cannot_be_built(found)))
-        elif found is not None and bic_difference(found, stage) < 0.0 and (
-            matters(found, stage) or brings_back(found.identify, stage.identify)
-        ):
-            tried.append((found, row))
+
+    def look_at(some: Sequence[Row]) -> None:
+        for row, found in zip(some, side_by_side(trial, some), strict=True):
+            if isinstance(found, ModelError):
+                refused.append((by_name[row.name].info["entry"], cannot_be_built(found)))
+            elif found is not None and bic_difference(found, stage) < 0.0 and (
+                matters(found, stage) or brings_back(found.identify, stage.identify)
+            ):
+                tried.append((found, row))
+        tried.sort(key=lambda t: bic_difference(t[0], stage))
+
+    look_at(rows)
     if not tried:
         return Step(scans[0], None, None, tuple(refused))
-    tried.sort(key=lambda t: bic_difference(t[0], stage))
+    p_value = min(1.0, LOOKS * tried[0][1].p)
+    if taken(tried[0][0], stage) < MOST:
+        look_at(_bent(scans[-1], tried[0][1].where, [r.name for r in rows]))
     tried = _simplest_first(tried, stage)
     best, row = tried[0]
-    p_value = min(1.0, LOOKS * row.p)
+    p_value = min(p_value, LOOKS * row.p)
     rivals = _rivals(best, stage, tried[1:], scans, row.name)
     accepted = Accepted(best.effects[-1], p_value, bic_difference(best, stage), rivals)
     return Step(scans[0], accepted, best, tuple(refused))
@@ -207,25 +212,9 @@ def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Seque
     return [scan[n] for n in names]
 
 
-def bic_difference(richer: Stage, poorer: Stage) -> float:
-    """Return the BIC of one stage minus that of another on the identification records.
-
-    Residuals are coloured, so the number of samples of an output is divided by how long the richer model's residual
-    remembers: BIC = Σ_c N_c·ln(SSE_c) + k·ln(Σ_c N_c) + Σ (θ − θ₀)²/s² with N_c the effective number and the last sum
-    what the stated uncertainty says about the parameters (`discrepancy.stated.pull`).
-    """
-    total, samples = 0.0, 0.0
-    for c, name in enumerate(richer.outputs):
-        a = [f.residual[:, c] for f in richer.identify.fits]
-        b = [f.residual[:, c] for f in poorer.identify.fits]
-        n = sum(e.size / correlation_time(e) for e in a)
-        floor = sum(e.size for e in a) * (1e-3 * richer.noise.get(name, 0.0)) ** 2
-        sse_a, sse_b = (sum(float(e @ e) for e in group) + floor for group in (a, b))
-        total += n * (np.log(max(sse_a, 1e-300)) - np.log(max(sse_b, 1e-300)))
-        samples += n
-    more = len(richer.identify.parameters) - len(poorer.identify.parameters)
-    stated = pull(richer.identify, poorer.identify) - pull(poorer.identify, richer.identify)
-    return float(total + more * np.log(max(samples, 2.0)) + stated)
+def _bent(scan: ScanResult, where: str, known: Sequence[str]) -> list[Row]:
+    """Return the kinds at a place that are not linear in their strength: a scan along straight lines misjudges them."""
+    return [r for r in scan.rows if r.where == where and r.name not in known and not kind_named(r.kind).linear]
 
 
 def _richer(kind: str, best: Stage) -> bool:
@@ -250,7 +239,7 @@ def _simplest_first(tried: list[tuple[Stage, Row]], stage: Stage) -> list[tuple[
         for t in tried
         if t[1].kind in first[0].effects[-1].definition.contains
         and t[1].where == first[1].where
-        and _taken(t[0], stage) >= MOST * _taken(first[0], stage)
+        and taken(t[0], stage) >= MOST * taken(first[0], stage)
     ]
     first = inside[0] if inside else first
     return [first, *(t for t in tried if t is not first)]
@@ -260,23 +249,6 @@ def _size(tried: tuple[Stage, Row]) -> tuple[int, int, int]:
     """Return what makes an explanation long: strengths and effects of its model, and what its last law contains."""
     effects = tried[0].effects
     return sum(len(e.strengths) for e in effects), len(effects), len(effects[-1].definition.contains)
-
-
-def _taken(richer: Stage, poorer: Stage) -> float:
-    """Return the share of the mean square error that an effect takes away, averaged over the outputs."""
-    before, after = poorer.rmse("identify"), richer.rmse("identify")
-    shares = [1.0 - (after[n] / before[n]) ** 2 for n in richer.outputs if before[n] > 0.0]
-    return float(np.mean(shares)) if shares else 0.0
-
-
-def matters(richer: Stage, poorer: Stage) -> bool:
-    """Tell whether what an effect takes away reaches the noise floor of at least one output.
-
-    With enough samples anything is significant; an effect that calibration could all but replace is not worth a name.
-    """
-    before, after = poorer.rmse("identify"), richer.rmse("identify")
-    gained = {n: max(before[n] ** 2 - after[n] ** 2, 0.0) ** 0.5 for n in richer.outputs}
-    return any(gained[n] >= richer.noise.get(n, 0.0) for n in richer.outputs)
 
 
 def _rivals(

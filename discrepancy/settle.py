@@ -9,9 +9,10 @@ import numpy as np
 
 from discrepancy.confrontation import Confrontation
 from discrepancy.effects import Effect
-from discrepancy.search import LOOKS, bic_difference, scan_preparation
+from discrepancy.search import LOOKS, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.unknown import offer_curves
+from discrepancy.worth import bic_difference
 from multibody.errors import ModelError
 
 __all__ = ["drop_idle", "free_curve", "replace_by_curve"]

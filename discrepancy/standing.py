@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.search import Step, matters
+from discrepancy.search import Step
+from discrepancy.worth import matters
 
 if TYPE_CHECKING:
     from discrepancy.stage import Stage

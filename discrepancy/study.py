@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discrepancy.effects import Effect
-from discrepancy.fitted import beside_held_out, fitted_stage
+from discrepancy.fitted import fitted_stage
 from discrepancy.search import Step, search_step
 from discrepancy.setup import Setup, from_file, noise_floors
 from discrepancy.stage import Accepted, Stage
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from discrepancy.confront import Confronted
     from discrepancy.diagnosis import Conclusion
     from discrepancy.locate import WhereItFails
+    from discrepancy.omnibus import Omnibus
     from estimation.calibrate import UncertainParameter
 
 __all__ = ["Study"]
@@ -54,6 +55,8 @@ class Study:
         True if simulations of whole records were given up for windows.
     beyond : Beyond or None
         Parameters that, outside their stated uncertainty, explain as much as the first effect found.
+    follows : Omnibus or None
+        Whether what is left follows the machine's inputs, asked where no effect was found.
 
     Attributes
     ----------
@@ -71,6 +74,7 @@ class Study:
     interrupted: bool = False
     in_windows_instead: bool = False
     beyond: Beyond | None = None
+    follows: Omnibus | None = None
 
     def __post_init__(self) -> None:
         self.given = self.setup
@@ -126,12 +130,13 @@ class Study:
         self.prepare()
         self.progress("simulate the model as given")
         noise = noise_floors(self.setup.identify, self.setup.noise)
-        self.stages.append(self._fitted("as given", (), None, noise, move=False))
+        self.stages.append(self.fitted("as given", (), None, noise, move=False))
         self.progress("recalibrate the uncertain parameters")
-        self.stages.append(self._fitted("recalibrated", (), None, noise))
-        self._made()
+        self.stages.append(self.fitted("recalibrated", (), None, noise))
+        self.made()
 
-    def _made(self) -> None:
+    def made(self) -> None:
+        """Tell whoever keeps the history that a stage has been made."""
         if self.checkpoint is not None:
             self.checkpoint(self)
 
@@ -147,9 +152,9 @@ class Study:
         moved: bool = True,
     ) -> Stage:
         """Return a stage at values that a fit has given before; only what is held out has its own unknowns fitted."""
-        return self._fitted(name, effects, None, dict(noise), move=moved, held=(values, own, scale))
+        return self.fitted(name, effects, None, dict(noise), move=moved, held=(values, own, scale))
 
-    def _fitted(
+    def fitted(
         self, name: str, effects: tuple[Effect, ...], start: Stage | None, noise: Any, **options: Any
     ) -> Stage:
         """Return a fitted stage of this study; options as of `fitted_stage`."""
@@ -185,13 +190,20 @@ class Study:
                 f"give smaller ones, or other values of {', '.join(effect.shape) or 'the model'}. {told}"
             ) from told
         self.stages.append(replace(stage, accepted=accepted))
-        self._made()
+        self.made()
         return self.stages[-1]
 
-    def _with(self, effect: Effect, instead_of: Sequence[Effect] = (), *, trial: bool = False) -> Stage:
+    def tried(self, effect: Effect, instead_of: Sequence[Effect] = (), stated: bool = False) -> Stage:
+        """Return the latest stage with an effect in the place of others, fitted on trial; nothing is added yet.
+
+        ``stated`` begins where the parameters were stated in place of where the latest fit has put them.
+        """
+        return self._with(effect, instead_of, trial=True, stated=stated)
+
+    def _with(self, effect: Effect, instead_of: Sequence[Effect] = (), **options: bool) -> Stage:
         current = self.stage
         kept = tuple(e for e in current.effects if e not in instead_of)
-        return self._fitted(f"+ {effect}", (*kept, effect), current, current.noise, trial=trial)
+        return self.fitted(f"+ {effect}", (*kept, effect), current, current.noise, **options)
 
     def undo(self) -> Stage:
         """Take the latest effect out again."""
@@ -227,11 +239,11 @@ class Study:
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""
         step = search_step(
             self.stage,
-            lambda effect, instead_of: self._with(effect, instead_of, trial=True),
+            self.tried,
             include=self.setup.include, exclude=self.setup.exclude, level=self.setup.level,
             seed=self.setup.seed + len(self.stages), progress=self.progress,
         )  # fmt: skip
-        step = standing(step, self.stage, lambda trial: self._fitted(trial.name, trial.effects, trial, trial.noise))
+        step = standing(step, self.stage, lambda trial: self.fitted(trial.name, trial.effects, trial, trial.noise))
         self.steps.append(step)
         self.stages[-1] = replace(self.stages[-1], scan=step.scan)
         return step
@@ -239,140 +251,26 @@ class Study:
     def diagnose(self) -> Conclusion:
         """Explain and add, again and again, until nothing significant is left; then conclude."""
         from discrepancy.conclude import conclude
+        from discrepancy.loop import Search
 
         try:
-            self._search()
+            Search(self).run()
         except KeyboardInterrupt:
             if len(self.stages) < 2:
                 raise  # nothing has been found yet that would be lost
             self.interrupted = True
         return conclude(self)
 
-    def _search(self) -> None:
-        if not self.settled:
-            self._settle()
-        while len(self.stage.effects) < self.setup.max_effects:
-            step = self.explain()
-            if step.accepted is None or step.stage is None:
-                break
-            self.progress(f"add {step.accepted.effect}")
-            self.settled = False
-            self._accept_instead(step.accepted, step.stage)
-            self._settle()
-        self._free_curves()
-        first = next((s for s in self.stages if s.accepted is not None), None)
-        whole = self.mode == "simulation" and self.given.residual == "auto"  # see discrepancy.confront.windows_instead
-        if first is None and whole and self.cut_into_windows(self.stages[1].rmse("identify")):
-            self._search()
-        if first is not None:
-            from discrepancy.beyond import beyond_priors
-
-            self.progress("would parameters outside their stated uncertainty explain as much?")
-            self.beyond = beyond_priors(self, self.stages[1], first)
-
-    def _settle(self) -> None:
-        """Take out what the latest effect has made idle, and several laws at one place if one curve tells more."""
-        self._drop_idle()
-        if self._crowded():
-            self._swap_for_curve()
-        self.settled = True
-        self._made()
-
-    def _accept(self, accepted: Accepted | None, trial: Stage) -> None:
-        """Fit the accepted effect fully, from where its trial ended, and make that the latest stage."""
-        try:
-            stage = self._fitted(trial.name, trial.effects, trial, trial.noise)
-        except RuntimeError as error:  # the trial could be simulated, what is near it cannot
-            self.progress(f"{trial.effects[-1]} could not be fitted further, the trial's fit stands: {error}")
-            stage = beside_held_out(self.setup, trial)
-        told = replace(accepted, effect=stage.effects[-1]) if accepted is not None else None
-        self.stages.append(replace(stage, accepted=told))
-        self._made()
-
-    def _drop_idle(self) -> None:
-        """Take out an earlier effect that a later one has made idle."""
-        from discrepancy.settle import drop_idle
-
-        dropped = drop_idle(self.stages, self._refit, self.progress)
-        if dropped is None:
-            return
-        stage, effect = dropped
-        note = f"{effect} was taken out again: the effect added after it explains it"
-        self.progress(note)
-        self._again(self.stages[-1].accepted, stage, self.stages[:-1], [effect], note)
-
-    def _accept_instead(self, accepted: Accepted, trial: Stage) -> None:
-        """Accept an effect, and take the stages of those out of the story in whose place it stands."""
-        names = {e.component_name for e in trial.effects}
-        gone = [e for e in self.stage.effects if e.component_name not in names]
-        if not gone:
-            self._accept(accepted, trial)
-            return
-        note = f"{accepted.effect} stands in the place of {', '.join(map(str, gone))}, which it contains"
-        self.progress(note)
-        self._again(accepted, trial, self.stages, gone, note)
-
-    def _again(
-        self, accepted: Accepted | None, trial: Stage, stages: Sequence[Stage], gone: Sequence[Effect], note: str
-    ) -> None:
-        """Accept a trial after the given stages without those that added effects that have gone."""
-        names = {e.component_name for e in gone}
-        kept = [s for s in stages if s.accepted is None or s.accepted.effect.component_name not in names]
-        before = list(self.stages)
-        try:
-            self.stages[:] = kept
-            self._accept(accepted, trial)
-        except BaseException:  # interrupted: what was there before stays
-            self.stages[:] = before
-            raise
-        self.stages[-1] = replace(self.stages[-1], notes=(note,))
-
-    def _free_curves(self) -> None:
-        """Ask whether a curve tells the truth better than the laws found, or finds what no law did."""
-        from discrepancy.settle import free_curve
-
-        level, seed = self.setup.level, self.setup.seed
-        if any(s.accepted is not None for s in self.stages):
-            self._swap_for_curve()
-        elif len(self.stage.effects) < self.setup.max_effects:
-            found = free_curve(self.stage, self._refit, level=level, seed=seed, progress=self.progress)
-            if found is not None:
-                self._accept(found.accepted, found)
-
-    def _crowded(self) -> bool:
-        """Tell whether several laws stand at one connection, which one curve may tell more simply."""
-        laws = [e.where for e in self.stage.effects if e.definition.at == "connection" and not e.definition.free_form]
-        return len(laws) > len(set(laws))
-
-    def _swap_for_curve(self) -> bool:
-        """Put one free curve in the place of the laws found at a connection, if that is the better model."""
-        from discrepancy.settle import replace_by_curve
-
-        swapped = replace_by_curve(
-            self.stages, self._refit, level=self.setup.level, seed=self.setup.seed, progress=self.progress
-        )
-        if swapped is None:
-            return False
-        kept, stage = swapped
-        before = list(self.stages)
-        try:
-            self.stages[:] = self.stages[:kept]
-            self._accept(stage.accepted, stage)
-        except BaseException:  # interrupted: what was there before stays
-            self.stages[:] = before
-            raise
-        return True
-
     def with_uncertain(self, uncertain: tuple[UncertainParameter, ...], start: Stage) -> Stage:
         """Fit a stage's model on trial with other deviations of the uncertain parameters."""
         other = Study(replace(self.setup, uncertain=uncertain), self.progress, confronted=self.confronted)
-        return other._fitted(start.name, start.effects, start, start.noise, trial=True)
+        return other.fitted(start.name, start.effects, start, start.noise, trial=True)
 
-    def _refit(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
+    def refit(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
         """Fit on trial; a fit that was asked for before from the same stage is not done again."""
         key = ("refit", name, tuple(str(e.parameters()) + e.over for e in effects))
         if key not in start.worked_out:
-            start.worked_out[key] = self._fitted(name, effects, start, start.noise, trial=True)
+            start.worked_out[key] = self.fitted(name, effects, start, start.noise, trial=True)
         return start.worked_out[key]
 
     # ---------------------------------------------------------------- showing

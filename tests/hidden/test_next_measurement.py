@@ -11,9 +11,10 @@ from discrepancy.axis import axis_case, make_axis
 from discrepancy.effects import Effect
 from discrepancy.next_measurement import compare_trips
 from discrepancy.proposals import NextMeasurement, Proposal, chance, repeats_needed
-from discrepancy.search import TIE, bic_difference
+from discrepancy.search import TIE
 from discrepancy.study import Study
 from discrepancy.trip_plan import TripPlan
+from discrepancy.worth import bic_difference
 from estimation.signals import smooth_derivative
 
 
@@ -23,7 +24,7 @@ def explained_by(case, *kinds):
     stage = study.stage
     place = next(p for p in stage.system.places if p.name == "guide")
     return [
-        study._fitted(
+        study.fitted(
             kind,
             (Effect.at_place(kind, place, strengths={"stiffness": 1e-3}, shape={"centre": 0.3}),),
             stage,

@@ -9,6 +9,7 @@ from discrepancy.axis import axis_case
 from discrepancy.conclude import conclude
 from discrepancy.confrontation import Confrontation
 from discrepancy.force_estimate import estimate_force
+from discrepancy.loop import Search
 from discrepancy.omnibus import omnibus_of_stage
 from discrepancy.search import scan_preparation
 from discrepancy.settle import free_curve
@@ -19,8 +20,8 @@ from discrepancy.study import Study
 def found():
     case = axis_case(1, ["unknown_force@guide"], over="position", trips=4)
     study = Study(case.setup(seed=1))
-    stage = free_curve(study.stage, study._refit, level=0.02, seed=1, progress=lambda text: None)
-    study._accept(stage.accepted, stage)
+    stage = free_curve(study.stage, study.refit, level=0.02, seed=1, progress=lambda text: None)
+    Search(study).accept(stage.accepted, stage)
     return case, study, conclude(study)
 
 

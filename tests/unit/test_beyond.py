@@ -80,7 +80,7 @@ def test_an_effect_that_takes_nothing_away_must_be_known_to_be_there():
     step = study.explain()
     assert step.accepted is not None
     settled = replace(step.stage, noise={"carriage.position": 1.0})  # as if the error that goes were no error
-    known = study._fitted(settled.name, settled.effects, settled, settled.noise)
+    known = study.fitted(settled.name, settled.effects, settled, settled.noise)
     assert standing(replace(step, stage=settled), before, lambda trial: known).accepted is step.accepted
     vague = replace(known, identify=replace(known.identify, std=100.0 * known.identify.std))
     assert standing(replace(step, stage=settled), before, lambda trial: vague).accepted is None

@@ -228,14 +228,14 @@ def test_an_effect_with_unknown_names_says_so():
 def test_an_effect_too_strong_to_simulate_is_begun_at_a_smaller_strength(monkeypatch):
     study = Study(setup_of())
     place = next(p for p in study.stage.system.places if p.name == "guide")
-    fit = Study._fitted
+    fit = Study.fitted
 
     def fragile(self, name, effects, *rest, **options):
         if effects and effects[-1].strengths["coulomb"] > 5.0:
             raise SimulationError("the step became too small")
         return fit(self, name, effects, *rest, **options)
 
-    monkeypatch.setattr(Study, "_fitted", fragile)
+    monkeypatch.setattr(Study, "fitted", fragile)
     stage = study.add(Effect.at_place("coulomb_friction", place, strengths={"coulomb": 40.0}))
     assert stage.effects[-1].strengths["coulomb"] == pytest.approx(6.0, rel=0.1)
     with pytest.raises(SimulationError, match="cannot be added"):

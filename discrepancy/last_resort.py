@@ -1,0 +1,91 @@
+"""Where no effect is significant and yet the residual follows the inputs: the likeliest effects, fitted from anew.
+
+A scan looks along straight lines from the recalibrated model.  What bends too much for that, as a large play that
+calibration has replaced by softer springs, is found by fits that begin where the parameters were stated.  They are made
+only where the omnibus test says that something is missing, so they keep its level; and one is believed only if it takes
+a good part of the error away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from discrepancy.catalogue import catalogue
+from discrepancy.confrontation import Confrontation
+from discrepancy.from_scan import effect_of
+from discrepancy.refits import Refit, begun_anew, best_of
+from discrepancy.search import FINALISTS, TIE, scan_preparation
+from discrepancy.stage import Accepted, Rival, Stage
+from discrepancy.worth import bic_difference, taken
+from multibody.side_by_side import side_by_side
+
+if TYPE_CHECKING:
+    from discrepancy.result import ScanResult
+    from discrepancy.verdict import Row
+
+__all__ = ["last_resort"]
+
+LOUD = 2.0  # times its noise floor from which the error of an output asks for such fits
+SHARE = 0.25  # of the mean square error that an effect must take away, on average over the outputs
+
+
+def last_resort(
+    stage: Stage,
+    scan: ScanResult,
+    refit: Refit,
+    *,
+    include: Sequence[str],
+    exclude: Sequence[str],
+    p_value: float,
+    progress: Callable[[str], None],
+) -> Stage | None:
+    """Return the stage with the effect that takes most of the error away, or None if none takes a good part.
+
+    Parameters
+    ----------
+    stage : Stage
+        In which no effect was significant.
+    scan : ScanResult
+        Of that stage.
+    refit : Refit
+    include, exclude : sequence of str
+    p_value : float
+        Of the omnibus test that asks for this.
+    progress : callable
+    """
+    error = stage.rmse("identify")
+    if not any(error[n] > LOUD * stage.noise.get(n, 0.0) for n in stage.outputs):
+        return None
+    facts = Confrontation.of_stage(stage, scan_preparation(stage))
+    experiment = stage.identify.fits[0].experiment
+    found = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
+    entries = {e.name: e for e in found}
+    by_drop = sorted((r for r in scan.rows if r.name in entries), key=lambda r: -r.error_drop)
+    bent = [r for r in by_drop if not entries[r.name].kind.linear]
+    rows = list({r.name: r for r in (*bent, *by_drop[:FINALISTS])}.values())
+
+    def trial(row: Row) -> Stage | None:
+        entry = entries[row.name]
+        expected = effect_of(entry, row, stage.effects)
+        progress(f"refit with {expected}, from the parameters as stated")
+        shapes = entry.kind.shape_grid(facts.range_of(entry)) if entry.kind.at == "connection" else [row.shape]
+        fits = [partial(refit, expected)]
+        fits += [partial(refit, e, (), stated=True) for e in begun_anew(entry, row, shapes, stage.effects, ())]
+        best = best_of(fits, stage, progress)
+        return best if isinstance(best, Stage) else None
+
+    tried = [s for s in side_by_side(trial, rows) if s is not None and taken(s, stage) > SHARE]
+    tried = sorted((s for s in tried if bic_difference(s, stage) < -TIE), key=lambda s: bic_difference(s, stage))
+    if not tried:
+        return None
+    best, least = tried[0], bic_difference(tried[0], stage)
+    rivals = tuple(_rival(s, bic_difference(s, stage) - least) for s in tried[1:])
+    return replace(best, accepted=Accepted(best.effects[-1], p_value, least, rivals))
+
+
+def _rival(stage: Stage, difference: float) -> Rival:
+    effect = stage.effects[-1]
+    return Rival(effect.kind, effect.where, difference, True, difference < TIE)

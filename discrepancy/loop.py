@@ -1,0 +1,187 @@
+"""The loop of a search: explain, add, take out what has become idle, until nothing significant is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from discrepancy.effects import Effect
+from discrepancy.fitted import beside_held_out
+from discrepancy.stage import Accepted, Stage
+
+if TYPE_CHECKING:
+    from discrepancy.study import Study
+
+__all__ = ["Search"]
+
+
+@dataclass
+class Search:
+    """A search for what is missing, in a study whose stages it makes.
+
+    Parameters
+    ----------
+    study : Study
+    """
+
+    study: Study
+
+    def run(self) -> None:
+        """Go on from where the study stands."""
+        study = self.study
+        if not study.settled:
+            self._settle()
+        self._add_significant()
+        self._free_curves()
+        whole = study.mode == "simulation" and study.given.residual == "auto"
+        if not self._found and whole and study.cut_into_windows(study.stages[1].rmse("identify")):
+            self.run()
+            return
+        if not self._found and study.steps and self._by_refits():
+            self._add_significant()
+        self._ask_beyond()
+
+    @property
+    def _found(self) -> list[Stage]:
+        return [s for s in self.study.stages if s.accepted is not None]
+
+    def _add_significant(self) -> None:
+        """Explain and add, as long as there is something significant and room for it."""
+        study = self.study
+        while len(study.stage.effects) < study.setup.max_effects:
+            step = study.explain()
+            if step.accepted is None or step.stage is None:
+                return
+            study.progress(f"add {step.accepted.effect}")
+            self._add(step.accepted, step.stage)
+
+    def _add(self, accepted: Accepted, trial: Stage) -> None:
+        self.study.settled = False
+        self._accept_instead(accepted, trial)
+        self._settle()
+
+    def _by_refits(self) -> bool:
+        """Refit with the likeliest effects where none is significant and yet something is missing; say if one is it."""
+        from discrepancy.last_resort import last_resort
+        from discrepancy.omnibus import omnibus_of_stage
+
+        study, setup = self.study, self.study.setup
+        study.progress("does anything that is left follow the inputs?")
+        study.follows = omnibus_of_stage(study.stage, level=setup.level, seed=setup.seed)
+        if study.follows is None or not study.follows.rejects or not setup.max_effects:
+            return False
+        found = last_resort(
+            study.stage, study.steps[-1].scan, study.tried,
+            include=setup.include, exclude=setup.exclude, p_value=study.follows.p, progress=study.progress,
+        )  # fmt: skip
+        if found is None or found.accepted is None:
+            return False
+        study.progress(f"add {found.accepted.effect}")
+        self._add(found.accepted, found)
+        return True
+
+    def _ask_beyond(self) -> None:
+        if not self._found:
+            return
+        from discrepancy.beyond import beyond_priors
+
+        self.study.progress("would parameters outside their stated uncertainty explain as much?")
+        self.study.beyond = beyond_priors(self.study, self.study.stages[1], self._found[0])
+
+    def _settle(self) -> None:
+        """Take out what the latest effect has made idle, and several laws at one place if one curve tells more."""
+        while self._drop_idle():
+            pass
+        if self._crowded():
+            self._swap_for_curve()
+        self.study.settled = True
+        self.study.made()
+
+    def accept(self, accepted: Accepted | None, trial: Stage) -> None:
+        """Fit the accepted effect fully, from where its trial ended, and make that the latest stage."""
+        try:
+            stage = self.study.fitted(trial.name, trial.effects, trial, trial.noise)
+        except RuntimeError as error:  # the trial could be simulated, what is near it cannot
+            self.study.progress(f"{trial.effects[-1]} could not be fitted further, the trial's fit stands: {error}")
+            stage = beside_held_out(self.study.setup, trial)
+        told = replace(accepted, effect=stage.effects[-1]) if accepted is not None else None
+        self.study.stages.append(replace(stage, accepted=told))
+        self.study.made()
+
+    def _drop_idle(self) -> bool:
+        """Take out an earlier effect that a later one has made idle; say whether there was one."""
+        from discrepancy.settle import drop_idle
+
+        dropped = drop_idle(self.study.stages, self.study.refit, self.study.progress)
+        if dropped is None:
+            return False
+        stage, effect = dropped
+        note = f"{effect} was taken out again: the effect added after it explains it"
+        self.study.progress(note)
+        self._again(self.study.stages[-1].accepted, stage, self.study.stages[:-1], [effect], note)
+        return True
+
+    def _accept_instead(self, accepted: Accepted, trial: Stage) -> None:
+        """Accept an effect, and take the stages of those out of the story in whose place it stands."""
+        names = {e.component_name for e in trial.effects}
+        gone = [e for e in self.study.stage.effects if e.component_name not in names]
+        if not gone:
+            self.accept(accepted, trial)
+            return
+        note = f"{accepted.effect} stands in the place of {', '.join(map(str, gone))}, which it contains"
+        self.study.progress(note)
+        self._again(accepted, trial, self.study.stages, gone, note)
+
+    def _again(
+        self, accepted: Accepted | None, trial: Stage, stages: Sequence[Stage], gone: Sequence[Effect], note: str
+    ) -> None:
+        """Accept a trial after the given stages without those that added effects that have gone."""
+        names = {e.component_name for e in gone}
+        kept = [s for s in stages if s.accepted is None or s.accepted.effect.component_name not in names]
+        before = list(self.study.stages)
+        try:
+            self.study.stages[:] = kept
+            self.accept(accepted, trial)
+        except BaseException:  # interrupted: what was there before stays
+            self.study.stages[:] = before
+            raise
+        self.study.stages[-1] = replace(self.study.stages[-1], notes=(note,))
+
+    def _free_curves(self) -> None:
+        """Ask whether a curve tells the truth better than the laws found, or finds what no law did."""
+        from discrepancy.settle import free_curve
+
+        level, seed = self.study.setup.level, self.study.setup.seed
+        if any(s.accepted is not None for s in self.study.stages):
+            self._swap_for_curve()
+        elif len(self.study.stage.effects) < self.study.setup.max_effects:
+            found = free_curve(self.study.stage, self.study.refit, level=level, seed=seed, progress=self.study.progress)
+            if found is not None:
+                self.accept(found.accepted, found)
+
+    def _crowded(self) -> bool:
+        """Tell whether several laws stand at one connection, which one curve may tell more simply."""
+        effects = self.study.stage.effects
+        laws = [e.where for e in effects if e.definition.at == "connection" and not e.definition.free_form]
+        return len(laws) > len(set(laws))
+
+    def _swap_for_curve(self) -> bool:
+        """Put one free curve in the place of the laws found at a connection, if that is the better model."""
+        from discrepancy.settle import replace_by_curve
+
+        study = self.study
+        swapped = replace_by_curve(
+            study.stages, study.refit, level=study.setup.level, seed=study.setup.seed, progress=study.progress
+        )
+        if swapped is None:
+            return False
+        kept, stage = swapped
+        before = list(self.study.stages)
+        try:
+            self.study.stages[:] = self.study.stages[:kept]
+            self.accept(stage.accepted, stage)
+        except BaseException:  # interrupted: what was there before stays
+            self.study.stages[:] = before
+            raise
+        return True

@@ -1,0 +1,70 @@
+"""Fits on trial with one effect more: where they begin, and which of several for one candidate is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol
+
+from discrepancy.from_scan import effect_of
+from discrepancy.stage import Stage
+from discrepancy.worth import bic_difference
+from multibody.errors import ModelError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from discrepancy.catalogue import Entry
+    from discrepancy.effects import Effect
+    from discrepancy.verdict import Row
+
+__all__ = ["Refit", "begun_anew", "best_of"]
+
+
+class Refit(Protocol):
+    """Adds an effect to a stage's model in the place of others, and fits everything again.
+
+    With ``stated`` the fit begins where the parameters were stated, else where the stage's fit has put them.
+    """
+
+    def __call__(self, effect: Effect, instead_of: Sequence[Effect] = (), stated: bool = False) -> Stage: ...
+
+
+def begun_anew(
+    entry: Entry, row: Row, shapes: Sequence[Mapping[str, float]], effects: Sequence[Effect], simpler: Sequence[Effect]
+) -> list[Effect]:
+    """Return the strengths at which fits with the stated parameters begin: of a law that is not linear, several.
+
+    A play that is missing in the model has been replaced by other parameters as well as they can, by a softer spring
+    for instance, and from there no small step leads to the play.  So the fit begins at the strengths that the scan has
+    looked at, with the parameters as stated.
+    """
+    expected = effect_of(entry, row, effects, simpler)
+    if entry.kind.linear:
+        return [expected]
+    sizes = sorted({float(s["secant"]) for s in shapes if s.get("secant", 0.0) > 0.0})
+    return [replace(expected, strengths=dict.fromkeys(expected.strengths, size)) for size in sizes] or [expected]
+
+
+def best_of(
+    fits: Sequence[Callable[[], Stage]], stage: Stage, progress: Callable[[str], None]
+) -> Stage | ModelError | None:
+    """Return the best of some fits; None if none can be simulated, the error if the model cannot be built.
+
+    Parameters
+    ----------
+    fits : sequence of callable
+        Each returns a fitted stage.
+    stage : Stage
+        That they all begin from.
+    progress : callable
+    """
+    found: list[Stage] = []
+    for fit in fits:
+        try:
+            found.append(fit())
+        except RuntimeError as error:  # a simulation that fails is a bad explanation, not the end of the search
+            progress(f"it could not be simulated: {error}")
+        except ModelError as error:  # say an algebraic loop: these records cannot speak about it in this model
+            return error
+    return min(found, key=lambda s: bic_difference(s, stage), default=None)

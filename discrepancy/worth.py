@@ -1,0 +1,49 @@
+"""What one stage is worth against another: evidence, the share of the error taken away, and whether that matters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discrepancy.stage import Stage
+from discrepancy.stated import pull
+from estimation.correlation import correlation_time
+
+__all__ = ["bic_difference", "matters", "taken"]
+
+
+def bic_difference(richer: Stage, poorer: Stage) -> float:
+    """Return the BIC of one stage minus that of another on the identification records.
+
+    Residuals are coloured, so the number of samples of an output is divided by how long the richer model's residual
+    remembers: BIC = Σ_c N_c·ln(SSE_c) + k·ln(Σ_c N_c) + Σ (θ − θ₀)²/s² with N_c the effective number and the last sum
+    what the stated uncertainty says about the parameters (`discrepancy.stated.pull`).
+    """
+    total, samples = 0.0, 0.0
+    for c, name in enumerate(richer.outputs):
+        a = [f.residual[:, c] for f in richer.identify.fits]
+        b = [f.residual[:, c] for f in poorer.identify.fits]
+        n = sum(e.size / correlation_time(e) for e in a)
+        floor = sum(e.size for e in a) * (1e-3 * richer.noise.get(name, 0.0)) ** 2
+        sse_a, sse_b = (sum(float(e @ e) for e in group) + floor for group in (a, b))
+        total += n * (np.log(max(sse_a, 1e-300)) - np.log(max(sse_b, 1e-300)))
+        samples += n
+    more = len(richer.identify.parameters) - len(poorer.identify.parameters)
+    stated = pull(richer.identify, poorer.identify) - pull(poorer.identify, richer.identify)
+    return float(total + more * np.log(max(samples, 2.0)) + stated)
+
+
+def taken(richer: Stage, poorer: Stage) -> float:
+    """Return the share of the mean square error that an effect takes away, averaged over the outputs."""
+    before, after = poorer.rmse("identify"), richer.rmse("identify")
+    shares = [1.0 - (after[n] / before[n]) ** 2 for n in richer.outputs if before[n] > 0.0]
+    return float(np.mean(shares)) if shares else 0.0
+
+
+def matters(richer: Stage, poorer: Stage) -> bool:
+    """Tell whether what an effect takes away reaches the noise floor of at least one output.
+
+    With enough samples anything is significant; an effect that calibration could all but replace is not worth a name.
+    """
+    before, after = poorer.rmse("identify"), richer.rmse("identify")
+    gained = {n: max(before[n] ** 2 - after[n] ** 2, 0.0) ** 0.5 for n in richer.outputs}
+    return any(gained[n] >= richer.noise.get(n, 0.0) for n in richer.outputs)
