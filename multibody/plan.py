@@ -111,8 +111,18 @@ def _assembled(model: Model, probes: bool, energy: bool, outputs: tuple[str, ...
         for k, q in enumerate(work.states)
         if work.derivatives[q.variable] in by_variable
     }
-    groups = (tuple(getattr(work, name)) for name in _GROUPS)
-    return Plan(*groups, speeds, work.input_delays, rates, source.texts, source.sparsity, tuple(work.places))
+    return Plan(
+        tuple(work.states),
+        tuple(work.inputs),
+        tuple(work.parameters),
+        tuple(work.outputs),
+        speeds,
+        work.input_delays,
+        rates,
+        source.texts,
+        source.sparsity,
+        tuple(work.places),
+    )
 
 
 # ---------------------------------------------------------------- as a file
@@ -140,8 +150,12 @@ def _read(said: dict[str, Any], assembled: Any) -> Plan:
         return kept_text(name, (kept[name.partition("_")[0]],), lambda: fresh().texts[name])
 
     n = len(said["states"])
+    states, inputs, parameters, outputs = (tuple(Quantity(*q) for q in said[name]) for name in _GROUPS)
     return Plan(
-        *(tuple(Quantity(*q) for q in said[name]) for name in _GROUPS),
+        states,
+        inputs,
+        parameters,
+        outputs,
         tuple(said["speed_names"]),
         said["input_delays"],
         {int(k): int(rate) for k, rate in said["rate_states"]},
