@@ -14,6 +14,7 @@ from discrepancy.describe_unknown import describe_unknown
 from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
 from discrepancy.effects import unit_at
 from discrepancy.kinds import kind_named
+from discrepancy.nameless import nameless_force
 from discrepancy.next_measurement import next_measurements
 from discrepancy.stage import Accepted, Stage
 from discrepancy.stated import outside, told
@@ -45,9 +46,12 @@ def conclude(study: Study) -> Conclusion:
         unknown = UnknownCurve.of_effect(
             effect, stages[-1].identify, statement, p_value=entry.p_value, delta_bic=entry.delta_bic
         )
+    still = None if accepted else study.follows
+    if still is not None and (nameless := nameless_force(study)) is not None:
+        unknown, described = nameless
+        verdict = "unknown effect"
     refused, hidden = _left_over(study)
     separating = next_measurements(study)
-    still = None if accepted else study.follows
     warnings = setup.warnings
     if study.beyond is not None and accepted:
         warnings = (*warnings, study.beyond.told(f"{_title(accepted[0].effect.kind)} at {accepted[0].effect.where}"))
@@ -81,6 +85,8 @@ def conclude(study: Study) -> Conclusion:
             **({"follows_inputs": {"p": still.p, "rejects": still.rejects, "most": still.leading}} if still else {}),
         },
     )
+    if unknown is not None and not accepted:
+        return replace(found, sentence=unknown.statement + _far_off(stages[-1]))
     sentence = _sentence(found, accepted) + _far_off(stages[-1])
     return replace(found, sentence=f"{sentence} {still.sentence}" if still is not None else sentence)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import inspect
 import textwrap
 from collections.abc import Callable, Iterable
 from functools import cache
@@ -15,6 +14,7 @@ from multibody.differentiate import Differentiator, active_names, d
 from multibody.equations import Scope, parse_function
 from multibody.errors import EquationError
 from multibody.rewriter import Rewriter
+from multibody.sources import function_lines
 from multibody.statements import Statement, flow, names_written
 
 __all__ = ["kernel_sources", "tangent_name"]
@@ -77,18 +77,22 @@ def _returned(node: ast.FunctionDef) -> list[int]:
 
 def _check_calls(nodes: Iterable[ast.stmt], counts: dict[str, int], where: str) -> None:
     """Refuse calls whose number of results is not the number of names that take them."""
-    for node in nodes:
-        inside = list(ast.walk(node))
-        unpacked = {
-            id(n.value): len(n.targets[0].elts)
-            for n in inside
-            if isinstance(n, ast.Assign) and isinstance(n.targets[0], ast.Tuple)
-        }
-        for call in inside:
-            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
-                gives, takes = counts.get(call.func.id, 1), unpacked.get(id(call), 1)
-                if gives != takes:
-                    raise EquationError(f"{where}: '{call.func.id}' returns {gives} values, taken by {takes} names")
+    waiting: list[ast.AST] = list(nodes)
+    unpacked: dict[int, int] = {}
+    while waiting:  # what an assignment takes is known before its value is looked at
+        node = waiting.pop()
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Tuple):
+            unpacked[id(node.value)] = len(node.targets[0].elts)
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            gives, takes = counts.get(node.func.id, 1), unpacked.get(id(node), 1)
+            if gives != takes:
+                raise EquationError(f"{where}: '{node.func.id}' returns {gives} values, taken by {takes} names")
+        for name in node._fields:
+            value = getattr(node, name, None)
+            if value.__class__ is list:
+                waiting += [each for each in value if isinstance(each, ast.AST)]
+            elif isinstance(value, ast.AST) and value._fields and value.__class__ is not ast.Name:
+                waiting.append(value)
 
 
 def _tangent(node: ast.FunctionDef) -> ast.FunctionDef:
@@ -101,7 +105,7 @@ def _tangent(node: ast.FunctionDef) -> ast.FunctionDef:
 
 
 def _raw(name: str, function: Callable[..., Any]) -> str:
-    text = textwrap.dedent(inspect.getsource(function)).replace("interval(", "k_tables_interval(")
+    text = textwrap.dedent("".join(function_lines(function)[0])).replace("interval(", "k_tables_interval(")
     return text.replace(f"def {function.__name__}(", f"def {name}(", 1)
 
 

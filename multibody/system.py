@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multibody.assembly import assemble
-from multibody.codegen import generate
 from multibody.component import nearest
 from multibody.equation_set import Quantity
 from multibody.errors import EquationError, ModelError
-from multibody.passing import speed_signals
 from multibody.places import Place
+from multibody.plan import plan_of
 from multibody.units import UnitError, quantity
 
 if TYPE_CHECKING:
@@ -64,36 +62,27 @@ class System:
         outputs: Iterable[str] | None = None,
         compiled: bool = True,
     ):
-        work = assemble(model, probes=probes, energy=energy, outputs=outputs)
-        known = {q.name for q in (*work.outputs, *work.states)}
-        #: states and outputs at whose speeds something narrow passes by (see `multibody.passing`)
-        self.speed_names = speed_signals(model, known)
-        source = generate(work, self.speed_names)
+        plan = plan_of(model, probes, energy, outputs)
         self.model = model
         self.name = model.name
-        self.texts = source.texts
-        self.sparsity = source.sparsity
+        self.texts = plan.texts
+        self.sparsity = plan.sparsity
         self.compiled = compiled
-        self.places: tuple[Place, ...] = tuple(work.places)
-        self.states: tuple[Quantity, ...] = tuple(work.states)
-        self.inputs: tuple[Quantity, ...] = tuple(work.inputs)
-        self.parameters: tuple[Quantity, ...] = tuple(work.parameters)
-        self.outputs: tuple[Quantity, ...] = tuple(work.outputs)
+        self._places = plan.places
+        self.states, self.inputs = plan.states, plan.inputs
+        self.parameters, self.outputs = plan.parameters, plan.outputs
         self.state_names = tuple(q.name for q in self.states)
         self.input_names = tuple(q.name for q in self.inputs)
         self.parameter_names = tuple(q.name for q in self.parameters)
         self.output_names = tuple(q.name for q in self.outputs)
+        #: states and outputs at whose speeds something narrow passes by (see `multibody.passing`)
+        self.speed_names = plan.speed_names
         #: index of the parameter that delays an input, by the input's name
         self.input_delays: dict[str, int] = {
-            name: self.parameter_names.index(parameter) for name, parameter in work.input_delays.items()
+            name: self.parameter_names.index(parameter) for name, parameter in plan.input_delays.items()
         }
-        by_variable = {q.variable: k for k, q in enumerate(self.states)}
         #: index of the state that is the rate of another state (position → velocity)
-        self.rate_states: dict[int, int] = {
-            k: by_variable[work.derivatives[q.variable]]
-            for k, q in enumerate(self.states)
-            if work.derivatives[q.variable] in by_variable
-        }
+        self.rate_states: dict[int, int] = plan.rate_states
         self._index = {
             kind: {q.name: k for k, q in enumerate(group)}
             for kind, group in (
@@ -105,6 +94,15 @@ class System:
         }
 
     # ---------------------------------------------------------------- names and vectors
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Where an effect can act."""
+        if self._places is None:
+            from multibody.assembly import find_places
+
+            self._places = tuple(find_places(self.model))
+        return self._places
 
     @property
     def start(self) -> np.ndarray:

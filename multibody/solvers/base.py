@@ -198,7 +198,7 @@ class NativeSolver(OdeSolver):
             warnings.warn(f"{type(self).__name__} ignores: {', '.join(sorted(extraneous))}", stacklevel=3)
         super().__init__(fun, t0, y0, t_bound, vectorized)
         # SciPy's wrappers refer to the solver: with them its samples would wait for the garbage collector.
-        self.fun = self.fun_single = self.fun_vectorized = self._fun
+        self.fun = self.fun_single = self.fun_vectorized = fun
         if self.n != problem.size:
             raise ProblemError(
                 f"y0 has {self.n} components, the problem {problem.size} "

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import threading
+import weakref
 
 import numpy as np
 import pytest
@@ -10,8 +12,17 @@ from scipy.linalg import expm
 
 from multibody import native
 from multibody.inputs import InputTable
-from multibody.solvers import DormandPrince54, NativeProblem, ProblemError, Rodas5P, choose_method, integrate
-from multibody.solvers.batch import batch
+from multibody.solvers import (
+    Automatic,
+    DormandPrince54,
+    Exponential43,
+    NativeProblem,
+    ProblemError,
+    Rodas5P,
+    choose_method,
+    integrate,
+)
+from multibody.solvers.batch import MOST_RUNS, batch
 from multibody.solvers.choose import jacobian, spectral_radius
 from multibody.solvers.transitions import transitions
 
@@ -221,6 +232,44 @@ def test_results_of_a_batch_that_are_kept_stay_as_they_were():
             kept[run.index] = run.y[1:]  # a view of a part is enough to keep it
     for index, part in kept.items():
         np.testing.assert_array_equal(part, integrate(prob, (0.0, 0.2), starts[index], t, rtol=1e-5).y[1:])
+
+
+def owner(array):
+    """The array in whose memory another one stands."""
+    while array.base is not None:
+        array = array.base
+    return array
+
+
+@pytest.fixture
+def no_collector():
+    gc.collect()
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.mark.parametrize("method", [Automatic, DormandPrince54, Exponential43, Rodas5P])
+def test_a_solution_that_is_dropped_is_gone_without_the_garbage_collector(method, no_collector):
+    stiff = linear(np.diag([-1.0, -2.0, -4e4]))
+    solution = integrate(stiff, (0.0, 0.2), np.ones(3), np.linspace(0.0, 0.2, 50), method=method)
+    memory = weakref.ref(owner(solution.y))
+    assert memory() is not None
+    del solution
+    assert memory() is None
+
+
+def test_a_batch_holds_no_more_results_after_many_runs_than_after_few(no_collector):
+    plain, stiff = linear(), linear(np.diag([-1.0, -2.0, -4e4]))  # the second ends the long way, one by one
+    t = np.linspace(0.0, 0.2, 2000)
+    seen, most = {}, []
+    for run in batch(((stiff if i % 3 else plain, np.ones(3)) for i in range(600)), (0.0, 0.2), t, 2):
+        memory = owner(run.y)
+        seen[id(memory)] = weakref.ref(memory)
+        seen = {key: alive for key, alive in seen.items() if alive() is not None}
+        most.append(sum(alive().nbytes for alive in seen.values()))
+        del memory
+    assert max(most) <= 2 * MOST_RUNS * t.nbytes * 3  # one group that was handed on, and the next
 
 
 def test_runs_are_the_same_to_the_last_bit_from_time_to_time():
