@@ -39,7 +39,7 @@ GEAR_KINDS = (
         "A crack at the root, a chipped or missing tooth, a large spall.",
         "Look at the teeth; average the vibration over turns of that shaft: one place of the turn stands out."),
         one_sided=True, component=HelicalMesh, sides=_GEARS, component_shapes=_teeth),
-    Kind("mesh_stiffness_variation", "parameter", "HelicalMesh", ("variation",), KindText(
+    Kind("mesh_stiffness_variation", "parameter", "HelicalMesh", ("variation", "variation_sin"), KindText(
         "a stiffness of the teeth that varies over the turn", "The teeth of one side of the gear are stiffer.",
         "A web with holes or ribs, a rim of uneven thickness, hardening that is not even.",
         "Compare the amplitude of the mesh line over the turn at high and at low load: it follows the load."),

@@ -94,8 +94,10 @@ class HelicalMesh(Component):
     wear = Parameter(0.0, "m", "material worn off at the tip of gear 1; it grows with the sliding", when="imperfect")
     added_backlash = Parameter(0.0, "m", "normal backlash beyond that of the design", when="imperfect")
     misalignment = Parameter(0.0, "rad", "angle between the flanks in the plane of action", when="imperfect")
-    variation_1 = Parameter(0.0, "", "share by which K varies over a turn of gear 1", when="imperfect")
-    variation_2 = Parameter(0.0, "", "share by which K varies over a turn of gear 2", when="imperfect")
+    variation_1 = Parameter(0.0, "", "share by which K varies over a turn of gear 1, most at tooth 0", when="imperfect")
+    variation_2 = Parameter(0.0, "", "share by which K varies over a turn of gear 2, most at tooth 0", when="imperfect")
+    variation_sin_1 = Parameter(0.0, "", "the same of gear 1, a quarter turn on", when="imperfect")
+    variation_sin_2 = Parameter(0.0, "", "the same of gear 2, a quarter turn on", when="imperfect")
     crack_1 = Parameter(0.0, "", "share of K that a tooth of gear 1 has lost; 1 is a missing tooth", when="imperfect")
     crack_2 = Parameter(0.0, "", "share of K that a tooth of gear 2 has lost; 1 is a missing tooth", when="imperfect")
     chip_1 = Parameter(0.0, "", "share of the face that a tooth of gear 1 has lost", min=0.0, max=1.0, when="imperfect")
@@ -252,7 +254,8 @@ class HelicalMesh(Component):
                     wave_2, self.lobes_cos_2, self.lobes_sin_2, self.lobes3_cos_2, self.lobes3_sin_2,
                     self.lobes4_cos_2, self.lobes4_sin_2)
                 k_line *= (
-                    (1.0 + self.variation_1 * math.cos(wave_1)) * (1.0 + self.variation_2 * math.cos(wave_2))
+                    (1.0 + self.variation_1 * math.cos(wave_1) + self.variation_sin_1 * math.sin(wave_1))
+                    * (1.0 + self.variation_2 * math.cos(wave_2) + self.variation_sin_2 * math.sin(wave_2))
                     * (1.0 - self.crack_1 * hit_1) * (1.0 - self.crack_2 * hit_2))
                 z_low += self.width * max(self.chip_1 * hit_1, self.chip_2 * hit_2)
                 pit = self.spall_1 * hit_1 + self.spall_2 * hit_2
