@@ -225,7 +225,7 @@ class NativeSolver(OdeSolver):
         self.field = problem.field(self.tolerance)
         self._driver = load_driver(self.DRIVER)
         self._count = problem.size if control_directions else problem.n
-        self._samples = samples
+        self._samples, self._unasked = samples, internal_steps is None
         if samples is not None:
             self._steps = internal_steps or SAMPLED_STEPS
             slots = 1
@@ -304,25 +304,27 @@ class NativeSolver(OdeSolver):
         return self._call()
 
     def _step_impl(self) -> tuple[bool, str | None]:
-        clock, tally = self._clock, self._tally
+        clock, tally, samples = self._clock, self._tally, self._samples
+        # Where nobody looks between calls, SciPy need not hear of them.
+        unseen = self._unasked and samples is not None and samples.receive is None and self.max_evaluations is None
         while True:
             status = self._advance()
             self.problem.check()
-            if self._samples is not None and (status != MORE or self._samples.receive is not None):
-                tally[FIRST] = self._samples.flush(int(tally[FIRST]), int(tally[SAMPLE]))
-            if status != BUFFER_FULL:
+            if samples is not None and (status != MORE or samples.receive is not None):
+                tally[FIRST] = samples.flush(int(tally[FIRST]), int(tally[SAMPLE]))
+            if status != BUFFER_FULL and not (status == MORE and unseen):
                 break
         self.nfev, self.njev, self.nlu = (
             int(tally[EVALUATIONS]),
             int(tally[JACOBIANS]),
             int(tally[FACTORIZATIONS]),
         )
-        if self._samples is not None:
-            self._samples.longest = float(clock[LONGEST])
-        if status == TOO_SMALL and tally[DONE] == 0:
-            return False, self._explanation()
+        if samples is not None:
+            samples.longest = float(clock[LONGEST])
         self.t = float(clock[T])
         self.y = self._state.copy()
+        if status == TOO_SMALL and tally[DONE] == 0:
+            return False, self._explanation()
         if self.max_evaluations is not None and self.nfev > self.max_evaluations and status != FINISHED:
             return False, (
                 f"{self.nfev} evaluations of the equations, more than the {self.max_evaluations} allowed, came only "
