@@ -11,22 +11,27 @@ if TYPE_CHECKING:
 
 
 def smooth_sign(m: MotionRange) -> Shapes:
+    """Widths of the speed around rest within which dry friction fades."""
     return [{"v_s": f * m.v_s} for f in (0.3, 1.0, 3.0)]
 
 
 def low_speeds(m: MotionRange) -> Shapes:
+    """Speeds at which the extra friction of starting has faded."""
     return [{"v_stribeck": f * m.speed, "v_s": m.v_s} for f in (0.03, 0.08, 0.2, 0.5)]
 
 
 def centred(m: MotionRange) -> Shapes:
+    """Middle and half of the travel."""
     return [{"centre": m.centre, "half": m.half}]
 
 
 def centred_sign(m: MotionRange) -> Shapes:
+    """Middle and half of the travel, and where dry friction fades."""
     return [{"centre": m.centre, "half": m.half, "v_s": m.v_s}]
 
 
 def centre(m: MotionRange) -> Shapes:
+    """Middle of the travel."""
     return [{"centre": m.centre}]
 
 
@@ -36,6 +41,7 @@ def bends_about(m: MotionRange) -> Shapes:
 
 
 def spots(m: MotionRange) -> Shapes:
+    """Places along the travel, close enough together to meet a spot of two widths."""
     widths = (0.05 * m.half, 0.15 * m.half)
     return [
         {"place": float(c), "width": float(w), "v_s": m.v_s}
@@ -53,14 +59,17 @@ def orders(m: MotionRange) -> Shapes:
 
 
 def displacements(m: MotionRange) -> Shapes:
+    """Displacements before sliding, as shares of the travel."""
     return [{"x_s": f * m.half} for f in (0.003, 0.01, 0.03, 0.1)]
 
 
 def spring(m: MotionRange) -> Shapes:
+    """The stiffness of the connection itself."""
     return [{"stiffness": m.scale}]
 
 
 def spring_gap(m: MotionRange) -> Shapes:
+    """Plays from a twentieth of the travel up to all of its half, about no force and about the middle."""
     gaps = [f * m.half for f in (0.05, 0.2, 0.5, 1.0)]
     return [{"stiffness": m.scale, "centre": c, "secant": gap} for c in (0.0, m.centre) for gap in gaps]
 

@@ -264,7 +264,7 @@ _add([
         "play (backlash)", "A gap in an elastic connection: within it nothing is transmitted.",
         "Worn gears, keys, couplings, loose screws, a nut without preload.",
         "Hold one side and move the other by hand: it moves freely for a moment. Reverse slowly and watch both sides."),
-        shapes.spring_gap, ("centre",), one_sided=True, linear=False, needs="stiffness", elastic=True),
+        shapes.spring_gap, ("centre", "stiffness"), one_sided=True, linear=False, needs="stiffness", elastic=True),
     Kind("hysteresis", "connection", "Hysteresis", ("level",), _T(
         "friction with elastic displacement (hysteresis)", "Friction that first yields like a spring, then slides.",
         "Rolling guides and ball screws (presliding), rope strands, rubber, clamped joints.",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -20,6 +20,7 @@ __all__ = [
     "check_same_scale",
     "check_time_order",
     "check_values",
+    "constant_inputs_once",
     "gap_steps",
     "grid_deviation",
 ]
@@ -299,3 +300,30 @@ def check_same_scale(records: Sequence[Record], may_be_constant: Collection[str]
             Fault(f"the records have different sampling rates ({told}): each keeps its own", "warning")
         )
     return faults
+
+
+def constant_inputs_once(records: Sequence[Record], may_be_constant: Collection[str]) -> tuple[Record, ...]:
+    """Return the records with one warning for all signals that may stand still and do so in every record.
+
+    A machine that runs at a set speed under a set load would be told so once for each file and signal; the log keeps
+    the values.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    may_be_constant : collection of str
+    """
+    signals = [r.signals for r in records]
+    still = [n for n in may_be_constant if all(n in each and np.ptp(each[n].values) == 0.0 for each in signals)]
+    if len(records) < 2 or not still:
+        return tuple(records)
+    columns = [f"'{signals[0][name].column}'" for name in still]
+    text = (
+        f"{', '.join(columns)}: constant within each of the {len(records)} recordings; as inputs they say what was "
+        "set, and nothing of how the machine answers to a change"
+    )
+    found = []
+    for record in records:
+        own = [w for w in record.warnings if not any(f"column {c}: constant at" in w for c in columns)]
+        found.append(replace(record, warnings=tuple(own)).warned(text))
+    return tuple(found)

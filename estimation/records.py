@@ -18,6 +18,7 @@ from estimation.checks import (
     check_same_scale,
     check_time_order,
     check_values,
+    constant_inputs_once,
     gap_steps,
     grid_deviation,
 )
@@ -131,7 +132,8 @@ def read_records(
     faults += [fault.text for fault in common if fault.severity == "error"]
     if faults:
         raise RecordError(faults)
-    return tuple(record.warned(*(fault.text for fault in common)) for record in records)
+    records = [record.warned(*(fault.text for fault in common)) for record in records]
+    return constant_inputs_once(records, may_be_constant)
 
 
 def _never_recorded(records: Sequence[Record], columns: Mapping[str, str], defaults: Mapping[str, float]) -> list[str]:

@@ -10,19 +10,14 @@ from __future__ import annotations
 
 import math
 
-from gearbox.contact_laws import PER_UNIT, friction_coefficient, impact, smooth_step
+from gearbox.contact_laws import friction_coefficient, friction_coefficients, impact, near_powers, signed_force
 
 # fmt: off
-__all__ = [
-    "bell", "closeness", "extent", "friction_coefficient", "impact", "inside", "letting_go", "lift", "line", "patch",
-    "piece", "pitted", "smooth_step", "three", "tip",
-]
+__all__ = ["bell", "closeness", "extent", "four", "held", "let_go", "line", "patch", "pitted", "tip"]
 
-#: Abscissas and half weights of the Gauss-Legendre rule with four points on [-1, 1].
-GAUSS_1, GAUSS_2 = 0.3399810435848563, 0.8611363115940526
-WEIGHT_1, WEIGHT_2 = 0.32607257743127307, 0.17392742256872693
-#: The same for the rule with three points.
-GAUSS_3, WEIGHT_MIDDLE, WEIGHT_3 = 0.7745966692414834, 0.4444444444444444, 0.2777777777777778
+#: Abscissas of the Gauss-Legendre rule with four points on [-1, 1], the difference of their squares, half weights.
+INNER, OUTER, BETWEEN = 0.3399810435848563, 0.8611363115940526, 0.6259686373402064
+WEIGHT_INNER, WEIGHT_OUTER = 0.32607257743127307, 0.17392742256872693
 #: Pieces of a line that are shorter (m) count as nothing.
 NOTHING = 1e-12
 
@@ -102,177 +97,116 @@ def patch(z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, rel
         elastic * depth / (e + 1.0), (force - elastic) * rate, rub * sliding)
 
 
-def lift(z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32, relief2,
-         start2, K, e, C_D, D_P):
-    """Return the force at z per length and per square of the penetration, negative where the damper would pull."""
-    _, depth, rate, _, _ = closeness(
-        z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32, relief2,
-        start2, 0.0, 0.0, 0.0, 0.0, 1.0)
-    depth = max(depth, 1e-3 * D_P)
-    share = min(depth / D_P, 1.0)
-    return (K * (depth * PER_UNIT) ** e + C_D * share * share * (3.0 - 2.0 * share) * rate) / (depth * depth)
+def let_go(f0, f1, f2, f3, d0, d1, d2, d3):
+    """Return between which places, on [-1, 1], a piece carries whose signed forces at the Gauss points are f0 to f3.
 
-
-def letting_go(near, far, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1,
-               edge2, c22, c32, relief2, start2, K, e, C_D, D_P):
-    """Return where between the end of the path (near) and of the contact (far) parting flanks let go.
-
-    Parting so fast that the damper would pull, flanks carry nothing: the force bends there, and an integral over it
-    with few points would be noisy.  Without such a place the result is ``far``.
+    Parting so fast that the damper would pull, flanks carry nothing.  Where that begins the force bends, and an
+    integral over it with few points would be noisy.  The place is a root of the cubic through the forces over the
+    squares of the penetrations d0 to d3, which are smooth even where a contact ends.
     """
-    found = far
-    parting = 0.0
-    if abs(far - near) > NOTHING:
-        _, _, parting, _, _ = closeness(
-            sense * (near + 0.98 * (far - near)), p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31,
-            relief1, start1, edge2, c22, c32, relief2, start2, 0.0, 0.0, 0.0, 0.0, 1.0)
-    if parting < 0.0:
-        x0 = near
-        x1 = near + 0.98 * (far - near)
-        f1 = lift(
-            sense * x1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
-            c32, relief2, start2, K, e, C_D, D_P)
-        f0 = 0.0
-        if f1 < 0.0:
-            f0 = lift(
-                sense * x0, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2,
-                c22, c32, relief2, start2, K, e, C_D, D_P)
-        if f0 > 0.0:
-            for _ in range(2):
-                found = x1 - f1 * (x1 - x0) / (f1 - f0)
-                f = lift(
-                    sense * found, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1,
-                    edge2, c22, c32, relief2, start2, K, e, C_D, D_P)
-                if f > 0.0:
-                    x0 = found
-                    f0 = f
-                    f1 = 0.5 * f1
-                else:
-                    x1 = found
-                    f1 = f
-                    f0 = 0.5 * f0
-    return found
+    first = -1.0
+    last = 1.0
+    most = max(f0, f1, f2, f3)
+    if min(d0, d1, d2, d3) > 0.0 and min(f0, f1, f2, f3) < 0.5 * most:
+        g0 = f0 / (d0 * d0)
+        g1 = f1 / (d1 * d1)
+        g2 = f2 / (d2 * d2)
+        g3 = f3 / (d3 * d3)
+        # a force of less than half the most may end within the piece: c0 + c1·x + c2·x² + c3·x³, even and odd parts
+        steep = 0.5 * (g2 - g1) / INNER
+        c2 = 0.5 * (g0 + g3 - g1 - g2) / BETWEEN
+        c3 = (0.5 * (g3 - g0) / OUTER - steep) / BETWEEN
+        c0 = 0.5 * (g1 + g2) - c2 * INNER * INNER
+        c1 = steep - c3 * INNER * INNER
+        odd = c1 + c3
+        if abs(c0 + c2) < abs(odd):
+            root = -(c0 + c2) / odd
+            for _ in range(3):
+                grow = c1 + root * (2.0 * c2 + 3.0 * root * c3)
+                if grow * odd > 0.0:
+                    root = min(max(root - (c0 + root * (c1 + root * (c2 + root * c3))) / grow, -1.0), 1.0)
+            first = root if odd > 0.0 else -1.0
+            last = 1.0 if odd > 0.0 else root
+    return first, last
 
 
-def piece(z0, z1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
-          relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d):
-    """Return the integral of `patch` from z0 to z1 with four Gauss points."""
+def four(z0, z1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
+         relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d):
+    """Return the integral of `patch` from z0 to z1 by four Gauss points, and what of the piece carries (`let_go`).
+
+    The moments with s are left out: they follow from those with z.  After the friction's power come those of the force
+    and, with the elastic energy, of its elastic part: what they differ by is lost to damping.
+    """
     middle = 0.5 * (z0 + z1)
     half = 0.5 * (z1 - z0)
-    n = 0.0
-    n_s = 0.0
-    n_z = 0.0
-    n_1 = 0.0
-    n_2 = 0.0
-    t = 0.0
-    t_s = 0.0
-    t_z = 0.0
-    energy = 0.0
-    loss = 0.0
-    rubbing = 0.0
-    for i in range(4):
-        side = 1.0 if i > 1.5 else -1.0
-        outer = 1.0 if abs(i - 1.5) > 1.0 else 0.0
-        z = middle + half * side * (GAUSS_1 + outer * (GAUSS_2 - GAUSS_1))
-        w = 2.0 * half * (WEIGHT_1 + outer * (WEIGHT_2 - WEIGHT_1))
-        d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = patch(
-            z, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
-            relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
-        n += w * d_n
-        n_s += w * d_ns
-        n_z += w * d_nz
-        n_1 += w * d_n1
-        n_2 += w * d_n2
-        t += w * d_t
-        t_s += w * d_ts
-        t_z += w * d_tz
-        energy += w * d_e
-        loss += w * d_l
-        rubbing += w * d_r
-    return n, n_s, n_z, n_1, n_2, t, t_s, t_z, energy, loss, rubbing
+    near = INNER * half
+    far = OUTER * half
+    s0, d0, r0, g10, g20 = closeness(
+        middle - far, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
+        relief2, start2, pit, pit_s, pit_half, pit_z, pit_width)
+    s1, d1, r1, g11, g21 = closeness(
+        middle - near, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
+        relief2, start2, pit, pit_s, pit_half, pit_z, pit_width)
+    s2, d2, r2, g12, g22 = closeness(
+        middle + near, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
+        relief2, start2, pit, pit_s, pit_half, pit_z, pit_width)
+    s3, d3, r3, g13, g23 = closeness(
+        middle + far, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
+        relief2, start2, pit, pit_s, pit_half, pit_z, pit_width)
+    e0, e1, e2, e3 = near_powers(d0, d1, d2, d3, K, e)
+    f0 = signed_force(d0, r0, e0, C_D, D_P)
+    f1 = signed_force(d1, r1, e1, C_D, D_P)
+    f2 = signed_force(d2, r2, e2, C_D, D_P)
+    f3 = signed_force(d3, r3, e3, C_D, D_P)
+    first, last = let_go(f0, f1, f2, f3, d0, d1, d2, d3)
+    light = 2.0 * WEIGHT_OUTER * half
+    heavy = 2.0 * WEIGHT_INNER * half
+    n0 = light * max(f0, 0.0)
+    n1 = heavy * max(f1, 0.0)
+    n2 = heavy * max(f2, 0.0)
+    n3 = light * max(f3, 0.0)
+    w0 = u0 + s0 * u1 + (middle - far) * u2
+    w1 = u0 + s1 * u1 + (middle - near) * u2
+    w2 = u0 + s2 * u1 + (middle + near) * u2
+    w3 = u0 + s3 * u1 + (middle + far) * u2
+    mu0, mu1, mu2, mu3 = friction_coefficients(w0, w1, w2, w3, mu_s, v_s, mu_d, v_d)
+    t0 = n0 * mu0
+    t1 = n1 * mu1
+    t2 = n2 * mu2
+    t3 = n3 * mu3
+    n = n0 + n1 + n2 + n3
+    t = t0 + t1 + t2 + t3
+    energy = (light * (e0 * d0 + e3 * d3) + heavy * (e1 * d1 + e2 * d2)) / (e + 1.0)
+    gain = light * (e0 * r0 + e3 * r3) + heavy * (e1 * r1 + e2 * r2)
+    return (
+        n, middle * n + far * (n3 - n0) + near * (n2 - n1), n0 * g10 + n1 * g11 + n2 * g12 + n3 * g13,
+        n0 * g20 + n1 * g21 + n2 * g22 + n3 * g23, t, middle * t + far * (t3 - t0) + near * (t2 - t1),
+        t0 * w0 + t1 * w1 + t2 * w2 + t3 * w3, n0 * r0 + n1 * r1 + n2 * r2 + n3 * r3, energy, gain, first, last)
 
 
-def three(z0, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d):
-    """Return the integral of `patch` from z0 to z1 without gaps by three Gauss points, and the outer signed forces."""
-    middle = 0.5 * (z0 + z1)
-    half = 0.5 * (z1 - z0)
-    n = 0.0
-    n_s = 0.0
-    n_z = 0.0
-    n_1 = 0.0
-    t = 0.0
-    t_s = 0.0
-    t_z = 0.0
-    energy = 0.0
-    loss = 0.0
-    rubbing = 0.0
-    at_0 = 0.0
-    at_1 = 0.0
-    for i in range(3):
-        z = middle + half * (i - 1.0) * GAUSS_3
-        w = 2.0 * half * (WEIGHT_MIDDLE if abs(i - 1.0) < 0.5 else WEIGHT_3)
-        s = p1 + slope * z
-        depth = a + s * (b + q * s) + z * c
-        steep = b + 2.0 * q * s
-        rate = da + s * db + z * dc + steep * v1
-        signed, force, elastic = impact(depth, rate, K, e, C_D, D_P)
-        at_0 = signed if i < 0.5 else at_0
-        at_1 = signed
-        sliding = u0 + s * u1 + z * u2
-        rub = force * friction_coefficient(sliding, mu_s, v_s, mu_d, v_d)
-        n += w * force
-        n_s += w * force * s
-        n_z += w * force * z
-        n_1 -= w * force * steep
-        t += w * rub
-        t_s += w * rub * s
-        t_z += w * rub * z
-        energy += w * elastic * depth / (e + 1.0)
-        loss += w * (force - elastic) * rate
-        rubbing += w * rub * sliding
-    return n, n_s, n_z, n_1, t, t_s, t_z, energy, loss, rubbing, at_0, at_1
-
-
-def inside(z0, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d):
-    """Return the integral of `patch` from z0 to z1 on the path of contact, where tips without relief leave no gap.
-
-    There the penetration is a polynomial along the line, so that three Gauss points integrate all that the damper does
-    exactly.  Where a part of it has let go, both parts are integrated for themselves.
-    """
-    n, n_s, n_z, n_1, t, t_s, t_z, energy, loss, rubbing, at_0, at_1 = three(
-        z0, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
-    mean = 0.5 * (at_0 + at_1)
-    rise = 0.5 * (at_1 - at_0) / GAUSS_3
-    if abs(mean) < abs(rise):
-        edge = 0.5 * (z0 + z1) - 0.5 * (z1 - z0) * mean / rise
-        n, n_s, n_z, n_1, t, t_s, t_z, energy, loss, rubbing, _, _ = three(
-            z0, edge, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
-        d_n, d_ns, d_nz, d_n1, d_t, d_ts, d_tz, d_e, d_l, d_r, _, _ = three(
-            edge, z1, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
-        n += d_n
-        n_s += d_ns
-        n_z += d_nz
-        n_1 += d_n1
-        t += d_t
-        t_s += d_ts
-        t_z += d_tz
-        energy += d_e
-        loss += d_l
-        rubbing += d_r
-    return n, n_s, n_z, n_1, 0.0, t, t_s, t_z, energy, loss, rubbing
+def held(z0, z1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
+         relief2, start2, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d):
+    """Return the integral of `patch` from z0 to z1, its points in the part that has not let go, less moments with s."""
+    n, n_z, n_1, n_2, t, t_z, rubbing, power, energy, gain, first, last = four(
+        z0, z1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32,
+        relief2, start2, 0.0, 0.0, 0.0, 0.0, 1.0, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
+    if last - first < 2.0:
+        n, n_z, n_1, n_2, t, t_z, rubbing, power, _, _, _, _ = four(
+            0.5 * (z0 + z1 + (z1 - z0) * first), 0.5 * (z0 + z1 + (z1 - z0) * last), p1, p2, slope, a, b, c, q, da, db,
+            dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22, c32, relief2, start2, 0.0, 0.0, 0.0, 0.0, 1.0, K,
+            e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
+    return n, n_z, n_1, n_2, t, t_z, energy, power - gain, rubbing
 
 
 def pitted(begin, finish, sense, steep, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
            start1, edge2, c22, c32, relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1,
            u2, mu_s, v_s, mu_d, v_d):
-    """Return by how much a pit changes the integral of `patch` over the line: exactly zero for a pit without depth."""
+    """Return by how much a pit changes what `held` gives for the line: exactly zero for a pit without depth."""
     n = 0.0
-    n_s = 0.0
     n_z = 0.0
     n_1 = 0.0
     n_2 = 0.0
     t = 0.0
-    t_s = 0.0
     t_z = 0.0
     energy = 0.0
     loss = 0.0
@@ -286,22 +220,20 @@ def pitted(begin, finish, sense, steep, p1, p2, slope, a, b, c, q, da, db, dc, v
         first = min(max((pit_s + side * pit_half - p1) / steep, begin), finish)
         last = min(max((pit_s + (side + 1.0) * pit_half - p1) / steep, begin), finish)
         if last - first > NOTHING:
-            d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = piece(
+            d_n, d_nz, d_n1, d_n2, d_t, d_tz, d_r, d_p, d_e, d_g, _, _ = four(
                 sense * first, sense * last, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
                 start1, edge2, c22, c32, relief2, start2, deep, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0,
                 u1, u2, mu_s, v_s, mu_d, v_d)
             n += share * d_n
-            n_s += share * d_ns
             n_z += share * d_nz
             n_1 += share * d_n1
             n_2 += share * d_n2
             t += share * d_t
-            t_s += share * d_ts
             t_z += share * d_tz
             energy += share * d_e
-            loss += share * d_l
+            loss += share * (d_p - d_g)
             rubbing += share * d_r
-    return n, n_s, n_z, n_1, n_2, t, t_s, t_z, energy, loss, rubbing
+    return n, n_z, n_1, n_2, t, t_z, energy, loss, rubbing
 
 
 def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
@@ -309,8 +241,8 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
          v_d):
     """Return the integral of `patch` over one line of contact between z_low and z_high.
 
-    The line is split where it leaves the path of contact, where sliding changes its direction and where parting corners
-    let go, and ends where the corners lose contact; between these points nothing switches on or off.
+    The line is split where it leaves the path of contact and where sliding changes its direction, and ends where the
+    corners lose contact; between these points nothing switches on or off but what has let go (`held`).
     """
     # positions along the line in the sense in which s grows; a spur gear's line has no slope to speak of
     sense = math.copysign(1.0, slope)
@@ -332,64 +264,43 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
     turning = steep * u1 + sense * u2
     still = min(max(-(u0 + p1 * u1) / turning, at_2), at_1) if abs(turning) > 1e-30 else at_2
     n = 0.0
-    n_s = 0.0
     n_z = 0.0
     n_1 = 0.0
     n_2 = 0.0
     t = 0.0
-    t_s = 0.0
     t_z = 0.0
     energy = 0.0
     loss = 0.0
     rubbing = 0.0
-    let_2 = letting_go(
-        at_2, begin, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2, c22,
-        c32, relief2, start2, K, e, C_D, D_P)
-    let_1 = letting_go(
-        at_1, finish, sense, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1, start1, edge2,
-        c22, c32, relief2, start2, K, e, C_D, D_P)
-    sharp = relief1 + relief2 <= 0.0
     last = begin
-    for i in range(6):
+    for i in range(4):
         first = last
-        last = (
-            let_2 if i < 0.5 else at_2 if i < 1.5 else still if i < 2.5 else at_1 if i < 3.5 else let_1 if i < 4.5
-            else finish)
+        last = at_2 if i < 0.5 else still if i < 1.5 else at_1 if i < 2.5 else finish
         if last - first > NOTHING:
-            if sharp and abs(i - 2.5) < 1.0:
-                d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = inside(
-                    sense * first, sense * last, p1, slope, a, b, c, q, da, db, dc, v1, K, e, C_D, D_P, u0, u1, u2,
-                    mu_s, v_s, mu_d, v_d)
-            else:
-                d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = piece(
-                    sense * first, sense * last, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31,
-                    relief1, start1, edge2, c22, c32, relief2, start2, 0.0, 0.0, 0.0, 0.0, 1.0, K, e, C_D, D_P, u0, u1,
-                    u2, mu_s, v_s, mu_d, v_d)
+            d_n, d_nz, d_n1, d_n2, d_t, d_tz, d_e, d_l, d_r = held(
+                sense * first, sense * last, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
+                start1, edge2, c22, c32, relief2, start2, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
             n += sense * d_n
-            n_s += sense * d_ns
             n_z += sense * d_nz
             n_1 += sense * d_n1
             n_2 += sense * d_n2
             t += sense * d_t
-            t_s += sense * d_ts
             t_z += sense * d_tz
             energy += sense * d_e
             loss += sense * d_l
             rubbing += sense * d_r
     if pit_half > 0.0:
-        d_n, d_ns, d_nz, d_n1, d_n2, d_t, d_ts, d_tz, d_e, d_l, d_r = pitted(
+        d_n, d_nz, d_n1, d_n2, d_t, d_tz, d_e, d_l, d_r = pitted(
             begin, finish, sense, steep, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
             start1, edge2, c22, c32, relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1,
             u2, mu_s, v_s, mu_d, v_d)
         n += d_n
-        n_s += d_ns
         n_z += d_nz
         n_1 += d_n1
         n_2 += d_n2
         t += d_t
-        t_s += d_ts
         t_z += d_tz
         energy += d_e
         loss += d_l
         rubbing += d_r
-    return n, n_s, n_z, n_1, n_2, t, t_s, t_z, energy, loss, rubbing
+    return n, p1 * n + slope * n_z, n_z, n_1, n_2, t, p1 * t + slope * t_z, t_z, energy, loss, rubbing

@@ -14,6 +14,7 @@ from multibody.component import Component
 __all__ = ["GEAR_KINDS"]
 
 _GEARS = (("gear_1", "_1"), ("gear_2", "_2"))
+_LOBES = ("lobes_cos", "lobes_sin", "lobes3_cos", "lobes3_sin", "lobes4_cos", "lobes4_sin")
 
 
 def _teeth(part: Component, ending: str) -> list[dict[str, float]]:
@@ -23,14 +24,15 @@ def _teeth(part: Component, ending: str) -> list[dict[str, float]]:
 
 GEAR_KINDS = (
     Kind("eccentricity", "parameter", "HelicalMesh", ("runout_x", "runout_y"), KindText(
-        "an eccentric gear", "The teeth run out of true with the axis of their shaft.",
+        "an eccentric gear", "The teeth run out of true with their shaft, or their pitch error has one wave.",
         "A gear bored or mounted off its centre, a bent shaft, a worn seat.",
         "Turn the gear by hand with a dial gauge on a pin between its teeth: the reading changes once a turn."),
         component=HelicalMesh, sides=_GEARS),
-    Kind("pitch_error", "parameter", "HelicalMesh", ("lobes_cos", "lobes_sin"), KindText(
-        "an error of pitch", "The spacing of the teeth has two waves around the gear.",
-        "Clamping while the gear was cut, distortion in hardening, a split blank.",
-        "Measure the cumulative pitch error on a gear tester: it has two maxima."),
+    Kind("pitch_error", "parameter", "HelicalMesh", _LOBES, KindText(
+        "an error of pitch", "The spacing of the teeth has two to four waves around the gear; a first wave "
+        "is an eccentric gear's.",
+        "Clamping while the gear was cut, distortion in hardening, a split blank, an uneven cutting machine.",
+        "Measure the cumulative pitch error on a gear tester: less its first wave, it has two to four maxima."),
         component=HelicalMesh, sides=_GEARS),
     Kind("tooth_defect", "parameter", "HelicalMesh", ("crack",), KindText(
         "a damaged tooth", "One tooth is softer than the others, or gone.",

@@ -5,47 +5,12 @@ from __future__ import annotations
 import math
 
 from gearbox.contact import line, patch
+from gearbox.mesh_forms import approach, hit, sliding, turned, waves
 from multibody.component import Component
 from multibody.declare import Energy, Option, Output, Parameter, Power, Rotation, Table, Translation
 
 # fmt: off
-__all__ = ["HelicalMesh", "approach", "hit", "sliding", "turned"]
-
-
-def approach(m, s_x, s_y, c_b, s_b, r_1, r_2, x, y, z, roll_x, roll_y, roll_y1, roll_y2, way):
-    """Return a, b, c of the penetration a + b·s + c·z of a flank (m = 1 front, −1 back), or of its rate.
-
-    x, y, z and roll_x, roll_y are those of gear 1 relative to gear 2; ``way`` is what the gears have turned towards
-    each other along the line of action, of direction (s_x, s_y); c_b, s_b are cosine and sine of the base helix angle.
-    """
-    n_x = c_b * s_x
-    n_y = m * c_b * s_y
-    n_z = -m * s_b
-    a = x * n_x + y * n_y + z * n_z - n_z * (r_1 * roll_y1 + r_2 * roll_y2) + m * c_b * way
-    b = n_z * (m * s_y * roll_x - s_x * roll_y)
-    c = n_x * roll_y - n_y * roll_x
-    return a, b, c
-
-
-def sliding(m, s_x, s_y, r_1, r_2, v_x, v_y, w_x, w_y, w_1, w_2):
-    """Return u₀, u₁, u₂ of the sliding speed u₀ + u₁·s + u₂·z of gear 1 against gear 2, in the transverse section."""
-    t_x = m * s_y
-    t_y = -s_x
-    u0 = v_x * t_x + v_y * t_y + t_y * (r_1 * w_1 + r_2 * w_2)
-    return u0, w_2 - w_1, w_y * t_x - w_x * t_y
-
-
-def hit(tooth, wanted, teeth):
-    """Return 1 where a running tooth number is the wanted tooth of a gear, else 0."""
-    apart = tooth - wanted - teeth * math.floor((tooth - wanted) / teeth + 0.5)
-    return 1.0 if abs(apart) < 0.5 else 0.0
-
-
-def turned(x, y, angle):
-    """Return a point that turns with a body."""
-    c = math.cos(angle)
-    s = math.sin(angle)
-    return c * x - s * y, s * x + c * y
+__all__ = ["HelicalMesh"]
 
 
 class HelicalMesh(Component):
@@ -112,6 +77,14 @@ class HelicalMesh(Component):
     lobes_sin_1 = Parameter(0.0, "m", "the same, a quarter wave on", when="imperfect")
     lobes_cos_2 = Parameter(0.0, "m", "pitch error of gear 2, two waves a turn, highest at tooth 0", when="imperfect")
     lobes_sin_2 = Parameter(0.0, "m", "the same, a quarter wave on", when="imperfect")
+    lobes3_cos_1 = Parameter(0.0, "m", "pitch error of gear 1, three waves a turn", when="imperfect")
+    lobes3_sin_1 = Parameter(0.0, "m", "the same, a quarter wave on", when="imperfect")
+    lobes3_cos_2 = Parameter(0.0, "m", "pitch error of gear 2, three waves a turn", when="imperfect")
+    lobes3_sin_2 = Parameter(0.0, "m", "the same, a quarter wave on", when="imperfect")
+    lobes4_cos_1 = Parameter(0.0, "m", "pitch error of gear 1, four waves a turn", when="imperfect")
+    lobes4_sin_1 = Parameter(0.0, "m", "the same, a quarter wave on", when="imperfect")
+    lobes4_cos_2 = Parameter(0.0, "m", "pitch error of gear 2, four waves a turn", when="imperfect")
+    lobes4_sin_2 = Parameter(0.0, "m", "the same, a quarter wave on", when="imperfect")
     pitch_1 = Parameter(0.0, "m", "pitch error of gear 1 per unit of its pattern", when="imperfect")
     pitch_2 = Parameter(0.0, "m", "pitch error of gear 2 per unit of its pattern", when="imperfect")
     pattern_1 = Table("", "", "pitch error over the tooth", default=((0.0, 1.0), (0.0, 0.0)), when="imperfect")
@@ -269,14 +242,17 @@ class HelicalMesh(Component):
                 at_2 = tooth - self.teeth_2 * math.floor(tooth / self.teeth_2)
                 hit_1 = hit(tooth, self.damaged_1, self.teeth_1)
                 hit_2 = hit(tooth, self.damaged_2, self.teeth_2)
-                wave_1 = 4.0 * math.pi * at_1 / self.teeth_1
-                wave_2 = 4.0 * math.pi * at_2 / self.teeth_2
+                wave_1 = 2.0 * math.pi * at_1 / self.teeth_1
+                wave_2 = 2.0 * math.pi * at_2 / self.teeth_2
                 a_line += self.pitch_1 * self.pattern_1(at_1) + self.pitch_2 * self.pattern_2(at_2)
-                a_line += self.lobes_cos_1 * math.cos(wave_1) + self.lobes_sin_1 * math.sin(wave_1)
-                a_line += self.lobes_cos_2 * math.cos(wave_2) + self.lobes_sin_2 * math.sin(wave_2)
+                a_line += waves(
+                    wave_1, self.lobes_cos_1, self.lobes_sin_1, self.lobes3_cos_1, self.lobes3_sin_1,
+                    self.lobes4_cos_1, self.lobes4_sin_1)
+                a_line += waves(
+                    wave_2, self.lobes_cos_2, self.lobes_sin_2, self.lobes3_cos_2, self.lobes3_sin_2,
+                    self.lobes4_cos_2, self.lobes4_sin_2)
                 k_line *= (
-                    (1.0 + self.variation_1 * math.cos(2.0 * math.pi * at_1 / self.teeth_1))
-                    * (1.0 + self.variation_2 * math.cos(2.0 * math.pi * at_2 / self.teeth_2))
+                    (1.0 + self.variation_1 * math.cos(wave_1)) * (1.0 + self.variation_2 * math.cos(wave_2))
                     * (1.0 - self.crack_1 * hit_1) * (1.0 - self.crack_2 * hit_2))
                 z_low += self.width * max(self.chip_1 * hit_1, self.chip_2 * hit_2)
                 pit = self.spall_1 * hit_1 + self.spall_2 * hit_2

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gearbox.papers_balances import balances_chapter
 from gearbox.papers_chain import chain_on_rig, one_load, rig_recordings, success_chapter
 from gearbox.papers_rows import AGREES, DIFFERS, UNCHECKED, Chapter, Row, compared
 from gearbox.papers_surface import eq_18_chapter, figs_9_10
@@ -63,7 +64,7 @@ def chapters(progress: Progress | None = None, folder: Path | None = None) -> li
         return None if folder is None else folder / f"gear-{housing}.jsonl"
 
     tell("gear stage: geometry, mesh frequencies")
-    found = [_geometry(), _table_5(), _table_6(tell), eq_18_chapter()]
+    found = [_geometry(), _table_5(), _table_6(tell), balances_chapter(), eq_18_chapter()]
     rigid = rig_recordings("rigid", tell)
     recordings = {"flexible": rig_recordings("flexible", tell, base=True), "rigid": one_load(rigid)}
     made: dict[str, UpdatingChain] = {h: chain_on_rig(h, r, tell, store(h)) for h, r in recordings.items()}

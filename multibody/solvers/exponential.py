@@ -8,6 +8,7 @@ import numpy as np
 
 from multibody.solvers.base import NativeSolver
 from multibody.solvers.differences import forward_differences
+from multibody.solvers.kernels.exponential import LEFT
 from multibody.solvers.kernels.stepping import DONE, EVALUATIONS, JACOBIANS, WANTED, T
 from multibody.solvers.problem import ProblemError
 
@@ -43,7 +44,7 @@ class Exponential43(NativeSolver):
         super().__init__(fun, t0, y0, t_bound, problem=problem, **options)
         n = self.problem.n
         self._work = np.zeros(6 * max(n, 1))
-        self._left, self._right, self._rates = np.zeros(n), np.zeros(n), np.zeros(2)
+        self._left, self._right, self._rates = np.zeros(n), np.zeros(n), np.zeros(5)
         self._fastest = 0.0
         self._due = 0
 
@@ -66,7 +67,7 @@ class Exponential43(NativeSolver):
         found = fast_motion(self._jacobian(float(self._clock[T])))
         if found is not None and found[0] < self._fastest:
             self._fastest, self._left[:], self._right[:] = found
-        self._rates[1] = 0.0
+        self._rates[LEFT] = 0.0
         self._due = SPELLS[int(self._fastest < 0.0)]
 
     def _jacobian(self, t: float) -> np.ndarray:

@@ -9,7 +9,6 @@ import pytest
 
 from gearbox import papers
 from gearbox.papers_rows import AGREES, Row
-from gearbox.papers_surface import eq_18_chapter
 from vtsdt.papers import _cell
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "method" / "papers-gearbox.md"
@@ -65,14 +64,10 @@ def test_the_page_has_the_ranking_of_two_housings_and_surfaces_of_six_sizes(page
 
 
 @pytest.mark.slow
-def test_rows_of_eq_18_are_those_of_the_page(page) -> None:
-    for row in eq_18_chapter().rows:
-        assert page[row.what] == shown(row)
-
-
-@pytest.mark.slow
-def test_every_row_comes_out_with_the_verdict_of_the_page(page, tmp_path) -> None:
+def test_every_row_comes_out_with_the_verdict_of_the_page(page, gear_runs) -> None:
     """A quarter of an hour; the last digits of simulated rows may differ between processors, verdicts may not."""
-    for chapter in papers.chapters(silent, tmp_path):
+    for chapter in papers.chapters(silent, gear_runs):
         for row in chapter.rows:
+            if chapter.place.startswith("Eq. 18"):  # nothing is simulated there
+                assert page[_cell(row.what)] == shown(row)
             assert page[_cell(row.what)][3] == f"**{row.verdict}**", row

@@ -55,19 +55,14 @@ def test_virtual_main_components_of_table_6() -> None:
 
 
 @pytest.fixture(scope="module")
-def store(tmp_path_factory):
-    return tmp_path_factory.mktemp("gear_runs")
-
-
-@pytest.fixture(scope="module")
 def recordings():
     return {housing: one_load(rig_recordings(housing, silent)) for housing in ("flexible", "rigid")}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("housing", ["flexible", "rigid"])
-def test_fig_8_is_a_statement_about_the_housing(housing, recordings, store) -> None:
-    chain = chain_on_rig(housing, recordings[housing], silent, store / f"{housing}.jsonl")
+def test_fig_8_is_a_statement_about_the_housing(housing, recordings, gear_runs) -> None:
+    chain = chain_on_rig(housing, recordings[housing], silent, gear_runs / f"gear-{housing}.jsonl")
     with chain.runs:
         found = papers.sensitivity_of(chain)
     ranges = dict(zip(found.space.names, found.ranges, strict=True))
@@ -84,8 +79,8 @@ def test_fig_8_is_a_statement_about_the_housing(housing, recordings, store) -> N
 
 
 @pytest.mark.slow
-def test_figs_9_and_10(recordings, store) -> None:
-    chain = chain_on_rig("rigid", recordings["rigid"], silent, store / "rigid.jsonl")
+def test_figs_9_and_10(recordings, gear_runs) -> None:
+    chain = chain_on_rig("rigid", recordings["rigid"], silent, gear_runs / "gear-rigid.jsonl")
     with chain.runs:
         result = chain.run()
     study = result.choice.study
@@ -108,9 +103,9 @@ def test_figs_9_and_10(recordings, store) -> None:
 
 
 @pytest.mark.slow
-def test_true_similarity_rises_where_the_truth_lies_inside_the_model(recordings, store) -> None:
+def test_true_similarity_rises_where_the_truth_lies_inside_the_model(recordings, gear_runs) -> None:
     """At least 9 of 10 designs, and above 0.7 under the three other conditions."""
-    found = success("rigid", recordings["rigid"], silent, store / "rigid.jsonl", range(DESIGNS))
+    found = success("rigid", recordings["rigid"], silent, gear_runs / "gear-rigid.jsonl", range(DESIGNS))
     assert min(found.taken) >= found.start
     assert found.rises >= 9
     assert found.above >= 9
@@ -118,10 +113,10 @@ def test_true_similarity_rises_where_the_truth_lies_inside_the_model(recordings,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("objective", ["similarity", "amplitudes"])
-def test_with_manufacturing_errors_no_design_makes_the_model_worse(objective, store, record_property) -> None:
+def test_with_manufacturing_errors_no_design_makes_the_model_worse(objective, gear_runs, record_property) -> None:
     """The success rate is reported, not asserted: only that what is no better is refused."""
     made = rig_recordings("rigid", silent, manufacturing=1.0)
-    kept, seeds = store / "rigid.jsonl", range(3)
+    kept, seeds = gear_runs / "gear-rigid.jsonl", range(3)
     if objective == "similarity":
         found = success("rigid", one_load(made), silent, kept, seeds)
     else:

@@ -314,3 +314,20 @@ def test_unused_columns_may_hold_anything(tmp_path):
     lines = [lines[0] + ",note,note", *(each + ",ok,,"[:4] for each in lines[1:])]
     record = read_record(write(tmp_path / "a.csv", lines), **ASKED)
     assert any("columns with the same name, not used here: note" in line for line in record.log)
+
+
+def test_inputs_that_stand_still_in_every_record_are_told_once(tmp_path) -> None:
+    for k, speed in enumerate((600.0, 900.0)):
+        moving = {"t": np.arange(50) / 100.0, "y": np.sin(np.arange(50.0) + k)}
+        still = {"rpm": np.full(50, speed), "load": np.full(50, 5.0)}
+        write(tmp_path / f"{k}.csv", text({**moving, **still}))
+    columns = {"speed": "rpm", "torque": "load", "out": "y"}
+    paths = [tmp_path / f"{k}.csv" for k in range(2)]
+    found = read_records(paths, time="t", columns=columns, may_be_constant=("speed", "torque"))
+    told = [w for r in found for w in r.warnings]
+    assert len(told) == 2
+    assert len(set(told)) == 1
+    assert told[0].startswith("'rpm', 'load': constant within each of the 2 recordings")
+    assert any("column 'rpm': constant at" in line for line in found[1].log)
+    one = read_records(paths[:1], time="t", columns=columns, may_be_constant=("speed", "torque"))
+    assert len(one[0].warnings) == 2

@@ -1,8 +1,8 @@
 """Many steps of Krogstad's exponential Runge-Kutta method of order 4 with one fast motion, in one call.
 
 The rates are split as f(y) = L·y + N(y) with L = u·wᵀ of rank one: w is the left eigenvector of the fast motion, kept
-from call to call, and u = (∂f/∂y)·v, from one more evaluation along the right eigenvector v (w·v = 1), renewed every
-few steps and when a step is refused: N holds what L lacks, so that any L gives the same order.
+from call to call, and u = (∂f/∂y)·v, from one more evaluation along the right eigenvector v (w·v = 1), renewed as
+often as λ changes and when a step is refused: N holds what L lacks, so that any L gives the same order.
 Its functions are then numbers: φ(hL)·x = φ(0)·x + h·φ₊(hλ)·(w·x)·u with φ₊ the next function and λ = w·u.
 
 Krogstad (2005), Generalized integrating factor methods for stiff PDEs, J. Comput. Phys. 203, 72-88.  The rates at the
@@ -47,8 +47,12 @@ from multibody.solvers.kernels.stepping import (
 
 #: Step of the difference quotient along the fast motion, as a share of the states' sizes.
 NEAR = 1e-6
-#: Steps for which the fast motion's rate is kept, unless one of them is refused.
-KEPT = 4.0
+#: Steps for which the fast motion's rate is kept at most; fewer while it changes, none once a step with it is refused.
+KEPT = 8.0
+#: In ``rates``: the rate in use, steps for which it still holds, for how many it was to hold, time and rate when found.
+RATE, LEFT, SPELL, SEEN, FOUND = range(5)
+#: Relative change of the rate from which it is renewed at every step, and below which it is kept twice as long.
+CHANGING, RESTING = 0.1, 0.03
 
 
 @inner
@@ -105,6 +109,31 @@ def fast_rate(c, t, n, y, f, left, right, rtol, atol, moved, u):
         for i in range(n):
             u[i] = 0.0
     return rate
+
+
+@inner
+def renew(c, t, h, y, f, left, right, rates, rtol, atol, moved, u):
+    """Find the fast motion's rate anew, and for how many steps to keep it.
+
+    Where it changes fast, it is taken as it will be in the middle of the step: what it changes by within a step is then
+    all that the method has to follow.
+    """
+    before, kept = rates[FOUND], rates[SPELL]
+    rate = fast_rate(c, t, c[N], y, f, left, right, rtol, atol, moved, u)
+    change, size = abs(rate - before), max(abs(rate), abs(before))
+    if change > CHANGING * size:
+        kept = 1.0
+    elif change < RESTING * size:
+        kept = min(2.0 * kept, KEPT)
+    rates[SPELL] = rates[LEFT] = max(kept, 1.0)
+    rates[RATE] = rates[FOUND] = rate
+    passed = abs(t - rates[SEEN])
+    rates[SEEN] = t
+    if kept < 1.5 and before < 0.0 and rate < 0.0 and passed > 0.0:
+        ahead = min(max(1.0 + (1.0 - before / rate) * 0.5 * h / passed, 0.5), 2.0)
+        rates[RATE] *= ahead
+        for i in range(c[N]):
+            u[i] *= ahead
 
 
 @fused
@@ -214,26 +243,25 @@ def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space)
             evaluate(t, y, k, c)
             tally[EVALUATIONS] += 1
             tally[KNOWN] = 1
-        if rates[1] < 0.5:
-            rates[0] = fast_rate(c, t, c[N], y, k, left, right, rtol, atol, moved, u)
+        if rates[LEFT] < 0.5:
+            renew(c, t, h, y, k, left, right, rates, rtol, atol, moved, u)
             tally[EVALUATIONS] += 1
-            rates[1] = KEPT
-        stages(c, t, t_new - t, rates[0], size, y, k, u, left, moved, d2, d3, d4, y_new, f_new, errors)
+        stages(c, t, t_new - t, rates[RATE], size, y, k, u, left, moved, d2, d3, d4, y_new, f_new, errors)
         tally[EVALUATIONS] += 4
         error = mean_error(size, y, y_new, errors, rtol, atol, errors)
         near = passing(c, t_new, y_new) if error <= 1.0 else 0.0
         if h <= 2.0 * near:
             break
         limit = h
-        if rates[1] < KEPT - 0.5:
-            rates[1] = 0.0
+        if rates[LEFT] < rates[SPELL] - 0.5:
+            rates[LEFT], rates[SPELL] = 0.0, 1.0
         tally[REJECTED] += 1
         if error <= 1.0:
             proposal = max(0.2 * h, near)
             continue
         tally[WORST] = worst(size, errors)
         proposal = h * max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.2 * h
-    rates[1] -= 1.0
+    rates[LEFT] -= 1.0
     settle(clock, h, t_new, error, 0.21, 0.05, proposal if clipped else 0.0, limit)
     tally[KNOWN] = 0 if jump else 2
     return True
@@ -245,8 +273,7 @@ def advance(
 ):
     """Take many steps; as `dormand_prince.advance` of one run, with rates and states at both ends for the interpolant.
 
-    ``left`` and ``right`` are the fast motion's eigenvectors, ``rates`` its λ in the last step and the steps for which
-    it still holds.
+    ``left`` and ``right`` are the fast motion's eigenvectors, ``rates`` what is known of its λ (see `RATE` and so on).
     """
     size, c = y.shape[1], pointer(numbers)
     ticks, counts, times, samples = pointer(clock), pointer(tally), pointer(sample_t), pointer(sample_y)
@@ -265,7 +292,7 @@ def advance(
             k,
             w,
             v,
-            rate[0],
+            rate[RATE],
             space,
             shift(space, size),
             sample_t.size,
