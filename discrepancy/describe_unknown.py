@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from discrepancy.force_estimate import ForceEstimate
     from discrepancy.study import Study
 
-__all__ = ["UnknownForce", "describe_unknown"]
+__all__ = ["UnknownForce", "describe_unknown", "described"]
 
 #: Laws that are told, and the least share of the curve's work for which a catalogue kind counts as alike.
 LAWS, ALIKE = 4, 0.8
@@ -123,9 +123,7 @@ def describe_unknown(study: Study) -> UnknownForce | None:
     of that estimate and not of the curve that was added, which has an argument already.
     """
     from discrepancy.confrontation import Confrontation
-    from discrepancy.curves import explain_force
     from discrepancy.force_estimate import estimate_force
-    from discrepancy.laws import suggest_laws
     from discrepancy.search import scan_preparation
 
     stages = study.stages
@@ -147,9 +145,19 @@ def describe_unknown(study: Study) -> UnknownForce | None:
     place = next(p for p in before.system.places if p.name == effect.where)
     estimate = estimate_force(before, facts, place, stages[k])
     alike = _alike(study, effect, k)
+    return described(study, estimate, alike, effect.over)
+
+
+def described(
+    study: Study, estimate: ForceEstimate, alike: tuple[tuple[str, float], ...] = (), over: str = ""
+) -> UnknownForce:
+    """Say what an estimated force is a function of and which simple law is near, if the sensors determine it."""
+    from discrepancy.curves import explain_force
+    from discrepancy.laws import suggest_laws
+
     if not estimate.reconstructable:
-        return UnknownForce(estimate, None, (), alike, effect.over)
-    study.progress(f"what the force at {effect.where} depends on")
+        return UnknownForce(estimate, None, (), alike, over)
+    study.progress(f"what the force at {estimate.where} depends on")
     moving = np.abs(estimate.motion["speed"])
     direction = np.tanh(estimate.motion["speed"] / max(0.01 * float(np.max(moving)), 1e-300))
     report = explain_force(
@@ -168,7 +176,7 @@ def describe_unknown(study: Study) -> UnknownForce | None:
     if best is not None:
         x = direction if best.regressor == "direction" else estimate.motion[best.regressor]
         laws = tuple(suggest_laws(estimate.force, x, best.curve, direction=direction, blocks=estimate.record)[:LAWS])
-    return UnknownForce(estimate, report, laws, alike, effect.over)
+    return UnknownForce(estimate, report, laws, alike, over)
 
 
 def _alike(study: Study, effect: Effect, index: int) -> tuple[tuple[str, float], ...]:

@@ -80,7 +80,9 @@ def _between(time: np.ndarray, knots: np.ndarray) -> np.ndarray:
     return np.maximum(0.0, 1.0 - np.abs(s[:, None] - np.arange(len(knots))))
 
 
-def estimate_force(stage: Stage, facts: Confrontation, place: Place, scale_of: Stage | None = None) -> ForceEstimate:
+def estimate_force(
+    stage: Stage, facts: Confrontation, place: Place, scale_of: Stage | None = None, *, all_of_it: bool = False
+) -> ForceEstimate:
     """Estimate the force that a stage's model lacks at a place.
 
     Parameters
@@ -92,10 +94,15 @@ def estimate_force(stage: Stage, facts: Confrontation, place: Place, scale_of: S
     place : Place
     scale_of : Stage, optional
         Whose residual says how noisy each output is; default: the stage itself.
+    all_of_it : bool
+        Take every output to be as noisy as its noise floor, so that all of the residual is to be explained.
     """
     noisy = scale_of or stage
     scale = []
     for c, name in enumerate(stage.outputs):
+        if all_of_it and noisy.noise.get(name, 0.0) > 0.0:
+            scale.append(noisy.noise[name])
+            continue
         parts = [f.residual[:, c] for f in noisy.identify.fits]
         rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
         memory = float(np.mean([correlation_time(p) for p in parts]))

@@ -96,7 +96,7 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
         return []
     suite, n = trials[0].suite, len(trials)
     if suite == "null":
-        return [("false alarms", sum(bool(t.found) for t in trials), n)]
+        return [("false alarms", sum(bool(t.found) or t.verdict == "unknown effect" for t in trials), n)]
     if suite == "unknown":
         return [
             ("verdict 'unknown effect'", sum(t.verdict == "unknown effect" for t in trials), n),
@@ -204,7 +204,7 @@ def page(out: Path, date: str, machine: str = "axis") -> str:
             lines.append(f"| {what} | {hits} | {n} | {hits / max(n, 1):.1%} | {low:.1%} to {high:.1%} |")
         lines += ["", "Misses:", ""]
         for t in trials:
-            missed = bool(t.found) if suite == "null" else not t.in_tie
+            missed = (bool(t.found) or t.verdict == "unknown effect") if suite == "null" else not t.in_tie
             if suite == "unknown":
                 missed = t.verdict != "unknown effect" or t.over not in (t.curve_over, t.depends_on)
             if missed:

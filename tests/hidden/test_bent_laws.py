@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import butter, sosfiltfilt
 
+from discrepancy.diagnosis_check import check_diagnosis
 from vtsdt.cli import main
 
 MODELS = '''
@@ -116,14 +117,14 @@ def drive(rng: np.random.Generator) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def diagnosed(folder: Path, machine, study: str) -> dict:
+def diagnosed(folder: Path, machine, study: str, candidates: str = "") -> dict:
     """Write the recordings of a machine, its model and a study; run the command; return diagnosis.json."""
     for k in range(3):
         columns = machine(np.random.default_rng([11, k]))
         values = np.column_stack(list(columns.values()))
         np.savetxt(folder / f"run{k}.csv", values, fmt="%.7g", delimiter=",", header=",".join(columns), comments="")
     (folder / "models.py").write_text(MODELS)
-    (folder / "study.toml").write_text(study + RECORDS)
+    (folder / "study.toml").write_text(study + RECORDS + candidates)
     assert main(["diagnose", str(folder / "study.toml"), "--out", str(folder / "out"), "--quiet"]) == 0
     return json.loads((folder / "out" / "diagnosis.json").read_text())
 
@@ -143,3 +144,11 @@ def test_play_between_two_rotors_is_found(tmp_path):
     assert f"{first['kind']}@{first['where']}" == "backlash@shaft"
     assert first["parameters"]["gap"]["value"] == pytest.approx(0.01, rel=0.2)
     assert diagnosis["explained"] > 0.5
+
+
+def test_play_that_the_catalogue_does_not_have_is_a_force_without_a_name_at_its_place(tmp_path):
+    diagnosis = diagnosed(tmp_path, drive, DRIVE, '[candidates]\ninclude = ["*_friction@*", "*drag@*", "sensor_*@*"]\n')
+    assert diagnosis["verdict"] == "unknown effect"
+    assert check_diagnosis(diagnosis) == []
+    assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["unknown_force@shaft"]
+    assert (tmp_path / "out" / "unknown_force.png").exists()

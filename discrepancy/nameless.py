@@ -1,0 +1,71 @@
+"""Something is missing and no effect, curve or refit tells what: where the missing force would act, and its course."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.confrontation import Confrontation
+from discrepancy.describe_unknown import UnknownForce, described
+from discrepancy.diagnosis import UnknownCurve
+from discrepancy.force_estimate import ForceEstimate, estimate_force
+from discrepancy.search import scan_preparation
+
+if TYPE_CHECKING:
+    from discrepancy.study import Study
+
+__all__ = ["LOUD", "nameless_force"]
+
+LOUD = 2.0  # times its noise floor from which the error of an output, which follows the inputs, is something missing
+
+
+def nameless_force(study: Study) -> tuple[UnknownCurve, UnknownForce] | None:
+    """Return the force that would explain what is left best, and what is known of it.
+
+    The force is estimated over time at every connection at which the sensors determine it, and the connection with the
+    largest marginal likelihood is taken.
+
+    Parameters
+    ----------
+    study : Study
+        Whose search found nothing, and in which what is left follows the inputs.
+
+    Returns
+    -------
+    (UnknownCurve, UnknownForce) or None
+        None where what is left does not follow the inputs, is near the noise, or no force can be determined.
+    """
+    stage, follows = study.stages[-1], study.follows
+    error = stage.rmse("identify")
+    if follows is None or not follows.rejects or not any(error[n] > LOUD * stage.noise.get(n, 0.0) for n in error):
+        return None
+    study.progress("the force that is missing, over time, at every connection")
+    facts = Confrontation.of_stage(stage, scan_preparation(stage))
+    estimates = [estimate_force(stage, facts, place, all_of_it=True) for place in stage.system.places]
+    known = [e for e in estimates if e.reconstructable and e.log_likelihood > 0.0]
+    if not known:
+        return None
+    best = max(known, key=lambda e: e.log_likelihood)
+    found = described(study, best)
+    return _curve(best, found, follows.p), found
+
+
+def _curve(estimate: ForceEstimate, found: UnknownForce, p_value: float) -> UnknownCurve:
+    """Return the force over what it follows; over time in the first record if it follows nothing."""
+    explained = found.report.best if found.report is not None else None
+    statement = (
+        f"Something is missing. No law and no curve explains it; of all connections a force at {estimate.where} would "
+        f"explain most. {found.sentence}"
+    )
+    figures = {"p_value": p_value, "delta_bic": -2.0 * estimate.log_likelihood}
+    if explained is not None and explained.regressor in ("position", "speed") and explained.parity == "even":
+        c = explained.curve
+        return UnknownCurve(
+            estimate.where, explained.regressor, c.unit, estimate.unit, c.grid, c.value, c.std, statement, **figures
+        )
+    first = estimate.record == 0
+    return UnknownCurve(
+        estimate.where, "time", "s", estimate.unit, estimate.time[first] - estimate.time[first][0],
+        np.asarray(estimate.force[first]), np.asarray(estimate.std[first]), statement, **figures,
+    )  # fmt: skip
