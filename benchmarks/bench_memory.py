@@ -1,7 +1,8 @@
 """Memory that a batch of 17-state trips takes beyond what its process had before; one result is 0.8 MB.
 
-The most that the process has resident after any run, in all or in the last hundred of them. It is bounded by the groups of
-runs that two threads work on and those that wait to be handed on, whose number and size do not depend on how many follow.
+The most that the process has resident after any run, in all or in the last hundred of them. It is bounded by the groups
+of runs that two threads work on and those that wait to be handed on, whose number and size do not depend on how many
+follow.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Start of a process: the interpreter and its imports.
 
 Byte code of all modules is there, as after an installation.  The first trip needs SciPy's `solve_ivp`, whose import
-alone is a row of its own; the rest of it is the model's equations, put together anew by every process, and machine code
-from the cache.
+alone is a row of its own; names and texts of the model's equations and machine code are in the cache.
 """
 
 from __future__ import annotations

@@ -146,6 +146,7 @@ class HandWritten:
         self._inputs = trip.table
         self.table = np.ascontiguousarray(self._inputs(trip.times, system.p).reshape(trip.times.size, -1))
         self.out = np.empty((trip.times.size, len(system.states)))
+        self.times = trip.times
         self.p = system.p.copy()
 
     def __call__(self, rtol: float, atol: float) -> np.ndarray:
@@ -153,7 +154,7 @@ class HandWritten:
         stops = self._inputs.kernel_for(rtol)["breaks"] if self.stops else self.trip.times[:0]
         done = self._integrate(
             self.trip.start.ctypes.data, self.p.ctypes.data, self.table.ctypes.data, len(self.table), STEP,
-            self.trip.times.ctypes.data, self.trip.times.size, rtol, atol, self.largest, stops.ctypes.data, stops.size,
+            self.times.ctypes.data, self.times.size, rtol, atol, self.largest, stops.ctypes.data, stops.size,
             self.out.ctypes.data)  # fmt: skip
         if done < 0:
             raise ArithmeticError("the step became too small")
@@ -274,3 +275,67 @@ def _entry(name: str, make: Callable[[], Solve], kind: str, stiff: bool) -> Call
 
     prepare.__doc__ = name
     return prepare
+
+
+# -------------------------------------------------------------------- where a short trip's time goes
+
+
+def shares(kind: str) -> dict[str, Any]:
+    """Return entries that take a trip apart: C and `solve_ivp` with the same steps, with and without samples."""
+    from multibody import solvers
+
+    rtol, atol, ends = 1e-2, 1e-5, np.array([DURATION])
+
+    def hand(samples: bool) -> Callable[[], Any]:
+        solve = HandWritten(trip(kind), stops=True)
+        if not samples:
+            solve.times = ends
+        return lambda: (solve(rtol, atol), None)[1]
+
+    def ours(times: Any = None, method: Any = solvers.DormandPrince54, end: float = DURATION) -> Callable[[], Any]:
+        from multibody.simulate import native_problem
+        from multibody.solvers import integrate
+
+        given = trip(kind)
+        problem = native_problem(given.system, given.system.p, given.table, tangent=True)
+        at = given.times if times is None else times
+        options = {"method": method, "rtol": rtol, "atol": atol}
+        return lambda: (integrate(problem, (0.0, end), given.start, t_eval=at, **options), None)[1]
+
+    def nothing() -> Callable[[], Any]:
+        from scipy.integrate import OdeSolver, solve_ivp
+
+        class Nothing(OdeSolver):
+            """Arrives at once."""
+
+            def __init__(self, fun: Any, t0: float, y0: Any, t_bound: float, vectorized: bool = False) -> None:
+                super().__init__(fun, t0, y0, t_bound, vectorized)
+
+            def _step_impl(self) -> tuple[bool, None]:
+                self.t = self.t_bound
+                return True, None
+
+        start = trip(kind).start
+        return lambda: (solve_ivp(_nowhere, (0.0, DURATION), start, method=Nothing), None)[1]
+
+    makers = {
+        "C by hand, steps end where the package's do": lambda: hand(True),
+        "the same in C, the last state only": lambda: hand(False),
+        "solve_ivp, DormandPrince54": ours,
+        "the same, the last state only": lambda: ours(ends),
+        "the same, 1 µs of motion: preparation and return": lambda: ours(np.array([1e-6]), end=1e-6),
+        "solve_ivp with a method that does nothing": nothing,
+    }
+    return {f"bench_{k}": _named(name, make) for k, (name, make) in enumerate(makers.items())}
+
+
+def _named(name: str, make: Callable[[], Any]) -> Callable[[], Any]:
+    def prepare() -> Callable[[], Any]:
+        return make()
+
+    prepare.__doc__ = name
+    return prepare
+
+
+def _nowhere(t: float, y: np.ndarray) -> np.ndarray:
+    return y

@@ -41,24 +41,27 @@ def conclude(study: Study) -> Conclusion:
     if any(a.effect.definition.free_form for a in accepted):
         entry = next(a for a in reversed(accepted) if a.effect.definition.free_form)
         effect = next(e for e in stages[-1].effects if e.component_name == entry.effect.component_name)
-        described = describe_unknown(study)
+        described = study.unless_it_fails("what the unknown force depends on", lambda: describe_unknown(study))
         statement = " ".join([_curve_words(entry), *([described.sentence] if described is not None else [])])
         unknown = UnknownCurve.of_effect(
             effect, stages[-1].identify, statement, p_value=entry.p_value, delta_bic=entry.delta_bic
         )
     still = None if accepted else study.follows
-    if still is not None and (nameless := nameless_force(study)) is not None:
+    nameless = None
+    if still is not None:
+        nameless = study.unless_it_fails("where the missing force acts", lambda: nameless_force(study))
+    if nameless is not None:
         unknown, described = nameless
         verdict = "unknown effect"
     refused, hidden = _left_over(study)
-    separating = next_measurements(study)
+    separating = study.unless_it_fails("what to measure next", lambda: next_measurements(study)) or ()
     warnings = setup.warnings
     if study.beyond is not None and accepted:
         warnings = (*warnings, study.beyond.told(f"{_title(accepted[0].effect.kind)} at {accepted[0].effect.where}"))
     if not accepted and (far := outside(stages[-1].identify)):
         listed = " and ".join(told(q, value) for q, value in far)
         warnings = (*warnings, f"Calibration ends outside what was stated: {listed}. Check what was stated.")
-    warnings = (*warnings, *_not_lasting(stages))
+    warnings = (*warnings, *_not_lasting(stages), *dict.fromkeys(study.troubles))
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
         verdict = verdict if accepted else ""

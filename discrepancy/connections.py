@@ -17,7 +17,7 @@ from discrepancy.residuals import Residuals
 from estimation.experiment import Push
 from multibody.side_by_side import cores
 
-__all__ = ["failing_connections"]
+__all__ = ["connections_or_why", "failing_connections"]
 
 _SPEED_KNOTS = 8
 _POSITION_KNOTS = 6
@@ -26,6 +26,16 @@ _SAME = 0.999
 _LEAST_SHARE = 0.05
 _CLOSE = 0.1
 """Difference of shares within which two places are told as equally good."""
+
+
+def connections_or_why(facts: Residuals) -> tuple[tuple[dict[str, Any], ...], str]:
+    """Return how much a force at each place would explain; nothing, and why, where the model cannot be simulated so."""
+    from multibody.errors import SimulationError
+
+    try:
+        return tuple(failing_connections(facts)), ""
+    except SimulationError as error:
+        return (), f"At which connection '{facts.stage.name}' fails was not asked: {error}"
 
 
 def failing_connections(facts: Residuals) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.connections import failing_connections
+from discrepancy.connections import connections_or_why
 from discrepancy.residuals import PlaceMotion, Residuals, residuals_of
 from discrepancy.stage import Stage
 from discrepancy.wording import quantity
@@ -58,6 +58,8 @@ class WhereItFails:
         Bands in which the residual stands above the noise floor.
     connections : tuple of dict
         How much of the residual a force at each place would explain.
+    untold : str
+        Why nothing is said of the connections, if so.
     """
 
     stage: str
@@ -67,6 +69,7 @@ class WhereItFails:
     dependence: tuple[Entry, ...]
     frequencies: tuple[Entry, ...]
     connections: tuple[Entry, ...]
+    untold: str = ""
 
     def to_dict(self) -> dict[str, list[Entry]]:
         """Return the lists as they stand in ``diagnosis.json``."""
@@ -104,7 +107,7 @@ def locate(stage: Stage, part: str = "identify") -> WhereItFails:
         tuple(_regimes(facts)),
         tuple(_dependence(facts)),
         tuple(_frequencies(facts)),
-        tuple(failing_connections(facts)),
+        *connections_or_why(facts),
     )
 
 

@@ -33,14 +33,14 @@ class Search:
         if not study.settled:
             self._settle()
         self._add_significant()
-        self._free_curves()
+        study.unless_it_fails("whether a curve tells more", self._free_curves)
         whole = study.mode == "simulation" and study.given.residual == "auto"
         if not self._found and whole and study.cut_into_windows(study.stages[1].rmse("identify")):
             self.run()
             return
-        if not self._found and study.steps and self._by_refits():
+        if not self._found and study.steps and study.unless_it_fails("what else it could be", self._by_refits):
             self._add_significant()
-        self._ask_beyond()
+        study.unless_it_fails("what parameters alone would explain", self._ask_beyond)
 
     @property
     def _found(self) -> list[Stage]:
@@ -50,8 +50,8 @@ class Search:
         """Explain and add, as long as there is something significant and room for it."""
         study = self.study
         while len(study.stage.effects) < study.setup.max_effects:
-            step = study.explain()
-            if step.accepted is None or step.stage is None:
+            step = study.unless_it_fails("what is still missing", study.explain) if study.steps else study.explain()
+            if step is None or step.accepted is None or step.stage is None:
                 return
             study.progress(f"add {step.accepted.effect}")
             self._add(step.accepted, step.stage)

@@ -224,8 +224,8 @@ def write(conclusion: Conclusion, out: str | Path, evidence: Evidence | None = N
     out.mkdir(parents=True, exist_ok=True)
     evidence = evidence or evidence_of(conclusion)
     paths, fault = _save_model(conclusion, out)
-    if fault:
-        conclusion = replace(conclusion, warnings=(*conclusion.warnings, fault))
+    faults = dict.fromkeys(f for f in (fault, evidence.before.untold, evidence.after.untold) if f)
+    conclusion = replace(conclusion, warnings=(*conclusion.warnings, *faults))
     name = "diagnosis.json" if conclusion.verdict in VERDICTS else "comparison.json"
     paths.insert(0, save_diagnosis(conclusion, out / name, evidence))
     drawn = pictures(conclusion, evidence)

@@ -233,7 +233,8 @@ def _simplest_first(tried: list[tuple[Stage, Row]], stage: Stage) -> list[tuple[
     best = tried[0][0]
     least = bic_difference(best, stage)
     close = [t for t in tried if bic_difference(t[0], stage) - least < TIE]
-    first = min(close, key=_size)
+    known = {e.where for e in stage.effects}  # of two places that look the same, the one where something was found
+    first = min(close, key=lambda t: (_size(t), t[1].where not in known))
     inside = [
         t
         for t in tried

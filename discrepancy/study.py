@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from estimation.calibrate import UncertainParameter
 
 __all__ = ["Study"]
+
+Answer = TypeVar("Answer")
 
 SHARES = (1.0, 0.3, 0.1, 0.01)  # of the strengths given, with which an effect that is added by hand is tried
 
@@ -57,6 +59,8 @@ class Study:
         Parameters that, outside their stated uncertainty, explain as much as the first effect found.
     follows : Omnibus or None
         Whether what is left follows the machine's inputs, asked where no effect was found.
+    troubles : list of str
+        What could not be asked of the latest stage, because its model cannot be simulated so.
 
     Attributes
     ----------
@@ -75,6 +79,7 @@ class Study:
     in_windows_instead: bool = False
     beyond: Beyond | None = None
     follows: Omnibus | None = None
+    troubles: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.given = self.setup
@@ -134,6 +139,17 @@ class Study:
         self.progress("recalibrate the uncertain parameters")
         self.stages.append(self.fitted("recalibrated", (), None, noise))
         self.made()
+
+    def unless_it_fails(self, what: str, ask: Callable[[], Answer]) -> Answer | None:
+        """Return an answer; None, and a note among the troubles, where the latest model cannot be simulated for it."""
+        from multibody.errors import SimulationError
+
+        try:
+            return ask()
+        except SimulationError as error:
+            self.troubles.append(f"{what} was not asked of '{self.stages[-1].name}': {error}")
+            self.progress(self.troubles[-1])
+            return None
 
     def made(self) -> None:
         """Tell whoever keeps the history that a stage has been made."""

@@ -83,7 +83,7 @@ def plan_of(model: Model, probes: bool, energy: bool, outputs: Iterable[str] | N
     outputs = None if outputs is None else tuple(outputs)
     path = None
     if _built <= BUILDS and not probes:
-        with contextlib.suppress(_Unknown):
+        with contextlib.suppress(_Unknown, OSError):  # a model can be put together without a cache
             path = cache_dir() / f"plan_{_key(model, energy, outputs)}.json"
     if path is not None and (found := read_object(path)) is not None:
         kept = _read(json.loads(found[0]), lambda: _assembled(model, probes, energy, outputs))
@@ -93,8 +93,9 @@ def plan_of(model: Model, probes: bool, energy: bool, outputs: Iterable[str] | N
         return kept
     made = _assembled(model, probes, energy, outputs)
     if path is not None:
-        _prune(path.parent)
-        write_object(path, json.dumps(_written(made)).encode())
+        with contextlib.suppress(OSError):  # another process may clear the same folder
+            _prune(path.parent)
+            write_object(path, json.dumps(_written(made)).encode())
     return made
 
 

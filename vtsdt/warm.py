@@ -49,6 +49,7 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
         Takes a line of text.
     """
     from multibody.solvers import DormandPrince54, Rodas5P, integrate
+    from multibody.solvers.batch import batch
 
     took = {}
     for name in names:
@@ -71,6 +72,7 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
     for method in (DormandPrince54, Rodas5P):
         integrate(problem, (0.0, 0.1), x0, [0.1], method)
         integrate(problem, (0.0, 0.1), x0, [0.1], method, events=lambda t, x: x[0])
+        list(batch([(problem, x0)], (0.0, 0.1), [0.1], 1, method=method))
     took["integrators"] = time.process_time() - begun
     return took
 

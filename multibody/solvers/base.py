@@ -116,7 +116,9 @@ class StoredSteps(DenseOutput):
 
 def _tolerance(name: str, value: Any, problem: NativeProblem, least: float = 0.0) -> np.ndarray:
     if type(value) is float and problem.directions is None and 0.0 <= value < np.inf:
-        return np.full(problem.n, max(value, least))
+        full = np.empty(problem.n)
+        full.fill(max(value, least))
+        return full
     given = np.asarray(value, dtype=np.float64)
     if given.shape not in ((), (problem.n,), (problem.size,)):
         raise ProblemError(
@@ -172,6 +174,7 @@ class NativeSolver(OdeSolver):
     ORDER: ClassVar[int] = 5
     STAGES: ClassVar[int] = 7
     DRIVER: ClassVar[str] = ""
+    IMPLICIT: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -199,9 +202,10 @@ class NativeSolver(OdeSolver):
         super().__init__(fun, t0, y0, t_bound, vectorized)
         # SciPy's wrappers refer to the solver: with them its samples would wait for the garbage collector.
         self.fun = self.fun_single = self.fun_vectorized = fun
-        if self.n != problem.size:
+        size = problem.size
+        if self.n != size:
             raise ProblemError(
-                f"y0 has {self.n} components, the problem {problem.size} "
+                f"y0 has {self.n} components, the problem {size} "
                 f"({problem.n} states, {problem.n_directions} directions): use problem.initial(x0)"
             )
         if not max_step > 0.0:
@@ -212,25 +216,25 @@ class NativeSolver(OdeSolver):
                 f"first_step must be positive and within the interval of {span:g} s, it is {first_step}"
             )
         self.problem = problem
-        self.y = np.array(self.y, dtype=np.float64)
+        self.y = self.y.astype(np.float64)
         self.max_step, self.max_evaluations = max_step, max_evaluations
         self.rtol = _tolerance("rtol", rtol, problem, LEAST_RTOL)
         self.atol = _tolerance("atol", atol, problem)
         if not direction_rtol > 0.0:
             raise ProblemError(f"direction_rtol must be positive, it is {direction_rtol}")
-        if problem.directions is not None and not control_directions and np.shape(rtol) != (problem.size,):
+        if problem.directions is not None and not control_directions and np.shape(rtol) != (size,):
             self.rtol[problem.n :] = min(direction_rtol, 1e300)
         alike = type(rtol) is float and problem.n > 0
         self.tolerance = min(1.0, float(self.rtol[0] if alike else self.rtol[: problem.n].min(initial=1.0)))
-        self.field = problem.field(self.tolerance)
+        self.field = problem.field(self.tolerance, self.IMPLICIT)
         self._driver = load_driver(self.DRIVER)
-        self._count = problem.size if control_directions else problem.n
-        self._samples = samples
+        self._count = size if control_directions else problem.n
+        self._samples, self._unasked = samples, internal_steps is None
         if samples is not None:
             self._steps = internal_steps or SAMPLED_STEPS
             slots = 1
         else:
-            fitting = STORE_BYTES // (8 * max(problem.size, 1) * (self.STAGES + 1))
+            fitting = STORE_BYTES // (8 * max(size, 1) * (self.STAGES + 1))
             self._steps = internal_steps or min(max(fitting, 1), 64)
             slots = self._steps
         self._allocate(slots)
@@ -257,8 +261,7 @@ class NativeSolver(OdeSolver):
         solver = cls.__new__(cls)
         vars(solver).update(vars(other))
         solver.problem = problem
-        if problem is not other.problem:
-            solver.field = problem.field(other.tolerance)
+        solver.field = problem.field(other.tolerance, cls.IMPLICIT)
         solver._driver = load_driver(cls.DRIVER)
         solver._allocate(len(other._store[0]))
         return solver
@@ -287,42 +290,48 @@ class NativeSolver(OdeSolver):
 
     def _advance(self) -> int:
         if self._call is None:
-            self._call = self._driver.advance.bound(
-                self.field.numbers[None],
-                self._clock[None],
-                self._tally[None],
-                self._state[None],
-                self._work,
-                *self._store,
-                self.rtol,
-                self.atol,
-                self._count,
-                self._sample_t,
-                self._sample_y[None],
-                *self._extra(),
-            )
+            self._call = self._bound()
         return self._call()
 
+    def _bound(self) -> Callable[[], int]:
+        """Return the driver's call with this solver's arrays."""
+        return self._driver.advance.bound(
+            self.field.numbers[None],
+            self._clock[None],
+            self._tally[None],
+            self._state[None],
+            self._work,
+            *self._store,
+            self.rtol,
+            self.atol,
+            self._count,
+            self._sample_t,
+            self._sample_y[None],
+            *self._extra(),
+        )
+
     def _step_impl(self) -> tuple[bool, str | None]:
-        clock, tally = self._clock, self._tally
+        clock, tally, samples = self._clock, self._tally, self._samples
+        # Where nobody looks between calls, SciPy need not hear of them.
+        unseen = self._unasked and samples is not None and samples.receive is None and self.max_evaluations is None
         while True:
             status = self._advance()
             self.problem.check()
-            if self._samples is not None and (status != MORE or self._samples.receive is not None):
-                tally[FIRST] = self._samples.flush(int(tally[FIRST]), int(tally[SAMPLE]))
-            if status != BUFFER_FULL:
+            if samples is not None and (status != MORE or samples.receive is not None):
+                tally[FIRST] = samples.flush(int(tally[FIRST]), int(tally[SAMPLE]))
+            if status != BUFFER_FULL and not (status == MORE and unseen):
                 break
         self.nfev, self.njev, self.nlu = (
             int(tally[EVALUATIONS]),
             int(tally[JACOBIANS]),
             int(tally[FACTORIZATIONS]),
         )
-        if self._samples is not None:
-            self._samples.longest = float(clock[LONGEST])
-        if status == TOO_SMALL and tally[DONE] == 0:
-            return False, self._explanation()
+        if samples is not None:
+            samples.longest = float(clock[LONGEST])
         self.t = float(clock[T])
         self.y = self._state.copy()
+        if status == TOO_SMALL and tally[DONE] == 0:
+            return False, self._explanation()
         if self.max_evaluations is not None and self.nfev > self.max_evaluations and status != FINISHED:
             return False, (
                 f"{self.nfev} evaluations of the equations, more than the {self.max_evaluations} allowed, came only "

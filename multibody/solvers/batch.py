@@ -115,7 +115,7 @@ class _Group:
             )  # fmt: skip
         except Exception:  # told for each run by the long way
             return {}
-        fields = [solver.field, *(item[1].field(solver.tolerance) for item in items[1:])]
+        fields = [solver.field, *(item[1].field(solver.tolerance, False) for item in items[1:])]
         y = np.array([item[2] for item in items], dtype=np.float64)
         clock, tally = np.tile(solver._clock, (runs, 1)), np.tile(solver._tally, (runs, 1))
         states = np.empty((runs, times.size, n))

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+from multibody.compiler.entries import jit_enabled
+from multibody.compiler.kinds import address_of
 from multibody.solvers.base import NativeSolver
 
 __all__ = ["DormandPrince54"]
@@ -24,6 +28,24 @@ class DormandPrince54(NativeSolver):
     ORDER = 5
     STAGES = 7
     DRIVER = "multibody.solvers.kernels.dormand_prince"
+
+    def _bound(self) -> Callable[[], int]:
+        if not jit_enabled():  # plain Python looks up what stands at an address more slowly than in an array
+            return super()._bound()
+        arrays = (  # all of them are the solver's own, and so outlive the call
+            self.field.numbers,
+            self._clock,
+            self._tally,
+            self._state,
+            self._work,
+            *self._store,
+            self.rtol,
+            self.atol,
+            self._sample_t,
+            self._sample_y,
+        )
+        numbers = (self.problem.size, self._count, len(self._store[0]), self._sample_t.size, len(self._sample_y))
+        return self._driver.advance_one.bound(np.array([*map(address_of, arrays), *numbers], dtype=np.int64))
 
     def advance_many(
         self,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -211,11 +211,12 @@ class NativeProblem:
         if colours.shape != (self.n,):
             return [f"colours has the shape {colours.shape}, not ({self.n},)"]
         if self.pattern is not None and np.shape(self.pattern) == (self.n, self.n):
-            return list(_shared(*self._structure()))
+            return list(_shared(*self._structure))
         if np.unique(colours).size == self.n:
             return []
         return [f"columns share colours, so the pattern of the Jacobian is needed, shape ({self.n}, {self.n})"]
 
+    @cached_property
     def _structure(self) -> tuple[int, bytes, bytes]:
         """Number of states, colours and pattern as what a cache can be asked with."""
         n = self.n
@@ -255,12 +256,13 @@ class NativeProblem:
         """Return for each colour and row the column that the entry belongs to, or -1; shape (colours, n)."""
         if self.colours is None:
             return np.repeat(np.arange(self.n)[:, None], self.n, axis=1)
-        return _owners(*self._structure())
+        return _owners(*self._structure)
 
-    def field(self, tolerance: float = 0.0) -> Any:
+    def field(self, tolerance: float = 0.0, jacobian: bool = True) -> Any:
         """Return a new `Field` for compiled drivers, with its own workspace.
 
         With a relative tolerance steps may pass over the kinks of finely sampled inputs (see `InputTable.kernel_for`).
+        Without ``jacobian`` what only a Jacobian takes is left out.
         """
         from multibody.solvers.kernels.bundle import FADING, Field
 
@@ -280,8 +282,8 @@ class NativeProblem:
             directions["channel"] = np.where(fading, FADING, channel)
             table = self._with_breaks(d, own)
         columns, seeds = 0, None
-        if self.columns is not None and self.colours is not None:
-            columns, seeds = self.columns.address, _seeds(*self._structure(), self.columns.lanes)
+        if jacobian and self.columns is not None and self.colours is not None:
+            columns, seeds = self.columns.address, _seeds(*self._structure, self.columns.lanes)
         passing: tuple[Any, ...] = ()
         if self.speeds is not None and self.widths is not None:
             passing = (self.speeds.address, np.ascontiguousarray(self.widths, dtype=np.float64))

@@ -26,6 +26,7 @@ class Rodas5P(NativeSolver):
     ORDER = 5
     STAGES = 4
     DRIVER = "multibody.solvers.kernels.rodas"
+    IMPLICIT = True
 
     def __init__(
         self, fun: Any, t0: float, y0: Any, t_bound: float, problem: Any = None, **options: Any

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from multibody.solvers.kernels.bundle import N
-from multibody.solvers.kernels.calls import entry, fused, independent, inner, pointer, shift
+from multibody.solvers.kernels.calls import entry, floats, fused, independent, inner, ints, pointer, shift
 from multibody.solvers.kernels.field import evaluate
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
@@ -271,6 +271,34 @@ def march(
             watch(clock, tally, c[N], size, start, k, y_new, rtol, atol)
         for i in independent(size):
             y[i] = y_new[i]
+
+
+@entry
+def advance_one(call):
+    """As `advance` of one run, whose arguments stand in one vector: addresses first, then numbers.
+
+    To hand over fourteen arrays one by one takes Python as long as the loop takes for ten steps.
+    """
+    c = pointer(call)
+    return march(
+        ints(c[0]),
+        floats(c[1]),
+        ints(c[2]),
+        c[12],
+        c[13],
+        floats(c[3]),
+        floats(c[4]),
+        c[14],
+        floats(c[5]),
+        floats(c[6]),
+        floats(c[7]),
+        floats(c[8]),
+        floats(c[9]),
+        c[15],
+        floats(c[10]),
+        c[16],
+        floats(c[11]),
+    )
 
 
 @entry
