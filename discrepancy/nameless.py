@@ -13,6 +13,7 @@ from discrepancy.force_estimate import ForceEstimate, estimate_force
 from discrepancy.search import scan_preparation
 
 if TYPE_CHECKING:
+    from discrepancy.curves import Explanation
     from discrepancy.study import Study
 
 __all__ = ["LOUD", "nameless_force"]
@@ -24,7 +25,8 @@ def nameless_force(study: Study) -> tuple[UnknownCurve, UnknownForce] | None:
     """Return the force that would explain what is left best, and what is known of it.
 
     The force is estimated over time at every connection at which the sensors determine it, and the connection with the
-    largest marginal likelihood is taken.
+    largest marginal likelihood is taken.  What disturbs a machine from outside can be estimated as a force as well; one
+    that the model lacks follows the motion, beyond luck.
 
     Parameters
     ----------
@@ -34,7 +36,8 @@ def nameless_force(study: Study) -> tuple[UnknownCurve, UnknownForce] | None:
     Returns
     -------
     (UnknownCurve, UnknownForce) or None
-        None where what is left does not follow the inputs, is near the noise, or no force can be determined.
+        None where what is left does not follow the inputs, is near the noise, no force can be determined, or the force
+        follows nothing.
     """
     stage, follows = study.stages[-1], study.follows
     error = stage.rmse("identify")
@@ -48,18 +51,18 @@ def nameless_force(study: Study) -> tuple[UnknownCurve, UnknownForce] | None:
         return None
     best = max(known, key=lambda e: e.log_likelihood)
     found = described(study, best)
-    return _curve(best, found, follows.p), found
+    follower = found.report.best if found.report is not None else None
+    return (_curve(best, found, follower, follows.p), found) if follower is not None else None
 
 
-def _curve(estimate: ForceEstimate, found: UnknownForce, p_value: float) -> UnknownCurve:
-    """Return the force over what it follows; over time in the first record if it follows nothing."""
-    explained = found.report.best if found.report is not None else None
+def _curve(estimate: ForceEstimate, found: UnknownForce, explained: Explanation, p_value: float) -> UnknownCurve:
+    """Return the force over position or speed, if it follows one of them; else over time in the first record."""
     statement = (
         f"Something is missing. No law and no curve explains it; of all connections a force at {estimate.where} would "
         f"explain most. {found.sentence}"
     )
     figures = {"p_value": p_value, "delta_bic": -2.0 * estimate.log_likelihood}
-    if explained is not None and explained.regressor in ("position", "speed") and explained.parity == "even":
+    if explained.regressor in ("position", "speed") and explained.parity == "even":
         c = explained.curve
         return UnknownCurve(
             estimate.where, explained.regressor, c.unit, estimate.unit, c.grid, c.value, c.std, statement, **figures
