@@ -149,9 +149,16 @@ def describe_unknown(study: Study) -> UnknownForce | None:
 
 
 def described(
-    study: Study, estimate: ForceEstimate, alike: tuple[tuple[str, float], ...] = (), over: str = ""
+    study: Study,
+    estimate: ForceEstimate,
+    alike: tuple[tuple[str, float], ...] = (),
+    over: str = "",
+    level: float | None = None,
 ) -> UnknownForce:
-    """Say what an estimated force is a function of and which simple law is near, if the sensors determine it."""
+    """Say what an estimated force is a function of and which simple law is near, if the sensors determine it.
+
+    ``level`` is that at which it is said to be one; default: the study's.
+    """
     from discrepancy.curves import explain_force
     from discrepancy.laws import suggest_laws
 
@@ -168,7 +175,7 @@ def described(
         blocks=estimate.record,
         units=estimate.units,
         draws=DRAWS,
-        level=study.setup.level,
+        level=study.setup.level if level is None else level,
         seed=study.setup.seed,
     )
     laws: tuple[Law, ...] = ()

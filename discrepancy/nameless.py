@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["LOUD", "nameless_force"]
 
 LOUD = 2.0  # times its noise floor from which the error of an output, which follows the inputs, is something missing
+SECOND = 0.1  # level of the question what the force follows; it is asked only where the omnibus test has rejected
 
 
 def nameless_force(study: Study) -> tuple[UnknownCurve, UnknownForce] | None:
@@ -50,7 +51,7 @@ def nameless_force(study: Study) -> tuple[UnknownCurve, UnknownForce] | None:
     if not known:
         return None
     best = max(known, key=lambda e: e.log_likelihood)
-    found = described(study, best)
+    found = described(study, best, level=SECOND)
     follower = found.report.best if found.report is not None else None
     return (_curve(best, found, follower, follows.p), found) if follower is not None else None
 

@@ -97,9 +97,9 @@ def table(rng: np.random.Generator) -> dict[str, np.ndarray]:
     return {"time_s": t, "force_N": force, "position_mm": np.round(1e3 * p + 5e-3 * rng.standard_normal(t.size), 3)}
 
 
-def drive(rng: np.random.Generator) -> dict[str, np.ndarray]:
+def drive(rng: np.random.Generator, duration: float = 6.0) -> dict[str, np.ndarray]:
     """Two rotors with a play of 10 mrad in the spring between them."""
-    t = np.arange(0.0, 6.0, 0.002)
+    t = np.arange(0.0, duration, 0.002)
     torque = (1.2 * low_passed(rng, t, 1.5) + 0.3 * low_passed(rng, t, 15.0)) * np.clip(t / 0.3, 0.0, 1.0)
 
     def rates(s, x):
