@@ -38,9 +38,11 @@ def nameless_force(study: Study) -> tuple[UnknownCurve, UnknownForce] | None:
     -------
     (UnknownCurve, UnknownForce) or None
         None where what is left does not follow the inputs, is near the noise, no force can be determined, or the force
-        follows nothing.
+        follows nothing; and where a motion is prescribed.
     """
     stage, follows = study.stages[-1], study.follows
+    if study.mode == "inverse":  # its inputs are measured motions, whose noise what is left follows in any case
+        return None
     error = stage.rmse("identify")
     if follows is None or not follows.rejects or not any(error[n] > LOUD * stage.noise.get(n, 0.0) for n in error):
         return None

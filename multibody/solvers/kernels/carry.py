@@ -14,7 +14,7 @@ T = types.float64[:, :, ::1]
 
 @njit(inline="always", fastmath={"contract"})
 def add_products(factors, rows, total):
-    """Add the sum of some rows times their factors; four rows at a time, so that the total is read and written less often."""
+    """Add the sum of some rows times their factors, four at a time: the total is then read and written less often."""
     n, m = factors.size, total.size
     first = 0
     while first + 4 <= n:
