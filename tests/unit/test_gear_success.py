@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from gear_stand_in import RANGES, START, TEETH, measured, stand_in
 
 from gearbox import papers_chain

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 # Processes that the tests start must find the stand-in too, by the same name.
-sys.path.insert(0, str(Path(__file__).parent))
-
 from gear_stand_in import RANGES, START, TEETH, load, measured, stand_in
 
 from gearbox.condition import OperatingCondition
