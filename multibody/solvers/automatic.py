@@ -28,7 +28,7 @@ from multibody.solvers.problem import NativeProblem
 from multibody.solvers.rosenbrock import Rodas5P, relative_cost
 from multibody.solvers.spectral_radius import spectral_radius
 
-__all__ = ["Automatic", "in_words"]
+__all__ = ["LOOK", "Automatic", "held_by_stability", "in_words"]
 
 LEAST_SPELL, LONGEST_SPELL = 64, 4096  # steps of the stiff method before the explicit one is tried again
 RUN_UP, JUDGED = 8, 16  # steps of the stiff method until its own pace is reached, and until that pace is judged
@@ -113,19 +113,10 @@ class Automatic(DormandPrince54):
             self._unseen %= LOOK
             return False
         self._unseen = 0
-        jacobian = self._differences()
-        finite = bool(np.all(np.isfinite(jacobian)))
-        return finite and abs(float(self._clock[STEP_OLD])) * spectral_radius(jacobian[None])[0] > EDGE
-
-    def _differences(self) -> np.ndarray:
-        """Return the Jacobian of the rates by forward differences: good enough for its largest eigenvalue."""
-        n, t = self.problem.n, float(self._clock[T])
-        x = self._state[:n].copy()
-        sizes = np.maximum(np.abs(x), self.atol[:n] / self.rtol[:n])
         if self._rates is None:
             self._rates = (replace(self.problem, directions=None) if self.problem.n_directions else self.problem).fun
-        rates = self._rates
-        return forward_differences(lambda moved: rates(t, moved), x, sizes)
+        n, t, step = self.problem.n, float(self._clock[T]), float(self._clock[STEP_OLD])
+        return held_by_stability(self._rates, t, self._state[:n], step, self.atol[:n] / self.rtol[:n])
 
     def _advance_unwatched(self) -> int:
         tally = self._tally
@@ -243,6 +234,26 @@ class Automatic(DormandPrince54):
             self._stiff.t_old, self._stiff.t = self.t_old, self.t
             return self._stiff._dense_output_impl()
         return super()._dense_output_impl()
+
+
+def held_by_stability(
+    rates: Callable[[float, np.ndarray], np.ndarray], t: float, x: np.ndarray, step: float, least: np.ndarray
+) -> bool:
+    """Tell whether explicit steps of a size are on the edge of stability.
+
+    Parameters
+    ----------
+    rates : callable
+        ``f(t, x)``; its Jacobian is taken by forward differences, good enough for its largest eigenvalue.
+    t : float, s
+    x : ndarray, shape (n,)
+    step : float, s
+    least : ndarray, shape (n,)
+        Least size of a state for its difference: absolute over relative tolerance.
+    """
+    own = x.copy()
+    jacobian = forward_differences(lambda moved: rates(t, moved), own, np.maximum(np.abs(own), least))
+    return bool(np.all(np.isfinite(jacobian))) and abs(step) * spectral_radius(jacobian[None])[0] > EDGE
 
 
 def in_words(history: list[tuple[float, str]], end: float) -> str:

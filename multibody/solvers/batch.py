@@ -18,17 +18,34 @@ from typing import Any
 
 import numpy as np
 
-from multibody.solvers.automatic import Automatic
+from multibody.abreast import rhs_abreast, rhs_abreast_is_known
+from multibody.solvers.automatic import LOOK, Automatic, held_by_stability
 from multibody.solvers.base import Samples
 from multibody.solvers.dormand_prince import DormandPrince54
-from multibody.solvers.kernels.stepping import FINISHED, SAMPLE, STATUS, WANTED, WATCH
+from multibody.solvers.kernels.abreast import LANES
+from multibody.solvers.kernels.stepping import (
+    DONE,
+    FINISHED,
+    KNOWN,
+    MORE,
+    SAMPLE,
+    STATUS,
+    STEP_OLD,
+    WANTED,
+    WATCH,
+    T,
+)
 from multibody.solvers.problem import NativeProblem
 from multibody.solvers.run import integrate
 
 __all__ = ["Run", "batch"]
 
 AHEAD = 4  # groups of runs that wait or are worked on, for each thread
-GROUP_SECONDS, MOST_RUNS, MOST_BYTES = 4e-3, 16, 1 << 22  # of one group
+GROUP_SECONDS, MOST_RUNS, GROUP_BYTES = 4e-3, 16, 1 << 22  # of one group
+MOST_BYTES = 1 << 24  # of a group that is as small as there are lanes
+FEWEST_ABREAST = 3  # runs that are faster in lanes than one after another
+COMPILATION = 1.0  # s
+MOST_LOST = 8  # runs that went the long way in the end, before all do if they are more than half
 MOST_STEPS = 1 << 22
 SUCCESS = "The solver successfully reached the end of the integration interval."
 
@@ -81,7 +98,8 @@ class _Group:
         method, times = options.get("method", Automatic), options.get("t_eval")
         known = {"method", "t_span", "t_eval", "rtol", "atol", "max_step", "first_step", "stiff_problem"}
         self.usable = method in (Automatic, DormandPrince54) and times is not None and options.keys() <= known
-        self.watches = method is Automatic
+        self.watches, self.abreast, self._looked = method is Automatic, False, 0
+        self._tried = self._lost = 0  # runs that the explicit method began, and those that it could not finish
         if not self.usable:
             return
         self.times = np.ascontiguousarray(times, dtype=np.float64)
@@ -93,7 +111,7 @@ class _Group:
     def __call__(self, items: list[_Item]) -> list[Run]:
         """Integrate some runs and return what came of them, in their order."""
         found: dict[int, Run] = {}
-        if self.usable:
+        if self.usable and not (self._lost > MOST_LOST and 2 * self._lost > self._tried):
             fit = [item for item in items if self._fits(item, items[0][1].n)]
             if fit:
                 found = self._together(fit)
@@ -103,6 +121,44 @@ class _Group:
         _, problem, x0 = item
         plain = problem.directions is None and problem.n == n and problem.rhs.compiled
         return plain and np.shape(x0) == (n,) and bool(np.all(np.isfinite(x0)))
+
+    def _in_lanes(self, items: list[_Item]) -> int:
+        """Return the address of the equations for several runs at once, or 0 to take one after another."""
+        first = items[0][1]
+        alike = (p.rhs is first.rhs and p.p.size == first.p.size and p.table.n_inputs == first.table.n_inputs
+                 for _, p, _ in items)  # fmt: skip
+        return rhs_abreast(first.rhs, LANES) if self.abreast and len(items) >= FEWEST_ABREAST and all(alike) else 0
+
+    def bytes_of(self, problem: NativeProblem) -> int:
+        """Return the size of a result, as far as it is known beforehand."""
+        return 8 * problem.size * self.times.size if self.usable else 0
+
+    def look_for_lanes(self, problem: NativeProblem, spent: float) -> None:
+        """Go on with several runs at once if their equations are in the cache, or once compiling them would have paid.
+
+        Parameters
+        ----------
+        problem : NativeProblem
+            One of the runs.
+        spent : float, s
+            What all the runs so far took.
+        """
+        if self.abreast or self._looked > 1 or not self.usable:
+            return
+        if spent > COMPILATION:
+            self._looked = 2
+        elif self._looked == 0:
+            self._looked = 1
+            if not rhs_abreast_is_known(problem.rhs, LANES):
+                return
+        else:
+            return
+        self.abreast = rhs_abreast(problem.rhs, LANES) != 0
+
+    def size(self, result: int, pace: float = np.inf) -> int:
+        """Return how many runs to take in one group, from the bytes of a result and the seconds that a run takes."""
+        least = LANES if self.abreast and LANES * result <= MOST_BYTES else 1
+        return max(least, min(MOST_RUNS, GROUP_BYTES // max(1, result), int(GROUP_SECONDS / max(pace, 1e-9))))
 
     def _together(self, items: list[_Item]) -> dict[int, Run]:
         first, options = items[0][1], self.options
@@ -121,16 +177,40 @@ class _Group:
         states = np.empty((runs, times.size, n))
         begun = int(np.searchsorted(times, self.start, side="right"))
         states[:, :begun] = y[:, None]
-        tally[:, SAMPLE], tally[:, WANTED] = begun, MOST_STEPS
+        tally[:, SAMPLE], tally[:, WANTED] = begun, LOOK if self.watches else MOST_STEPS
         if self.watches:
             tally[:, WATCH] = [item[1].tangent is not None or "stiff_problem" in options for item in items]
-        solver.advance_many(np.array([f.numbers for f in fields]), clock, tally, y, times, states)
+        numbers, going, address = np.array([f.numbers for f in fields]), np.arange(runs), self._in_lanes(items)
+        while going.size:
+            whole = going.size == runs  # else copies, which are put back
+            given = [part if whole else part[going] for part in (numbers, clock, tally, y)]
+            samples = states if whole else states[going]
+            if address and going.size >= FEWEST_ABREAST:
+                solver.advance_abreast(address, *given, times, samples)
+            else:
+                solver.advance_many(*given, times, samples)
+            if not whole:
+                clock[going], tally[going], y[going], states[going] = *given[1:], samples
+            going = np.array([r for r in going if self._goes_on(items[r][1], solver, clock[r], tally[r], y[r])], int)
         good = tally[:, STATUS] == FINISHED
+        self._tried, self._lost = self._tried + runs, self._lost + runs - int(good.sum())
         return {
             item[0]: Run(item[0], True, SUCCESS, times, states[r].T)
             for r, item in enumerate(items)
             if good[r]
         }
+
+    def _goes_on(
+        self, problem: NativeProblem, solver: DormandPrince54, clock: np.ndarray, tally: np.ndarray, y: np.ndarray
+    ) -> bool:
+        """Tell whether a run that has taken many steps is one for the explicit method, as `Automatic` does."""
+        if not self.watches or tally[STATUS] != MORE:
+            return False
+        least = solver.atol / solver.rtol
+        if tally[WATCH] and held_by_stability(problem.fun, float(clock[T]), y, float(clock[STEP_OLD]), least):
+            return False
+        tally[DONE] = tally[KNOWN] = 0  # the rates at y are worked out again
+        return True
 
 
 def _never(t: float, y: np.ndarray) -> np.ndarray:
@@ -171,17 +251,24 @@ def batch(
     group = _Group(dict(options, t_span=t_span, t_eval=t_eval))
     waiting: deque[Future[tuple[list[Run], float]]] = deque()
     source = ((i, problem, x0) for i, (problem, x0) in enumerate(runs))
-    size, failed = 1, 0
+    first = next(source, None)
+    if first is None:
+        return
+    source = itertools.chain([first], source)
+    group.look_for_lanes(first[1], 0.0)
+    size, spent, failed = group.size(group.bytes_of(first[1])), 0.0, 0
     with ThreadPoolExecutor(count) as pool:
         try:
             while True:
-                while len(waiting) < AHEAD * count and (items := list(itertools.islice(source, size))):
+                ahead = AHEAD if size * group.bytes_of(first[1]) <= GROUP_BYTES else AHEAD // 2
+                while len(waiting) < ahead * count and (items := list(itertools.islice(source, size))):
                     waiting.append(pool.submit(_timed, group, items))
                 if not waiting:
                     return
                 done, pace = waiting.popleft().result()
-                most = MOST_BYTES // max(1, max(run.y.nbytes for run in done))
-                size = max(1, min(MOST_RUNS, most, int(GROUP_SECONDS / max(pace, 1e-9))))
+                spent += pace * len(done)
+                group.look_for_lanes(first[1], spent)
+                size = group.size(max(run.y.nbytes for run in done), pace)
                 for run in done:
                     failed += not run.success
                     if progress is not None:
