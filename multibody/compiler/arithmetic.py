@@ -49,6 +49,7 @@ class Arithmetic(InLanes):
         self.values: dict[str, Value] = {}  # names assigned once
         self.slots: dict[str, Value] = {}  # names assigned more often, by their place in memory
         self.label = "entry"
+        self._mask: Value | None = None  # lanes in which what is being written counts
         self._count = 0
 
     # ---------------------------------------------------------------- text

@@ -23,7 +23,6 @@ from multibody.compiler.kinds import (
     Truths,
     Value,
     element,
-    in_lanes,
     joined,
     lanes_of,
     llvm_type,
@@ -80,7 +79,9 @@ class Expressions(Arithmetic):
             case ast.IfExp(test=test, body=body, orelse=orelse):
                 kind, holds = self.kinds.kind(node), self.truth(test)
                 if isinstance(holds.kind, Truths):
+                    around, self._mask = self._mask, holds
                     sides = [self.to(self.value(side), kind, node) for side in (body, orelse)]
+                    self._mask = around
                     return self.select(holds, *sides, kind)
                 return self._either(
                     holds,
@@ -213,6 +214,8 @@ class Expressions(Arithmetic):
                     return self.builtin(name, arguments, node)
                 meaning = self.unit.meaning(name)
                 if isinstance(meaning, tuple):
+                    if self._mask is not None:
+                        raise self.refuse(node, "what some lanes would call all of them would: too dear")
                     return self._function(meaning[0], meaning[1], arguments)
                 if hasattr(meaning, "instruction"):
                     return self._instruction(meaning.instruction, arguments, node)

@@ -19,7 +19,6 @@ class FunctionWriter(Expressions):
         node = self.kinds.node
         body = [n for n in node.body if not (isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant))]
         counts = store_counts(body)
-        self._mask: Value | None = None  # lanes in which the statements that are being written count
         parameters = []
         for k, argument in enumerate(node.args.args):
             kind, name = self.kinds.of[argument.arg], f"%a{k}"
@@ -169,6 +168,8 @@ class FunctionWriter(Expressions):
         return False
 
     def _for(self, node: ast.For) -> None:
+        if self._mask is not None:
+            raise self.refuse(node, "what some lanes would go round all of them would: too dear")
         call = node.iter
         words = ("range", "independent")
         if (

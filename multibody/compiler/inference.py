@@ -16,7 +16,6 @@ from multibody.compiler.kinds import (
     TRUTH,
     Array,
     Kind,
-    Lanes,
     Outside,
     Truths,
     element,

@@ -31,10 +31,11 @@ def goes_lane_by_lane(node: ast.FunctionDef, arguments: tuple[Kind, ...]) -> boo
     """Tell whether a function is called for one lane after another: it searches in a loop, or leaves from a branch."""
     if not lanes_of(*arguments):
         return False
+    leaving = (ast.Return, ast.Break, ast.Continue)
     for part in ast.walk(node):
         if isinstance(part, ast.While):
             return True
-        if isinstance(part, ast.If) and any(isinstance(p, ast.Return | ast.Break | ast.Continue) for p in ast.walk(part)):
+        if isinstance(part, ast.If) and any(isinstance(inner, leaving) for inner in ast.walk(part)):
             return True
     return False
 

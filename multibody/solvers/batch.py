@@ -260,7 +260,7 @@ def batch(
     with ThreadPoolExecutor(count) as pool:
         try:
             while True:
-                ahead = AHEAD if size * group.bytes_of(first[1]) <= GROUP_BYTES else AHEAD // 2
+                ahead = AHEAD if 4 * size * group.bytes_of(first[1]) <= GROUP_BYTES else AHEAD // 2
                 while len(waiting) < ahead * count and (items := list(itertools.islice(source, size))):
                     waiting.append(pool.submit(_timed, group, items))
                 if not waiting:

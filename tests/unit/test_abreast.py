@@ -93,19 +93,20 @@ def test_equations_in_lanes_are_those_of_each_lane(count):
 @pytest.mark.parametrize(
     "line",
     ["dx[0] = p[int(x[0])]", "while x[0] > p[0]:\n        dx[0] = 1.0", "k = 0\n    if x[0] > 0.0:\n        k = 1\n"
-     "    dx[0] = p[k]", "dx[0] = 1.0\n    if x[0] > 0.0:\n        return"],
+     "    dx[0] = p[k]", "dx[0] = 1.0\n    if x[0] > 0.0:\n        return",
+     "dx[0] = 0.0\n    if x[0] > 0.0:\n        dx[0] = part(x[0])",
+     "dx[0] = part(x[0]) if x[0] > 0.0 else 0.0"],
 )  # fmt: skip
 def test_what_cannot_go_abreast_is_left_to_each_run(line):
-    assert rhs_abreast(native.compile_text(f"def rhs(t, x, u, p, dx):\n    {line}\n", "abreast", "rhs", 4), 4) == 0
+    text = f"def part(x):\n    return 2.0 * x\n\n\ndef rhs(t, x, u, p, dx):\n    {line}\n"
+    assert rhs_abreast(native.compile_text(text, "abreast", "rhs", 4), 4) == 0
 
 
-@pytest.mark.parametrize("machine", ["lift, 37 states", "lift, 17 states", "lift, 12 states", "gear stage"])
-def test_rates_of_the_machines_in_lanes_are_those_of_each(machine):
-    from gearbox.stage import Stage
+@pytest.mark.parametrize("machine", ["reference", "one_dimensional", "cabin"])
+def test_rates_of_the_lift_in_lanes_are_those_of_each(machine):
     from vtsdt.lift import Lift
 
-    system = {"lift, 37 states": Lift.reference, "lift, 17 states": Lift.one_dimensional,
-              "lift, 12 states": Lift.cabin, "gear stage": Stage.paper}[machine]().system  # fmt: skip
+    system = getattr(Lift, machine)().system
     rng, count = np.random.default_rng(1), LANES
     x = system.start + 1e-3 * rng.normal(size=(count, len(system.states)))
     u = system.u + 0.1 * rng.normal(size=(count, system.u.size))
@@ -115,6 +116,12 @@ def test_rates_of_the_machines_in_lanes_are_those_of_each(machine):
     for j in range(count):
         alone = system.rhs_function(t[j], x[j], u[j], p[j], np.empty(x.shape[1]))
         np.testing.assert_array_equal(together[j], alone)
+
+
+def test_contact_of_teeth_is_left_to_each_run_and_that_soon():
+    from gearbox.stage import Stage
+
+    assert rhs_abreast(Stage.paper().system.rhs_function, LANES) == 0
 
 
 SWING = """import math
