@@ -27,6 +27,7 @@ from multibody.solvers.kernels.stepping import (
     DONE,
     FINISHED,
     KNOWN,
+    LARGEST,
     MORE,
     SAMPLE,
     STATUS,
@@ -174,6 +175,8 @@ class _Group:
         fields = [solver.field, *(item[1].field(solver.tolerance, False) for item in items[1:])]
         y = np.array([item[2] for item in items], dtype=np.float64)
         clock, tally = np.tile(solver._clock, (runs, 1)), np.tile(solver._tally, (runs, 1))
+        most = min(options.get("max_step", np.inf), 1e300)
+        clock[:, LARGEST] = [min(most, item[1].largest_step) for item in items]
         states = np.empty((runs, times.size, n))
         begun = int(np.searchsorted(times, self.start, side="right"))
         states[:, :begun] = y[:, None]
