@@ -148,7 +148,7 @@ class Arithmetic(InLanes):
         if isinstance(op, ast.Mod) and kind == FLOAT:
             return self._modulo(a, b)
         if isinstance(op, ast.Mod) and isinstance(kind, Lanes):
-            return self.lane_by_lane([a, b], lambda one: self._modulo(*one))
+            return self.lane_by_lane([a, b], lambda one: self._modulo(one[0], one[1]))
         if kind == INT and isinstance(op, ast.FloorDiv | ast.Mod):
             return self._whole_division(op, a, b)
         raise self.refuse(node, "this operator is outside the subset")
@@ -183,7 +183,7 @@ class Arithmetic(InLanes):
     def _power(self, a: Value, b: Value, node: ast.AST) -> Value:
         if b.whole is None or abs(b.whole) > _SQUARINGS:
             if isinstance(a.kind, Lanes) or isinstance(b.kind, Lanes):
-                return self.lane_by_lane([a, b], lambda one: self._power(*one, node))
+                return self.lane_by_lane([a, b], lambda one: self._power(one[0], one[1], node))
             return self.intrinsic("llvm.pow.f64", [self.to(a, FLOAT, node), self.to(b, FLOAT, node)])
         if a.kind == INT and (a.whole is not None or b.whole < 0):
             raise self.refuse(node, "a power of a whole number")

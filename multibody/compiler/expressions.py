@@ -80,9 +80,9 @@ class Expressions(Arithmetic):
                 kind, holds = self.kinds.kind(node), self.truth(test)
                 if isinstance(holds.kind, Truths):
                     around, self._mask = self._mask, holds
-                    sides = [self.to(self.value(side), kind, node) for side in (body, orelse)]
+                    first, second = (self.to(self.value(side), kind, node) for side in (body, orelse))
                     self._mask = around
-                    return self.select(holds, *sides, kind)
+                    return self.select(holds, first, second, kind)
                 return self._either(
                     holds,
                     kind,

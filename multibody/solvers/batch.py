@@ -186,14 +186,14 @@ class _Group:
         numbers, going, address = np.array([f.numbers for f in fields]), np.arange(runs), self._in_lanes(items)
         while going.size:
             whole = going.size == runs  # else copies, which are put back
-            given = [part if whole else part[going] for part in (numbers, clock, tally, y)]
-            samples = states if whole else states[going]
+            fields_of, ticks, counts, at, samples = (
+                part if whole else part[going] for part in (numbers, clock, tally, y, states))
             if address and going.size >= FEWEST_ABREAST:
-                solver.advance_abreast(address, *given, times, samples)
+                solver.advance_abreast(address, fields_of, ticks, counts, at, times, samples)
             else:
-                solver.advance_many(*given, times, samples)
+                solver.advance_many(fields_of, ticks, counts, at, times, samples)
             if not whole:
-                clock[going], tally[going], y[going], states[going] = *given[1:], samples
+                clock[going], tally[going], y[going], states[going] = ticks, counts, at, samples
             going = np.array([r for r in going if self._goes_on(items[r][1], solver, clock[r], tally[r], y[r])], int)
         good = tally[:, STATUS] == FINISHED
         self._tried, self._lost = self._tried + runs, self._lost + runs - int(good.sum())
@@ -253,7 +253,7 @@ def batch(
     count = workers or os.cpu_count() or 1
     group = _Group(dict(options, t_span=t_span, t_eval=t_eval))
     waiting: deque[Future[tuple[list[Run], float]]] = deque()
-    source = ((i, problem, x0) for i, (problem, x0) in enumerate(runs))
+    source: Iterator[_Item] = ((i, problem, x0) for i, (problem, x0) in enumerate(runs))
     first = next(source, None)
     if first is None:
         return
