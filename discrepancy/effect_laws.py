@@ -12,7 +12,7 @@ from typing import ClassVar
 
 from multibody import Component, Input, Option, Output, Parameter, Power, Rotation, State, Table, Translation
 from multibody.domains import in_both_domains
-from multibody.library.laws import asymmetric, coulomb, one_sided, quadratic
+from multibody.library.laws import asymmetric, contact, coulomb, one_sided, quadratic
 
 __all__ = ["CURVE_OVER", "CURVE_POINTS", "LAWS", "AddedInertia", "AddedMass", "DryLaw", "Law", "add_law"]
 
@@ -233,7 +233,7 @@ class _EndStop(Law):
     def equations(self):
         super().equations()
         into = self.side * (self.a.position - self.b.position - self.place)
-        self.force = -self.side * self.stiffness * max(into, 0.0)
+        self.force = -self.side * contact(into, 0.0, self.stiffness, 0.0)
 
 
 class _Harmonic(Law):

@@ -10,16 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 from discrepancy.catalogue import catalogue
 from discrepancy.confrontation import Confrontation
-from discrepancy.from_scan import effect_of
-from discrepancy.refits import Refit, begun_anew, best_of
+from discrepancy.refits import Refit, best_of, fits_with
 from discrepancy.search import FINALISTS, TIE, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage
-from discrepancy.worth import bic_difference, taken
+from discrepancy.worth import bic_difference, loud, taken
 from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
@@ -28,8 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["last_resort"]
 
-LOUD = 2.0  # times its noise floor from which the error of an output asks for such fits
-SHARE = 0.25  # of the mean square error that an effect must take away, on average over the outputs
+SHARE = 0.25  # of the mean square error that an effect must take away, on average over the outputs; chosen
 
 
 def last_resort(
@@ -56,8 +53,7 @@ def last_resort(
         Of the omnibus test that asks for this.
     progress : callable
     """
-    error = stage.rmse("identify")
-    if not any(error[n] > LOUD * stage.noise.get(n, 0.0) for n in stage.outputs):
+    if not loud(stage):
         return None
     facts = Confrontation.of_stage(stage, scan_preparation(stage))
     experiment = stage.identify.fits[0].experiment
@@ -69,12 +65,9 @@ def last_resort(
 
     def trial(row: Row) -> Stage | None:
         entry = entries[row.name]
-        expected = effect_of(entry, row, stage.effects)
-        progress(f"refit with {expected}, from the parameters as stated")
+        progress(f"refit with {row.name}, from the parameters as stated")
         shapes = entry.kind.shape_grid(facts.range_of(entry)) if entry.kind.at == "connection" else [row.shape]
-        fits = [partial(refit, expected)]
-        fits += [partial(refit, e, (), stated=True) for e in begun_anew(entry, row, shapes, stage.effects, ())]
-        best = best_of(fits, stage, progress)
+        best = best_of(fits_with(refit, entry, row, shapes, stage.effects, anew=True), stage, progress)
         return best if isinstance(best, Stage) else None
 
     tried = [s for s in side_by_side(trial, rows) if s is not None and taken(s, stage) > SHARE]

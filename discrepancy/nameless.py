@@ -11,15 +11,15 @@ from discrepancy.describe_unknown import UnknownForce, described
 from discrepancy.diagnosis import UnknownCurve
 from discrepancy.force_estimate import ForceEstimate, estimate_force
 from discrepancy.search import scan_preparation
+from discrepancy.worth import loud
 
 if TYPE_CHECKING:
     from discrepancy.curves import Explanation
     from discrepancy.study import Study
 
-__all__ = ["LOUD", "nameless_force"]
+__all__ = ["nameless_force"]
 
-LOUD = 2.0  # times its noise floor from which the error of an output, which follows the inputs, is something missing
-SECOND = 0.1  # level of the question what the force follows; it is asked only where the omnibus test has rejected
+SECOND = 0.1  # level of the question what the force follows; asked only where the omnibus test has rejected; chosen
 
 
 def nameless_force(study: Study) -> tuple[UnknownCurve, UnknownForce] | None:
@@ -43,8 +43,7 @@ def nameless_force(study: Study) -> tuple[UnknownCurve, UnknownForce] | None:
     stage, follows = study.stages[-1], study.follows
     if study.mode == "inverse":  # its inputs are measured motions, whose noise what is left follows in any case
         return None
-    error = stage.rmse("identify")
-    if follows is None or not follows.rejects or not any(error[n] > LOUD * stage.noise.get(n, 0.0) for n in error):
+    if follows is None or not follows.rejects or not loud(stage):
         return None
     study.progress("the force that is missing, over time, at every connection")
     facts = Confrontation.of_stage(stage, scan_preparation(stage))

@@ -94,9 +94,7 @@ class Projection:
 
     def remove(self, stacked: Array) -> Array:
         """(I − P) applied in place to a stacked vector or matrix, which is returned."""
-        self.remove_local(stacked)
-        if self.basis.shape[1]:
-            stacked -= self.basis @ (self.basis.T @ stacked)
+        self.take_out(stacked)
         return stacked
 
     def take_out(self, stacked: Array) -> Array:

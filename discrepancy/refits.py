@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from discrepancy.from_scan import effect_of
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from discrepancy.effects import Effect
     from discrepancy.verdict import Row
 
-__all__ = ["Refit", "begun_anew", "best_of"]
+__all__ = ["Refit", "best_of", "fits_with"]
 
 
 class Refit(Protocol):
@@ -30,20 +31,46 @@ class Refit(Protocol):
     def __call__(self, effect: Effect, instead_of: Sequence[Effect] = (), stated: bool = False) -> Stage: ...
 
 
-def begun_anew(
-    entry: Entry, row: Row, shapes: Sequence[Mapping[str, float]], effects: Sequence[Effect], simpler: Sequence[Effect]
-) -> list[Effect]:
-    """Return the strengths at which fits with the stated parameters begin: of a law that is not linear, several.
+def fits_with(
+    refit: Refit,
+    entry: Entry,
+    row: Row,
+    shapes: Sequence[Mapping[str, float]],
+    effects: Sequence[Effect],
+    simpler: Sequence[Effect] = (),
+    *,
+    anew: bool = False,
+) -> list[Callable[[], Stage]]:
+    """Return the fits with one candidate: from where the parameters are, and anew from where they were stated.
 
     A play that is missing in the model has been replaced by other parameters as well as they can, by a softer spring
-    for instance, and from there no small step leads to the play.  So the fit begins at the strengths that the scan has
-    looked at, with the parameters as stated.
+    for instance, and from there no small step leads to the play.  So for a law that is not linear in its strength fits
+    begin at the strengths that the scan has looked at as well, with the parameters as stated.
+
+    Parameters
+    ----------
+    refit : Refit
+    entry : Entry
+        Of the catalogue.
+    row : Row
+        What the scan expects.
+    shapes : sequence of mapping
+        That the scan has looked at.
+    effects : sequence of Effect
+        That the model has already.
+    simpler : sequence of Effect
+        Those of them in whose place the candidate is put.
+    anew : bool
+        Whether the fit of a linear law begins from the stated parameters as well.
     """
     expected = effect_of(entry, row, effects, simpler)
+    fits = [partial(refit, expected, simpler)]
     if entry.kind.linear:
-        return [expected]
-    sizes = sorted({float(s["secant"]) for s in shapes if s.get("secant", 0.0) > 0.0})
-    return [replace(expected, strengths=dict.fromkeys(expected.strengths, size)) for size in sizes] or [expected]
+        starts = [expected] if anew else []
+    else:
+        sizes = sorted({float(s["secant"]) for s in shapes if s.get("secant", 0.0) > 0.0})
+        starts = [replace(expected, strengths=dict.fromkeys(expected.strengths, z)) for z in sizes] or [expected]
+    return fits + [partial(refit, start, simpler, stated=True) for start in starts]
 
 
 def best_of(

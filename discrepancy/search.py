@@ -16,7 +16,7 @@ from discrepancy.confrontation import Confrontation
 from discrepancy.effects import Effect
 from discrepancy.from_scan import effect_of, simpler_in
 from discrepancy.kinds import kind_named
-from discrepancy.refits import Refit, begun_anew, best_of
+from discrepancy.refits import Refit, best_of, fits_with
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.stated import brings_back
 from discrepancy.worth import bic_difference, matters, taken
@@ -122,11 +122,7 @@ def search_step(
         simpler = simpler_in(stage.effects, row.kind, row.where)
         effect = effect_of(entry, row, stage.effects, simpler)
         progress(f"refit with {effect}" + (f" in the place of {simpler[0]}" if simpler else ""))
-        fits = [partial(refit, effect, simpler)]
-        if not entry.kind.linear:
-            anew = begun_anew(entry, row, candidate.shapes, stage.effects, simpler)
-            fits += [partial(refit, e, simpler, stated=True) for e in anew]
-        found = best_of(fits, stage, progress)
+        found = best_of(fits_with(refit, entry, row, candidate.shapes, stage.effects, simpler), stage, progress)
         if isinstance(found, Stage) and simpler and not entry.kind.by_direction and bic_difference(found, stage) >= 0.0:
             beside = partial(refit, effect_of(entry, row, stage.effects), ())  # not in their place: is it beside them?
             found = best_of([beside], stage, progress)

@@ -129,6 +129,8 @@ class Study:
         self.in_windows_instead = True
         self.stages.clear()
         self.steps.clear()
+        self.troubles.clear()
+        self.follows = None
         return True
 
     def _begin(self) -> None:

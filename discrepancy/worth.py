@@ -8,7 +8,9 @@ from discrepancy.stage import Stage
 from discrepancy.stated import pull
 from estimation.correlation import correlation_time
 
-__all__ = ["bic_difference", "matters", "taken"]
+__all__ = ["bic_difference", "loud", "matters", "taken"]
+
+LOUD = 2.0  # times its noise floor from which what is left of an output asks for an answer; chosen, not measured
 
 
 def bic_difference(richer: Stage, poorer: Stage) -> float:
@@ -47,3 +49,9 @@ def matters(richer: Stage, poorer: Stage) -> bool:
     before, after = poorer.rmse("identify"), richer.rmse("identify")
     gained = {n: max(before[n] ** 2 - after[n] ** 2, 0.0) ** 0.5 for n in richer.outputs}
     return any(gained[n] >= richer.noise.get(n, 0.0) for n in richer.outputs)
+
+
+def loud(stage: Stage) -> bool:
+    """Tell whether the error of at least one output stands well above its noise floor."""
+    error = stage.rmse("identify")
+    return any(error[n] > LOUD * stage.noise.get(n, 0.0) for n in stage.outputs)

@@ -217,7 +217,7 @@ def _curved(normal: np.ndarray, curvature: np.ndarray, free: np.ndarray) -> np.n
 
 def _flat(gradient: np.ndarray, normal: np.ndarray, free: np.ndarray, cost: float) -> bool:
     """Tell whether the cosine between residual and every free column is below rounding."""
-    size = np.sqrt(np.diag(normal)[free] * max(2.0 * cost, 1e-300))
+    size = np.sqrt(np.diag(normal)[free]) * max(2.0 * cost, 1e-300) ** 0.5
     return bool(np.all(np.abs(gradient[free]) <= 1e-9 * size))
 
 

@@ -90,7 +90,7 @@ def main_components(signal: Signal, mesh_frequency: float, count: int = 3) -> Ma
     Raises
     ------
     SignalError
-        If the spectrum has fewer peaks.
+        If the signal does not vary, or its spectrum has fewer peaks.
     """
     from scipy.signal import find_peaks
 
@@ -100,6 +100,8 @@ def main_components(signal: Signal, mesh_frequency: float, count: int = 3) -> Ma
     apart = max(1, round(0.25 * mesh_frequency / whole.step))
     peaks, _ = find_peaks(a, distance=apart)
     peaks = peaks[np.argsort(-a[peaks])][:count]
+    if not a.max(initial=0.0) > 1e-12 * float(np.abs(signal.values).max()):
+        raise SignalError(f"signal '{signal.name}' does not vary (zero variance): it has no main components")
     if peaks.size < count:
         raise SignalError(
             f"'{signal.name}' has {peaks.size} peaks below {f[-1]:.5g} Hz, fewer than the {count} asked for"

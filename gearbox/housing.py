@@ -108,9 +108,15 @@ def housing_component(modes: ModeSet) -> FlexibleHousing:
     Raises
     ------
     GearError
-        If there are more modes than the component takes.
+        If there are more modes than the component takes, or the housing stands on nothing.
     """
     from gearbox.errors import GearError
+
+    if (modes.frequencies <= 0.0).any():
+        raise GearError(
+            f"the mode set '{modes.name}'",
+            ["it has modes of frequency zero, so it is held by nothing: put it on mounts with on_mounts(stiffness)"],
+        )
 
     count = modes.frequencies.size
     if count > MAX_MODES:

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BoxHousing:
-    """A closed box of plates that stands on four feet at the corners of its floor.
+    """A closed box of plates with four feet at the corners of its floor.
 
     Parameters
     ----------
@@ -76,8 +76,9 @@ def box_housing_modes(
     box: BoxHousing | None = None,
     damping: float = 0.02,
     name: str = "box",
+    held: bool = True,
 ) -> ModeSet:
-    """Return the lowest modes of a box, mass-normalised, at its seats and sensors.
+    """Return the lowest modes of a box, mass-normalised, at its seats, sensors and feet.
 
     Parameters
     ----------
@@ -87,6 +88,9 @@ def box_housing_modes(
     box : BoxHousing, optional
     damping : float
         Ratio of all modes; finite elements know nothing of it.
+    held : bool
+        True: the feet stand still.  False: the box is free, its first six modes are those of a rigid body, and its feet
+        are mounts, for `gearbox.modes.ModeSet.on_mounts`.
 
     Raises
     ------
@@ -107,25 +111,31 @@ def box_housing_modes(
     mesh = _mesh(skfem, box)
     basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementHex2()), intorder=4)
     K, M = _matrices(skfem, basis, box)
-    held = basis.get_dofs(lambda x: _on_feet(x, box)).all()
-    free = np.setdiff1d(np.arange(K.shape[0]), held)
-    values, vectors = eigsh(K[free][:, free].tocsc(), k=count, M=M[free][:, free].tocsc(), sigma=0.0)
+    fixed = basis.get_dofs(lambda x: _on_feet(x, box)).all() if held else []
+    free = np.setdiff1d(np.arange(K.shape[0]), fixed)
+    # A free body's stiffness is singular: look a little below zero.
+    sigma = 0.0 if held else -((2.0 * np.pi * 50.0) ** 2)
+    values, vectors = eigsh(K[free][:, free].tocsc(), k=count, M=M[free][:, free].tocsc(), sigma=sigma)
     order = np.argsort(values)
+    if not held:
+        values[order[:6]] = 0.0
     full = np.zeros((K.shape[0], count))
     full[free] = vectors[:, order]
     spots, dofs = _nodes(basis)
     shapes = {p: _shape(full, spots, dofs, places[p], box.seat_radius if p in SEATS else 0.0) for p in PLACES}
+    mounts = {} if held else _feet(full, spots, dofs, box)
     for k in range(count):  # the sign of a mode is free: make it the same on every machine
         column = np.concatenate([shapes[p][k] for p in PLACES])
         if column[np.argmax(np.abs(column))] < 0.0:
-            for p in PLACES:
-                shapes[p][k] *= -1.0
+            for shape in (*shapes.values(), *mounts.values()):
+                shape[k] *= -1.0
     told = (
         f"scikit-fem {skfem.__version__}, quadratic hexahedra, {free.size} degrees of freedom; box "
         f"{tuple(box.low)} to {tuple(box.high)} m, wall {box.wall:g} m, E {box.modulus:g} Pa, nu {box.poisson:g}, "
-        f"rho {box.density:g} kg/m**3, four feet of {box.foot:g} m held; damping {damping:g} chosen"
+        f"rho {box.density:g} kg/m**3, four feet of {box.foot:g} m {'held' if held else 'free'}; damping {damping:g} "
+        "chosen"
     )
-    return ModeSet(name, np.sqrt(values[order]) / (2.0 * np.pi), np.full(count, damping), shapes, told)
+    return ModeSet(name, np.sqrt(values[order]) / (2.0 * np.pi), np.full(count, damping), shapes, told, mounts=mounts)
 
 
 def _mesh(skfem: Any, box: BoxHousing) -> Any:
@@ -171,3 +181,14 @@ def _shape(
     apart = np.linalg.norm(spots - np.asarray(place), axis=1)
     near = np.flatnonzero(apart <= max(radius, float(apart.min()) + 1e-9))
     return np.stack([full[dofs[near, axis]].mean(axis=0) for axis in range(3)], axis=1)
+
+
+def _feet(full: Array, spots: Array, dofs: NDArray[np.int64], box: BoxHousing) -> dict[str, Array]:
+    """Mean shape of the nodes of each foot, shape (m, 3)."""
+    on = np.flatnonzero(_on_feet(spots.T, box))
+    middle = 0.5 * np.add(box.low, box.high)
+    found = {}
+    for number, (x, z) in enumerate(((-1, -1), (-1, 1), (1, -1), (1, 1)), start=1):
+        at = on[(np.sign(spots[on, 0] - middle[0]) == x) & (np.sign(spots[on, 2] - middle[2]) == z)]
+        found[f"mount_{number}"] = np.stack([full[dofs[at, axis]].mean(axis=0) for axis in range(3)], axis=1)
+    return found

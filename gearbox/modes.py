@@ -1,4 +1,4 @@
-"""Sets of housing modes: frequencies, damping and shapes at seats and sensors, in files and from a rigid body."""
+"""Sets of housing modes: frequencies, damping, shapes at seats, sensors and mounts, in files and from a rigid body."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ __all__ = ["ModeSet", "clamped_modes", "read_modes", "rigid_modes", "write_modes
 
 Array = NDArray[np.float64]
 PLACES = (*SEATS, *SENSORS)
+#: How names of mounts begin.
+MOUNT = "mount_"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,9 @@ class ModeSet:
         For each bearing seat and sensor the displacement along x, y, z per modal coordinate.
     origin : str
         Where the numbers come from.
+    mounts : mapping of str to ndarray, shape (m, 3), kg^-1/2
+        The same for each mount, ``mount_…``, if it is to stand on mounts (`on_mounts`).  A free body has six modes of
+        frequency zero.
 
     Raises
     ------
@@ -49,6 +54,7 @@ class ModeSet:
     shapes: Mapping[str, Array]
     origin: str = ""
     source: str = field(default="", repr=False)
+    mounts: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if faults := self._faults():
@@ -59,7 +65,7 @@ class ModeSet:
         count = np.size(self.frequencies)
         if np.ndim(self.frequencies) != 1 or not np.all(np.isfinite(self.frequencies)):
             return ["frequencies must be a list of finite numbers in Hz"]
-        if np.any(self.frequencies <= 0.0):
+        if np.any(self.frequencies < 0.0) or (np.any(self.frequencies == 0.0) and not self.mounts):
             faults.append("a frequency is not positive: a body without mounts has rigid motions; give it mounts")
         elif np.any(np.diff(self.frequencies) < 0.0):
             faults.append("frequencies must rise from mode to mode")
@@ -69,10 +75,9 @@ class ModeSet:
             faults.append("damping ratios must lie between 0 and 1")
         faults += [f"there is no shape at '{place}'" for place in PLACES if place not in self.shapes]
         faults += [f"'{place}' is neither a seat nor a sensor" for place in self.shapes if place not in PLACES]
-        for place in PLACES:
-            shape = self.shapes.get(place)
-            if shape is None:
-                continue
+        faults += [f"'{place}' is no name of a mount: begin it with mount_" for place in self.mounts
+                   if not place.startswith(MOUNT)]  # fmt: skip
+        for place, shape in [(p, self.shapes[p]) for p in PLACES if p in self.shapes] + list(self.mounts.items()):
             if np.shape(shape) != (count, 3):
                 faults.append(
                     f"the shape at '{place}' has the size {np.shape(shape)}; {count} modes along x, y and z need "
@@ -84,9 +89,9 @@ class ModeSet:
 
     def first(self, count: int) -> ModeSet:
         """Return the lowest modes."""
-        shapes = {k: v[:count] for k, v in self.shapes.items()}
+        shapes, mounts = ({k: v[:count] for k, v in part.items()} for part in (self.shapes, self.mounts))
         return dataclasses.replace(
-            self, frequencies=self.frequencies[:count], damping=self.damping[:count], shapes=shapes
+            self, frequencies=self.frequencies[:count], damping=self.damping[:count], shapes=shapes, mounts=mounts
         )
 
     def with_damping(self, ratio: float) -> ModeSet:
@@ -109,8 +114,49 @@ class ModeSet:
                   (("modulus", modulus), ("density", density)) if not v > 0.0]  # fmt: skip
         if faults:
             raise GearError(f"the mode set '{self.name}'", faults)
-        shapes = {k: v / np.sqrt(density) for k, v in self.shapes.items()}
-        return dataclasses.replace(self, frequencies=self.frequencies * np.sqrt(modulus / density), shapes=shapes)
+        shapes, mounts = ({k: v / np.sqrt(density) for k, v in part.items()} for part in (self.shapes, self.mounts))
+        return dataclasses.replace(
+            self, frequencies=self.frequencies * np.sqrt(modulus / density), shapes=shapes, mounts=mounts
+        )
+
+    def on_mounts(self, stiffness: float | Sequence[float], damping: float | Sequence[float] = 0.0) -> ModeSet:
+        """Return the modes of the same housing with a spring and a damper to the ground at each of its mounts.
+
+        Stiffness at the mounts joins what holds the housing already: give modes of a free one.  What the modes left out
+        would give way is not there, so that mounts stiffer than the housing at their place want many modes.  Dampers
+        keep their share of each new mode and no coupling between modes.
+
+        Parameters
+        ----------
+        stiffness : float or sequence of three float, N/m
+            Of one mount, along x, y and z.
+        damping : float or sequence of three float, N s/m
+
+        Raises
+        ------
+        GearError
+            If there are no shapes at mounts, or the mounts do not hold the housing.
+        """
+        k, c = (np.broadcast_to(np.asarray(v, dtype=float), 3) for v in (stiffness, damping))
+        faults = [] if self.mounts else ["there are no shapes at mounts: give some, named mount_…"]
+        for what, value in (("stiffness", k), ("damping", c)):
+            if not (np.all(np.isfinite(value)) and np.all(value >= 0.0)):
+                faults.append(f"the {what} of a mount is {value.tolist()}: give numbers of zero or more")
+        if faults:
+            raise GearError(f"the mode set '{self.name}'", faults)
+        omega = 2.0 * np.pi * self.frequencies
+        K, C = np.diag(omega**2), np.diag(2.0 * self.damping * omega)
+        for shape in self.mounts.values():
+            K = K + shape @ (k[:, None] * shape.T)
+            C = C + shape @ (c[:, None] * shape.T)
+        squares, turn = np.linalg.eigh(K)
+        if not squares[0] > 1e-9 * max(squares[-1], 1e-300):
+            raise GearError(f"the mode set '{self.name}'", ["on these mounts it can still move freely: add some"])
+        new = np.sqrt(squares)
+        ratio = np.einsum("ij,ik,kj->j", turn, C, turn) / (2.0 * new)
+        shapes, mounts = ({p: turn.T @ v for p, v in part.items()} for part in (self.shapes, self.mounts))
+        told = f"{self.origin}; on {len(self.mounts)} mounts of {k.tolist()} N/m".lstrip("; ")
+        return ModeSet(self.name, new / (2.0 * np.pi), ratio, shapes, told, self.source, mounts)
 
     def static_flexibility(self, seat: str, axis: str) -> float:
         """Return how far a seat gives way to a steady unit force along an axis, as far as the modes know, m/N."""
@@ -130,7 +176,8 @@ def read_modes(path: str | Path) -> ModeSet:
     """Read a mode set from a TOML file: ``name``, ``origin``, and one ``[[mode]]`` each.
 
     A mode has ``frequency`` (Hz), ``damping`` (ratio) and for every seat and sensor its mass-normalised shape
-    ``[x, y, z]`` in kg^-1/2; see docs, "Housing".
+    ``[x, y, z]`` in kg^-1/2, and likewise for mounts, if there are any, under names that begin with ``mount_``; see
+    docs, "Housing".
 
     Raises
     ------
@@ -150,10 +197,15 @@ def read_modes(path: str | Path) -> ModeSet:
               for k in content if k not in ("name", "origin", "mode")]  # fmt: skip
     if not isinstance(rows, list) or not rows or not all(isinstance(r, dict) for r in rows):
         raise GearError(source, [*faults, "has no modes: give one [[mode]] for each"])
-    wanted = {"frequency": 0, "damping": 0, **dict.fromkeys(PLACES, 3)}
+    mounts = [key for key in rows[0] if key.startswith(MOUNT)]
+    wanted = {"frequency": 0, "damping": 0, **dict.fromkeys((*PLACES, *mounts), 3)}
     for k, row in enumerate(rows):
         faults += [f"mode {k + 1}: there is no '{key}'" for key in wanted if key not in row]
-        faults += [f"mode {k + 1}: '{key}' is neither a seat nor a sensor" for key in row if key not in wanted]
+        faults += [
+            f"mode {k + 1}: '{key}' is neither a seat nor a sensor" + (
+                ", nor a mount of mode 1" if key.startswith(MOUNT) else "")
+            for key in row if key not in wanted
+        ]  # fmt: skip
         for key, size in wanted.items():
             if key in row and (fault := _entry_fault(row[key], size)):
                 faults.append(f"mode {k + 1}: '{key}' {fault}")
@@ -166,6 +218,7 @@ def read_modes(path: str | Path) -> ModeSet:
         {p: np.array([r[p] for r in rows], dtype=float) for p in PLACES},
         str(content.get("origin", "")),
         source,
+        {p: np.array([r[p] for r in rows], dtype=float) for p in mounts},
     )
 
 
@@ -187,8 +240,8 @@ def write_modes(modes: ModeSet, path: str | Path) -> Path:
     lines = [f"name = {_text(modes.name)}", f"origin = {_text(modes.origin)}"]
     for k in range(len(modes)):
         lines += ["", "[[mode]]", f"frequency = {modes.frequencies[k]:.6g}", f"damping = {modes.damping[k]:.6g}"]
-        for place in PLACES:
-            x, y, z = modes.shapes[place][k]
+        for place, shape in [(p, modes.shapes[p]) for p in PLACES] + list(modes.mounts.items()):
+            x, y, z = shape[k]
             lines.append(f"{place} = [{x:.6g}, {y:.6g}, {z:.6g}]")
     text = "\n".join(lines) + "\n"
     path.write_text(text.replace("[-0,", "[0,"), encoding="utf-8")

@@ -54,7 +54,7 @@ def chapters(progress: Progress | None = None, folder: Path | None = None) -> li
     Parameters
     ----------
     progress : callable, optional
-        Gets a line of text for each step; a quarter of an hour of simulation is needed.
+        Gets a line of text for each step; three quarters of an hour on one processor.
     folder : Path, optional
         Keeps the simulations, so that what was broken off goes on where it stopped.
     """
@@ -64,7 +64,7 @@ def chapters(progress: Progress | None = None, folder: Path | None = None) -> li
         return None if folder is None else folder / f"gear-{housing}.jsonl"
 
     tell("gear stage: geometry, mesh frequencies")
-    found = [_geometry(), _table_5(), _table_6(tell), balances_chapter(), eq_18_chapter()]
+    found = [_geometry(), _table_5(), _table_6(tell), balances_chapter(), eq_18_chapter(progress=tell)]
     rigid = rig_recordings("rigid", tell)
     recordings = {"flexible": rig_recordings("flexible", tell, base=True), "rigid": one_load(rigid)}
     made: dict[str, UpdatingChain] = {h: chain_on_rig(h, r, tell, store(h)) for h, r in recordings.items()}

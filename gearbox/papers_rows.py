@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["AGREES", "DIFFERS", "UNCHECKED", "Chapter", "Row", "compared"]
+__all__ = ["AGREES", "DIFFERS", "UNCHECKED", "Chapter", "Row", "compared", "counted"]
 
 AGREES, DIFFERS, UNCHECKED = "agrees", "differs", "cannot be checked"
 #: Short name of the paper.
@@ -78,3 +78,17 @@ def compared(
     if abs(ours - paper) <= tolerance:
         return Row(what, *shown, AGREES, f"within {tolerance:.3g}{unit}" + (f": {basis}" if basis else ""))
     return Row(what, *shown, DIFFERS, why or "the reason is not known")
+
+
+def counted(hits: int, trials: int, of: str = "") -> str:
+    """Return a count with the 95 % interval (Wilson) of the rate behind it, in per cent.
+
+    Examples
+    --------
+    >>> counted(98, 100, "seeds")
+    '98 of 100 seeds (93 to 99 %)'
+    """
+    from discrepancy.trials import wilson
+
+    low, high = wilson(hits, trials)
+    return f"{hits} of {trials}{f' {of}' if of else ''} ({100 * low:.0f} to {100 * high:.0f} %)"

@@ -75,6 +75,7 @@ arguments = {{ speed = 600.0, torque = 120.0 }}
 [uncertain]  # SI; a force at 1 mm
 "mesh.K" = {{ value = 8.6e5, min = 4.3e5, max = 12.9e5 }}
 "mesh.C_D" = {{ value = 86e3, min = 86e3, max = 860e3 }}
+"mesh.e" = {{ value = 2.0, min = 1.5, max = 2.5 }}
 
 [inputs]
 "speed" = "speed_rpm"

@@ -11,7 +11,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from gearbox.rig import GearRig
+import numpy as np
+
+from gearbox.rig import TEETH, GearRig
 from gearbox.rig_encoders import KINDS, make_encoders
 from gearbox.rig_hidden import KINDS as HIDDEN
 from gearbox.rig_hidden import HiddenFault
@@ -66,14 +68,28 @@ def _on_rig(name: str) -> str:
 
 
 def _parameters(fault: HiddenFault) -> dict[str, dict[str, float]]:
-    """Return the size as the strengths of the catalogue's kind have it; nothing where they are of another sort."""
+    """Return the size as the strengths of the catalogue's kind have it."""
     from gearbox.effects import GEAR_KINDS
 
     kind = next(k for k in GEAR_KINDS if k.name == fault.kind.kind)
-    if kind.name in ("pitch_error", "profile_error"):
-        return {}
-    first, *rest = kind.strengths
-    return {first: {"value": fault.size}, **{name: {"value": 0.0} for name in rest}}
+    if kind.name == "pitch_error":
+        return {name: {"value": value} for name, value in _lobes(fault).items()}
+    named = fault.kind.parameters[0].partition(".")[2]
+    first = named if named in kind.strengths else kind.strengths[0]
+    return {name: {"value": fault.size if name == first else 0.0} for name in kind.strengths}
+
+
+def _lobes(fault: HiddenFault) -> dict[str, float]:
+    """Return the two, three and four waves of the rig's pattern of pitch errors: what the catalogue's kind can have.
+
+    Its first wave is an eccentricity, and its finer ones are of no kind.
+    """
+    (teeth, pattern), *_ = fault.patterns(TEETH).values()
+    found = {}
+    for waves, ending in ((2, ""), (3, "3"), (4, "4")):
+        part = 2.0 * fault.size * np.mean(pattern * np.exp(2j * np.pi * waves * teeth / teeth.size))
+        found[f"lobes{ending}_cos"], found[f"lobes{ending}_sin"] = float(part.real), float(part.imag)
+    return found
 
 
 def case(seed: int, hidden: Sequence[str] = (), **settings: Any) -> GearCase:

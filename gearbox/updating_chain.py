@@ -21,6 +21,7 @@ from gearbox.output_surfaces import OutputSurfaces, output_surface_study
 from gearbox.recordings import Recording
 from gearbox.updating_checks import check_conditions, directions, pictured
 from gearbox.updating_errors import UpdatingError
+from gearbox.updating_inputs import recording_faults
 from gearbox.updating_result import Candidate, FrequencyCheck, SurfaceChoice, UpdatingResult
 from gearbox.updating_runs import Runs
 from gearbox.updating_settings import UpdatingSettings
@@ -68,7 +69,7 @@ class UpdatingChain:
     Raises
     ------
     UpdatingError
-        If there is no recording to update from, or a sensor is not in all of them.
+        If there is no recording to update from, or with everything that is wrong with their signals.
     """
 
     def __init__(
@@ -81,14 +82,7 @@ class UpdatingChain:
         progress: Progress = silent,
     ) -> None:
         self.settings, self.runs, self.progress = settings, runs, progress
-        faults = [] if identify else ["there is no recording to update the model from"]
-        wanted = dict.fromkeys((settings.sensor, *settings.sensors))
-        for recording in (*identify, *validate):
-            missing = [s for s in wanted if s not in recording.signals]
-            if missing:
-                have = ", ".join(recording.signals)
-                faults.append(f"recording '{recording.name}' has no sensor {', '.join(missing)}; it has {have}")
-        if faults:
+        if faults := recording_faults(settings, identify, (*identify, *validate)):
             raise UpdatingError(faults)
         teeth = settings.driving_teeth
         self.identify = tuple(each if each.nominal else each.matched(teeth) for each in identify)

@@ -96,14 +96,16 @@ class UpdatingStudy:
         return ModelSource(load_vibration, str(self.file.path), self.identity())
 
     def identity(self) -> str:
-        """Changes when the model, its arguments or its code change: stored runs are then made again."""
+        """Changes when the model, its arguments, its code or a file beside the study does: runs are then made again."""
         model = self.file.model
         content = hashlib.sha256(json.dumps([model.build, model.arguments], sort_keys=True, default=str).encode())
         source = model.build.rpartition(":")[0]
         # What only looks at signals or writes reports changes no simulation.
         files = [p for p in sorted(Path(__file__).parent.glob("*.py")) if not p.stem.startswith(_NO_MODEL)]
         if source.endswith(".py"):
-            files.append((self.file.path.parent / source).resolve())
+            # What a user's file imports or reads (stage, modes) lies beside it; the study itself is in its arguments.
+            folder, study = (self.file.path.parent / source).resolve().parent, self.file.path.resolve()
+            files += [p for p in sorted(folder.iterdir()) if p.suffix in (".py", ".toml") and p != study]
         for path in files:
             content.update(path.read_bytes())
         return content.hexdigest()[:16]

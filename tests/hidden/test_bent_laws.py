@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
+from plain_machines import RECORDS, diagnosed, low_passed
 from scipy.integrate import solve_ivp
-from scipy.signal import butter, sosfiltfilt
 
 from discrepancy.diagnosis_check import check_diagnosis
-from vtsdt.cli import main
 
 MODELS = '''
 from multibody import Model
@@ -71,20 +67,6 @@ build = "models.py:drive"
 "load.speed" = "load_rad_per_s"
 """
 
-RECORDS = """
-[records]
-time = "time_s"
-identify = ["run0.csv", "run1.csv"]
-validate = ["run2.csv"]
-"""
-
-
-def low_passed(rng: np.random.Generator, t: np.ndarray, corner: float) -> np.ndarray:
-    """Return band-limited noise of deviation one."""
-    x = sosfiltfilt(butter(3, corner * 2.0 * (t[1] - t[0]), output="sos"), rng.standard_normal(t.size))
-    return x / x.std()
-
-
 def table(rng: np.random.Generator) -> dict[str, np.ndarray]:
     """A table on a leaf spring that meets a rubber buffer 18 mm on one side of its middle."""
     t = np.arange(0.0, 5.0, 0.002)
@@ -117,20 +99,8 @@ def drive(rng: np.random.Generator, duration: float = 6.0) -> dict[str, np.ndarr
     }  # fmt: skip
 
 
-def diagnosed(folder: Path, machine, study: str, candidates: str = "") -> dict:
-    """Write the recordings of a machine, its model and a study; run the command; return diagnosis.json."""
-    for k in range(3):
-        columns = machine(np.random.default_rng([11, k]))
-        values = np.column_stack(list(columns.values()))
-        np.savetxt(folder / f"run{k}.csv", values, fmt="%.7g", delimiter=",", header=",".join(columns), comments="")
-    (folder / "models.py").write_text(MODELS)
-    (folder / "study.toml").write_text(study + RECORDS + candidates)
-    assert main(["diagnose", str(folder / "study.toml"), "--out", str(folder / "out"), "--quiet"]) == 0
-    return json.loads((folder / "out" / "diagnosis.json").read_text())
-
-
 def test_a_buffer_that_a_table_meets_is_found(tmp_path):
-    diagnosis = diagnosed(tmp_path, table, TABLE)
+    diagnosis = diagnosed(tmp_path, MODELS, table, TABLE + RECORDS, seed=11)
     assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["end_stop@leaf"]
     values = {k: v["value"] for k, v in diagnosis["effects"][0]["parameters"].items()}
     assert values["stiffness"] == pytest.approx(2e4, rel=0.01)
@@ -139,7 +109,7 @@ def test_a_buffer_that_a_table_meets_is_found(tmp_path):
 
 
 def test_play_between_two_rotors_is_found(tmp_path):
-    diagnosis = diagnosed(tmp_path, drive, DRIVE)
+    diagnosis = diagnosed(tmp_path, MODELS, drive, DRIVE + RECORDS, seed=11)
     first = diagnosis["effects"][0]
     assert f"{first['kind']}@{first['where']}" == "backlash@shaft"
     assert first["parameters"]["gap"]["value"] == pytest.approx(0.01, rel=0.2)
@@ -147,7 +117,8 @@ def test_play_between_two_rotors_is_found(tmp_path):
 
 
 def test_play_that_the_catalogue_does_not_have_is_a_force_without_a_name_at_its_place(tmp_path):
-    diagnosis = diagnosed(tmp_path, drive, DRIVE, '[candidates]\ninclude = ["*_friction@*", "*drag@*", "sensor_*@*"]\n')
+    kinds = '[candidates]\ninclude = ["*_friction@*", "*drag@*", "sensor_*@*"]\n'
+    diagnosis = diagnosed(tmp_path, MODELS, drive, DRIVE + RECORDS + kinds, seed=11)
     assert diagnosis["verdict"] == "unknown effect"
     assert check_diagnosis(diagnosis) == []
     assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["unknown_force@shaft"]

@@ -123,3 +123,28 @@ def test_faults_can_be_combined_unless_they_clash() -> None:
     with pytest.raises(GearError, match="at once"):
         combined([fault("spall", "input_gear", tooth=1), fault("tooth_crack", "input_gear", tooth=2)])
     assert dataset.paper_stage().structure.imperfect
+
+
+def test_recordings_are_those_of_the_damaged_stage(tmp_path: Path) -> None:
+    """Nothing stands in for the simulation here: an eccentric gear shakes the housing at other places of the turn."""
+    plan = DatasetPlan(("healthy", "eccentricity@input_gear"), (1.0,), noise=0.0, duration=0.06, rate=6400.0)
+    labels = write_dataset(tmp_path / "data", plan)
+    sound, damaged = (pandas.read_parquet(tmp_path / "data" / name) for name in labels["file"])
+    cycle = 6400.0 / (1000.0 / 60.0 * 32)  # 12 samples of one tooth
+    assert cycle == 12.0
+
+    def changes(frame: pandas.DataFrame) -> float:
+        seen = frame["a_base_y [m/s**2]"].to_numpy()
+        return float(np.std(seen[12:] - seen[:-12]) / np.std(seen))
+
+    assert changes(sound) < 2e-2  # it repeats with the mesh, but for what is left of the start
+    assert changes(damaged) > 2 * changes(sound)
+
+
+@pytest.mark.slow
+def test_every_fault_runs_at_full_severity_over_speeds_and_loads(tmp_path: Path) -> None:
+    plan = DatasetPlan(severities=(1.0,), speeds=(600.0, 1000.0), torques=(50.0, 150.0), duration=0.1)
+    labels = write_dataset(tmp_path / "data", plan)
+    assert len(labels) == 4 * (1 + len(FAULTS))
+    for name in labels["file"]:
+        assert np.isfinite(pandas.read_parquet(tmp_path / "data" / name).to_numpy()).all()

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from gear_stand_in import measured
 
 from discrepancy.bench import BenchError, write_csv
@@ -279,3 +275,16 @@ def test_commands_explain_themselves(capsys, tmp_path):
     assert "there is no effect 'magic'" in capsys.readouterr().err
     assert main(["update-gearbox", str(tmp_path / "none.toml"), "--out", str(tmp_path)]) == 2
     assert main(["update-gearbox", "--help"]) == 0
+
+
+def test_what_lies_beside_a_study_and_changes_makes_the_runs_again(tmp_path):
+    """A stage or modes that the user's own file reads: stored simulations of the older ones must not be used."""
+    study = study_on_stand_in(tmp_path)
+    first = read_updating_study(study).identity()
+    (tmp_path / "stage.toml").write_text('extends = "paper"\n', encoding="utf-8")
+    second = read_updating_study(study).identity()
+    (tmp_path / "stage.toml").write_text('extends = "paper"\n[contact]\nmu_d = 0.05\n', encoding="utf-8")
+    assert len({first, second, read_updating_study(study).identity()}) == 3
+    last = read_updating_study(study).identity()
+    study.write_text(study.read_text(encoding="utf-8").replace("test = 8", "test = 9"), encoding="utf-8")
+    assert read_updating_study(study).identity() == last  # what is asked of the runs does not change them

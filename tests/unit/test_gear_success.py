@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from gear_stand_in import RANGES, START, TEETH, measured, stand_in
 
 from gearbox import papers_chain
@@ -51,8 +45,8 @@ def stand_in_chain(monkeypatch):
     monkeypatch.setattr(papers_chain, "chain_on_rig", chain)
     monkeypatch.setattr(papers_chain, "rig_recordings", lambda *a, **o: recordings(0.6))
     monkeypatch.setattr(papers_chain, "true_values", lambda: {n: TRUTH[n] for n in ("K", "C_D", "e_F")})
-    for name in ("DESIGNS", "MADE_DESIGNS", "LINES_DESIGNS"):
-        monkeypatch.setattr(papers_chain, name, range(1))
+    monkeypatch.setattr(papers_chain, "DESIGNS", range(1))
+    monkeypatch.setattr(papers_chain, "OTHER_RIGS", range(2, 4))
     quick = {"points": (25,), "test": 4, "levels": 3, "identify": False}
     monkeypatch.setattr(papers_chain, "ONE_DESIGN", quick)
 
@@ -65,6 +59,8 @@ def test_the_chapter_counts_what_the_chains_did(stand_in_chain) -> None:
     assert rose.ours.startswith("1 of 1")
     assert rose.verdict != AGREES  # nine are asked, and there is one
     assert rows["errors of manufacturing, similarity: what was taken"].verdict == UNCHECKED
+    others = "errors of manufacturing, amplitudes and phases over three loads, rigs 2 to 3: optimum of the surface, "
+    assert "of 2 (" in rows[others + "simulated, above the start"].ours
     lost = [r for r in chapter.rows if r.what.startswith("directions of K, C_D, e_F")]
     assert len(lost) == 4
     # two lines of one sensor, less a lag and a gain, cannot fix three parameters; amplitudes over loads tell more
@@ -78,7 +74,7 @@ def test_success_is_counted_against_start_and_limit() -> None:
         (1.0, 1.0))  # fmt: skip
     assert (found.designs, found.rises, found.above) == (3, 2, 2)
     told = {r.what: r.ours for r in papers_chain._rows("x", found, asked=9)}
-    assert told["x: above 0.7 at conditions 1, 2 and 3"].startswith("2 of 3: 0.690 to 0.800 (before 0.500")
+    assert told["x: above 0.7 at conditions 1, 2 and 3"].startswith("2 of 3 (21 to 94 %): 0.690 to 0.800 (before 0.500")
 
 
 def test_recordings_of_one_load_are_the_base_and_the_three_conditions() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 
+import numpy as np
 import pytest
 
 from discrepancy import suite
@@ -27,13 +28,39 @@ def test_names_are_those_of_the_model_under_test() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "on_rig"), [("eccentricity@mesh.gear_2", "eccentricity@output_gear"), ("misalignment@mesh",) * 2]
+    ("name", "on_rig"),
+    [("eccentricity@mesh.gear_2", "eccentricity@output_gear"), ("misalignment@mesh",) * 2, ("profile_error@mesh",) * 2],
 )
 def test_what_is_hidden_is_what_the_rig_hides(name, on_rig) -> None:
     (effect,) = suite_gear.sizes(5, [name])
     assert f"{effect['kind']}@{effect['where']}" == name
     size = sum(v["value"] ** 2 for v in effect["parameters"].values()) ** 0.5
     assert size == pytest.approx(GearRig(seed=5).faults_of([on_rig])[0].size)
+
+
+def test_sizes_are_in_the_strengths_of_the_kind() -> None:
+    """A pitch error is a pattern on the rig: its strengths are the two to four waves a turn that the pattern has."""
+    from gearbox.effects import GEAR_KINDS
+
+    strengths = {k.name: set(k.strengths) for k in GEAR_KINDS}
+    for name in suite_gear.names():
+        (effect,) = suite_gear.sizes(3, [name])
+        assert set(effect["parameters"]) == strengths[effect["kind"]]
+    (profile,) = suite_gear.sizes(3, ["profile_error@mesh"])
+    assert profile["parameters"]["profile_slope"]["value"] == 0.0 < profile["parameters"]["profile_form"]["value"]
+    for where, gear, teeth in (("mesh.gear_1", "input_gear", 32), ("mesh.gear_2", "output_gear", 44)):
+        (effect,) = suite_gear.sizes(3, [f"pitch_error@{where}"])
+        (fault,) = GearRig(seed=3).faults_of([f"pitch_error@{gear}"])
+        ((at, pattern),) = fault.patterns((32, 44)).values()
+        angle = 2.0 * np.pi * at / teeth
+        of = {k: v["value"] for k, v in effect["parameters"].items()}
+        waves = sum(
+            of[f"lobes{e}_cos"] * np.cos(n * angle) + of[f"lobes{e}_sin"] * np.sin(n * angle)
+            for n, e in ((2, ""), (3, "3"), (4, "4"))
+        )
+        left = fault.size * pattern - waves
+        for n in (2, 3, 4):
+            assert abs(np.sum(left * np.exp(1j * n * angle))) < 1e-12 * teeth
 
 
 def test_the_machine_is_reached_by_its_name_and_hides_no_unknown_force(tmp_path, capsys) -> None:

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 # Processes that the tests start must find the stand-in too, by the same name.
-sys.path.insert(0, str(Path(__file__).parent))
-
 from gear_stand_in import RANGES, START, TEETH, load, measured, stand_in
 
 from gearbox.condition import OperatingCondition
 from gearbox.identifiability import identifiability
 from gearbox.objectives import AmplitudeObjective, MeasuredLines, SimilarityObjective
 from gearbox.recordings import Recording
-from gearbox.signals import Processing, SignalError
+from gearbox.signals import Processing, SignalError, resample
 from gearbox.updating_chain import UpdatingChain
 from gearbox.updating_errors import UpdatingError
 from gearbox.updating_runs import ModelSource, Runs
@@ -289,6 +285,23 @@ def test_everything_is_told_at_once():
         UpdatingChain(settings(sensors=("roof",)), Runs(stand_in, Settings(TEETH)), recordings()[:1])
     with pytest.raises(UpdatingError, match="no recording"):
         UpdatingChain(settings(), Runs(stand_in, Settings(TEETH)), [])
+
+
+def test_faults_of_recordings_are_told_before_anything_runs():
+    """Sensor and recording are named, all faults in one message."""
+
+    def never(values, condition, duration):
+        raise AssertionError("the model was run")
+
+    dead, brief, slow = (recordings()[0] for _ in range(3))
+    dead.signals["base"] = dead.signals["base"].with_values(np.full(len(dead.signals["base"]), 0.5))
+    brief.signals["seat"] = brief.signals["seat"].cut(0.0, 0.3)
+    slow.signals["seat"] = resample(slow.signals["seat"], 2000.0)
+    with pytest.raises(UpdatingError) as told:
+        UpdatingChain(settings(), Runs(never, Settings(TEETH)), [dead, brief], [slow])
+    assert len(told.value.faults) == 3
+    parts = ("sensor 'base': the signal does not vary (zero variance)", "it lasts 0.3 s", "above 1000 Hz, its Nyquist")
+    assert all(part in fault for fault, part in zip(told.value.faults, parts, strict=True))
 
 
 def test_result_is_written_and_can_be_read(result, tmp_path):
