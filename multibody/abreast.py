@@ -18,8 +18,8 @@ def rhs_abreast(rhs: NativeFunction, count: int) -> int:
     """Return the address of a right-hand side for several runs, or 0 where it is outside the compiler's subset.
 
     Times, states (n, count), inputs (n_u, count), parameters (n_p, count) and rates (n, count) of the runs stand side
-    by side; conditions are worked out on both sides, tables and functions that search or leave early for one run.  The
-    after another.  The rates of each run are those that it has alone, to the last bit.
+    by side; conditions are worked out on both sides, tables and functions that search or leave early for one run after
+    another.  The rates of each run are those that it has alone, to the last bit.
 
     Parameters
     ----------
