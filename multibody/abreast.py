@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache, partial
 
-from multibody.compiler.kinds import Kind, LanesAt, Outside
-from multibody.compiler.lanes import goes_lane_by_lane
+from multibody.compiler.kinds import Kind, Lanes, LanesAt, Outside
 from multibody.compiler.units import Unit, unit_of_text
 from multibody.native import RHS_ARRAYS, NativeFunction, compiling
 
@@ -58,14 +57,17 @@ def _made(text: str, stem: str, name: str, count: int) -> int:
     from multibody.compiler.build import build
 
     source = _source(text, name)
-    if goes_lane_by_lane(_unit(*source, stem).functions[name], _kinds(count)):
-        return 0
     try:
         with compiling:
-            return build(stem, source, partial(_unit, *source, stem), f"{name}_abreast", _kinds(count))[0]
+            return build(stem, source, partial(_unit, *source, stem, name, count), f"{name}_abreast", _kinds(count))[0]
     except Outside:
         return 0
 
 
-def _unit(text: str, stem: str) -> Unit:
-    return unit_of_text(text, f"{stem} abreast")
+def _unit(text: str, stem: str, name: str, count: int) -> Unit:
+    from multibody.compiler.program import Program
+
+    unit = unit_of_text(text, f"{stem} abreast")
+    if Program().one_by_one(unit, name, (Lanes(count), *_kinds(count)[1:])):
+        raise Outside(f"{name}: all of it would be worked out for one run after another")
+    return unit

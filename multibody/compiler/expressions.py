@@ -28,7 +28,7 @@ from multibody.compiler.kinds import (
     llvm_type,
     real,
 )  # fmt: skip
-from multibody.compiler.lanes import VECTOR_METHODS, goes_lane_by_lane
+from multibody.compiler.lanes import VECTOR_METHODS
 
 __all__ = ["Expressions"]
 
@@ -243,7 +243,7 @@ class Expressions(Arithmetic):
         return self.intrinsic(symbol, [self.to(a, kind, node) for a in arguments], kind)
 
     def _function(self, unit: Any, name: str, arguments: list[Value]) -> Value:
-        if goes_lane_by_lane(unit.functions[name], tuple(a.kind for a in arguments)):
+        if self.program.one_by_one(unit, name, tuple(a.kind for a in arguments)):
             return self.lane_by_lane(arguments, lambda one: self._function(unit, name, one))
         symbol, returns = self.program.function(unit, name, tuple(a.kind for a in arguments))
         given = ", ".join(f"{llvm_type(a.kind)} {a.name}" for a in arguments)

@@ -6,6 +6,7 @@ import ast
 from collections.abc import Callable
 from typing import Any
 
+from multibody.compiler.inference import Kinds
 from multibody.compiler.kinds import (
     INT,
     NOTHING,
@@ -22,20 +23,18 @@ from multibody.compiler.kinds import (
     of_one_lane,
 )
 
-__all__ = ["VECTOR_METHODS", "InLanes", "goes_lane_by_lane"]
+__all__ = ["VECTOR_METHODS", "InLanes", "parts_lanes"]
 
+_LEAVING = (ast.Return, ast.Break, ast.Continue)
 VECTOR_METHODS = ("sqrt", "fabs", "floor", "ceil", "copysign")  # the others are functions of the C library
 
 
-def goes_lane_by_lane(node: ast.FunctionDef, arguments: tuple[Kind, ...]) -> bool:
-    """Tell whether a function is called for one lane after another: it searches in a loop, or leaves from a branch."""
-    if not lanes_of(*arguments):
-        return False
-    leaving = (ast.Return, ast.Break, ast.Continue)
-    for part in ast.walk(node):
-        if isinstance(part, ast.While):
-            return True
-        if isinstance(part, ast.If) and any(isinstance(inner, leaving) for inner in ast.walk(part)):
+def parts_lanes(kinds: Kinds) -> bool:
+    """Tell whether lanes part in a function: they leave it, or go round in it, at different places."""
+    for part in ast.walk(kinds.node):
+        around = isinstance(part, ast.If) and any(isinstance(inner, _LEAVING) for inner in ast.walk(part))
+        asked = part.test if isinstance(part, ast.While) or (isinstance(part, ast.If) and around) else None
+        if asked is not None and lanes_of(kinds.kind(asked)):
             return True
     return False
 

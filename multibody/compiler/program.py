@@ -23,7 +23,7 @@ from multibody.compiler.kinds import (
     of_one_lane,
     real,
 )
-from multibody.compiler.lanes import goes_lane_by_lane
+from multibody.compiler.lanes import parts_lanes
 from multibody.compiler.units import Unit
 
 __all__ = ["Program"]
@@ -111,9 +111,18 @@ class Program:
             self._kinds[key] = Kinds(unit, unit.functions[name], arguments, self.returned)
         return self._kinds[key]
 
+    def one_by_one(self, unit: Unit, name: str, arguments: tuple[Kind, ...]) -> bool:
+        """Tell whether a function is called for one lane after another, because lanes part in it."""
+        if not lanes_of(*arguments):
+            return False
+        try:
+            return parts_lanes(self._of(unit, name, arguments))
+        except Outside:
+            return True
+
     def returned(self, unit: Unit, name: str, arguments: tuple[Kind, ...]) -> Kind:
         """Return what a function returns for kinds of arguments."""
-        if not goes_lane_by_lane(unit.functions[name], arguments):
+        if not self.one_by_one(unit, name, arguments):
             return self._of(unit, name, arguments).returns
         found = self._of(unit, name, tuple(map(of_one_lane, arguments))).returns
         return in_lanes(found, lanes_of(*arguments))
