@@ -10,8 +10,7 @@ import pytest
 from multibody import native
 from multibody.abreast import rhs_abreast
 from multibody.inputs import InputTable
-from multibody.solvers import Automatic, DormandPrince54, NativeProblem, integrate
-from multibody.solvers import batch as batches
+from multibody.solvers import Automatic, DormandPrince54, NativeProblem, groups, integrate
 from multibody.solvers.batch import batch
 from multibody.solvers.kernels.abreast import LANES
 
@@ -160,7 +159,7 @@ def at_once(monkeypatch):
         seen.append(len(numbers))
         advance(self, address, numbers, *given)
 
-    monkeypatch.setattr(batches, "COMPILATION", -1.0)
+    monkeypatch.setattr(groups, "COMPILATION", -1.0)
     monkeypatch.setattr(DormandPrince54, "advance_abreast", noted)
     return seen
 
@@ -222,7 +221,45 @@ def test_runs_that_fail_leave_the_others_of_their_lanes_as_they_are(swing, at_on
         np.testing.assert_array_equal(run.y, alone.y)
 
 
-def test_stiff_runs_go_the_long_way_and_soon_without_a_first_trial(at_once):
+@pytest.mark.parametrize("rtol", [1e-3, 1e-5])
+def test_the_default_method_changes_its_mind_abreast_as_it_does_alone(at_once, rtol):
+    from multibody.simulate import input_table, native_problem
+    from vtsdt.lift import Lift
+    from vtsdt.reference import sampled_reference
+
+    lift = Lift.one_dimensional()
+    system, rng = lift.system, np.random.default_rng(2)
+    table = input_table(system, {"omega_ref": sampled_reference(lift, "up"), "friction_c": 0.0, "friction_cw": 0.0})
+    problem = native_problem(system, system.p, table, tangent=True)
+    many = [(replace(problem, p=system.p * (1.0 + 0.01 * rng.normal(size=system.p.size))), system.start)
+            for _ in range(11)]  # fmt: skip
+    t, changes = np.linspace(0.0, 4.0, 401), 0
+    for run, (one, start) in zip(batch(many, (0.0, 4.0), t, 2, rtol=rtol), many, strict=True):
+        history = []
+        np.testing.assert_array_equal(run.y, integrate(one, (0.0, 4.0), start, t, rtol=rtol, history=history).y)
+        changes += len(history) - 1
+    assert changes >= 11
+    assert sum(at_once) > 11  # runs came back to the lanes
+
+
+def test_long_runs_are_looked_at_for_stiffness_and_go_on(swing, at_once, monkeypatch):
+    from multibody.solvers import automatic
+
+    monkeypatch.setattr(automatic, "LOOK", 16)
+    monkeypatch.setattr(groups, "LOOK", 16)
+    tangent = native.compile_text(
+        "import math\n\n\ndef rhs_tangent(t, x, u, p, x_dot, u_dot, p_dot, out):\n    out[0] = x_dot[1]\n"
+        "    out[1] = -p[0] * math.cos(x[0]) * x_dot[0] - p[1] * x_dot[1] + u[1] * x_dot[0]\n"
+        "    if x[0] > p[3]:\n        out[1] -= 400.0 * x_dot[0]\n", "swing", "rhs_tangent", 7)  # fmt: skip
+    many = list(changed(replace(swing, tangent=tangent), 14))
+    t = np.linspace(0.0, 2.0, 41)
+    options = dict(rtol=1e-6, atol=1e-9)
+    for run, (problem, start) in zip(batch(many, (0.0, 2.0), t, 2, **options), many, strict=True):
+        np.testing.assert_array_equal(run.y, integrate(problem, (0.0, 2.0), start, t, **options).y)
+    assert sum(at_once) > 3 * 14
+
+
+def test_stiff_runs_leave_their_lanes(at_once):
     text = "def rhs(t, x, u, p, dx):\n    dx[0] = -p[0] * (x[0] - u[0])\n"
     tangent = "def rhs_tangent(t, x, u, p, x_dot, u_dot, p_dot, out):\n" + (
         "    out[0] = -p[0] * (x_dot[0] - u_dot[0]) - p_dot[0] * (x[0] - u[0])\n")  # fmt: skip
@@ -233,4 +270,4 @@ def test_stiff_runs_go_the_long_way_and_soon_without_a_first_trial(at_once):
     t = np.linspace(0.0, 1.0, 11)
     for run, (problem, start) in zip(batch(many, (0.0, 1.0), t, 1, rtol=1e-5), many, strict=True):
         np.testing.assert_array_equal(run.y, integrate(problem, (0.0, 1.0), start, t, rtol=1e-5).y)
-    assert 0 < sum(at_once) < 60
+    assert sum(at_once) >= 80

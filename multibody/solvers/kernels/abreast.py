@@ -15,6 +15,7 @@ from multibody.solvers.kernels.dormand_prince import march, raw_errors, watch, w
 from multibody.solvers.kernels.field import evaluate, look_up
 from multibody.solvers.kernels.stepping import (
     COUNTS,
+    DONE,
     EVALUATIONS,
     GO_ON,
     KNOWN,
@@ -178,12 +179,21 @@ def end_step(c, clock, tally, lane, size, y, k, y_new, errors, rtol, atol, h, t_
 
 
 @inner
-def take_run(c, lane, size, y, start, wide_y, wide_p):
+def take_run(c, lane, size, y, last, start, k, wide_y, wide_p):
     """Put a run into a lane."""
     for i in range(size):
         start[i] = y[i]
+        k[6 * size + i] = last[i]
     into_lane(size, y, wide_y, lane)
     into_lane(c[N_P], floats(c[P]), wide_p, lane)
+
+
+@inner
+def give_back(size, start, k, y, last):
+    """Write the state of a run, and the rates there if they are known, where it came from."""
+    for i in range(size):
+        y[i] = start[i]
+        last[i] = k[6 * size + i]
 
 
 @inner
@@ -197,17 +207,19 @@ def ended(ticks, counts):
 
 @entry
 def advance_abreast(
-    address, numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, atol, times, samples, wide, steps, lanes
+    address, numbers, clock, tally, y, last, work, store_t, store_y, store_k, rtol, atol, times, samples, place, wide,
+    steps, lanes
 ):
     """Integrate every run to its end, or as far as it goes by itself; how it stands goes into its tally.
 
-    ``address`` is that of the equations in lanes.  Runs are rows of numbers, clock, tally, y and samples, as in
-    `advance`; lanes are rows of store_t (·, 2), store_y (·, size) and store_k (·, 7, size), and columns of ``steps``
-    (6, ·) and ``lanes`` (4, ·), which hold what is known of their steps.  ``wide`` has room for state, new state,
-    stages, inputs and parameters in lanes: 9 size + n_u + n_p rows.
+    ``address`` is that of the equations in lanes. Runs are rows of numbers, clock, tally and y, as in `advance`, and of
+    last, their rates at the end of the step before; ``place`` tells which row of samples is whose. Lanes are rows of
+    store_t (·, 2), store_y (·, size) and store_k (·, 7, size), and columns of ``steps`` (6, ·) and ``lanes`` (4, ·),
+    which hold what is known of their steps. ``wide`` has room for state, new state, stages, inputs and parameters in
+    lanes: 9 size + n_u + n_p rows.
     """
     runs, size, rows = y.shape[0], y.shape[1], times.size
-    fields, clocks, tallies, states = pointer(numbers), pointer(clock), pointer(tally), pointer(y)
+    fields, clocks, tallies, states, rates = pointer(numbers), pointer(clock), pointer(tally), pointer(y), pointer(last)
     sample_t, relative, absolute = pointer(times), pointer(rtol), pointer(atol)
     y_new, errors = pointer(work), shift(pointer(work), size)
     wide_y = pointer(wide)
@@ -222,7 +234,8 @@ def advance_abreast(
     running, following = 0, 0
     for lane in range(LANES):  # a lane without a run goes through the equations with the first one's numbers
         run_of[lane], busy[lane], again[lane], h[lane], begins[lane] = 0, 0, 0, 0.0, 0.0
-        take_run(fields, lane, size, states, shift(pointer(store_y), lane * size), wide_y, wide_p)
+        start, k = shift(pointer(store_y), lane * size), shift(pointer(store_k), lane * 7 * size)
+        take_run(fields, lane, size, states, rates, start, k, wide_y, wide_p)
         for i in range(7 * size):
             wide_k[i * LANES + lane] = 0.0
     while True:
@@ -230,13 +243,15 @@ def advance_abreast(
             r, start, k = run_of[lane], shift(pointer(store_y), lane * size), shift(pointer(store_k), lane * 7 * size)
             c, ticks, counts = shift(fields, r * SIZE), shift(clocks, r * TICKS), shift(tallies, r * COUNTS)
             if busy[lane] != 0 and again[lane] == 0 and ended(ticks, counts):
+                give_back(size, start, k, shift(states, r * size), shift(rates, r * size))
                 busy[lane], h[lane] = 0, 0.0
                 running -= 1
             while busy[lane] == 0 and following < runs:
                 r, run_of[lane], again[lane] = following, following, 0
                 following += 1
                 c, ticks, counts = shift(fields, r * SIZE), shift(clocks, r * TICKS), shift(tallies, r * COUNTS)
-                take_run(c, lane, size, shift(states, r * size), start, wide_y, wide_p)
+                take_run(c, lane, size, shift(states, r * size), shift(rates, r * size), start, k, wide_y, wide_p)
+                counts[DONE] = 0
                 if not ended(ticks, counts):
                     busy[lane] = 1
                     running += 1
@@ -248,14 +263,18 @@ def advance_abreast(
             r, start, k = run_of[lane], shift(pointer(store_y), lane * size), shift(pointer(store_k), lane * 7 * size)
             c, ticks, counts = shift(fields, r * SIZE), shift(clocks, r * TICKS), shift(tallies, r * COUNTS)
             spans = shift(pointer(store_t), 2 * lane)
-            sample_y = shift(pointer(samples), r * rows * size)
-            if running == 1 and following == runs and again[lane] == 0:  # alone it is faster in plain numbers
-                left = shift(states, r * size)
-                for i in range(size):
-                    left[i] = start[i]
+            sample_y = shift(pointer(samples), place[r] * rows * size)
+            # Alone it is faster in plain numbers; every eighth step is one at which stiffness is looked for.
+            if running == 1 and following == runs and again[lane] == 0 and counts[DONE] % 8 == 0:
+                left, before = shift(states, r * size), counts[DONE]
+                give_back(size, start, k, left, shift(rates, r * size))
+                counts[WANTED] -= before
                 counts[STATUS] = march(
                     c, ticks, counts, size, size, left, pointer(work), 1, spans, start, k, relative, absolute,
                     rows, sample_t, rows, sample_y)
+                counts[WANTED] += before
+                counts[DONE] += before
+                give_back(size, left, k, left, shift(rates, r * size))
                 return
             if again[lane] == 0:
                 begin_step(
@@ -290,8 +309,8 @@ def advance_abreast(
                 how[lane], proposals, limits, shift(pointer(store_t), 2 * lane))
             again[lane] = 0 if accepted else 1
             if accepted:
-                write_samples(
-                    ticks, counts, size, start, k, rows, sample_t, rows, shift(pointer(samples), r * rows * size))
+                sample_y = shift(pointer(samples), place[r] * rows * size)
+                write_samples(ticks, counts, size, start, k, rows, sample_t, rows, sample_y)
                 for i in independent(size):
                     start[i] = y_new[i]
                 into_lane(size, y_new, wide_y, lane)
