@@ -9,6 +9,7 @@ import argparse
 import fnmatch
 import importlib.util
 import json
+import math
 import os
 import platform
 import random
@@ -165,6 +166,9 @@ def rows(group: Group) -> list[tuple[str, ...]]:
     base = group.entries[0].times
     cells: list[tuple[str, ...]] = []
     for entry in group.entries:
+        if any(math.isnan(t) for t in entry.times):
+            cells.append((entry.name, "not installed", "", "", "0"))
+            continue
         low, mid, high = quartiles(entry.times)
         if entry is group.entries[0]:
             ratio = "1"

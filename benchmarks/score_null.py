@@ -23,7 +23,7 @@ from scipy.stats import chi2
 
 from discrepancy import synthetic as sy
 from discrepancy.scan import scan
-from discrepancy.whitened import raw_residual, start_whitener, whiten_all
+from discrepancy.whitened import plain_weights, raw_residual, whiten_all
 from discrepancy.whitening import fit_whitener
 
 LEVEL = 0.02
@@ -50,7 +50,7 @@ def show(label: str, k: int, n: int, more: str = "") -> None:
 def chi_square_alarms(case: sy.Case, cands: list) -> tuple[bool, bool]:
     """Alarms of the naive χ² and of the χ² after plain AR whitening."""
     res, sens = case.residual, case.sensitivities
-    w = whiten_all(start_whitener(res, sens), res, sens, cands)
+    w = whiten_all(plain_weights(res), res, sens, cands)
     raw = raw_residual(w, res, sens, cands, ())
     alarms = []
     for order in (0, 24):

@@ -16,6 +16,7 @@ import numpy as np
 from discrepancy.blocks import Array
 from discrepancy.projection import Layout, Projection
 from discrepancy.score import Scorer
+from multibody.side_by_side import side_by_side
 
 MIN_PIECES = 12
 WHOLE_RECORDS = 6
@@ -176,9 +177,8 @@ def null_distribution(
     single = np.zeros((n_candidates, draws))
     total = np.zeros(len(groups))
     at = 0
-    for E in shuffled(e, projection, pieces, draws, rng):
-        s = scorer(E)
-        m = E.shape[1]
+    for s in side_by_side(scorer, shuffled(e, projection, pieces, draws, rng)):
+        m = s.u.shape[1]
         block = np.zeros((n_candidates, m))
         np.maximum.at(block, owner, s.u)
         single[:, at : at + m] = block

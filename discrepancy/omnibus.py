@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 LAGS_S = (0.0, 0.01, 0.03, 0.1, 0.3)
 N_TENTS = 7
 N_FINE = 17
+FINE = "fine curve"
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ def generic_candidates(
         lags = sorted({round(s / residual.dt) for s in LAGS_S})
         curves = {"curve": knots_for(pooled, N_TENTS)}
         if name not in coarse:
-            curves["fine curve"] = knots_for(pooled, N_FINE)
+            curves[FINE] = knots_for(pooled, N_FINE)
         for c, channel in enumerate(residual.channels):
             grid = []
             for lag in lags:
@@ -220,7 +221,8 @@ def omnibus(
     if bad:
         raise ValueError("; ".join(bad))
     generic = generic_candidates(residual, drivers, coarse)
-    r = scan(residual, sensitivities, generic, level=level, draws=draws, seed=seed, noise_floor=noise_floor)
+    few = [c for c in generic if not c.kind.startswith(FINE)]
+    r = scan(residual, sensitivities, generic, level=level, draws=draws, seed=seed, noise_floor=noise_floor, few=few)
     matter = [row for row in r.rows if row.verdict is not Verdict.NEGLIGIBLE]
     best = min(matter, key=lambda x: x.p) if matter else None
     p = best.p if best else 1.0

@@ -154,8 +154,7 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
     from discrepancy.columns import candidate_columns
     from discrepancy.confrontation import Confrontation
     from discrepancy.search import scan_preparation
-    from discrepancy.whitened import fit_whitened, whiten_all
-    from discrepancy.whitening import identity
+    from discrepancy.whitened import fit_whitened, plainly_weighed
 
     assert stage.validate is not None
     together = replace(stage.identify, fits=(*stage.identify.fits, *stage.validate.fits))
@@ -171,9 +170,8 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
         for p in (slice(0, n), slice(n, None))
     )
     seen = [replace(c, columns=tuple(shape[:n] for shape in c.columns)) for c in candidates]
-    sizes = np.maximum(np.sqrt(np.mean(np.concatenate(residual.blocks) ** 2, axis=0)), 1e-300)
-    plain = whiten_all(identity(list(sizes), residual.channels, residual.dt), residual, first, seen)
-    white = fit_whitened(residual, first, seen, None, 24, 2, 2)
+    plain = plainly_weighed(residual, first, seen)
+    white = fit_whitened(residual, first, seen, 24, 2, 2, plain)
     best = _best(plain)
     dropped = frozenset(c.name for i, c in enumerate(candidates) if i not in best)
     return PeerCase(

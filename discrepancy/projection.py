@@ -13,6 +13,7 @@ import numpy as np
 
 from discrepancy.blocks import Array, Sensitivities
 from discrepancy.whitening import Whitener
+from multibody.side_by_side import side_by_side
 
 RANK_TOLERANCE = 1e-9
 
@@ -54,8 +55,11 @@ class Layout:
         """Whiten block by block and stack; ``prior`` fills the last rows (zeros by default)."""
         tail = blocks[0].shape[2:]
         out = np.zeros((self.n_rows, *tail))
-        for b, block in enumerate(blocks):
-            out[self.rows(b)] = whitener.apply(block).reshape(block.shape[0] * block.shape[1], *tail)
+
+        def of_block(b: int) -> None:
+            out[self.rows(b)] = whitener.apply(blocks[b]).reshape(blocks[b].shape[0] * blocks[b].shape[1], *tail)
+
+        side_by_side(of_block, range(len(blocks)))
         if prior is not None and self.n_prior:
             out[self.n_data :] = prior
         return out

@@ -64,13 +64,13 @@ def fits_with(
         Whether the fit of a linear law begins from the stated parameters as well.
     """
     expected = effect_of(entry, row, effects, simpler)
-    fits = [partial(refit, expected, simpler)]
+    fits: list[Callable[[], Stage]] = [partial(refit, expected, simpler)]
     if entry.kind.linear:
         starts = [expected] if anew else []
     else:
         sizes = sorted({float(s["secant"]) for s in shapes if s.get("secant", 0.0) > 0.0})
         starts = [replace(expected, strengths=dict.fromkeys(expected.strengths, z)) for z in sizes] or [expected]
-    return fits + [partial(refit, start, simpler, stated=True) for start in starts]
+    return [*fits, *(partial(refit, start, simpler, stated=True) for start in starts)]
 
 
 def best_of(

@@ -163,8 +163,7 @@ def resampled_alarms(
     from discrepancy.search import LOOKS, scan_preparation
     from discrepancy.unknown import curve_candidates, holds
     from discrepancy.verdict import Verdict
-    from discrepancy.whitened import raw_residual, whiten_all
-    from discrepancy.whitening import identity
+    from discrepancy.whitened import plainly_weighed, raw_residual
 
     out.mkdir(parents=True, exist_ok=True)
     path = out / "resampled.jsonl"
@@ -179,9 +178,8 @@ def resampled_alarms(
     curves = curve_candidates(facts, stage.system.places)
     residual, sens = facts.residual(), facts.sensitivities()
     floor = [stage.noise[c] for c in residual.channels]
-    sizes = np.maximum(np.sqrt(np.mean(np.concatenate(residual.blocks) ** 2, axis=0)), 1e-300)
-    weights = identity(list(sizes), residual.channels, residual.dt)
-    laws, free = (whiten_all(weights, residual, sens, what) for what in (candidates, curves))
+    laws, free = (plainly_weighed(residual, sens, what) for what in (candidates, curves))
+    weights = laws.whitener
     layout, projection = laws.projection.layout, laws.projection
     memory = correlation_length(layout, laws.e)
     source = raw_residual(laws, residual, sens, [], [])

@@ -21,12 +21,12 @@ from discrepancy.whitened import (
     best_groups,
     fit_whitened,
     louder,
+    plainly_weighed,
     raw_residual,
     remove_effects,
     share_removed,
     surprise_of,
 )
-from discrepancy.whitening import Whitener
 
 MAX_CLEAN = 4
 CLEAN_LEVEL = 0.01
@@ -44,10 +44,12 @@ def scan(
     draws: int = 400,
     seed: int | np.random.Generator = 0,
     max_order: int = 24,
-    whitener: Whitener | None = None,
+    whiten: bool = True,
     noise_floor: Sequence[float] | None = None,
     rounds: int = 2,
     clean: int = 2,
+    plain: Whitened | None = None,
+    few: Sequence[Candidate] | None = None,
 ) -> ScanResult:
     """Score every candidate effect on a residual, and say how sure that is.
 
@@ -66,8 +68,8 @@ def scan(
     seed : int or Generator
     max_order : int
         Largest number of whitening coefficients per channel.
-    whitener : Whitener, optional
-        Use this one and do not fit it.
+    whiten : bool
+        False: every channel is weighed by its root mean square alone, and its colour is left as it is.
     noise_floor : sequence of float, optional
         Standard deviation of each channel's noise, for the amplitude that would matter; default from the
         residual.
@@ -75,6 +77,10 @@ def scan(
         How often the whitening is refitted after removing calibration and the best candidates.
     clean : int
         How many of the best candidates are removed before the whitening is fitted.
+    plain : Whitened, optional
+        What `discrepancy.whitened.plainly_weighed` gives for the same arrays, if it is there already.
+    few : sequence of Candidate, optional
+        Those among which ``clean`` looks for the best, if not all: not those with many columns, for instance.
 
     Returns
     -------
@@ -91,7 +97,10 @@ def scan(
     if draws < 50:
         raise ValueError(f"draws must be at least 50, got {draws}")
     rng = np.random.default_rng(seed)
-    w = fit_whitened(residual, sensitivities, candidates, whitener, max_order, rounds, clean)
+    if whiten:
+        w = fit_whitened(residual, sensitivities, candidates, max_order, rounds, clean, plain, few)
+    else:
+        w = plain or plainly_weighed(residual, sensitivities, candidates)
     return judge(w, residual, sensitivities, candidates, level, draws, rng, noise_floor)
 
 

@@ -6,15 +6,14 @@ done to the null as well.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from discrepancy.blocks import Array
 from discrepancy.projection import Layout, Projection
 from discrepancy.spectral import ScoreVariance, make_bands, score_variance
+from multibody.side_by_side import side_by_side
 
 LAMBDA_FLOOR = 0.5
 WINDOWS_PER_BLOCK = 48
@@ -76,7 +75,7 @@ def prepare_columns(
     dropped: dict[tuple[int, int], str] = {}
     sizes = [Z.shape[1] for *_, Z in whitened]
     Zall = np.empty((projection.layout.n_rows, sum(sizes)))
-    looked = list(_orthonormal(whitened, projection, Zall))
+    looked = _orthonormal(whitened, projection, Zall)
     strongest: dict[int, float] = {}
     for (cand, *_), one in zip(whitened, looked, strict=True):
         strongest[cand] = max(strongest.get(cand, 0.0), one.peak)
@@ -124,16 +123,18 @@ class _Projected:
 
 def _orthonormal(
     whitened: list[tuple[int, int, bool, Array]], projection: Projection, out: Array
-) -> Iterator[_Projected]:
+) -> list[_Projected]:
     """Write orthonormal columns of each group into ``out``; by Cholesky and many groups at a time, which is fastest."""
-    waiting = list(whitened)
-    at = 0
-    while waiting:
-        taken, width = 0, 0
-        while taken < len(waiting) and (taken == 0 or width + waiting[taken][3].shape[1] <= TOGETHER):
-            width += waiting[taken][3].shape[1]
-            taken += 1
-        together = np.concatenate([Z for *_, Z in waiting[:taken]], axis=1)
+    packs: list[list[Array]] = [[]]
+    for *_, Z in whitened:
+        if packs[-1] and sum(z.shape[1] for z in packs[-1]) + Z.shape[1] > TOGETHER:
+            packs.append([])
+        packs[-1].append(Z)
+    ends = np.cumsum([sum(z.shape[1] for z in pack) for pack in packs])
+
+    def straightened(pack: list[Array], end: int) -> list[_Projected]:
+        together = np.concatenate(pack, axis=1)
+        width = together.shape[1]
         norm = np.sqrt(np.einsum("ij,ij->j", together, together))
         peak = np.maximum(together.max(axis=0, initial=0.0), -together.min(axis=0, initial=0.0))
         theta = projection.take_out(together)
@@ -142,8 +143,8 @@ def _orthonormal(
             projection.remove(together)
         scale = np.where(norm > 0.0, norm, 1.0)
         straight = np.zeros((width, width))
-        first = 0
-        for *_, Z in waiting[:taken]:
+        found, first = [], 0
+        for Z in pack:
             own = slice(first, first + Z.shape[1])
             part = together[:, own]
             gram = part.T @ part / np.outer(scale[own], scale[own])
@@ -154,11 +155,13 @@ def _orthonormal(
                 R = r * norm[own]
             total = float(np.sum(norm[own] ** 2))
             share = float(np.diag(gram) @ norm[own] ** 2) / total if total > 0.0 else 0.0
-            yield _Projected(norm[own], float(peak[own].max(initial=0.0)), 1.0 - share, R, theta[:, own])
+            found.append(_Projected(norm[own], float(peak[own].max(initial=0.0)), 1.0 - share, R, theta[:, own]))
             first = own.stop
-        np.matmul(together, straight, out=out[:, at : at + width])
-        at += width
-        del waiting[:taken]
+        np.matmul(together, straight, out=out[:, end - width : end])
+        return found
+
+    packed = [(pack, int(end)) for pack, end in zip(packs, ends, strict=True) if pack]
+    return [one for found in side_by_side(lambda work: straightened(*work), packed) for one in found]
 
 
 def most_explaining(columns: Columns, e: Array) -> Columns:
@@ -224,6 +227,36 @@ class Scores:
     amplitude: Array
 
 
+class Windows:
+    """Short windows of one block, in which the noise is measured channel by channel.
+
+    Parameters
+    ----------
+    layout : Layout
+    block : int
+
+    Attributes
+    ----------
+    count : ndarray, shape (n_windows, 1, 1)
+        Samples in each.
+    """
+
+    def __init__(self, layout: Layout, block: int) -> None:
+        n = layout.lengths[block]
+        edges = np.linspace(0, n, max(1, min(WINDOWS_PER_BLOCK, n // MIN_WINDOW)) + 1).astype(int)
+        self._layout, self._block, self._first = layout, block, edges[:-1]
+        self.count = np.diff(edges).astype(float)[:, None, None]
+
+    def of(self, stacked: Array) -> Array:
+        """Return the block of a stacked vector or matrix, shape (n_t, n_channels, …)."""
+        return self._layout.view(stacked, self._block)
+
+    def sums(self, values: Array) -> Array:
+        """Return the sums over each window of values (n_t, n_channels, m), shape (n_windows, n_channels, m)."""
+        out: Array = np.add.reduceat(values, self._first, axis=0)
+        return out
+
+
 @dataclass(frozen=True)
 class Scorer:
     """Scores residuals; made once for a set of columns."""
@@ -233,7 +266,8 @@ class Scorer:
     kdim: Array
     dof: Array
     own_trace: Array
-    windows: list[tuple[Array, float]]
+    windows: list[Windows]
+    energies: list[Array]
 
     def __call__(self, E: Array, noise: Array | None = None, removed: Array | None = None) -> Scores:
         """Score residuals.
@@ -275,14 +309,13 @@ class Scorer:
         den = np.zeros_like(num)
         level_d = 0.0
         starts = [g.cols.start for g in self.columns.groups]
-        for rows, count in self.windows:
-            Zw = self.columns.Z[rows]
-            energy = np.add.reduceat(np.sum(Zw**2, axis=0), starts)
-            fit = np.add.reduceat(Zw * a, starts, axis=1)
-            left = np.maximum(count - energy, 0.5 * count)
-            num += energy * np.sum((e[rows, None] - fit) ** 2, axis=0) / left
-            den += energy
-            level_d += count
+        for part, energy in zip(self.windows, self.energies, strict=True):
+            fit = np.add.reduceat(part.of(self.columns.Z) * a, starts, axis=2)
+            fit -= part.of(e)[:, :, None]
+            left = np.maximum(part.count - energy, 0.5 * part.count)
+            num += np.sum(energy * part.sums(np.square(fit, out=fit)) / left, axis=(0, 1))
+            den += np.sum(energy, axis=(0, 1))
+            level_d += float(np.sum(part.count)) * energy.shape[1]
         e2 = float(e @ e)
         own = np.add.reduceat(a**2, starts)
         level = (e2 - own) / max(1.0, level_d - 1.0)
@@ -341,32 +374,11 @@ def make_scorer(
     kdim = np.array([float(g.cols.stop - g.cols.start) for g in columns.groups])
     own = np.array([float(np.trace(c)) for c in var.own])
     # The group's own fit takes its share of the degrees of freedom too.
-    windows = _windows(lay)
-    dof = np.minimum(var.dof, _dof_in_time(columns, windows))
-    return Scorer(columns, var, kdim, np.maximum(dof - kdim, 1.0), own, windows)
-
-
-def _windows(layout: Layout) -> list[tuple[Array, float]]:
-    """Rows of short windows of one channel of one block, with their number."""
-    out = []
-    for b, n in enumerate(layout.lengths):
-        parts = max(1, min(WINDOWS_PER_BLOCK, n // MIN_WINDOW))
-        edges = np.linspace(0, n, parts + 1).astype(int)
-        for a, z in pairwise(edges):
-            for c in range(layout.n_channels):
-                rows = layout.starts[b] + np.arange(a, z) * layout.n_channels + c
-                out.append((rows, float(z - a)))
-    return out
-
-
-def _dof_in_time(columns: Columns, windows: list[tuple[Array, float]]) -> Array:
-    """Degrees of freedom with which the noise is known at the times at which each group acts."""
+    windows = [Windows(lay, b) for b in range(len(lay.lengths))]
     starts = [g.cols.start for g in columns.groups]
-    first = np.zeros(len(starts))
-    second = np.zeros(len(starts))
-    for rows, count in windows:
-        energy = np.add.reduceat(np.sum(columns.Z[rows] ** 2, axis=0), starts)
-        first += energy
-        second += energy**2 / count
-    out: Array = first**2 / np.maximum(second, 1e-300)
-    return out
+    energies = side_by_side(lambda w: w.sums(np.add.reduceat(w.of(columns.Z) ** 2, starts, axis=2)), windows)
+    # Degrees of freedom with which the noise is known at the times at which each group acts.
+    first = sum(np.sum(energy, axis=(0, 1)) for energy in energies)
+    second = sum(np.sum(energy**2 / w.count, axis=(0, 1)) for w, energy in zip(windows, energies, strict=True))
+    dof = np.minimum(var.dof, first**2 / np.maximum(second, 1e-300))
+    return Scorer(columns, var, kdim, np.maximum(dof - kdim, 1.0), own, windows, energies)

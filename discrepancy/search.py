@@ -27,7 +27,6 @@ from multibody.side_by_side import side_by_side
 if TYPE_CHECKING:
     from discrepancy.scan import ScanResult
     from discrepancy.verdict import Row
-    from discrepancy.whitening import Whitener
 
 __all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scan_preparation", "search_step"]
 
@@ -168,22 +167,20 @@ def _scans(
     """
     from discrepancy.scan import scan
     from discrepancy.verdict import Verdict
-    from discrepancy.whitening import identity
+    from discrepancy.whitened import plainly_weighed
 
-    stacked = np.concatenate(residual.blocks)
-    sizes = np.maximum(np.sqrt(np.mean(stacked**2, axis=0)), 1e-300)
-    floor = [noise[c] for c in residual.channels]
-    plain = identity(list(sizes), residual.channels, residual.dt)
+    plain = plainly_weighed(residual, sensitivities, candidates)
 
-    def scanned(whitener: Whitener | None) -> ScanResult:
+    def scanned(whiten: bool) -> ScanResult:
         return scan(
-            residual, sensitivities, candidates, level=level / LOOKS, seed=seed, noise_floor=floor, whitener=whitener
-        )
+            residual, sensitivities, candidates, level=level / LOOKS, seed=seed,
+            noise_floor=[noise[c] for c in residual.channels], whiten=whiten, plain=plain,
+        )  # fmt: skip
 
-    first = scanned(plain)
+    first = scanned(whiten=False)
     if any(r.verdict is Verdict.MISSING for r in first.rows):
         return [first]
-    return [first, scanned(None)]
+    return [first, scanned(whiten=True)]
 
 
 def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Sequence[Effect]) -> list[Row]:

@@ -18,6 +18,7 @@ import numpy as np
 
 from discrepancy.blocks import Array
 from discrepancy.projection import Layout
+from multibody.side_by_side import side_by_side
 
 MIN_ORDINATES = 5.0
 RELATIVE_WIDTH = 0.12
@@ -66,12 +67,15 @@ class Bands:
         """Band cross-energies Σ w x_c conj(x_d), shape (n_bands, n_channels, n_channels, m), complex."""
         C = self.layout.n_channels
         out = np.zeros((self.n, stacked.shape[1], C, C), dtype=complex)
-        for b in range(len(self.layout.lengths)):
+
+        def of_block(b: int) -> list[tuple[int, Array]]:
             X = self.spectra(stacked, b)
             X *= np.sqrt(self.weight[b])
-            for k, part in self.ranges(b):
-                x = X[:, :, part]
-                out[k] += x @ x.conj().swapaxes(1, 2)
+            return [(k, X[:, :, part] @ X[:, :, part].conj().swapaxes(1, 2)) for k, part in self.ranges(b)]
+
+        for found in side_by_side(of_block, range(len(self.layout.lengths))):
+            for k, energy in found:
+                out[k] += energy
         return np.moveaxis(out, 1, 3)
 
     def normalised(self, cross: Array) -> Array:
@@ -193,14 +197,20 @@ def score_variance(Z: Array, groups: list[slice], bands: Bands) -> ScoreVariance
     for g, cols in enumerate(groups):
         col_group[cols] = g
     per_column = A[col_group]
-    for b, n in enumerate(lay.lengths):
-        X = bands.spectra(Z, b)
+
+    def of_block(b: int) -> None:
+        X, n = bands.spectra(Z, b), lay.lengths[b]
         for k, part in bands.ranges(b):
             X[:, :, part] = per_column[:, k] @ X[:, :, part]
         back = np.fft.irfft(X, n=n, axis=2)
         back *= np.sqrt(n)
         M[lay.rows(b)] = back.T.reshape(-1, Z.shape[1])
-    own = [Z[:, cols].T @ M[:, cols] for cols in groups]
+
+    side_by_side(of_block, range(len(lay.lengths)))
+    alone = np.einsum("ij,ij->j", Z, M)
+    own = [
+        Z[:, cols].T @ M[:, cols] if cols.stop - cols.start > 1 else alone[cols, None] for cols in groups
+    ]
     weights = np.transpose(A, (0, 1, 3, 2)).reshape(len(groups), -1)
     prior = np.array([np.sum(Z[lay.n_data :, cols] ** 2) / (cols.stop - cols.start) for cols in groups])
     return ScoreVariance(bands, weights, M, own, dof, prior)

@@ -20,6 +20,7 @@ from discrepancy.kinds import kind_named
 from discrepancy.law_force import MOTION
 from estimation.experiment import Push
 from estimation.push_response import forget
+from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from discrepancy.scan import ScanResult
@@ -69,11 +70,18 @@ def _argument(over: str, motion: dict[str, np.ndarray], time: np.ndarray) -> np.
     }[over]
 
 
-def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Candidate]:
-    """Return a candidate for each moving place and each regressor of a free curve."""
-    found = []
-    runs = [facts.motions(i) for i in range(len(facts.experiments))]
-    for place in places:
+@dataclass(frozen=True, eq=False)
+class _Curves:
+    """The free curves at a place: over what, from where to where, and the arguments and the speed in every record."""
+
+    place: Place
+    v_s: float
+    ranges: list[tuple[str, float, float]]
+    arguments: list[list[np.ndarray]]
+    speeds: list[np.ndarray]
+
+    @classmethod
+    def at(cls, place: Place, facts: Confrontation, runs: Sequence[dict[str, np.ndarray]]) -> _Curves:
         names = [n for n, _ in place.motion_names()]
         motions = [
             {
@@ -83,40 +91,61 @@ def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Cand
             }
             for run in runs
         ]
-        v_s = max(0.01 * float(np.quantile(np.abs(np.concatenate([m["velocity"] for m in motions])), 0.95)), 1e-12)
-        curves = []
+        speeds = [m["velocity"] for m in motions]
+        ranges, all_arguments = [], []
         for over in CURVE_OVER:
             arguments = [
                 _argument(over, m, np.array(e.record.time)) for m, e in zip(motions, facts.experiments, strict=True)
             ]
-            low, high = min(a.min() for a in arguments), max(a.max() for a in arguments)
+            low, high = float(min(a.min() for a in arguments)), float(max(a.max() for a in arguments))
             if high - low >= 1e-9:
-                curves.append((over, low, high, arguments))
-        blocks: list[list[np.ndarray]] = [[] for _ in curves]
-        for i, experiment in enumerate(facts.experiments):
-            pushes = []
-            for over, low, high, arguments in curves:
-                basis = _tents(arguments[i], low, high)
-                if over == "friction":
-                    basis = -basis * np.tanh(motions[i]["velocity"] / v_s)[:, None]
-                pushes += [Push(f"probe.{place.name}", basis[:, k]) for k in range(CURVE_POINTS)]
-            found_here = experiment.respond(facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors)
-            dy = found_here.derivatives
-            forget(experiment)
-            for k, mine in enumerate(blocks):
-                mine.append(facts.shaped(i, dy[:, :, k * CURVE_POINTS : (k + 1) * CURVE_POINTS]))
-        for (over, low, high, _), mine in zip(curves, blocks, strict=True):
+                ranges.append((over, low, high))
+                all_arguments.append(arguments)
+        v_s = max(0.01 * float(np.quantile(np.abs(np.concatenate(speeds)), 0.95)), 1e-12)
+        return cls(place, v_s, ranges, all_arguments, speeds)
+
+    def columns(self, facts: Confrontation, record: int) -> np.ndarray:
+        """Return what every point of every curve changes in a record's outputs, shape (n, n_channels, n_points)."""
+        pushes = []
+        for (over, low, high), arguments in zip(self.ranges, self.arguments, strict=True):
+            basis = _tents(arguments[record], low, high)
+            if over == "friction":
+                basis = -basis * np.tanh(self.speeds[record] / self.v_s)[:, None]
+            pushes += [Push(f"probe.{self.place.name}", basis[:, k]) for k in range(CURVE_POINTS)]
+        experiment = facts.experiments[record]
+        found = experiment.respond(facts.slim, facts.p, facts.start(record), pushes=pushes, sensors=facts.sensors)
+        forget(experiment)
+        return facts.shaped(record, found.derivatives)
+
+    def candidates(self, blocks: Sequence[np.ndarray]) -> list[Candidate]:
+        """Return a candidate for each curve, from the `columns` of all records."""
+        found = []
+        for k, (over, low, high) in enumerate(self.ranges):
+            own = slice(k * CURVE_POINTS, (k + 1) * CURVE_POINTS)
             found.append(
                 Candidate(
                     f"unknown_force over {over}",
-                    place.name,
-                    (tuple(mine),),
-                    ({"low": float(low), "high": float(high), "v_s": v_s},),
+                    self.place.name,
+                    (tuple(block[:, :, own] for block in blocks),),
+                    ({"low": low, "high": high, "v_s": self.v_s},),
                     amplitudes=tuple(f"curve.y[{k}]" for k in range(CURVE_POINTS)),
-                    info={"place": place, "over": over},
+                    info={"place": self.place, "over": over},
                 )
             )
-    return found
+        return found
+
+
+def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Candidate]:
+    """Return a candidate for each moving place and each regressor of a free curve."""
+    count = len(facts.experiments)
+    runs = [facts.motions(i) for i in range(count)]
+    curves = [c for c in (_Curves.at(place, facts, runs) for place in places) if c.ranges]
+
+    def of_record(i: int) -> list[np.ndarray]:
+        return [c.columns(facts, i) for c in curves]
+
+    blocks = side_by_side(of_record, range(count))
+    return [one for k, c in enumerate(curves) for one in c.candidates([of_one[k] for of_one in blocks])]
 
 
 def curve_effect(candidate: Candidate, amplitude: np.ndarray, shape: dict[str, float], stage: Stage) -> Effect:
@@ -167,7 +196,6 @@ def offer_curves(
         Only these places.
     """
     from discrepancy.scan import scan
-    from discrepancy.whitening import identity
 
     key = ("curves", facts.preparation, level, seed, tuple(where) if where is not None else None)
     if key in stage.worked_out:
@@ -176,16 +204,10 @@ def offer_curves(
     progress(f"free curves at {len(places)} places")
     candidates = curve_candidates(facts, places)
     residual = facts.residual()
-    sizes = np.maximum(np.sqrt(np.mean(np.concatenate(residual.blocks) ** 2, axis=0)), 1e-300)
     found = scan(
-        residual,
-        facts.sensitivities(),
-        candidates,
-        level=level,
-        seed=seed,
-        whitener=identity(list(sizes), residual.channels, residual.dt),
-        noise_floor=[stage.noise[c] for c in residual.channels],
-    )
+        residual, facts.sensitivities(), candidates,
+        level=level, seed=seed, whiten=False, noise_floor=[stage.noise[c] for c in residual.channels],
+    )  # fmt: skip
     by_name = {c.name: c for c in candidates}
     rows = sorted((r for r in found.rows if holds(r)), key=lambda r: r.delta_bic)
     effects = tuple(curve_effect(by_name[r.name], np.atleast_1d(r.amplitude), dict(r.shape), stage) for r in rows)

@@ -175,32 +175,42 @@ def raw_residual(
     return out
 
 
-def start_whitener(residual: Residual, sens: Sensitivities) -> Whitener:
-    """Channel scales from the raw residual after an unweighted fit of the sensitivities."""
+def plain_weights(residual: Residual) -> Whitener:
+    """Return the weighing of each channel by its root mean square, colour left as it is."""
     std = np.sqrt(np.mean(np.concatenate(residual.blocks) ** 2, axis=0))
     std[std == 0] = 1.0
     return identity(list(std), residual.channels, residual.dt)
+
+
+def plainly_weighed(residual: Residual, sens: Sensitivities, candidates: Sequence[Candidate]) -> Whitened:
+    """Return everything with each channel weighed by its root mean square alone."""
+    return whiten_all(plain_weights(residual), residual, sens, candidates)
 
 
 def fit_whitened(
     residual: Residual,
     sens: Sensitivities,
     candidates: Sequence[Candidate],
-    whitener: Whitener | None,
     max_order: int,
     rounds: int,
     clean: int,
+    plain: Whitened | None = None,
+    few: Sequence[Candidate] | None = None,
 ) -> Whitened:
-    """Fit the whitening on what is left without calibration and the best candidates, and whiten everything with it."""
-    if whitener is not None:
-        return whiten_all(whitener, residual, sens, candidates)
-    w = whiten_all(start_whitener(residual, sens), residual, sens, candidates, shortlist=True)
+    """Fit the whitening on what is left without calibration and the best candidates, and whiten everything with it.
+
+    ``plain`` is everything in the metric of `plainly_weighed`, from where the fit begins, if that is there already;
+    ``few`` are those of the candidates among which the best are looked for, if not all.
+    """
+    looked_at = candidates if few is None else few
+    w = plain or whiten_all(plain_weights(residual), residual, sens, looked_at, shortlist=True)
     for r in range(rounds):
         groups: tuple[int, ...] = ()
         if w.scorer is not None and clean:
             least = LEAST if r else FIRST
             groups = remove_effects(w, clean, least).groups
-        raw = raw_residual(w, residual, sens, candidates, groups)
+        raw = raw_residual(w, residual, sens, looked_at, groups)
         fitted = fit_whitener(raw, residual.dt, residual.channels, max_order=max_order)
-        w = whiten_all(fitted, residual, sens, candidates, shortlist=r + 1 < rounds)
+        last = r + 1 == rounds
+        w = whiten_all(fitted, residual, sens, candidates if last else looked_at, shortlist=not last)
     return w

@@ -16,7 +16,7 @@ The long windows are those of the heterogeneous autoregression of Corsi (2009), 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from discrepancy.blocks import Array
 
 # Cost of one coefficient in units of twice the log-likelihood; 2 is Akaike's.
 PENALTY = 2.0
+# Samples up to which a filter is applied as a matrix, where there are at least as many signals.
+AS_MATRIX = 400
 _SINGLE_LAGS = (0, 1, 2, 4, 8, 16, 32)
 
 
@@ -68,11 +70,14 @@ class ChannelFilter:
         ``coefficients[j]`` uses the first j windows; the last one is the full filter.
     stds : ndarray
         Standard deviation of the prediction error with the first j windows, in the channel's unit.
+    matrices : dict of int to ndarray
+        The filter as a matrix, by number of samples: one product for many short signals.
     """
 
     groups: tuple[tuple[int, int], ...]
     coefficients: tuple[Array, ...]
     stds: Array
+    matrices: dict[int, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def order(self) -> int:
@@ -86,6 +91,17 @@ class ChannelFilter:
 
     def apply(self, x: Array) -> Array:
         """Whitened signal in units of the noise standard deviation, for x of shape (n_t,) or (n_t, m)."""
+        if x.ndim > 1 and x.shape[0] <= min(AS_MATRIX, x.shape[1]):
+            return self._as_matrix(x.shape[0]) @ x
+        return self._step_by_step(x)
+
+    def _as_matrix(self, n: int) -> Array:
+        """Return what whitens n samples, shape (n, n)."""
+        if n not in self.matrices:
+            self.matrices[n] = self._step_by_step(np.eye(n))
+        return self.matrices[n]
+
+    def _step_by_step(self, x: Array) -> Array:
         out = np.array(x, dtype=float)
         n = x.shape[0]
         cs = _cumsum(x) if any(a != b for a, b in self.groups) else np.empty(0)

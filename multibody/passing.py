@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from multibody.system import System
     from multibody.trajectory import Trajectory
 
-__all__ = ["Feature", "features", "finer_step", "speed_signals", "step_over_time"]
+__all__ = ["Feature", "Passing", "features", "finer_step", "look_at", "speed_signals"]
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,35 @@ class Feature:
 
     width: float | str
     speed: str
+
+
+@dataclass(frozen=True)
+class Passing:
+    """What passes by, as the solvers look at it.
+
+    Parameters
+    ----------
+    widths : dict of str to float
+        Least width by speed, in ``system.speed_names``: the compiled methods look at these speeds in every step.
+    largest_step : float, s
+        Half the shortest duration.
+    left : tuple of Feature
+        Those whose width is a signal: only a finished run shows whether one was jumped over.
+    """
+
+    widths: dict[str, float] = field(default_factory=dict)
+    largest_step: float = np.inf
+    left: tuple[Feature, ...] = ()
+
+
+def look_at(system: System, p: np.ndarray) -> Passing:
+    """Return what passes by a system at parameters p, shape (n_p,)."""
+    found = features(system, p)
+    widths: dict[str, float] = {}
+    for each in found:
+        if each.speed != "time" and not isinstance(each.width, str):
+            widths[each.speed] = min(each.width, widths.get(each.speed, np.inf))
+    return Passing(widths, _step_over_time(found), tuple(each for each in found if isinstance(each.width, str)))
 
 
 def speed_signals(model: Model, known: Container[str]) -> tuple[str, ...]:
@@ -71,7 +100,7 @@ def features(system: System, p: np.ndarray) -> list[Feature]:
     return [f for f in found if f.speed in known and (isinstance(f.width, str) or 0.0 < f.width < np.inf)]
 
 
-def step_over_time(found: Iterable[Feature]) -> float:
+def _step_over_time(found: Iterable[Feature]) -> float:
     """Return half the shortest duration among the features, s; infinite without one."""
     return min((0.5 * f.width for f in found if f.speed == "time" and not isinstance(f.width, str)), default=np.inf)
 

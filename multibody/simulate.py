@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multibody.component import nearest
 from multibody.errors import SimulationError
-from multibody.passing import Feature, features, finer_step, step_over_time
+from multibody.passing import Passing, features, finer_step, look_at
 from multibody.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -96,26 +97,18 @@ def simulate(
     p, x0 = system.parameter_vector(parameters), system.state_vector(initial)
     functions = {} if not isinstance(inputs, Mapping) else {k: v for k, v in inputs.items() if callable(v)}
     table = input_table(system, inputs, interpolation=interpolation)
-    passing = features(system, p) if max_step is None else []
-    limit = step_over_time(passing) if max_step is None else max_step
-    watched, left = _watched(passing) if method in ("auto", *NATIVE) and not functions else ({}, passing)
+    passing = look_at(system, p) if max_step is None else Passing(largest_step=max_step)
+    limit, left = passing.largest_step, passing.left
+    if max_step is None and (functions or method not in ("auto", *NATIVE)):  # SciPy's methods look at no speeds
+        left = tuple(features(system, p))
     given = (table, functions, p, x0, (t0, t1), times, method, rtol, atol)
-    run = _run(system, *given, limit, events, watched)
+    run = _run(system, *given, events, passing)
     for _ in range(_FEATURE_RUNS):  # a run that jumped over a motion does not show the speeds that it has
         if not left or (finer := finer_step(run, left, limit)) is None:
             break
         limit = finer
-        run = _run(system, *given, limit, events, watched)
+        run = _run(system, *given, events, replace(passing, largest_step=limit))
     return run
-
-
-def _watched(passing: list[Feature]) -> tuple[dict[str, float], list[Feature]]:
-    """Return the least width by speed of what the compiled methods look at in every step, and what is left."""
-    widths: dict[str, float] = {}
-    for feature in passing:
-        if feature.speed != "time" and not isinstance(feature.width, str):
-            widths[feature.speed] = min(feature.width, widths.get(feature.speed, np.inf))
-    return widths, [f for f in passing if isinstance(f.width, str)]
 
 
 def input_table(
@@ -210,13 +203,16 @@ def native_problem(
     *,
     tangent: bool = False,
     in_lanes: bool = False,
-    widths: Mapping[str, float] | None = None,
+    passing: Passing | None = None,
 ) -> NativeProblem:
     """Return the initial value problem of a system for the compiled solvers; see `NativeProblem`.
 
-    ``widths`` are those of what passes by, for names in ``system.speed_names``.
+    ``passing`` is what no step may jump over; by default what the model names (see `multibody.passing`).
     """
     from multibody.solvers.problem import NativeProblem
+
+    passing = look_at(system, p) if passing is None else passing
+    widths = passing.widths
 
     wants_tangent = tangent or directions is not None
     return NativeProblem(
@@ -233,6 +229,7 @@ def native_problem(
         in_lanes=in_lanes,
         speeds=system.speeds_function if widths else None,
         widths=np.array([widths.get(n, np.inf) for n in system.speed_names]) if widths else None,
+        largest_step=passing.largest_step,
     )
 
 
@@ -247,9 +244,8 @@ def _run(
     method: str,
     rtol: float,
     atol: float | np.ndarray,
-    limit: float,
     events: Any,
-    widths: dict[str, float],
+    passing: Passing,
 ) -> Trajectory:
     name, why = _method(system, method, functions)
     if not system.states:
@@ -257,6 +253,7 @@ def _run(
         return Trajectory(
             system, times, np.empty((times.size, 0)), inputs, p, {"method": name, "why": "no states"}
         )
+    limit = passing.largest_step
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": limit}
     columns = {system.index("input", n): f for n, f in functions.items()}
     if name in NATIVE:
@@ -264,10 +261,10 @@ def _run(
         from multibody.solvers.automatic import in_words
 
         cls = getattr(solvers, name)
-        problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"), widths=widths)
+        problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"), passing=passing)
         history: list[tuple[float, str]] = []
         if name == "Automatic":
-            options["stiff_problem"] = lambda: native_problem(system, p, table, tangent=True, widths=widths)
+            options["stiff_problem"] = lambda: native_problem(system, p, table, tangent=True, passing=passing)
             options["history"] = history
         solution = solvers.integrate(problem, span, x0, t_eval=times, method=cls, events=events, **options)
         if name == "Automatic":

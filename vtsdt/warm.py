@@ -48,8 +48,10 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
     progress : callable
         Takes a line of text.
     """
+    from multibody.abreast import rhs_abreast
     from multibody.solvers import DormandPrince54, Rodas5P, integrate
     from multibody.solvers.batch import batch
+    from multibody.solvers.kernels.abreast import LANES
 
     took = {}
     for name in names:
@@ -65,14 +67,18 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
         for part, words in _PARTS.items():
             progress(f"{name}: {words}")
             getattr(system, part)
+        progress(f"{name}: rates of several runs at once")
+        rhs_abreast(system.rhs_function, LANES)
         took[name] = time.process_time() - begun
     begun = time.process_time()
     progress("integrators")
     problem, x0 = _small()
+    rhs_abreast(problem.rhs, LANES)
     for method in (DormandPrince54, Rodas5P):
         integrate(problem, (0.0, 0.1), x0, [0.1], method)
         integrate(problem, (0.0, 0.1), x0, [0.1], method, events=lambda t, x: x[0])
-        list(batch([(problem, x0)], (0.0, 0.1), [0.1], 1, method=method))
+        for count in (1, LANES):
+            list(batch([(problem, x0)] * count, (0.0, 0.1), [0.1], 1, method=method))
     took["integrators"] = time.process_time() - begun
     return took
 

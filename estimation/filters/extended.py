@@ -67,7 +67,8 @@ def extended(
     hold : bool
         True holds inputs between instants, False interpolates them.
     substeps : int
-        Steps of the integration between two instants.
+        Steps of the integration between two instants; more are taken where one would be longer than half of what
+        passes by (`Model.feature`).
     gate : float, optional
         Readings whose innovation is further out than so many standard deviations are refused.
 
@@ -99,7 +100,8 @@ def extended(
     rows = np.zeros((count, m, n) if kept == EVERYTHING else (1, 1, 1))
     out, innovations = np.empty((count, 3 * n)), np.full((count, 3 * m), np.nan)
     settings = np.array(
-        [_HOW[discretisation], _NOISE[noise.kind], kept, square_root, once, hold, substeps], dtype=np.int64
+        [_HOW[discretisation], _NOISE[noise.kind], kept, square_root, once, hold, bundle.least(substeps, samples)],
+        dtype=np.int64,
     )
     tall = max(3 * n, len(model.system.outputs)) + m + 8
     space = np.zeros(8 * n * ld + tall * ld + 16 * n + 4 * samples.inputs.shape[1] + 2 * m)

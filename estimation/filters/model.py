@@ -13,6 +13,7 @@ from estimation.filters.errors import FilterError
 from estimation.filters.latent import Latent, readouts
 
 if TYPE_CHECKING:
+    from estimation.filters.samples import Samples
     from multibody.system import System
 
 __all__ = ["FilterModel"]
@@ -222,6 +223,7 @@ class Bundle:
     def __init__(self, model: FilterModel):
         from estimation.filters.kernels import layout as at
         from multibody.directions import along_directions
+        from multibody.passing import look_at
 
         system, n = model.system, model.n
         exact = model.jacobian == "exact"
@@ -253,6 +255,11 @@ class Bundle:
             at.HIGH: model.bounds[:, 1].copy(),
         }
         functions = {at.RHS: system.rhs_function}
+        passing = look_at(system, model.p)
+        if passing.widths:
+            functions[at.SPEEDS] = system.speeds_function
+            arrays[at.WIDTHS] = np.array([passing.widths.get(n, np.inf) for n in system.speed_names])
+            arrays[at.PACES] = np.zeros(len(system.speed_names))
         if generic:
             functions[at.OUT] = system.outputs_function
         if exact:
@@ -271,11 +278,18 @@ class Bundle:
             numbers[index] = array.__array_interface__["data"][0]
         numbers[at.N], numbers[at.ALL], numbers[at.LD] = len(system.states), n, model.ld
         numbers[at.N_U], numbers[at.N_P], numbers[at.N_Y] = len(system.inputs), len(model.p), n_y
+        self.largest_step = passing.largest_step
+        numbers[at.N_SPEEDS] = len(system.speed_names) if passing.widths else 0
         numbers[at.M], numbers[at.N_READ] = len(model.measured), len(reads)
         numbers[at.EXACT], numbers[at.GENERIC] = int(exact), int(generic)
         self.numbers = numbers
         self._functions = tuple(functions.values())
         self._arrays = arrays
+
+    def least(self, substeps: int, samples: Samples) -> int:
+        """Return the least steps between two samples, so that none is longer than the machine's largest step."""
+        apart = np.max(np.diff(samples.times), initial=0.0)
+        return max(substeps, int(np.ceil(apart / self.largest_step)))
 
     def check(self) -> None:
         """Raise what a plain Python function raised while compiled code called it."""

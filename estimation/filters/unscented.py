@@ -67,7 +67,7 @@ def unscented(
     x, p = (prior or Prior()).of(model)
     kept = np.empty((count, n, n) if covariances else (1, 1, 1))
     out, innovations = np.empty((count, 3 * n)), np.full((count, 3 * m), np.nan)
-    settings = np.array([_NOISE[noise.kind], int(covariances), hold, substeps], dtype=np.int64)
+    settings = np.array([_NOISE[noise.kind], int(covariances), hold, bundle.least(substeps, samples)], dtype=np.int64)
     size = n * ld + (2 * n + 1) * (n + m) + 8 * n + 4 * samples.inputs.shape[1] + m + m * m + n * m + n
     verdict = np.zeros(2)
     load_driver("estimation.filters.kernels.unscented").unscented(

@@ -8,7 +8,21 @@ from typing import Any
 import numpy as np
 
 from multibody.compiler.inference import Kinds
-from multibody.compiler.kinds import FLOAT, INT, TRUTH, Array, Kind, Lanes, Outside, Value, joined, llvm_type, real
+from multibody.compiler.kinds import (
+    FLOAT,
+    INT,
+    TRUTH,
+    Array,
+    Kind,
+    Lanes,
+    Outside,
+    Truths,
+    Value,
+    joined,
+    llvm_type,
+    real,
+)
+from multibody.compiler.lanes import InLanes
 
 __all__ = ["Arithmetic"]
 
@@ -16,7 +30,7 @@ _ARITHMETIC = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
 _SQUARINGS = 16
 
 
-class Arithmetic:
+class Arithmetic(InLanes):
     """Writes operations into the text of one function.
 
     Parameters
@@ -35,6 +49,7 @@ class Arithmetic:
         self.values: dict[str, Value] = {}  # names assigned once
         self.slots: dict[str, Value] = {}  # names assigned more often, by their place in memory
         self.label = "entry"
+        self._mask: Value | None = None  # lanes in which what is being written counts
         self._count = 0
 
     # ---------------------------------------------------------------- text
@@ -85,11 +100,10 @@ class Arithmetic:
         if isinstance(kind, tuple) and isinstance(value.kind, tuple):
             parts = [self.to(v, k, node) for v, k in zip(self.parts(value, len(kind)), kind, strict=True)]
             return self.together(parts, kind)
-        if isinstance(kind, Lanes) and value.kind in (FLOAT, INT, TRUTH):
-            of, number = llvm_type(kind), self.to(value, FLOAT, node)
-            first = self.emit(kind, f"insertelement {of} poison, double {number.name}, i64 0")
-            every = f"<{kind.count} x i32> zeroinitializer"
-            return self.emit(kind, f"shufflevector {of} {first.name}, {of} poison, {every}")
+        if (isinstance(kind, Lanes) and value.kind in (FLOAT, INT, TRUTH)) or (
+            isinstance(kind, Truths) and value.kind == TRUTH
+        ):
+            return self.spread(value, kind, node)
         if kind == FLOAT and value.kind in (INT, TRUTH):
             if value.whole is not None:
                 return Value(FLOAT, real(float(value.whole)))
@@ -133,6 +147,8 @@ class Arithmetic:
             return self.emit(kind, f"fdiv {llvm_type(kind)} {a.name}, {b.name}")
         if isinstance(op, ast.Mod) and kind == FLOAT:
             return self._modulo(a, b)
+        if isinstance(op, ast.Mod) and isinstance(kind, Lanes):
+            return self.lane_by_lane([a, b], lambda one: self._modulo(one[0], one[1]))
         if kind == INT and isinstance(op, ast.FloorDiv | ast.Mod):
             return self._whole_division(op, a, b)
         raise self.refuse(node, "this operator is outside the subset")
@@ -166,10 +182,12 @@ class Arithmetic:
 
     def _power(self, a: Value, b: Value, node: ast.AST) -> Value:
         if b.whole is None or abs(b.whole) > _SQUARINGS:
+            if isinstance(a.kind, Lanes) or isinstance(b.kind, Lanes):
+                return self.lane_by_lane([a, b], lambda one: self._power(one[0], one[1], node))
             return self.intrinsic("llvm.pow.f64", [self.to(a, FLOAT, node), self.to(b, FLOAT, node)])
         if a.kind == INT and (a.whole is not None or b.whole < 0):
             raise self.refuse(node, "a power of a whole number")
-        word = "fmul double" if a.kind == FLOAT else "mul i64"
+        word = "mul i64" if a.kind == INT else f"fmul {llvm_type(a.kind)}"
         found: Value | None = None
         factor, left = a, abs(b.whole)
         while left:
@@ -180,12 +198,16 @@ class Arithmetic:
                 factor = self.emit(a.kind, f"{word} {factor.name}, {factor.name}")
         if found is None:
             return self.to(Value(INT, "1", whole=1), a.kind, node)
-        return found if b.whole > 0 else self.emit(FLOAT, f"fdiv double {real(1.0)}, {found.name}")
+        if b.whole > 0:
+            return found
+        one = self.to(Value(FLOAT, real(1.0)), a.kind, node)
+        return self.emit(a.kind, f"fdiv {llvm_type(a.kind)} {one.name}, {found.name}")
 
-    def intrinsic(self, symbol: str, arguments: list[Value]) -> Value:
-        """Write the call of a function of real numbers."""
-        self.program.declare(symbol, len(arguments))
-        return self.emit(FLOAT, f"call double @{symbol}({', '.join(f'double {a.name}' for a in arguments)})")
+    def intrinsic(self, symbol: str, arguments: list[Value], kind: Kind = FLOAT) -> Value:
+        """Write the call of a function of real numbers, or of lanes."""
+        of = llvm_type(kind)
+        self.program.declare(symbol, len(arguments), of)
+        return self.emit(kind, f"call {of} @{symbol}({', '.join(f'{of} {a.name}' for a in arguments)})")
 
     def builtin(self, name: str, arguments: list[Value], node: ast.AST) -> Value:
         """Write min, max, abs, int, round, float or bool."""
@@ -198,14 +220,18 @@ class Arithmetic:
             for other in arguments[1:]:  # as Python: a later one is taken if it is less, or greater
                 other = self.to(other, kind, node)
                 order = "lt" if name == "min" else "gt"
-                word = f"fcmp o{order} double" if kind == FLOAT else f"icmp s{order} i64"
-                test = self.emit(TRUTH, f"{word} {other.name}, {found.name}")
-                kind_name = llvm_type(kind)
-                found = self.emit(kind, f"select i1 {test.name}, {kind_name} {other.name}, {kind_name} {found.name}")
+                of = llvm_type(kind)
+                word = f"icmp s{order} i64" if kind == INT else f"fcmp o{order} {of}"
+                test = self.emit(
+                    Truths(kind.count) if isinstance(kind, Lanes) else TRUTH, f"{word} {other.name}, {found.name}"
+                )
+                found = self.select(test, other, found, kind)
             return found
         if name == "abs":
             if first.kind == FLOAT:
                 return self.intrinsic("llvm.fabs.f64", [first])
+            if isinstance(first.kind, Lanes):
+                return self.intrinsic(f"llvm.fabs.v{first.kind.count}f64", [first], first.kind)
             minus = self.emit(INT, f"sub i64 0, {first.name}")
             test = self.emit(TRUTH, f"icmp slt i64 {first.name}, 0")
             return self.emit(INT, f"select i1 {test.name}, i64 {minus.name}, i64 {first.name}")
@@ -217,6 +243,8 @@ class Arithmetic:
                 if first.kind == FLOAT
                 else self.to(first, INT, node)
             )
+        if isinstance(first.kind, Lanes):
+            raise self.refuse(node, f"{name} of numbers that differ from lane to lane")
         return self.to(first, FLOAT, node) if name == "float" else self.truth_of(first, node)
 
     def truth_of(self, value: Value, node: ast.AST) -> Value:

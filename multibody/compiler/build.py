@@ -12,7 +12,7 @@ from multibody.compiler.kinds import Kind
 from multibody.compiler.machine import compiled, loaded
 from multibody.compiler.units import Unit
 
-__all__ = ["build"]
+__all__ = ["build", "built"]
 
 SYMBOL = "vtsdt_entry"
 
@@ -41,6 +41,11 @@ def build(
     """
     key = fingerprint(*source, name, repr(arguments))
     return _built(f"{stem}_{key}", unit, name, arguments)
+
+
+def built(stem: str, source: tuple[str, ...], name: str, arguments: tuple[Kind, ...]) -> bool:
+    """Tell whether `build` would find a function in the cache."""
+    return (cache_dir() / f"{stem}_{fingerprint(*source, name, repr(arguments))}.o").exists()
 
 
 @lru_cache(maxsize=1024)

@@ -19,12 +19,16 @@ from multibody.compiler.kinds import (
     Array,
     Kind,
     Lanes,
+    OneLaneAt,
+    Truths,
     Value,
     element,
     joined,
+    lanes_of,
     llvm_type,
     real,
 )  # fmt: skip
+from multibody.compiler.lanes import VECTOR_METHODS
 
 __all__ = ["Expressions"]
 
@@ -67,15 +71,20 @@ class Expressions(Arithmetic):
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
                 return self.value(operand)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
-                return self.emit(TRUTH, f"xor i1 {self.truth(operand).name}, true")
+                return self.both(self.truth(operand), Value(TRUTH, "true"), "xor", node)
             case ast.Compare():
                 return self._compare(node)
             case ast.BoolOp():
                 return self._condition(node)
             case ast.IfExp(test=test, body=body, orelse=orelse):
-                kind = self.kinds.kind(node)
+                kind, holds = self.kinds.kind(node), self.truth(test)
+                if isinstance(holds.kind, Truths):
+                    around, self._mask = self._mask, holds
+                    first, second = (self.to(self.value(side), kind, node) for side in (body, orelse))
+                    self._mask = around
+                    return self.select(holds, first, second, kind)
                 return self._either(
-                    self.truth(test),
+                    holds,
                     kind,
                     lambda: self.to(self.value(body), kind, node),
                     lambda: self.to(self.value(orelse), kind, node),
@@ -98,7 +107,7 @@ class Expressions(Arithmetic):
     def truth(self, node: ast.expr) -> Value:
         """Write a condition and return it."""
         found = self.value(node)
-        if found.kind == TRUTH:
+        if found.kind == TRUTH or isinstance(found.kind, Truths):
             return found
         if found.kind == INT:
             return self.emit(TRUTH, f"icmp ne i64 {found.name}, 0")
@@ -118,6 +127,12 @@ class Expressions(Arithmetic):
         return self.emit(kind, f"phi {llvm_type(kind)} {', '.join(arms)}")
 
     def _condition(self, node: ast.BoolOp) -> Value:
+        if lanes_of(self.kinds.kind(node)):
+            word = "and" if isinstance(node.op, ast.And) else "or"
+            found = self.truth(node.values[0])
+            for other in node.values[1:]:  # nothing is left out: what stands behind is read in every lane
+                found = self.both(found, self.truth(other), word, node)
+            return found
         found = self.truth(node.values[0])
         for other in node.values[1:]:
             if isinstance(node.op, ast.And):
@@ -133,13 +148,13 @@ class Expressions(Arithmetic):
             if type(op) not in _COMPARE:
                 raise self.refuse(node, "this comparison is outside the subset")
             kind = joined(joined(a.kind, b.kind), INT)
-            if kind not in (FLOAT, INT):
+            if kind not in (FLOAT, INT) and not isinstance(kind, Lanes):
                 raise self.refuse(node, f"a comparison of {kind}")
             a, b = self.to(a, kind, node), self.to(b, kind, node)
             of_reals, of_whole = _COMPARE[type(op)]
-            word = f"fcmp {of_reals} double" if kind == FLOAT else f"icmp {of_whole} i64"
-            now = self.emit(TRUTH, f"{word} {a.name}, {b.name}")
-            found = now if found is None else self.emit(TRUTH, f"and i1 {found.name}, {now.name}")
+            word = f"icmp {of_whole} i64" if kind == INT else f"fcmp {of_reals} {llvm_type(kind)}"
+            now = self.emit(Truths(kind.count) if isinstance(kind, Lanes) else TRUTH, f"{word} {a.name}, {b.name}")
+            found = now if found is None else self.both(found, now, "and", node)
         assert found is not None
         return found
 
@@ -161,6 +176,8 @@ class Expressions(Arithmetic):
             at = self.emit(INT, f"add i64 {row.name}, {self.to(self.value(index), INT, node).name}")
         if isinstance(kind, Lanes):
             at = self.emit(INT, f"mul i64 {at.name}, {kind.count}")
+        if isinstance(array.kind, OneLaneAt):
+            at = self.emit(INT, f"mul i64 {at.name}, {array.kind.count}")
         of = "double" if isinstance(kind, Lanes) else llvm_type(kind)
         return self.emit(kind, f"getelementptr {of}, ptr {array.name}, i64 {at.name}")
 
@@ -189,12 +206,16 @@ class Expressions(Arithmetic):
         arguments = [self.value(a) for a in node.args]
         match node.func:
             case ast.Attribute(value=ast.Name(id="math"), attr=attr) if attr in METHODS:
+                if lanes_of(*(a.kind for a in arguments)):
+                    return self._method_in_lanes(attr, arguments, node)
                 return self._method(attr, [self.to(a, FLOAT, node) for a in arguments], node)
             case ast.Name(id=name):
                 if name in ("min", "max", "abs", "int", "round", "float", "bool") and name not in self.unit.functions:
                     return self.builtin(name, arguments, node)
                 meaning = self.unit.meaning(name)
                 if isinstance(meaning, tuple):
+                    if self._mask is not None:
+                        raise self.refuse(node, "what some lanes would call all of them would: too dear")
                     return self._function(meaning[0], meaning[1], arguments)
                 if hasattr(meaning, "instruction"):
                     return self._instruction(meaning.instruction, arguments, node)
@@ -211,7 +232,19 @@ class Expressions(Arithmetic):
             return self.emit(TRUTH, f"fcmp uno double {arguments[0].name}, {arguments[0].name}")
         return self.intrinsic(method.symbol, arguments)
 
+    def _method_in_lanes(self, name: str, arguments: list[Value], node: ast.AST) -> Value:
+        count, method = lanes_of(*(a.kind for a in arguments)), METHODS[name]
+        if name not in VECTOR_METHODS or len(arguments) != method.arguments:
+            return self.lane_by_lane(
+                arguments, lambda one: self._method(name, [self.to(a, FLOAT, node) for a in one], node)
+            )
+        kind = Lanes(count)
+        symbol = method.symbol.replace(".f64", f".v{count}f64")
+        return self.intrinsic(symbol, [self.to(a, kind, node) for a in arguments], kind)
+
     def _function(self, unit: Any, name: str, arguments: list[Value]) -> Value:
+        if self.program.one_by_one(unit, name, tuple(a.kind for a in arguments)):
+            return self.lane_by_lane(arguments, lambda one: self._function(unit, name, one))
         symbol, returns = self.program.function(unit, name, tuple(a.kind for a in arguments))
         given = ", ".join(f"{llvm_type(a.kind)} {a.name}" for a in arguments)
         if returns == NOTHING:

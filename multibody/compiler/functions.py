@@ -6,7 +6,7 @@ import ast
 
 from multibody.compiler.expressions import Expressions
 from multibody.compiler.inference import store_counts
-from multibody.compiler.kinds import INT, NOTHING, TRUTH, Array, Kind, Value, llvm_type
+from multibody.compiler.kinds import INT, NOTHING, TRUTH, Array, Kind, Lanes, Truths, Value, llvm_type
 
 __all__ = ["FunctionWriter"]
 
@@ -53,7 +53,17 @@ class FunctionWriter(Expressions):
             self.values[name] = self.to(value, self.kinds.of[name], node)
             return
         value = self.to(value, slot.kind, node)
+        if self._mask is not None:
+            before = self.emit(slot.kind, f"load {llvm_type(slot.kind)}, ptr {slot.name}")
+            value = self._masked(value, before, node)
         self.lines.append(f"  store {llvm_type(slot.kind)} {value.name}, ptr {slot.name}")
+
+    def _masked(self, value: Value, before: Value, node: ast.AST) -> Value:
+        """Return a value in the lanes that count, and what was there before in the others."""
+        assert self._mask is not None
+        if not isinstance(value.kind, Lanes | Truths):
+            raise self.refuse(node, f"{value.kind} assigned under a condition that differs from lane to lane")
+        return self.select(self._mask, value, before, value.kind)
 
     def _assign(self, target: ast.expr, value: Value, node: ast.AST) -> None:
         if isinstance(target, ast.Name):
@@ -61,6 +71,9 @@ class FunctionWriter(Expressions):
         elif isinstance(target, ast.Subscript):
             place = self.place(target)
             value = self.to(value, place.kind, node)
+            if self._mask is not None:
+                load = f"load {llvm_type(place.kind)}, ptr {place.name}{self.access(place.kind)}"
+                value = self._masked(value, self.emit(place.kind, load), node)
             self.lines.append(
                 f"  store {llvm_type(place.kind)} {value.name}, ptr {place.name}{self.access(place.kind)}"
             )
@@ -94,9 +107,11 @@ class FunctionWriter(Expressions):
             case ast.While():
                 self._while(node)
             case ast.Return(value=value):
+                self._everywhere(node)
                 self._return(value, node)
                 return True
             case ast.Break() | ast.Continue():
+                self._everywhere(node)
                 self.jump(self._loops[-1][isinstance(node, ast.Continue)])
                 return True
             case ast.Expr(value=value):
@@ -107,6 +122,10 @@ class FunctionWriter(Expressions):
             case _:
                 raise self.refuse(node, f"{type(node).__name__} is outside the subset")
         return False
+
+    def _everywhere(self, node: ast.AST) -> None:
+        if self._mask is not None:
+            raise self.refuse(node, "some lanes would leave and others not")
 
     def _return(self, value: ast.expr | None, node: ast.AST) -> None:
         kind = self.kinds.returns
@@ -120,6 +139,8 @@ class FunctionWriter(Expressions):
 
     def _if(self, node: ast.If) -> bool:
         test = self.truth(node.test)
+        if isinstance(test.kind, Truths):
+            return self._if_in_lanes(test, node)
         yes, no, end = self.fresh("yes"), self.fresh("no"), self.fresh("end")
         self.lines.append(f"  br i1 {test.name}, label %{yes}, label %{no if node.orelse else end}")
         leaves = True
@@ -135,7 +156,20 @@ class FunctionWriter(Expressions):
             self.begin(end)
         return leaves
 
+    def _if_in_lanes(self, test: Value, node: ast.If) -> bool:
+        """Write both branches, each of which counts in its lanes only."""
+        around = self._mask
+        opposite = self.both(test, Value(TRUTH, "true"), "xor", node)
+        for holds, body in ((test, node.body), (opposite, node.orelse)):
+            if body:
+                self._mask = holds if around is None else self.both(around, holds, "and", node)
+                self._block(body)
+        self._mask = around
+        return False
+
     def _for(self, node: ast.For) -> None:
+        if self._mask is not None:
+            raise self.refuse(node, "what some lanes would go round all of them would: too dear")
         call = node.iter
         words = ("range", "independent")
         if (
@@ -179,6 +213,8 @@ class FunctionWriter(Expressions):
         self.jump(head)
         self.begin(head)
         test = self.truth(node.test)
+        if test.kind != TRUTH:
+            raise self.refuse(node, "some lanes would go on and others not")
         self.lines.append(f"  br i1 {test.name}, label %{body}, label %{end}")
         self.begin(body)
         self._loops.append((end, head))

@@ -9,7 +9,20 @@ from typing import Any
 import numpy as np
 
 from multibody.compiler.instructions import METHODS, result_kind
-from multibody.compiler.kinds import FLOAT, INT, NOTHING, TRUTH, Array, Kind, Outside, element, joined
+from multibody.compiler.kinds import (
+    FLOAT,
+    INT,
+    NOTHING,
+    TRUTH,
+    Array,
+    Kind,
+    Outside,
+    Truths,
+    element,
+    in_lanes,
+    joined,
+    lanes_of,
+)
 from multibody.compiler.units import Unit
 
 __all__ = ["Kinds", "is_condition", "store_counts"]
@@ -74,11 +87,12 @@ class Kinds:
         if len(names) != len(arguments) or node.args.vararg or node.args.kwonlyargs or node.args.kwarg:
             raise Outside(f"{node.name} takes {len(names)} arguments, {len(arguments)} are given")
         self.of: dict[str, Kind] = dict(zip(names, arguments, strict=True))
-        loops = any(isinstance(n, ast.For | ast.While) for n in ast.walk(node))
+        self._asked = 0  # lanes of the conditions around the statement that is looked at
+        again = lanes_of(*arguments) > 0 or any(isinstance(n, ast.For | ast.While) for n in ast.walk(node))
         while True:
             before = dict(self.of)
             self._block(node.body)
-            if not loops or before == self.of:
+            if not again or before == self.of:
                 break
 
     @property
@@ -87,6 +101,8 @@ class Kinds:
         return self.of.get(_RETURN, NOTHING)
 
     def _note(self, name: str, kind: Kind) -> None:
+        if self._asked:
+            kind = in_lanes(kind, self._asked)
         self.of[name] = joined(kind, self.of.get(name))
 
     def _block(self, nodes: list[ast.stmt]) -> None:
@@ -104,8 +120,11 @@ class Kinds:
                 case ast.AugAssign(target=ast.Name(id=name), value=value):
                     self._note(name, self.kind(ast.BinOp(ast.Name(name, ast.Load()), node.op, value)))
                 case ast.If() | ast.While():
+                    around = self._asked
+                    self._asked = max(around, lanes_of(self.kind(node.test)))
                     self._block(node.body)
                     self._block(node.orelse)
+                    self._asked = around
                 case ast.For(target=ast.Name(id=name)):
                     self._note(name, INT)
                     self._block(node.body)
@@ -127,11 +146,17 @@ class Kinds:
             case ast.Call():
                 return self._call(node)
             case ast.UnaryOp(op=op, operand=operand):
-                return TRUTH if isinstance(op, ast.Not) else joined(self.kind(operand), INT)
-            case ast.Compare() | ast.BoolOp():
-                return TRUTH
-            case ast.IfExp(body=body, orelse=orelse):
-                return joined(self.kind(body), self.kind(orelse))
+                inner = self.kind(operand)
+                if isinstance(op, ast.Not):
+                    return inner if isinstance(inner, Truths) else TRUTH
+                return joined(inner, INT)
+            case ast.Compare(left=left, comparators=others):
+                return self._condition([left, *others])
+            case ast.BoolOp(values=values):
+                return self._condition(values)
+            case ast.IfExp(test=test, body=body, orelse=orelse):
+                found, lanes = joined(self.kind(body), self.kind(orelse)), lanes_of(self.kind(test))
+                return in_lanes(found, lanes) if lanes else found
             case ast.Tuple(elts=elts):
                 return tuple(self.kind(e) for e in elts)
             case ast.Attribute(value=ast.Name(id="math")):
@@ -139,6 +164,10 @@ class Kinds:
             case ast.Attribute(attr="size"):
                 return INT
         raise Outside(f"{self.unit.name}, line {getattr(node, 'lineno', '?')}: {ast.unparse(node)}")
+
+    def _condition(self, nodes: list[ast.expr]) -> Kind:
+        lanes = lanes_of(*map(self.kind, nodes))
+        return Truths(lanes) if lanes else TRUTH
 
     def _constant(self, value: Any) -> Kind:
         if isinstance(value, bool):
@@ -160,7 +189,8 @@ class Kinds:
         arguments = tuple(self.kind(a) for a in node.args)
         match node.func:
             case ast.Attribute(value=ast.Name(id="math"), attr=attr) if attr in METHODS:
-                return METHODS[attr].kind
+                lanes = lanes_of(*arguments)
+                return in_lanes(METHODS[attr].kind, lanes) if lanes else METHODS[attr].kind
             case ast.Name(id=name):
                 found = result_kind(name, arguments)
                 if found is not None and name not in self.unit.functions:

@@ -1,4 +1,4 @@
-"""Kinds of values: real, whole, condition, pointer, array, lanes of real numbers, and several at once."""
+"""Kinds of values: real, whole, condition, pointer, array, lanes of real numbers or conditions, several at once."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 __all__ = [
-    "FLOAT", "FLOATS", "INT", "INTS", "NOTHING", "TRUTH", "Array", "Kind", "Lanes", "LanesAt", "Outside", "Value",
-    "address_of", "element", "joined", "kind_and_address", "kind_of_argument", "llvm_type", "real",
+    "FLOAT", "FLOATS", "INT", "INTS", "NOTHING", "TRUTH", "Array", "Kind", "Lanes", "LanesAt", "OneLaneAt", "Outside",
+    "Truths", "Value", "address_of", "element", "in_lanes", "joined", "kind_and_address", "kind_of_argument",
+    "lanes_of", "llvm_type", "of_one_lane", "real",
 ]  # fmt: skip
 
 
@@ -37,8 +38,22 @@ class Lanes:
 
 
 @dataclass(frozen=True)
+class Truths:
+    """Conditions, one for each lane."""
+
+    count: int
+
+
+@dataclass(frozen=True)
 class LanesAt:
     """The address of lanes, one after another."""
+
+    count: int
+
+
+@dataclass(frozen=True)
+class OneLaneAt:
+    """The address of real numbers that lie so many apart: one lane of what `LanesAt` holds."""
 
     count: int
 
@@ -75,9 +90,9 @@ def llvm_type(kind: Kind) -> str:
     """
     if isinstance(kind, tuple):
         return "{ " + ", ".join(map(llvm_type, kind)) + " }"
-    if isinstance(kind, Lanes):
-        return f"<{kind.count} x double>"
-    return "ptr" if isinstance(kind, Array | LanesAt) else _LLVM[kind]
+    if isinstance(kind, Lanes | Truths):
+        return f"<{kind.count} x {'double' if isinstance(kind, Lanes) else 'i1'}>"
+    return "ptr" if isinstance(kind, Array | LanesAt | OneLaneAt) else _LLVM[kind]
 
 
 def joined(a: Kind, b: Kind) -> Kind:
@@ -97,6 +112,8 @@ def joined(a: Kind, b: Kind) -> Kind:
     for one, other in ((a, b), (b, a)):
         if isinstance(one, Lanes) and other in _RANK:
             return one
+        if isinstance(one, Truths) and other == TRUTH:
+            return one
     if a in _RANK and b in _RANK:
         return a if _RANK[a] > _RANK[b] else b
     raise Outside(f"one name holds {a} and {b}")
@@ -108,9 +125,38 @@ def element(kind: Kind) -> Kind:
         return kind.of
     if isinstance(kind, LanesAt):
         return Lanes(kind.count)
+    if isinstance(kind, OneLaneAt):
+        return FLOAT
     if kind in (FLOATS, INTS):
         return FLOAT if kind == FLOATS else INT
     raise Outside(f"{kind} has no elements")
+
+
+def lanes_of(*kinds: Kind) -> int:
+    """Return how many lanes there are among kinds, or 0."""
+    return max((kind.count for kind in kinds if isinstance(kind, Lanes | Truths | LanesAt)), default=0)
+
+
+def of_one_lane(kind: Kind) -> Kind:
+    """Return the kind that one lane of a kind has."""
+    if isinstance(kind, LanesAt):
+        return OneLaneAt(kind.count)
+    return FLOAT if isinstance(kind, Lanes) else TRUTH if isinstance(kind, Truths) else kind
+
+
+def in_lanes(kind: Kind, count: int) -> Kind:
+    """Return the kind of so many values of a kind side by side.
+
+    Examples
+    --------
+    >>> in_lanes((FLOAT, TRUTH), 4)
+    (Lanes(count=4), Truths(count=4))
+    """
+    if isinstance(kind, tuple):
+        return tuple(in_lanes(k, count) for k in kind)
+    if kind in (FLOAT, INT):
+        return Lanes(count)
+    return Truths(count) if kind == TRUTH else kind
 
 
 def kind_of_argument(value: Any) -> Kind:

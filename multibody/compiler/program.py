@@ -8,7 +8,22 @@ import numpy as np
 
 from multibody.compiler.functions import FunctionWriter
 from multibody.compiler.inference import Kinds
-from multibody.compiler.kinds import FLOAT, INT, NOTHING, TRUTH, Array, Kind, Outside, llvm_type, real
+from multibody.compiler.kinds import (
+    FLOAT,
+    INT,
+    NOTHING,
+    TRUTH,
+    Array,
+    Kind,
+    OneLaneAt,
+    Outside,
+    in_lanes,
+    lanes_of,
+    llvm_type,
+    of_one_lane,
+    real,
+)
+from multibody.compiler.lanes import parts_lanes
 from multibody.compiler.units import Unit
 
 __all__ = ["Program"]
@@ -37,7 +52,7 @@ class Program:
         self._open: set[Any] = set()
         self._symbols: dict[Any, str] = {}
         self._texts: list[str] = []
-        self._declared: dict[str, int] = {}
+        self._declared: dict[str, tuple[int, str]] = {}
         self._tables: dict[int, tuple[str, np.ndarray]] = {}
         self._notes: list[str] = []
 
@@ -82,7 +97,8 @@ class Program:
         kinds = self._of(unit, name, arguments)
         if key not in self._symbols:
             self._symbols[key] = f"f{len(self._symbols)}.{name}"
-            words = "alwaysinline " if unit.flat else ""
+            alone = any(isinstance(kind, OneLaneAt) for kind in arguments)  # called once for each lane
+            words = "noinline " if alone else "alwaysinline " if unit.flat else ""
             self._texts.append(FunctionWriter(self, kinds).write(self._symbols[key], "internal", words))
         return self._symbols[key], kinds.returns
 
@@ -92,12 +108,28 @@ class Program:
             if key in self._open:
                 raise Outside(f"{unit.name}: {name} calls itself")
             self._open.add(key)
-            self._kinds[key] = Kinds(unit, unit.functions[name], arguments, lambda u, n, a: self._of(u, n, a).returns)
+            self._kinds[key] = Kinds(unit, unit.functions[name], arguments, self.returned)
         return self._kinds[key]
 
-    def declare(self, symbol: str, arguments: int) -> None:
-        """Note a function of real numbers that others bring."""
-        self._declared[symbol] = arguments
+    def one_by_one(self, unit: Unit, name: str, arguments: tuple[Kind, ...]) -> bool:
+        """Tell whether a function is called for one lane after another, because lanes part in it."""
+        if not lanes_of(*arguments):
+            return False
+        try:
+            return parts_lanes(self._of(unit, name, arguments))
+        except Outside:
+            return True
+
+    def returned(self, unit: Unit, name: str, arguments: tuple[Kind, ...]) -> Kind:
+        """Return what a function returns for kinds of arguments."""
+        if not self.one_by_one(unit, name, arguments):
+            return self._of(unit, name, arguments).returns
+        found = self._of(unit, name, tuple(map(of_one_lane, arguments))).returns
+        return in_lanes(found, lanes_of(*arguments))
+
+    def declare(self, symbol: str, arguments: int, of: str = "double") -> None:
+        """Note a function of real numbers, or of vectors of them, that others bring."""
+        self._declared[symbol] = arguments, of
 
     def independent_loop(self) -> tuple[str, str]:
         """Return the notes for the accesses and the end of a loop whose turns do not depend on each other.
@@ -127,8 +159,8 @@ class Program:
             kind = "double" if values.dtype == np.float64 else "i64"
             numbers = ", ".join(f"{kind} {real(v) if kind == 'double' else v}" for v in values.ravel().tolist())
             parts.append(f"@{name} = internal constant [{values.size} x {kind}] [{numbers}]")
-        for symbol, count in self._declared.items():
-            parts.append(f"declare double @{symbol}({', '.join(['double'] * count)}) nounwind willreturn memory(none)")
+        for symbol, (count, of) in self._declared.items():
+            parts.append(f"declare {of} @{symbol}({', '.join([of] * count)}) nounwind willreturn memory(none)")
         text = "\n".join([*parts, *self._texts])
         return (
             text.replace("!tbaa !float", "!tbaa !3").replace("!tbaa !int", "!tbaa !4")

@@ -28,7 +28,7 @@ from multibody.solvers.problem import NativeProblem
 from multibody.solvers.rosenbrock import Rodas5P, relative_cost
 from multibody.solvers.spectral_radius import spectral_radius
 
-__all__ = ["Automatic", "in_words"]
+__all__ = ["LOOK", "Automatic", "in_words"]
 
 LEAST_SPELL, LONGEST_SPELL = 64, 4096  # steps of the stiff method before the explicit one is tried again
 RUN_UP, JUDGED = 8, 16  # steps of the stiff method until its own pace is reached, and until that pace is judged
@@ -98,13 +98,56 @@ class Automatic(DormandPrince54):
         self._stored_stiff = self._in_stiff
         if self._in_stiff:
             return self._advance_stiff()
+        return self._after_explicit(self._limited(self._explicit_steps(), super()._advance))
+
+    def _explicit_steps(self) -> int:
+        """Return after how many explicit steps to look again."""
+        return self._rest if self._rest > 0 else LOOK - self._unseen
+
+    def _after_explicit(self, status: int) -> int:
+        """Decide about the method after some explicit steps; return what became of them."""
+        done = int(self._tally[DONE])
         if self._rest > 0:
-            return self._advance_unwatched()
-        status = self._limited(LOOK - self._unseen, super()._advance)
-        self._unseen += int(self._tally[DONE])
+            self._rest -= done
+            if self._rest <= 0:
+                self._tally[WATCH] = 1
+            return status
+        self._unseen += done
         if status == STIFF or (status == MORE and self._overlooked()):
             self._enter()
             return MORE
+        return status
+
+    def go_on(
+        self, status: int, clock: np.ndarray, tally: np.ndarray, y: np.ndarray, last: np.ndarray
+    ) -> int:
+        """Go on after explicit steps that were taken elsewhere, until there are explicit steps to be taken again.
+
+        Parameters
+        ----------
+        status : int
+            How the run stands after them.
+        clock, tally, y, last : ndarray
+            The run, and the rates at its state; what comes of it is written there, with the explicit steps wanted.
+
+        Returns
+        -------
+        status : int
+            How it stands now.
+        """
+        mine = self._clock, self._tally, self._state, self._store[2][0, self.STAGES - 1]
+        wanted = int(self._tally[WANTED])
+        for own, given in zip(mine, (clock, tally, y, last), strict=True):
+            own[:] = given
+        self._tally[WANTED] = wanted
+        self._done += int(self._tally[DONE])
+        status = self._after_explicit(status)
+        while self._in_stiff and status == MORE:
+            status = self._advance()
+            self.problem.check()
+        for own, given in zip(mine, (clock, tally, y, last), strict=True):
+            given[:] = own
+        tally[WANTED] = min(wanted, self._explicit_steps())
         return status
 
     def _overlooked(self) -> bool:
@@ -126,14 +169,6 @@ class Automatic(DormandPrince54):
             self._rates = (replace(self.problem, directions=None) if self.problem.n_directions else self.problem).fun
         rates = self._rates
         return forward_differences(lambda moved: rates(t, moved), x, sizes)
-
-    def _advance_unwatched(self) -> int:
-        tally = self._tally
-        status = self._limited(self._rest, super()._advance)
-        self._rest -= int(tally[DONE])
-        if self._rest <= 0:
-            tally[WATCH] = 1
-        return status
 
     def _limited(self, steps: int, advance: Callable[[], int]) -> int:
         """Advance by at most so many steps; return what became of it."""

@@ -217,7 +217,7 @@ class NativeSolver(OdeSolver):
             )
         self.problem = problem
         self.y = self.y.astype(np.float64)
-        self.max_step, self.max_evaluations = max_step, max_evaluations
+        self.max_step, self.max_evaluations = min(max_step, problem.largest_step), max_evaluations
         self.rtol = _tolerance("rtol", rtol, problem, LEAST_RTOL)
         self.atol = _tolerance("atol", atol, problem)
         if not direction_rtol > 0.0:
@@ -246,7 +246,7 @@ class NativeSolver(OdeSolver):
         # The driver finds the first step by itself where it is zero.
         begin = 0.0 if first_step is None else first_step
         # Infinity would become nan in products with zero, and no interval is longer than this.
-        self._clock[:6] = self.t, begin, LEAST_ERROR, self.t_bound, self.direction, min(max_step, 1e300)
+        self._clock[:6] = self.t, begin, LEAST_ERROR, self.t_bound, self.direction, min(self.max_step, 1e300)
 
     def _allocate(self, slots: int) -> None:
         """Make the room in which the driver works, with so many slots for the steps of a call."""

@@ -1,8 +1,8 @@
 """Many integrations side by side, in constant memory, with failures reported one by one.
 
 Threads take runs in small groups, each group through one call of the compiled loop, which holds no interpreter lock.
-What that loop cannot finish by itself (a stiff spell, a failure, an option that it does not have) is done again the
-long way, through `solve_ivp`, so that results and messages are those of single runs.
+What that loop cannot finish by itself (a failure, an option that it does not have) is done again the long way, through
+`solve_ivp`, so that results and messages are those of single runs.
 """
 
 from __future__ import annotations
@@ -13,128 +13,17 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from multibody.solvers.automatic import Automatic
-from multibody.solvers.base import Samples
-from multibody.solvers.dormand_prince import DormandPrince54
-from multibody.solvers.kernels.stepping import FINISHED, SAMPLE, STATUS, WANTED, WATCH
+from multibody.solvers.groups import GROUP_BYTES, Group, Item, Run
 from multibody.solvers.problem import NativeProblem
 from multibody.solvers.run import integrate
 
 __all__ = ["Run", "batch"]
 
 AHEAD = 4  # groups of runs that wait or are worked on, for each thread
-GROUP_SECONDS, MOST_RUNS, MOST_BYTES = 4e-3, 16, 1 << 22  # of one group
-MOST_STEPS = 1 << 22
-SUCCESS = "The solver successfully reached the end of the integration interval."
-
-
-_Item = tuple[int, NativeProblem, Any]
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """One integration of a batch.
-
-    Parameters
-    ----------
-    index : int
-        Place in the order given.
-    success : bool
-    message : str
-        Why it ended; in case of failure the time and the state.
-    t : ndarray, shape (nt,), s
-        Times reached.
-    y : ndarray, shape (size, nt)
-    """
-
-    index: int
-    success: bool
-    message: str
-    t: np.ndarray
-    y: np.ndarray
-
-
-def _run(index: int, problem: NativeProblem, x0: Any, options: dict[str, Any]) -> Run:
-    try:
-        done = integrate(problem, x0=x0, **options)
-    except Exception as error:
-        return Run(index, False, f"{type(error).__name__}: {error}", np.empty(0), np.empty((problem.size, 0)))
-    return Run(index, bool(done.success), str(done.message), done.t, done.y)
-
-
-class _Group:
-    """The explicit method on several problems at once, as far as it goes by itself.
-
-    Parameters
-    ----------
-    options : dict
-        Of `integrate`.
-    """
-
-    def __init__(self, options: dict[str, Any]) -> None:
-        self.options = options
-        method, times = options.get("method", Automatic), options.get("t_eval")
-        known = {"method", "t_span", "t_eval", "rtol", "atol", "max_step", "first_step", "stiff_problem"}
-        self.usable = method in (Automatic, DormandPrince54) and times is not None and options.keys() <= known
-        self.watches = method is Automatic
-        if not self.usable:
-            return
-        self.times = np.ascontiguousarray(times, dtype=np.float64)
-        self.start, self.end = map(float, options["t_span"])
-        self.usable = self.end > self.start and self.times.ndim == 1 and self.times.size > 0
-        self.usable &= bool(np.all(np.diff(self.times) >= 0.0))
-        self.usable &= self.usable and self.start <= self.times[0] and self.times[-1] <= self.end
-
-    def __call__(self, items: list[_Item]) -> list[Run]:
-        """Integrate some runs and return what came of them, in their order."""
-        found: dict[int, Run] = {}
-        if self.usable:
-            fit = [item for item in items if self._fits(item, items[0][1].n)]
-            if fit:
-                found = self._together(fit)
-        return [found.get(i) or _run(i, problem, x0, self.options) for i, problem, x0 in items]
-
-    def _fits(self, item: _Item, n: int) -> bool:
-        _, problem, x0 = item
-        plain = problem.directions is None and problem.n == n and problem.rhs.compiled
-        return plain and np.shape(x0) == (n,) and bool(np.all(np.isfinite(x0)))
-
-    def _together(self, items: list[_Item]) -> dict[int, Run]:
-        first, options = items[0][1], self.options
-        n, runs, times = first.n, len(items), self.times
-        try:
-            solver = DormandPrince54(
-                _never, self.start, np.asarray(items[0][2], dtype=np.float64), self.end, problem=first,
-                **{k: options[k] for k in ("rtol", "atol", "max_step", "first_step") if k in options},
-                samples=Samples(times[:0]),
-            )  # fmt: skip
-        except Exception:  # told for each run by the long way
-            return {}
-        fields = [solver.field, *(item[1].field(solver.tolerance, False) for item in items[1:])]
-        y = np.array([item[2] for item in items], dtype=np.float64)
-        clock, tally = np.tile(solver._clock, (runs, 1)), np.tile(solver._tally, (runs, 1))
-        states = np.empty((runs, times.size, n))
-        begun = int(np.searchsorted(times, self.start, side="right"))
-        states[:, :begun] = y[:, None]
-        tally[:, SAMPLE], tally[:, WANTED] = begun, MOST_STEPS
-        if self.watches:
-            tally[:, WATCH] = [item[1].tangent is not None or "stiff_problem" in options for item in items]
-        solver.advance_many(np.array([f.numbers for f in fields]), clock, tally, y, times, states)
-        good = tally[:, STATUS] == FINISHED
-        return {
-            item[0]: Run(item[0], True, SUCCESS, times, states[r].T)
-            for r, item in enumerate(items)
-            if good[r]
-        }
-
-
-def _never(t: float, y: np.ndarray) -> np.ndarray:
-    raise RuntimeError("this right-hand side is in the problem")
 
 
 def batch(
@@ -168,20 +57,27 @@ def batch(
     ``for run in batch(((replace(problem, p=p), x0) for p in plan), (0, 6), t_eval): ...``
     """
     count = workers or os.cpu_count() or 1
-    group = _Group(dict(options, t_span=t_span, t_eval=t_eval))
+    group = Group(dict(options, t_span=t_span, t_eval=t_eval))
     waiting: deque[Future[tuple[list[Run], float]]] = deque()
-    source = ((i, problem, x0) for i, (problem, x0) in enumerate(runs))
-    size, failed = 1, 0
+    source: Iterator[Item] = ((i, problem, x0) for i, (problem, x0) in enumerate(runs))
+    first = next(source, None)
+    if first is None:
+        return
+    source = itertools.chain([first], source)
+    group.look_for_lanes(first[1], 0.0)
+    size, spent, failed = group.size(group.bytes_of(first[1])), 0.0, 0
     with ThreadPoolExecutor(count) as pool:
         try:
             while True:
-                while len(waiting) < AHEAD * count and (items := list(itertools.islice(source, size))):
+                ahead = AHEAD if 4 * size * group.bytes_of(first[1]) <= GROUP_BYTES else AHEAD // 2
+                while len(waiting) < ahead * count and (items := list(itertools.islice(source, size))):
                     waiting.append(pool.submit(_timed, group, items))
                 if not waiting:
                     return
                 done, pace = waiting.popleft().result()
-                most = MOST_BYTES // max(1, max(run.y.nbytes for run in done))
-                size = max(1, min(MOST_RUNS, most, int(GROUP_SECONDS / max(pace, 1e-9))))
+                spent += pace * len(done)
+                group.look_for_lanes(first[1], spent)
+                size = group.size(max(run.y.nbytes for run in done), pace)
                 for run in done:
                     failed += not run.success
                     if progress is not None:
@@ -192,6 +88,16 @@ def batch(
                 future.cancel()
 
 
-def _timed(group: _Group, items: list[_Item]) -> tuple[list[Run], float]:
+def _timed(group: Group, items: list[Item]) -> tuple[list[Run], float]:
     begun = time.perf_counter()
-    return group(items), (time.perf_counter() - begun) / len(items)
+    found = group(items)
+    done = [found.get(i) or _run(i, problem, x0, group.options) for i, problem, x0 in items]
+    return done, (time.perf_counter() - begun) / len(items)
+
+
+def _run(index: int, problem: NativeProblem, x0: Any, options: dict[str, Any]) -> Run:
+    try:
+        done = integrate(problem, x0=x0, **options)
+    except Exception as error:
+        return Run(index, False, f"{type(error).__name__}: {error}", np.empty(0), np.empty((problem.size, 0)))
+    return Run(index, bool(done.success), str(done.message), done.t, done.y)

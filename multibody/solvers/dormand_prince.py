@@ -9,6 +9,7 @@ import numpy as np
 from multibody.compiler.entries import jit_enabled
 from multibody.compiler.kinds import address_of
 from multibody.solvers.base import NativeSolver
+from multibody.solvers.kernels.abreast import LANES, advance_abreast
 
 __all__ = ["DormandPrince54"]
 
@@ -56,7 +57,37 @@ class DormandPrince54(NativeSolver):
         times: np.ndarray,
         samples: np.ndarray,
     ) -> None:
-        """Integrate other runs with this one's tolerances, one row of each array for each, samples (runs, nt, n)."""
+        """Integrate other runs from their start, one row of each array for each, samples (runs, nt, n).
+
+        Tolerances are this one's.
+        """
         self._driver.advance(
             numbers, clock, tally, y, self._work, *self._store, self.rtol, self.atol, self._count, times, samples
         )
+
+    def advance_abreast(
+        self,
+        address: int,
+        numbers: np.ndarray,
+        clock: np.ndarray,
+        tally: np.ndarray,
+        y: np.ndarray,
+        last: np.ndarray,
+        times: np.ndarray,
+        samples: np.ndarray,
+        place: np.ndarray,
+    ) -> None:
+        """As `advance_many`, `LANES` runs at a time, from where they are.
+
+        ``address`` is that of their equations in lanes, ``last`` (runs, n) holds the rates at the end of their last
+        steps, ``place`` (runs,) the rows of samples that are theirs.
+        """
+        n, n_u, n_p = y.shape[1], self.problem.table.n_inputs, self.problem.p.size
+        store = np.empty((LANES, 2)), np.empty((LANES, n)), np.zeros((LANES, self.STAGES, n))
+        work = np.zeros((3 + LANES) * n)
+        wide, steps = np.zeros((2 * n + self.STAGES * n + n_u + n_p, LANES)), np.zeros((7, LANES))
+        lanes = np.zeros((4, LANES), dtype=np.int64)
+        advance_abreast(
+            address, numbers, clock, tally, y, last, work, *store, self.rtol, self.atol, times, samples, place, wide,
+            steps, lanes,
+        )  # fmt: skip

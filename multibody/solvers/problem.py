@@ -154,6 +154,8 @@ class NativeProblem:
     widths : ndarray, shape (n_speeds,), optional
         Its widths: no step is longer than half of one over its speed where the step begins, or than the whole where
         it ends.
+    largest_step : float, s
+        No step is longer, whatever the largest step that a method is given.
 
     Raises
     ------
@@ -174,6 +176,7 @@ class NativeProblem:
     columns: NativeFunction | None = None
     speeds: NativeFunction | None = None
     widths: np.ndarray | None = None
+    largest_step: float = np.inf
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p", np.array(self.p, dtype=np.float64, ndmin=1, order="C"))
@@ -202,6 +205,8 @@ class NativeProblem:
             faults += self._colour_faults(np.asarray(self.colours))
         if (self.speeds is None) != (self.widths is None):
             faults.append("speeds and widths of what passes by belong together: give both or neither")
+        if not self.largest_step > 0.0:
+            faults.append(f"the largest step must be positive, it is {self.largest_step}")
         if self.state_names and len(self.state_names) != self.n:
             faults.append(f"there are {self.n} states but {len(self.state_names)} state names")
         if faults:

@@ -93,6 +93,7 @@ def _by_scipy(
 ) -> Any:
     from multibody.solvers.scipy_methods import IMPLICIT, solve_with_stops
 
+    options["max_step"] = min(options.get("max_step", np.inf), problem.largest_step)
     if method in IMPLICIT and problem.tangent is not None and problem.directions is None:
         options.setdefault("jac", problem.jac)
     return solve_with_stops(problem.fun, t_span, problem.initial(x0), problem.table, problem.p, method, **options)

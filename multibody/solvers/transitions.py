@@ -96,6 +96,7 @@ def transitions(
     shape[1, n + m :] = 1.0
     start = np.zeros((count, n))
     start[:n] = np.eye(n)
+    largest = np.minimum(largest, problem.largest_step)
     steps = np.array(np.broadcast_to(np.minimum(largest, 1e300), (times.size - 1,)))
     out, ends = np.zeros((times.size - 1, count * n)), np.zeros((times.size - 1, n))
     driver = load_driver("multibody.solvers.kernels.intervals")

@@ -34,7 +34,7 @@ def rhs(*lines: str) -> str:
 
 ARITHMETIC = rhs(
     "a = x[0]", "b = x[1]",
-    "dx[0] = a + b * 3 - 1 / (1 + b * b)", "dx[1] = a % b if b != 0.0 else 0.0", "dx[2] = a ** 3 + b ** 2",
+    "dx[0] = a + b * 3 - 1 / (1 + b * b)", "dx[1] = a % b if b != 0.0 else 0.0", "dx[2] = abs(a ** 3) + b ** 2",
     "dx[3] = (1.0 + a * a) ** -2", "dx[4] = min(a, b, 0.5)", "dx[5] = max(a, b)", "dx[6] = abs(a) - math.fabs(b)",
     "dx[7] = -a if a < b <= 1.0 else +b", "dx[8] = math.tanh(a) + math.atan2(a, b) + math.hypot(a, b)",
     "dx[9] = math.copysign(a, b) + math.floor(b)", "dx[10] = math.exp(-abs(a)) * math.sin(a) * math.cos(a)",

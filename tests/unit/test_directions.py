@@ -37,8 +37,8 @@ def test_all_directions_at_once_are_each_of_them(of, count):
                 np.testing.assert_allclose(out[:, j], one, rtol=1e-12, atol=1e-12 * np.abs(one).max(), err_msg=name)
 
 
-def test_a_condition_on_a_direction_is_outside_the_subset():
-    text = "def f(t, x, u, p, x_dot, u_dot, p_dot, out):\n    out[0] = 1.0 if x_dot[0] > 0.0 else 0.0\n"
+def test_a_direction_as_an_index_is_outside_the_subset():
+    text = "def f(t, x, u, p, x_dot, u_dot, p_dot, out):\n    out[0] = p[int(x_dot[0])]\n"
     tangent = compile_text(text, "f", "f", TANGENT_ARRAYS)
     assert along_directions(tangent, 4) is None
 

@@ -22,8 +22,9 @@ from multibody.solvers import (
     choose_method,
     integrate,
 )
-from multibody.solvers.batch import MOST_RUNS, batch
+from multibody.solvers.batch import batch
 from multibody.solvers.choose import jacobian, spectral_radius
+from multibody.solvers.groups import MOST_RUNS
 from multibody.solvers.transitions import transitions
 
 # x' = A x + B u with A = p[0:9], B = p[9:15]; and a pendulum whose input is its third parameter late.

@@ -6,6 +6,8 @@ inputs as recorded.
 
 from __future__ import annotations
 
+import math
+
 from estimation.filters.kernels.layout import (
     ALL,
     CHANNEL_INDEX,
@@ -15,6 +17,7 @@ from estimation.filters.kernels.layout import (
     GENERIC,
     LD,
     N_READ,
+    N_SPEEDS,
     N_U,
     OUT,
     OUT_T,
@@ -22,6 +25,7 @@ from estimation.filters.kernels.layout import (
     P_0,
     P_DOT,
     P_WIDE,
+    PACES,
     READ_INDEX,
     READ_KIND,
     READ_STATE,
@@ -29,9 +33,11 @@ from estimation.filters.kernels.layout import (
     RHS,
     RHS_T,
     RHS_W,
+    SPEEDS,
     STEPS,
     U_DOT,
     U_WIDE,
+    WIDTHS,
     X_DOT,
     X_WIDE,
     A,
@@ -43,6 +49,8 @@ from estimation.filters.kernels.layout import (
     Y,
 )
 from multibody.solvers.kernels.calls import call_rhs, call_tangent, floats, inner, ints, shift
+
+MOST_PIECES = 1000  # of an interval between two samples; a state that runs away asks for any number
 
 
 @inner
@@ -249,6 +257,21 @@ def inputs_between(c, before, after, hold, share, out):
     """Write the inputs at a share of the way between two rows."""
     for i in range(c[N_U]):
         out[i] = before[i] if hold else before[i] + share * (after[i] - before[i])
+
+
+@inner
+def pieces(c, t, h, z, u, least):
+    """Return in how many steps to cross an interval, so that none goes past more than half of what passes by."""
+    count = least
+    if c[N_SPEEDS] > 0:
+        speeds, widths = floats(c[PACES]), floats(c[WIDTHS])
+        apply(c, z, u)
+        call_rhs(c[SPEEDS], t, z, floats(c[U]), floats(c[P]), speeds)
+        for i in range(c[N_SPEEDS]):
+            needed = 2.0 * h * abs(speeds[i])
+            if needed > count * widths[i]:
+                count = int(min(math.ceil(needed / widths[i]), MOST_PIECES))
+    return count
 
 
 @inner

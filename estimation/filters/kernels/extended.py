@@ -25,6 +25,7 @@ from estimation.filters.kernels.equations import (
     has_rates,
     inputs_between,
     jacobian,
+    pieces,
     rates,
     read,
     reading_rows,
@@ -174,6 +175,7 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
         if s > 0:
             h = t - times[s - 1]
             before = shift(table, (s - 1) * width)
+            steps = pieces(c, times[s - 1], h, z, before, substeps)
             if how != VARIATIONAL:
                 if not once:
                     jacobian(c, times[s - 1], z, before, jac)
@@ -186,9 +188,9 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
                         f[i] = h * jac[i]
                     for i in range(n):
                         f[i * ld + i] += 1.0
-                carry(c, times[s - 1], h, z, before, row, hold, substeps, u, k, column)
+                carry(c, times[s - 1], h, z, before, row, hold, steps, u, k, column)
             else:
-                variational(c, times[s - 1], h, z, before, row, hold, substeps, u, f, jac, work)
+                variational(c, times[s - 1], h, z, before, row, hold, steps, u, f, jac, work)
             if root_form:
                 weight = 1.0
                 if kind == INTEGRATED:

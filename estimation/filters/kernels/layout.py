@@ -14,7 +14,9 @@ P_0, P, U, DRIFT, READ_STATE, READ_KIND, READ_INDEX, READ_WEIGHT, CHANNEL_KIND, 
 X_DOT, U_DOT, P_DOT, Y, STEPS, A, B, BALANCE, LOW, HIGH = range(24, 34)
 # Tangents that carry all directions at once, or zero; those directions, a row of LD for each element.
 RHS_W, OUT_W, X_WIDE, U_WIDE, P_WIDE = range(34, 39)
-SIZE = 39
+# Speeds at which something narrow passes by: their address and number, the widths, and room for the speeds.
+SPEEDS, N_SPEEDS, WIDTHS, PACES = range(39, 43)
+SIZE = 43
 
 #: How F follows from the Jacobian.
 EXPONENTIAL, EULER, VARIATIONAL = 0, 1, 2

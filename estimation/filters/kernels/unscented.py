@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from estimation.filters.kernels.algebra import cholesky, clear, symmetrise
-from estimation.filters.kernels.equations import carry, has_rates, rates, read
+from estimation.filters.kernels.equations import carry, has_rates, pieces, rates, read
 from estimation.filters.kernels.layout import ALL, COVARIANCES, HIGH, INTEGRATED, LD, LOW, N_U, PER_STEP, M
 from multibody.solvers.kernels.calls import entry, floats, inner, pointer, shift
 
@@ -75,8 +75,9 @@ def unscented(numbers, times, inputs, values, noise, q, x, p, settings, reach, w
                     cov[i] += 0.5 * h * qq[i]
             good = good and cholesky(cov, root, n, ld)
             spread_points(z, root, reach, points, n, ld)
+            steps = pieces(c, times[s - 1], h, z, before, substeps)
             for j in range(count):
-                carry(c, times[s - 1], h, shift(points, j * n), before, row, hold, substeps, u, k, column)
+                carry(c, times[s - 1], h, shift(points, j * n), before, row, hold, steps, u, k, column)
             mean_of(points, n, count, first_mean, rest, z)
             clear(cov, n * ld)
             for j in range(count):

@@ -17,6 +17,7 @@ from multibody.compiler.entries import Inner as inner
 from multibody.compiler.entries import Instruction
 
 __all__ = [
+    "call_abreast",
     "call_rhs",
     "call_tangent",
     "entry",
@@ -47,6 +48,12 @@ def register_python(address: int, function: Callable[..., None]) -> None:
 @Instruction
 def call_rhs(address: int, t: float, x: Any, u: Any, p: Any, out: Any) -> None:
     """Call ``f(t, x, u, p, out)`` at an address."""
+    _python_functions[address](t, x, u, p, out)
+
+
+@Instruction
+def call_abreast(address: int, t: Any, x: Any, u: Any, p: Any, out: Any) -> None:
+    """Call ``f(t, x, u, p, out)`` at an address for the lanes of several runs, the times among them."""
     _python_functions[address](t, x, u, p, out)
 
 

@@ -6,7 +6,7 @@ from multibody.solvers.kernels.bundle import SHAPE_T, M, N
 from multibody.solvers.kernels.calls import entry, floats, inner, pointer, shift
 from multibody.solvers.kernels.dormand_prince import stages
 from multibody.solvers.kernels.field import evaluate
-from multibody.solvers.kernels.stepping import END, T, plan
+from multibody.solvers.kernels.stepping import END, T, passing, plan
 
 
 @inner
@@ -15,7 +15,7 @@ def cross(c, clock, substep, size, y, k, y_new):
     count, known = 0, False
     last = shift(k, 6 * size)
     while clock[T] < clock[END]:
-        h, t_new, _, jump = plan(c, clock, substep)
+        h, t_new, _, jump = plan(c, clock, min(substep, passing(c, clock[T], y)))
         if h == 0.0:
             return count
         if known:
