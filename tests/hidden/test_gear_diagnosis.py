@@ -35,3 +35,14 @@ def test_an_eccentric_gear_is_found_on_its_shaft(tmp_path, gear, where, seed) ->
     truth = GearRig(seed=seed).faults_of([f"eccentricity@{gear}_gear"])[0].size
     fitted = sum(v**2 for v in effect.strengths.values()) ** 0.5
     assert fitted == pytest.approx(truth, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_varying_stiffness_of_the_teeth_is_told_from_an_eccentric_gear(tmp_path) -> None:
+    """Both move the encoders once a turn; they differ in how that goes with the load, if the exponent is not held."""
+    found = diagnosed(tmp_path, ["mesh_stiffness_variation@output_gear"], 5)
+    assert found.verdict == "effect found"
+    first = found.stages[-1].effects[0]
+    assert (first.kind, first.where) == ("mesh_stiffness_variation", "mesh.gear_2")
+    truth = GearRig(seed=5).faults_of(["mesh_stiffness_variation@output_gear"])[0].size
+    assert sum(v**2 for v in first.strengths.values()) ** 0.5 == pytest.approx(truth, rel=0.2)
