@@ -13,7 +13,7 @@ import math
 from gearbox.contact_laws import friction_coefficient, friction_coefficients, impact, near_powers, signed_force
 
 # fmt: off
-__all__ = ["bell", "closeness", "extent", "four", "held", "let_go", "line", "patch", "pitted", "tip"]
+__all__ = ["bell", "closeness", "extent", "four", "held", "let_go", "line", "patch", "pitted", "relieved", "tip"]
 
 #: Abscissas of the Gauss-Legendre rule with four points on [-1, 1], the difference of their squares, half weights.
 INNER, OUTER, BETWEEN = 0.3399810435848563, 0.8611363115940526, 0.6259686373402064
@@ -47,6 +47,22 @@ def extent(depth, c2, c3):
     else:
         x = 0.0
     return x
+
+
+def relieved(place, a, b, c, q, sense, steep, p1, p2, way, relief, start, edge):
+    """Return where along its path a contact ends at a tip whose relief is deeper than the penetration, else its edge.
+
+    ``place`` is a guess; ``way`` is 1 for the tip of gear 1, which counts along s, and −1 for that of gear 2, along r.
+    """
+    end = edge
+    for _ in range(3):
+        z = sense * (place - p1 if way > 0.0 else p2 - place) / steep
+        s = p1 + sense * steep * z
+        depth = max(a + s * (b + q * s) + z * c, 0.0)
+        if depth < relief:
+            end = start + math.sqrt(depth / relief) * (edge - start)
+        place = end
+    return end
 
 
 def bell(x, centre, half):
@@ -241,8 +257,9 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
          v_d):
     """Return the integral of `patch` over one line of contact between z_low and z_high.
 
-    The line is split where it leaves the path of contact and where sliding changes its direction, and ends where the
-    corners lose contact; between these points nothing switches on or off but what has let go (`held`).
+    The line is split where it leaves the path of contact, where a relief begins and where sliding changes its
+    direction, and ends where the corners, or reliefs deeper than the penetration, lose contact; between these points
+    nothing switches on or off but what has let go (`held`).
     """
     # positions along the line in the sense in which s grows; a spur gear's line has no slope to speak of
     sense = math.copysign(1.0, slope)
@@ -251,6 +268,16 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
     high = z_high if sense > 0.0 else -z_low
     at_2 = min(max((p2 - edge2) / steep, low), high)
     at_1 = min(max((edge1 - p1) / steep, low), high)
+    begins_2 = at_2
+    begins_1 = at_1
+    if relief2 > 0.0:
+        end_2 = relieved(edge2, a, b, c, q, sense, steep, p1, p2, -1.0, relief2, start2, edge2)
+        at_2 = min(max((p2 - end_2) / steep, low), high)
+        begins_2 = min(max((p2 - start2) / steep, low), high)
+    if relief1 > 0.0:
+        end_1 = relieved(edge1, a, b, c, q, sense, steep, p1, p2, 1.0, relief1, start1, edge1)
+        at_1 = min(max((end_1 - p1) / steep, low), high)
+        begins_1 = min(max((start1 - p1) / steep, low), high)
     begin = at_2
     finish = at_1
     if at_2 > low:
@@ -263,6 +290,11 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
         finish = min(max((edge1 + extent(deep_1, c21, c31) - p1) / steep, low), high)
     turning = steep * u1 + sense * u2
     still = min(max(-(u0 + p1 * u1) / turning, at_2), at_1) if abs(turning) > 1e-30 else at_2
+    begins_2 = min(max(begins_2, at_2), at_1)
+    begins_1 = min(max(begins_1, at_2), at_1)
+    inner = min(begins_2, min(still, begins_1))
+    outer = max(begins_2, max(still, begins_1))
+    between = max(min(begins_2, begins_1), min(max(begins_2, begins_1), still))
     n = 0.0
     n_z = 0.0
     n_1 = 0.0
@@ -273,9 +305,12 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
     loss = 0.0
     rubbing = 0.0
     last = begin
-    for i in range(4):
+    for i in range(6):
         first = last
-        last = at_2 if i < 0.5 else still if i < 1.5 else at_1 if i < 2.5 else finish
+        if i < 2.5:
+            last = at_2 if i < 0.5 else inner if i < 1.5 else between
+        else:
+            last = outer if i < 3.5 else at_1 if i < 4.5 else finish
         if last - first > NOTHING:
             d_n, d_nz, d_n1, d_n2, d_t, d_tz, d_e, d_l, d_r = held(
                 sense * first, sense * last, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,

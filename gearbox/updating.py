@@ -124,11 +124,15 @@ def _check_out(out: Path) -> None:
 
 def _show(result: UpdatingResult, out: Path) -> None:
     """Print the outcome, the parameters and the similarities."""
+    from rich.box import SIMPLE_HEAD
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     console = Console(highlight=False)
-    table = Table(title="Parameters (Table 4)")
+    # Eight columns must stand beside each other in a log of 80 characters.
+    plain = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "title_justify": "left"}
+    table = Table(title="Parameters (Table 4)", **plain)  # type: ignore[arg-type]
     for name in ("parameter", "unit", "before", "updated", "range"):
         table.add_column(name, justify="left" if name in ("parameter", "unit") else "right")
     for parameter, row in result.parameters().iterrows():
@@ -137,13 +141,13 @@ def _show(result: UpdatingResult, out: Path) -> None:
             str(parameter), row["unit"], f"{row['start']:.5g}", changed, f"{row['lower']:.4g} … {row['upper']:.4g}"
         )
     console.print(table)
-    table = Table(title="Cosine similarity, before and after")
-    for name in ("condition", "speed [r/min]", "load [N·m]", "used", "before", "after", "upper bound", "lag [ms]"):
-        table.add_column(name, justify="left" if name in ("condition", "used") else "right")
+    table = Table(title="Cosine similarity, before and after", **plain)  # type: ignore[arg-type]
+    for name in ("condition", "speed\n[r/min]", "load\n[N·m]", "used", "before", "after", "upper\nbound", "lag\n[ms]"):
+        table.add_column(escape(name), justify="left" if name in ("condition", "used") else "right", no_wrap=True)
     for _, row in result.to_frame().iterrows():
         table.add_row(
             row["condition"], f"{row['speed [r/min]']:.2f}", f"{row['load [N·m]']:.4g}",
-            "yes" if row["used for updating"] else "held out", f"{row['before']:.4f}", f"{row['after']:.4f}",
+            "yes" if row["used for updating"] else "no", f"{row['before']:.4f}", f"{row['after']:.4f}",
             f"{row['upper bound']:.4f}", f"{row['lag [ms]']:+.4f}")  # fmt: skip
     console.print(table)
     start = result.start.similarity

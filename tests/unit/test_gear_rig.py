@@ -194,6 +194,8 @@ def test_command_updates_a_model_and_goes_on_where_it_stopped(tmp_path, capsys):
     assert main(words) == 0
     told = capsys.readouterr().out
     assert "Cosine similarity, before and after" in told
+    assert "[r/min]" in told
+    assert "[ms]" in told
     assert "rule 'best'" in told
     assert "upper bound" in told
     content = json.loads((out / "updating.json").read_text(encoding="utf-8"))
