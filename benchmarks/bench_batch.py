@@ -3,7 +3,8 @@
 The aim is that a hundred take no longer on two processors than fifty one after another. The last entry says what two
 processors give to single runs: two threads that share nothing and keep nothing but the last state. Where it is above 1,
 they are not two whole ones (they share a core, caches, or the clock that one alone would have). A batch takes less
-because four runs go through the equations abreast in each thread, with the same results to the last bit.
+because four runs go through the equations abreast in each thread, with the same results to the last bit.  All by
+DormandPrince54 unless the entry says otherwise.
 """
 
 from __future__ import annotations
@@ -20,37 +21,39 @@ COUNT = 100
 OPTIONS = {"rtol": 1e-3, "atol": 1e-6}
 
 
-def _plan(count: int) -> Iterator[tuple[Any, np.ndarray]]:
+def _plan(count: int, tangent: bool = False) -> Iterator[tuple[Any, np.ndarray]]:
     from multibody.simulate import native_problem
 
     given, rng = reference_trip(), np.random.default_rng(1)
-    problem = native_problem(given.system, given.system.p, given.table)
+    problem = native_problem(given.system, given.system.p, given.table, tangent=tangent)
     for _ in range(count):
         yield replace(problem, p=problem.p * (1.0 + 0.01 * rng.normal(size=problem.p.size))), given.start
 
 
-def _in_turn(count: int, samples: bool = True) -> Callable[[], None]:
-    from multibody.solvers import DormandPrince54, integrate
+def _in_turn(count: int, samples: bool = True, default: bool = False) -> Callable[[], None]:
+    from multibody.solvers import Automatic, DormandPrince54, integrate
 
+    method = Automatic if default else DormandPrince54
     times = reference_trip().times if samples else np.array([DURATION])
 
     def work() -> None:
-        for problem, start in _plan(count):
-            run = integrate(problem, (0.0, DURATION), start, t_eval=times, method=DormandPrince54, **OPTIONS)
+        for problem, start in _plan(count, tangent=default):
+            run = integrate(problem, (0.0, DURATION), start, t_eval=times, method=method, **OPTIONS)
             if not run.success:
                 raise RuntimeError(run.message)
 
     return work
 
 
-def _batch(count: int, workers: int) -> Callable[[], None]:
-    from multibody.solvers import DormandPrince54
+def _batch(count: int, workers: int, default: bool = False) -> Callable[[], None]:
+    from multibody.solvers import Automatic, DormandPrince54
     from multibody.solvers.batch import batch
 
+    method = Automatic if default else DormandPrince54
     times = reference_trip().times
 
     def work() -> None:
-        for run in batch(_plan(count), (0.0, DURATION), times, workers, method=DormandPrince54, **OPTIONS):
+        for run in batch(_plan(count, default), (0.0, DURATION), times, workers, method=method, **OPTIONS):
             if not run.success:
                 raise RuntimeError(run.message)
 
@@ -75,6 +78,16 @@ def bench_hundred_in_one_thread() -> Callable[[], None]:
 def bench_hundred_at_once() -> Callable[[], None]:
     """100 trips as a batch on two threads"""
     return _batch(COUNT, 2)
+
+
+def bench_fifty_by_default() -> Callable[[], None]:
+    """50 trips through solve_ivp by the default method, one after another"""
+    return _in_turn(COUNT // 2, default=True)
+
+
+def bench_hundred_by_default() -> Callable[[], None]:
+    """100 trips as a batch on two threads by the default method"""
+    return _batch(COUNT, 2, default=True)
 
 
 def bench_two_apart() -> Callable[[], None]:

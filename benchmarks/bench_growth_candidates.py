@@ -1,10 +1,16 @@
-"""Growth with the number of candidate effects: their sensitivities on six records of 6 s of the virtual axis."""
+"""Growth with the number of candidate effects: their sensitivities on six records of 6 s of the virtual axis.
+
+A part of the catalogue is drawn at random: it goes through places and kinds in order, and what has a state of its own
+costs many times what has none.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
 from typing import Any
+
+import numpy as np
 
 
 @cache
@@ -24,7 +30,8 @@ def _columns(every: int) -> Callable[[], None]:
     from discrepancy.confrontation import Confrontation
 
     stage, preparation, entries = _stage()
-    chosen = entries[::every]
+    drawn = np.random.default_rng(0).permutation(len(entries))[: -(-len(entries) // every)]
+    chosen = [entries[k] for k in sorted(drawn)]
 
     def work() -> None:
         stage.worked_out.clear()  # nothing kept from the round before
@@ -36,12 +43,12 @@ def _columns(every: int) -> Callable[[], None]:
 
 
 def bench_quarter() -> Callable[[], None]:
-    """every fourth of the catalogue"""
+    """a quarter of the catalogue"""
     return _columns(4)
 
 
 def bench_half() -> Callable[[], None]:
-    """every second"""
+    """a half"""
     return _columns(2)
 
 

@@ -6,15 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
+from multibody import Component, Model, Parameter, Translation
+from multibody import library as lib
 from multibody.simulate import input_table, native_problem
-from multibody.solvers import Rodas5P, Samples, integrate
+from multibody.solvers import DormandPrince54, Rodas5P, Samples, integrate
 from multibody.solvers.automatic import Automatic
 from multibody.solvers.problem import Directions
 from multibody.solvers.transitions import transitions
 from vtsdt.bench_model import build
 
 TIME = np.linspace(0.0, 0.3, 76)
+TICKS = np.linspace(0.0, 3.0, 3001)
 
 
 @pytest.fixture(scope="module")
@@ -59,3 +63,36 @@ def test_transitions_are_the_same(system):
     found = [transitions(replace(given, in_lanes=s), TIME, states, [1], 2e-4) for s in (False, True)]
     for one, other in zip(*found, strict=True):
         assert np.array_equal(one, other)
+
+
+class Ramp(Component):
+    """A force that is zero until a time, and then grows."""
+
+    slope = Parameter(0.0, "N/s", "how fast it grows")
+    start = Parameter(1.0003, "s", "when it begins")
+    flange = Translation("what it pushes")
+
+    def equations(self):
+        self.flange.force = -self.slope * max(self.time - self.start, 0.0)
+
+
+@pytest.mark.parametrize("start", np.linspace(0.3, 2.5, 12))
+@pytest.mark.parametrize("method", [Automatic, Rodas5P, DormandPrince54])
+def test_a_direction_that_begins_at_a_kink_is_carried_on(method, start):
+    """The derivative of x by the slope is what a ramp does to a damped oscillator."""
+    model = Model("pushed")
+    body, ramp = model.add("body", lib.Mass(m=2.0)), model.add("ramp", Ramp())
+    spring = model.add("spring", lib.SpringDamper(stiffness=8e4, damping=300.0))
+    model.connect(ramp.flange, body.flange, spring.b)
+    model.connect(spring.a, model.ground)
+    system = model.build(outputs=["body.position"])
+    p_dot = np.zeros((1, len(system.p)))
+    p_dot[0, system.index("parameter", "ramp.slope")] = 1.0
+    directions = Directions(np.zeros((1, 2)), p_dot, np.array([-1]), np.zeros(1), np.zeros((1, 1)))
+    p = system.parameter_vector({"ramp.start": start})
+    given, samples = native_problem(system, p, input_table(system, {}), directions), Samples(TICKS)
+    found = integrate(given, (0.0, 3.0), system.start, samples=samples, method=method, rtol=1e-6, atol=1e-9)
+    assert found.status == 0, found.message
+    fine = np.linspace(0.0, 3.0, 30001)
+    exact = lsim((1.0, [2.0, 300.0, 8e4]), np.maximum(fine - start, 0.0), fine)[1][::10]
+    assert np.abs(samples.states[:, 2]) == pytest.approx(exact, abs=1e-4 * np.max(exact))

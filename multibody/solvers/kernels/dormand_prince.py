@@ -41,6 +41,7 @@ from multibody.solvers.kernels.stepping import (
     due,
     first_step,
     forget_tiny,
+    long_enough,
     mean_error,
     passing,
     plan,
@@ -218,7 +219,7 @@ def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, larg
         tally[EVALUATIONS] += 6
         raw_errors(t_new - t, size, size, k, errors)
         error = mean_error(count, y, y_new, errors, rtol, atol, errors)
-        if count < size:
+        if count < size and long_enough(h, t):
             error = max(error, direction_error(c[N], size, y, y_new, errors, rtol, atol, largest))
         near = passing(c, t_new, y_new) if error <= 1.0 else 0.0
         if h <= 2.0 * near:

@@ -40,6 +40,7 @@ from multibody.solvers.kernels.stepping import (
     due,
     first_step,
     forget_tiny,
+    long_enough,
     mean_error,
     passing,
     plan,
@@ -238,13 +239,18 @@ def write_samples(clock, tally, size, y, k, count, sample_t, rows, sample_y):
 
 
 @inner
-def linearize(c, t, direction, size, y, f, f_t, shifted, owner, colours, zero, matrix):
-    """Write the rates f, their time derivative f_t and the Jacobian of x at y."""
-    reach = direction * math.sqrt(2.220446049250313e-16 * max(1e-5, abs(t)))
+def differentiate_by_time(c, t, reach, size, y, f, f_t):
+    """Write the rates f at y and their time derivative f_t, from what they are at t + reach."""
     evaluate(t + reach, y, f_t, c)
     evaluate(t, y, f, c)
     for i in range(size):
         f_t[i] = (f_t[i] - f[i]) / reach
+
+
+@inner
+def linearize(c, t, reach, size, y, f, f_t, shifted, owner, colours, zero, matrix):
+    """Write the rates f, their time derivative f_t and the Jacobian of x at y."""
+    differentiate_by_time(c, t, reach, size, y, f, f_t)
     jacobian(t, y, c, owner, colours, shifted, shift(shifted, size), zero, matrix)
 
 
@@ -263,16 +269,20 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
         first_step(c, clock, tally, size, count, y, f, y_new, result, rtol, atol)
     proposal = min(min(clock[STEP], clock[LARGEST]), passing(c, t, y))
     limit = math.inf
-    known = False
+    reach = 0.0
     while True:
         h, t_new, clipped, _ = plan(c, clock, proposal)
         if h == 0.0:
             return False
-        if not known:
-            linearize(c, t, direction, size, y, f, f_t, shifted, owner, colours, zero, matrix)
+        if reach == 0.0:
+            reach = min(h, math.sqrt(2.220446049250313e-16 * max(1e-5, abs(t))))
+            linearize(c, t, direction * reach, size, y, f, f_t, shifted, owner, colours, zero, matrix)
             tally[EVALUATIONS] += 2
             tally[JACOBIANS] += 1
-            known = True
+        elif h < reach:  # a kink beyond the step is none of its business
+            reach = h
+            differentiate_by_time(c, t, direction * reach, size, y, f, f_t)
+            tally[EVALUATIONS] += 2
         signed = t_new - t
         diagonal = 1.0 / (signed * GAMMA)
         for i in independent(n * n):
@@ -285,7 +295,7 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
             stages(c, t, signed, size, y, f, f_t, factors, pivots, k, y_new, shifted, result)
             tally[EVALUATIONS] += 7
             error = mean_error(count, y, y_new, shift(k, 7 * size), rtol, atol, errors)
-            if count < size:
+            if count < size and long_enough(h, t):
                 last = shift(k, 7 * size)
                 error = max(error, direction_error(n, size, y, y_new, last, rtol, atol, largest))
             if error <= 1.0:

@@ -38,6 +38,7 @@ ROW = 15  # steps in a row on the edge of stability that make a problem stiff
 NEGLIGIBLE = 1e-4  # share of a direction's largest component below which a component needs no relative accuracy
 LEAST_ERROR = math.log(1e-4)  # of those that the next step looks back at
 TINY = 1e-150  # what is smaller has died away; its square is still a normal number
+HARDLY = 1e-12  # share of the time below which a step is nearly as short as rounding lets it be
 FAINT = 1e-130  # a direction that is smaller has not begun: its error counts from there
 
 
@@ -167,6 +168,9 @@ def direction_error(n, size, y, y_new, raw, rtol, atol, largest):
     What a direction may be off by follows its own size: the relative tolerance of a component times the largest that
     the component has been (``largest``), where the states' tolerances are the units in which components of a direction
     compare.  A component that stays far below the others of its direction need not be relatively exact.
+
+    A direction that begins at a kink in the middle of a step is off by a share of its own size, however short the step:
+    where steps are hardly longer than the time's rounding it does not count (`long_enough`).
     """
     found, per_unit = 0.0, largest  # the states' places there are free
     for i in range(n):
@@ -186,6 +190,12 @@ def direction_error(n, size, y, y_new, raw, rtol, atol, largest):
             return math.inf
         found = max(found, total / n)
     return math.sqrt(found)
+
+
+@inner
+def long_enough(h, t):
+    """Tell whether a step is long enough for the errors of directions to count."""
+    return h > HARDLY * abs(t)
 
 
 @inner
