@@ -154,7 +154,8 @@ class Search:
 
         level, seed = self.study.setup.level, self.study.setup.seed
         if any(s.accepted is not None for s in self.study.stages):
-            self._swap_for_curve()
+            if not self._swap_for_curve():
+                self._swap_for_curve(anywhere=True)
         elif len(self.study.stage.effects) < self.study.setup.max_effects:
             found = free_curve(self.study.stage, self.study.refit, level=level, seed=seed, progress=self.study.progress)
             if found is not None:
@@ -166,12 +167,12 @@ class Search:
         laws = [e.where for e in effects if e.definition.at == "connection" and not e.definition.free_form]
         return len(laws) > len(set(laws))
 
-    def _swap_for_curve(self) -> bool:
-        """Put one free curve in the place of the laws found at a connection, if that is the better model."""
-        from discrepancy.settle import replace_by_curve
+    def _swap_for_curve(self, anywhere: bool = False) -> bool:
+        """Put one free curve in the place of the laws found at a connection, or of all, if that is the better model."""
+        from discrepancy.settle import curve_instead, replace_by_curve
 
         study = self.study
-        swapped = replace_by_curve(
+        swapped = (curve_instead if anywhere else replace_by_curve)(
             study.stages, study.refit, level=study.setup.level, seed=study.setup.seed, progress=study.progress
         )
         if swapped is None:

@@ -11,14 +11,16 @@ from discrepancy.confrontation import Confrontation
 from discrepancy.effects import Effect
 from discrepancy.search import LOOKS, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage
-from discrepancy.unknown import offer_curves
-from discrepancy.worth import bic_difference
+from discrepancy.unknown import CurveOffer, offer_curves
+from discrepancy.worth import bic_difference, taken
 from multibody.errors import ModelError
 
-__all__ = ["drop_idle", "free_curve", "replace_by_curve"]
+__all__ = ["curve_instead", "drop_idle", "free_curve", "replace_by_curve"]
 
 CLEARLY = 10.0  # difference of BIC that counts as strong evidence (Kass and Raftery 1995)
-SHARE = 0.1  # a curve must take this share more of the error away before a law is given up for it
+SHARE = 0.03  # a curve must take this share more of the error away before a law is given up for it
+REPEATS = 2.0  # periods within the motion from which a wave is seen to repeat; chosen
+AS_MUCH = 0.9  # share of what several waves take away that a curve in their place must take; chosen
 
 Fit = Callable[[str, tuple[Effect, ...], Stage], Stage]
 
@@ -43,15 +45,14 @@ def drop_idle(stages: Sequence[Stage], fit: Fit, progress: Callable[[str], None]
 
 def free_curve(stage: Stage, fit: Fit, *, level: float, seed: int, progress: Callable[[str], None]) -> Stage | None:
     """Add the best free curve to a stage in which no law of the catalogue is left, if it is significant."""
-    facts = Confrontation.of_stage(stage, scan_preparation(stage))
-    offer = offer_curves(stage, facts, level=level / LOOKS, seed=seed, progress=progress)
+    offer = _offered(stage, level / LOOKS, seed, progress)
     return _best_curve(stage, stage, offer.effects, offer.p_values, fit, progress)
 
 
 def replace_by_curve(
     stages: Sequence[Stage], fit: Fit, *, level: float, seed: int, progress: Callable[[str], None]
 ) -> tuple[int, Stage] | None:
-    """Try to put one free curve in the place of all laws found at a connection.
+    """Try to put one free curve in the place of all laws found at a connection, or of all that was found anywhere.
 
     A law that is only near the truth leaves a pattern behind that further laws then chase.  Where one curve beats the
     law found at its connection by strong evidence, and takes clearly more of the error away, the honest answer is the
@@ -67,17 +68,68 @@ def replace_by_curve(
     for where in dict.fromkeys(e.where for e in found):
         first = min(k for k, s in enumerate(stages) if any(e.where == where for e in s.effects))
         before = stages[first - 1]
-        others = [e for e in last.effects if e not in before.effects and e.where != where]
-        if others:
+        new = [e for e in last.effects if e not in before.effects]
+        if any(e.where != where for e in new):
             continue  # effects at several connections: a curve at one of them is no simpler story
-        facts = Confrontation.of_stage(before, scan_preparation(before))
-        offer = offer_curves(before, facts, level=level, seed=seed, where=[where], progress=progress)
-        several = sum(1 for e in found if e.where == where) > 1
-        least = 0.0 if several else CLEARLY
-        curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress, least)
+        offer = _offered(before, level, seed, progress, [where])
+        several = len(new) > 1
+        curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress, 0.0 if several else CLEARLY)
         if curve is not None and (several or _takes_more(curve, last, before)):
             return first, curve
+        curve = _instead_of_waves(before, last, new, offer, fit, progress)
+        if curve is not None:
+            return first, curve
     return None
+
+
+def curve_instead(
+    stages: Sequence[Stage], fit: Fit, *, level: float, seed: int, progress: Callable[[str], None]
+) -> tuple[int, Stage] | None:
+    """Try to put one free curve, at any connection, in the place of everything that was found.
+
+    A force that no law describes can look like a drift of a sensor or like laws at several connections.
+
+    Returns
+    -------
+    (int, Stage) or None
+        As `replace_by_curve`, which asks about each connection by itself.
+    """
+    first = min(k for k, s in enumerate(stages) if s.accepted is not None)
+    before, last = stages[first - 1], stages[-1]
+    new = [e for e in last.effects if e not in before.effects]
+    if not new or any(e.definition.free_form for e in new):
+        return None
+    offer = _offered(before, level, seed, progress)
+    curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress)
+    return (first, curve) if curve is not None and _takes_more(curve, last, before) else None
+
+
+def _offered(
+    before: Stage, level: float, seed: int, progress: Callable[[str], None], where: Sequence[str] | None = None
+) -> CurveOffer:
+    facts = Confrontation.of_stage(before, scan_preparation(before))
+    return offer_curves(before, facts, level=level, seed=seed, where=where, progress=progress)
+
+
+def _instead_of_waves(
+    before: Stage, last: Stage, waves: Sequence[Effect], offer: CurveOffer, fit: Fit, progress: Callable[[str], None]
+) -> Stage | None:
+    """Return a curve over position in the place of several waves that do not repeat, if it does as much.
+
+    Waves along the way can add up to any curve.  Where one of them passes fewer than twice through its period, nothing
+    shows that it repeats, and the curve is what is known.
+    """
+    if len(waves) < 2 or any(e.kind != "angle_harmonic" for e in waves):
+        return None
+    k = next((k for k, e in enumerate(offer.effects) if e.over == "position"), None)
+    if k is None:
+        return None
+    curve = offer.effects[k]
+    way = curve.shape["high"] - curve.shape["low"]
+    if min(abs(e.shape["order"]) for e in waves) * way / (2.0 * np.pi) >= REPEATS:
+        return None
+    found = _best_curve(before, last, [curve], offer.p_values[k:], fit, progress, least=-np.inf)
+    return found if found is not None and taken(found, before) >= AS_MUCH * taken(last, before) else None
 
 
 def _best_curve(
