@@ -126,6 +126,8 @@ def windows_instead(
         None where the simulations follow, and where windows would be as long as the records: the machine does not run
         away from its start, it is the model that is wrong.
     """
+    if errors is not None and _surely_follow(setup, errors):
+        return None
     look = _Look.of(setup)
     reason = "as before"
     if errors is not None:
@@ -142,6 +144,22 @@ def windows_instead(
     windowed, count = look.windowed(length)
     told = f"{reason}, and show nothing that is missing: the records are cut into {count} windows"
     return Confronted(windowed, "prediction", f"{told}, most of about {max(length, least):.2g} s")
+
+
+def _spread_of(experiments: Sequence[Experiment]) -> np.ndarray:
+    """Return the standard deviation of each output over all records, SI; never quite zero."""
+    values = np.concatenate([e.record.values(*e.outputs) for e in experiments])
+    return np.maximum(np.std(values, axis=0), 1e-9 * np.maximum(np.max(np.abs(values), axis=0), 1e-300))
+
+
+def _surely_follow(setup: Setup, errors: Mapping[str, float]) -> bool:
+    """Tell whether the errors are small against every spread that an output may have: then no simulation is needed."""
+    experiments = tuple(crop(e) for e in setup.identify)
+    for name, spread in zip(experiments[0].outputs, _spread_of(experiments), strict=True):
+        angle = experiments[0].record.signals[name].unit in ("rad", "")  # of one that counts no turns 1 rad at most
+        if errors[name] > LOST * (min(spread, 1.0) if angle else spread):
+            return False
+    return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +179,7 @@ class _Look:
         experiments = tuple(crop(e) for e in setup.identify)
         system = setup.model.build(outputs=experiments[0].outputs)
         p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
-        values = np.concatenate([e.record.values(*e.outputs) for e in experiments])
-        spread = np.maximum(np.std(values, axis=0), 1e-9 * np.maximum(np.max(np.abs(values), axis=0), 1e-300))
+        spread = _spread_of(experiments)
         units = np.array([system.unit(n) for n in experiments[0].outputs])
         if telling_only:
             wide = [float(np.max(np.ptp(e.record.values(*e.outputs), axis=0) / spread)) for e in experiments]
