@@ -60,6 +60,20 @@ class Trial:
         """True if what was hidden is among the first effect and what cannot be told from it."""
         return bool(self.found) and bool({self.found[0], *self.ties} & set(self.hidden))
 
+    @property
+    def all_found(self) -> bool:
+        """True if everything that was hidden is named."""
+        return set(self.hidden) <= set(self.found)
+
+    @property
+    def missed(self) -> bool:
+        """True if the answer is not the one that its suite asks for."""
+        if self.suite == "null":
+            return bool(self.found) or self.verdict == "unknown effect"
+        if self.suite == "unknown":
+            return self.verdict != "unknown effect" or self.over not in (self.curve_over, self.depends_on)
+        return not (self.all_found if self.suite == "pairs" else self.in_tie)
+
 
 def wilson(hits: int, trials: int) -> tuple[float, float]:
     """Return the 95 % Wilson interval of a rate.
@@ -96,7 +110,7 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
         return []
     suite, n = trials[0].suite, len(trials)
     if suite == "null":
-        return [("false alarms", sum(bool(t.found) or t.verdict == "unknown effect" for t in trials), n)]
+        return [("false alarms", sum(t.missed for t in trials), n)]
     if suite == "unknown":
         return [
             ("verdict 'unknown effect'", sum(t.verdict == "unknown effect" for t in trials), n),
@@ -104,7 +118,7 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
             *_right_axis(trials),
         ]
     if suite == "pairs":
-        return [("both found", sum(set(t.hidden) <= set(t.found) for t in trials), n)]
+        return [("both found", sum(t.all_found for t in trials), n)]
     counted = [t for t in trials if t.verdict != "refused"]
     rows = [
         ("found (something is named)", sum(bool(t.found) for t in counted), len(counted)),
@@ -204,10 +218,7 @@ def page(out: Path, date: str, machine: str = "axis") -> str:
             lines.append(f"| {what} | {hits} | {n} | {hits / max(n, 1):.1%} | {low:.1%} to {high:.1%} |")
         lines += ["", "Misses:", ""]
         for t in trials:
-            missed = (bool(t.found) or t.verdict == "unknown effect") if suite == "null" else not t.in_tie
-            if suite == "unknown":
-                missed = t.verdict != "unknown effect" or t.over not in (t.curve_over, t.depends_on)
-            if missed:
+            if t.missed:
                 said = ", ".join(t.found) or "nothing"
                 lines.append(
                     f"- seed {t.seed}, {' + '.join(t.hidden) or 'nothing'} hidden: {t.verdict}, named {said}. {t.note}"
