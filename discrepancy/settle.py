@@ -18,7 +18,7 @@ from multibody.errors import ModelError
 __all__ = ["curve_instead", "drop_idle", "free_curve", "replace_by_curve"]
 
 CLEARLY = 10.0  # difference of BIC that counts as strong evidence (Kass and Raftery 1995)
-SHARE = 0.03  # a curve must take this share more of the error away before a law is given up for it
+SHARE = 0.03  # a curve must take this share more of the error away before a law is given up for it; chosen
 REPEATS = 2.0  # periods within the motion from which a wave is seen to repeat; chosen
 AS_MUCH = 0.9  # share of what several waves take away that a curve in their place must take; chosen
 
@@ -52,7 +52,7 @@ def free_curve(stage: Stage, fit: Fit, *, level: float, seed: int, progress: Cal
 def replace_by_curve(
     stages: Sequence[Stage], fit: Fit, *, level: float, seed: int, progress: Callable[[str], None]
 ) -> tuple[int, Stage] | None:
-    """Try to put one free curve in the place of all laws found at a connection, or of all that was found anywhere.
+    """Try to put one free curve in the place of all laws found at a connection.
 
     A law that is only near the truth leaves a pattern behind that further laws then chase.  Where one curve beats the
     law found at its connection by strong evidence, and takes clearly more of the error away, the honest answer is the

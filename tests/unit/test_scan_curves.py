@@ -7,6 +7,8 @@ from discrepancy import synthetic as sy
 from discrepancy.curves import explain_force
 from discrepancy.laws import suggest_laws
 from discrepancy.periods import find_period, split_directions
+from discrepancy.projection import Layout
+from discrepancy.scan import held_out_gain
 from estimation.intervals import block_sandwich, measure_coverage, split_blocks
 
 
@@ -111,3 +113,16 @@ def test_interval_is_invariant_to_units_and_needs_blocks():
     with pytest.raises(ValueError, match="two blocks"):
         block_sandwich(J[:1], r[:1])
     assert len(split_blocks([np.zeros((100, 2)), np.zeros((50, 2))], 6)) == 6
+
+
+def test_a_point_that_only_one_block_reaches_does_not_speak_against_a_curve():
+    """Of two columns the second acts in the last of eight blocks, and hardly in the others."""
+    rng = np.random.default_rng(3)
+    layout, n = Layout((200,) * 8, 1), 1600
+    Z = np.zeros((n, 2))
+    Z[:, 0] = np.sin(np.arange(n))
+    Z[:1400, 1], Z[1400:, 1] = 1e-4 * rng.standard_normal(1400), rng.standard_normal(200)
+    Z = np.linalg.qr(Z)[0]
+    e = Z @ np.array([30.0, 20.0]) + rng.standard_normal(n)
+    # the first amplitude is told by the others: 30²/2; the second by none, and costs next to nothing
+    assert held_out_gain(Z, e, layout, 1.0) == pytest.approx(450.0, rel=0.25)

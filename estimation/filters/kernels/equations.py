@@ -49,6 +49,7 @@ from estimation.filters.kernels.layout import (
     Y,
 )
 from multibody.solvers.kernels.calls import call_rhs, call_tangent, floats, inner, ints, shift
+from multibody.solvers.kernels.stepping import half_passed
 
 MOST_PIECES = 1000  # of an interval between two samples; a state that runs away asks for any number
 
@@ -264,13 +265,12 @@ def pieces(c, t, h, z, u, least):
     """Return in how many steps to cross an interval, so that none goes past more than half of what passes by."""
     count = least
     if c[N_SPEEDS] > 0:
-        speeds, widths = floats(c[PACES]), floats(c[WIDTHS])
+        speeds = floats(c[PACES])
         apply(c, z, u)
         call_rhs(c[SPEEDS], t, z, floats(c[U]), floats(c[P]), speeds)
-        for i in range(c[N_SPEEDS]):
-            needed = 2.0 * h * abs(speeds[i])
-            if needed > count * widths[i]:
-                count = int(min(math.ceil(needed / widths[i]), MOST_PIECES))
+        needed = h / half_passed(c[N_SPEEDS], speeds, floats(c[WIDTHS]))
+        if needed > count:
+            count = int(min(math.ceil(needed), MOST_PIECES))
     return count
 
 

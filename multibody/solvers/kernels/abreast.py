@@ -11,7 +11,7 @@ import math
 
 from multibody.solvers.kernels.bundle import N_P, N_U, SIZE, N, P, U
 from multibody.solvers.kernels.calls import call_abreast, entry, floats, fused, independent, inner, pointer, shift
-from multibody.solvers.kernels.dormand_prince import march, raw_errors, watch, write_samples
+from multibody.solvers.kernels.dormand_prince import DAMPING, EXPONENT, march, raw_errors, shorter, watch, write_samples
 from multibody.solvers.kernels.field import evaluate, look_up
 from multibody.solvers.kernels.stepping import (
     COUNTS,
@@ -163,14 +163,12 @@ def end_step(c, clock, tally, lane, size, y, k, y_new, errors, rtol, atol, h, t_
     if not h <= 2.0 * near:
         limits[lane] = h
         tally[REJECTED] += 1
-        if error <= 1.0:
-            proposals[lane] = max(0.2 * h, near)
-        else:
+        if not error <= 1.0:
             tally[WORST] = worst(size, errors)
-            proposals[lane] = h * max(0.2, 0.9 * error**-0.17) if math.isfinite(error) else 0.2 * h
+        proposals[lane] = shorter(h, error, near)
         return False
     forget_tiny(size, y_new)
-    settle(clock, h, t_new, error, 0.17, 0.04, proposals[lane] if how % 2 == 1 else 0.0, limits[lane])
+    settle(clock, h, t_new, error, EXPONENT, DAMPING, proposals[lane] if how % 2 == 1 else 0.0, limits[lane])
     tally[KNOWN] = 0 if how >= 2 else 2
     remember_step(clock, tally, spans)
     if tally[WATCH] != 0:

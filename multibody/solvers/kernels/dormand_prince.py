@@ -53,6 +53,8 @@ from multibody.solvers.kernels.stepping import (
 )
 
 REACH = 3.25  # |h·λ| on the edge of the method's stability
+DAMPING = 0.04  # of the step's controller (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.2)
+EXPONENT = 1 / 5 - 0.75 * DAMPING
 
 
 @fused
@@ -199,6 +201,18 @@ def watch(clock, tally, n, size, y, k, y_new, rtol, atol):
 
 
 @inner
+def shorter(h, error, near):
+    """Return the step to try after one with too large an error, or in which something narrow would pass by unseen."""
+    if error <= 1.0:
+        found = max(0.2 * h, near)
+    elif math.isfinite(error):
+        found = h * max(0.2, 0.9 * error**-EXPONENT)
+    else:
+        found = 0.2 * h
+    return found
+
+
+@inner
 def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, largest):
     """Take one step with error control from y; return False if it would have to be too small."""
     t = clock[T]
@@ -226,16 +240,13 @@ def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, larg
             break
         limit = h
         tally[REJECTED] += 1
-        if error <= 1.0:
-            proposal = max(0.2 * h, near)
-            continue
-        tally[WORST] = worst(count, errors)
-        proposal = h * max(0.2, 0.9 * error**-0.17) if math.isfinite(error) else 0.2 * h
+        if not error <= 1.0:
+            tally[WORST] = worst(count, errors)
+        proposal = shorter(h, error, near)
     forget_tiny(size, y_new)
     if count < size:
         remember_largest(c[N], size, y_new, largest)
-    # 0.17 = 1/5 - 0.75 * 0.04
-    settle(clock, h, t_new, error, 0.17, 0.04, proposal if clipped else 0.0, limit)
+    settle(clock, h, t_new, error, EXPONENT, DAMPING, proposal if clipped else 0.0, limit)
     tally[KNOWN] = 0 if jump else 2
     return True
 

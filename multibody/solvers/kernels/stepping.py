@@ -38,7 +38,7 @@ ROW = 15  # steps in a row on the edge of stability that make a problem stiff
 NEGLIGIBLE = 1e-4  # share of a direction's largest component below which a component needs no relative accuracy
 LEAST_ERROR = math.log(1e-4)  # of those that the next step looks back at
 TINY = 1e-150  # what is smaller has died away; its square is still a normal number
-HARDLY = 1e-12  # share of the time below which a step is nearly as short as rounding lets it be
+HARDLY = 1e-12  # share of the time below which a step is nearly as short as rounding lets it be (2e-15); chosen
 FAINT = 1e-130  # a direction that is smaller has not begun: its error counts from there
 
 
@@ -84,11 +84,19 @@ def passing(c, t, y):
     """Return the step in which something narrow passes by half of its width, at the speeds of a state."""
     shortest = math.inf
     if c[N_SPEEDS] > 0:
-        speeds, widths = floats(c[PACES]), floats(c[WIDTHS])
+        speeds = floats(c[PACES])
         call_rhs(c[SPEEDS], t, y, floats(c[U]), floats(c[P]), speeds)
-        for i in range(c[N_SPEEDS]):
-            if 0.5 * widths[i] < abs(speeds[i]) * shortest:
-                shortest = 0.5 * widths[i] / abs(speeds[i])
+        shortest = half_passed(c[N_SPEEDS], speeds, floats(c[WIDTHS]))
+    return shortest
+
+
+@inner
+def half_passed(count, speeds, widths):
+    """Return after which time the first of some widths has passed by by half."""
+    shortest = math.inf
+    for i in range(count):
+        if 0.5 * widths[i] < abs(speeds[i]) * shortest:
+            shortest = 0.5 * widths[i] / abs(speeds[i])
     return shortest
 
 
