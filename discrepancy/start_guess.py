@@ -16,7 +16,7 @@ __all__ = ["Followed", "follow", "signal_bandwidth"]
 
 _POSITIONS = ("m", "rad")
 _ROUNDS = 4
-_LEAN = 1e-3  # pull towards the simulated state, against what one reading tells of it
+_LEAN = 1e-3  # pull towards the simulated state, against what one reading tells of the best seen state of its unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,33 +86,44 @@ class Reading:
     def state(self, sample: int, prior: np.ndarray) -> np.ndarray:
         """Return the state nearest to a prior that agrees with the sensors at a sample, by a few Gauss–Newton steps."""
         system, t = self.system, float(self.experiment.record.time[sample])
-        u, p = self.inputs[sample], self.p
-        y, rate, y_std, rate_std = self._local(sample)
-        pick = [system.index("output", n) for n in self.experiment.outputs]
-        x = prior.copy()
+        u = self.inputs[sample]
+        reading = self._local(sample)
+        kinds = [[q.unit == r.unit for q in system.states] for r in system.states]
+        x, (jacobian, error) = prior.copy(), self._missed(t, prior, u, reading)
         for _ in range(_ROUNDS):
-            with np.errstate(all="ignore"):
-                c = system.jacobian("x", t, x, u, p, of="outputs")[pick]
-                f = system.rhs(t, x, u, p)
-                a = system.jacobian("x", t, x, u, p)
-                rows = [c / y_std[:, None], (c @ a)[self.positions] / rate_std[self.positions, None]]
-                miss = [
-                    (y - system.outputs_at(t, x, u, p)[pick]) / y_std,
-                    (rate - c @ f)[self.positions] / rate_std[self.positions],
-                ]
-            jacobian, error = np.vstack(rows), np.concatenate(miss)
             if not (np.all(np.isfinite(jacobian)) and np.all(np.isfinite(error))):
                 return prior
             size = np.linalg.norm(jacobian, axis=0)
             seen = size > 0.0
             if not np.any(seen):
                 return prior
-            scaled = jacobian[:, seen] / size[seen]
-            stacked = np.vstack([scaled, _LEAN * np.eye(scaled.shape[1])])
-            towards = _LEAN * ((prior - x) * size)[seen]
-            x = x.copy()
-            x[seen] += np.linalg.lstsq(stacked, np.concatenate([error, towards]), rcond=None)[0] / size[seen]
+            # A state that hardly shows would be thrown anywhere by what the others leave of the error.
+            lean = _LEAN * np.array([size[kind].max() for kind in kinds])
+            size = np.hypot(size, lean)
+            stacked = np.vstack([jacobian[:, seen], np.diag(lean[seen])]) / size[seen]
+            towards = (lean * (prior - x))[seen]
+            step = np.zeros(x.size)
+            step[seen] = np.linalg.lstsq(stacked, np.concatenate([error, towards]), rcond=None)[0] / size[seen]
+            x, jacobian, error = x + step, *self._missed(t, x + step, u, reading)
         return x if np.all(np.isfinite(x)) else prior
+
+    def _missed(
+        self, t: float, x: np.ndarray, u: np.ndarray, reading: tuple[np.ndarray, ...]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return by how many standard deviations a state misses the sensors, and what moves with the state."""
+        y, rate, y_std, rate_std = reading
+        system, p = self.system, self.p
+        pick = [system.index("output", n) for n in self.experiment.outputs]
+        with np.errstate(all="ignore"):
+            c = system.jacobian("x", t, x, u, p, of="outputs")[pick]
+            f = system.rhs(t, x, u, p)
+            a = system.jacobian("x", t, x, u, p)
+            rows = [c / y_std[:, None], (c @ a)[self.positions] / rate_std[self.positions, None]]
+            miss = [
+                (y - system.outputs_at(t, x, u, p)[pick]) / y_std,
+                (rate - c @ f)[self.positions] / rate_std[self.positions],
+            ]
+        return np.vstack(rows), np.concatenate(miss)
 
     def _local(self, sample: int) -> tuple[np.ndarray, ...]:
         time = self.experiment.record.time
