@@ -19,7 +19,7 @@ from discrepancy.effects import Effect
 from discrepancy.kinds import kind_named
 from discrepancy.law_force import MOTION
 from estimation.experiment import Push
-from estimation.push_response import forget
+from estimation.push_response import forget, response_of, worth_it
 from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
@@ -104,21 +104,18 @@ class _Curves:
         v_s = max(0.01 * float(np.quantile(np.abs(np.concatenate(speeds)), 0.95)), 1e-12)
         return cls(place, v_s, ranges, all_arguments, speeds)
 
-    def columns(self, facts: Confrontation, record: int) -> np.ndarray:
-        """Return what every point of every curve changes in a record's outputs, shape (n, n_channels, n_points)."""
+    def pushes(self, record: int) -> list[Push]:
+        """Return the force of every point of every curve along a record."""
         pushes = []
         for (over, low, high), arguments in zip(self.ranges, self.arguments, strict=True):
             basis = _tents(arguments[record], low, high)
             if over == "friction":
                 basis = -basis * np.tanh(self.speeds[record] / self.v_s)[:, None]
             pushes += [Push(f"probe.{self.place.name}", basis[:, k]) for k in range(CURVE_POINTS)]
-        experiment = facts.experiments[record]
-        found = experiment.respond(facts.slim, facts.p, facts.start(record), pushes=pushes, sensors=facts.sensors)
-        forget(experiment)
-        return facts.shaped(record, found.derivatives)
+        return pushes
 
     def candidates(self, blocks: Sequence[np.ndarray]) -> list[Candidate]:
-        """Return a candidate for each curve, from the `columns` of all records."""
+        """Return a candidate for each curve, from what its points change in the outputs of all records."""
         found = []
         for k, (over, low, high) in enumerate(self.ranges):
             own = slice(k * CURVE_POINTS, (k + 1) * CURVE_POINTS)
@@ -142,7 +139,17 @@ def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Cand
     curves = [c for c in (_Curves.at(place, facts, runs) for place in places) if c.ranges]
 
     def of_record(i: int) -> list[np.ndarray]:
-        return [c.columns(facts, i) for c in curves]
+        experiment, start = facts.experiments[i], facts.start(i)
+        forces = [c.pushes(i) for c in curves]
+        every = [f for group in forces for f in group]
+        if worth_it(facts.slim, every):  # for all places at once
+            response_of(experiment, facts.slim, facts.p, start, every)
+        found = [
+            experiment.respond(facts.slim, facts.p, start, pushes=group, sensors=facts.sensors).derivatives
+            for group in forces
+        ]
+        forget(experiment)
+        return [facts.shaped(i, one) for one in found]
 
     blocks = side_by_side(of_record, range(count))
     return [one for k, c in enumerate(curves) for one in c.candidates([of_one[k] for of_one in blocks])]

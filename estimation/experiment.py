@@ -231,10 +231,11 @@ class Experiment:
         Response
             Derivatives in the order parameters, states, pushes.
         """
-        from estimation.push_response import response_of, worth_it
+        from estimation.push_response import at_hand, response_of, worth_it
 
         x0 = self.start_vector(system) if x0 is None else x0
-        if not parameters and not states and worth_it(system, pushes):
+        by_start = bool(parameters or states)
+        if not by_start and (worth_it(system, pushes) or at_hand(self, system, p, x0, pushes)):
             carried = response_of(self, system, p, x0, pushes)
 
             def answer(some: Sequence[Push]) -> Response:

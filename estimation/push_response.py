@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from multibody.solvers.transitions import Transitions
     from multibody.system import System
 
-__all__ = ["PushResponse", "forget", "response_of", "worth_it"]
+__all__ = ["PushResponse", "at_hand", "forget", "response_of", "worth_it"]
 
 REACH = 0.7  # step times the largest eigenvalue's magnitude; an explicit step of order 5 is then exact to 2e-4
 EXACT = 1e-8  # relative tolerance of the states that Jacobians are taken at
@@ -178,17 +178,29 @@ def response_of(
 ) -> PushResponse:
     """Return the transitions for some pushes; the last ones are kept with the experiment until `forget`."""
     channels = tuple(dict.fromkeys(q.channel for q in pushes))
-    kept: Any = experiment._cache.get("pushes")
+    kept = _kept(experiment, system, p, x0)
     if kept is not None:
-        of, at, start, found = kept
-        same = of is system and np.array_equal(at, p) and np.array_equal(start, x0)
-        if same and set(channels) <= set(found.channels):
-            return found
-        if same:
-            channels = tuple(dict.fromkeys((*found.channels, *channels)))
+        if set(channels) <= set(kept.channels):
+            return kept
+        channels = tuple(dict.fromkeys((*kept.channels, *channels)))
     found = PushResponse.along(experiment, system, p, x0, channels)
     experiment._cache["pushes"] = (system, p.copy(), x0.copy(), found)
     return found
+
+
+def at_hand(experiment: Experiment, system: System, p: np.ndarray, x0: np.ndarray, pushes: Sequence[Push]) -> bool:
+    """Tell whether transitions that serve these pushes are kept."""
+    kept = _kept(experiment, system, p, x0)
+    return kept is not None and bool(pushes) and {q.channel for q in pushes} <= set(kept.channels)
+
+
+def _kept(experiment: Experiment, system: System, p: np.ndarray, x0: np.ndarray) -> PushResponse | None:
+    kept: Any = experiment._cache.get("pushes")
+    if kept is None:
+        return None
+    of, at, start, found = kept
+    same = of is system and np.array_equal(at, p) and np.array_equal(start, x0)
+    return found if same else None
 
 
 def forget(experiment: Experiment) -> None:

@@ -73,10 +73,9 @@ _FREE = {
     ),
     "cabin": ("cabin.z", *(f"cabin.{n}" for n in _BODY)),
 }  # fmt: skip
-_FREE["reference"] = (
-    *_FREE["one_dimensional"],
-    *(f"{b}.{n}" for b in ("cabin", "counterweight") for n in _BODY),
-)
+# Across the rails cabin and counterweight start where they rest.  As free starts these ten hide in dry friction that
+# sticks: fits then took three times as long and ended higher.
+_FREE["reference"] = _FREE["one_dimensional"]
 #: Parameter, its standard deviation as a share of its nominal value, smallest value, unit.
 _ONE = (
     ("cabin.mass", 0.0125, 1.0, "kg"),
@@ -88,9 +87,11 @@ _ONE = (
     ("machine.K_T", 0.013, 0.1, "N*m/A"),
 )
 _GUIDES = (("cabin_guide.mu", 0.07, 0.0, ""), ("cabin_guide.stiffness", 0.04, 1e3, "N/m"))
+# Nobody knows the speed at which friction fades: the rig's is `regularisation` times the model's.
+_FADES = (("cabin_guide.v_s", 0.25, 1e-3, "m/s"), ("counterweight_guide.v_s", 0.25, 1e-3, "m/s"))
 _UNCERTAIN = {
     "one_dimensional": _ONE,
-    "reference": (*_ONE, *_GUIDES, ("counterweight_guide.mu", 0.07, 0.0, "")),
+    "reference": (*_ONE, *_GUIDES, ("counterweight_guide.mu", 0.07, 0.0, ""), *_FADES),
     "cabin": (_ONE[0], *_GUIDES),
 }
 

@@ -23,13 +23,13 @@ def case(seed: int, hidden: Sequence[str] = (), **settings: Any) -> Case:
     return replace(found, offsets=("a_c",))
 
 
-def sizes(seed: int, hidden: Sequence[str]) -> list[dict[str, Any]]:
+def sizes(seed: int, hidden: Sequence[str], under_test: str = "one_dimensional") -> list[dict[str, Any]]:
     """Return the effects as they are hidden at their usual size; nothing is simulated for it."""
-    rig = LiftRig(seed=seed, trips=TRIPS)
+    rig = LiftRig(seed=seed, trips=TRIPS, under_test=under_test)
     return [h.truth(rig.units) for h in rig.hidden(hidden)]
 
 
-@lru_cache(maxsize=1)
-def names() -> list[str]:
+@lru_cache(maxsize=2)
+def names(under_test: str = "one_dimensional") -> list[str]:
     """Return everything that can be hidden, as ``kind@where``."""
-    return [f"{e['kind']}@{e['where']}" for e in LiftRig(trips=TRIPS).list()]
+    return [f"{e['kind']}@{e['where']}" for e in LiftRig(trips=TRIPS, under_test=under_test).list()]

@@ -13,6 +13,8 @@ import pytest
 from discrepancy.study import Study
 from discrepancy.suite import run_suite
 from discrepancy.trials import Trial, file_name, page, with_section
+from vtsdt import suite_reference
+from vtsdt.bench_rig import LiftRig
 from vtsdt.suite_lift import case, names, sizes
 
 
@@ -69,3 +71,12 @@ def test_lift_suite_goes_on_where_it_stopped(tmp_path):
     assert len(first) == len(again) == 1
     assert math.isnan(first[0].ratio)
     assert "coulomb_friction@cabin.z" in names()
+
+
+def test_reference_model_is_told_the_rails_and_where_it_starts():
+    hidden = suite_reference.sizes(3, ["coulomb_friction@cabin.z"])[0]
+    assert (hidden["kind"], hidden["where"]) == ("coulomb_friction", "cabin.z")
+    rig = LiftRig(seed=3, trips=4, under_test="reference")
+    assert set(rig.starts) < set(rig.model.build().state_names)
+    assert not any(".roll" in n for n in rig.starts)  # across the rails both rest where the model rests
+    assert "cabin_guide.v_s" in [q.name for q in rig.uncertain]

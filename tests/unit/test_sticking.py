@@ -56,6 +56,24 @@ def test_transitions_agree_with_the_integrated_derivatives(sticking, monkeypatch
     assert np.all(np.linalg.norm(carried - integrated, axis=(0, 1)) < 0.02 * size)
 
 
+def test_transitions_at_hand_serve_a_few_pushes_too(sticking):
+    _, experiment, system, p = sticking
+    experiment = replace(experiment, _cache={})
+    given, x0 = pushes(experiment), experiment.start_vector(system)
+    assert not push_response.worth_it(system, given[:1])
+    integrated = experiment.respond(system, p, x0, pushes=given[:1])
+    assert integrated.evaluations > 0
+    kept = push_response.response_of(experiment, system, p, x0, given)
+    assert push_response.at_hand(experiment, system, p, x0, given[:1])
+    carried = experiment.respond(system, p, x0, pushes=given[:1])
+    np.testing.assert_array_equal(
+        carried.derivatives, experiment._prepared(kept.outputs, kept(given[:1]), (), [], []).derivatives
+    )
+    assert not push_response.at_hand(experiment, system, 1.01 * p, x0, given[:1])  # of another model
+    assert not push_response.at_hand(experiment, system, p, x0, [Push("reference.position", given[0].values)])
+    assert not push_response.at_hand(experiment, system, p, x0, [])  # a simulation without directions is another thing
+
+
 def test_a_simulation_that_crawls_is_given_up(sticking):
     setup, experiment, system, p = sticking
     bounded = bounded_effort(setup).identify[0]
