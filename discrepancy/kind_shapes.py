@@ -75,6 +75,9 @@ def spring_gap(m: MotionRange) -> Shapes:
 
 
 def end_stops(m: MotionRange) -> Shapes:
-    """Near both ends of the travel: at a stop that the model lacks the machine turns back and the model goes on."""
+    """From both ends of the travel inwards: at a hard stop that the model lacks the machine turns back, a soft one may
+    begin anywhere, beyond the middle too.
+    """
     ends = [(1.0, m.high), (-1.0, m.low)]
-    return [{"place": end - side * f * m.half, "side": side} for side, end in ends for f in (0.05, 0.2, 0.4)]
+    inwards = (0.05, 0.2, 0.4, 0.8, 1.3)
+    return [{"place": end - side * f * m.half, "side": side} for side, end in ends for f in inwards]

@@ -274,7 +274,7 @@ _add([
         "a force that belongs to the position", "A force that depends on position but not on direction of travel.",
         "A rail that is not level, magnetic attraction, cable carriers, cams, an uneven counterbalance.",
         "Move slowly both ways over the travel: the mean of the two force curves is not flat."),
-        shapes.centred),
+        shapes.centred, ("centre", "half")),
     Kind("local_bump", "connection", "Bump", ("level",), _T(
         "a tight spot", "More resistance at one place of the travel.",
         "A rail joint, a dent, dirt, a damaged ball or race, a bent screw.",

@@ -12,7 +12,7 @@ from discrepancy.effects import Effect
 from discrepancy.search import LOOKS, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.unknown import CurveOffer, offer_curves
-from discrepancy.worth import bic_difference, taken
+from discrepancy.worth import bic_difference, matters, taken
 from multibody.errors import ModelError
 
 __all__ = ["curve_instead", "drop_idle", "free_curve", "replace_by_curve"]
@@ -68,7 +68,7 @@ def replace_by_curve(
     for where in dict.fromkeys(e.where for e in found):
         first = min(k for k, s in enumerate(stages) if any(e.where == where for e in s.effects))
         before = stages[first - 1]
-        new = [e for e in last.effects if e not in before.effects]
+        new = _since(before, last)
         if any(e.where != where for e in new):
             continue  # effects at several connections: a curve at one of them is no simpler story
         offer = _offered(before, level, seed, progress, [where])
@@ -96,12 +96,18 @@ def curve_instead(
     """
     first = min(k for k, s in enumerate(stages) if s.accepted is not None)
     before, last = stages[first - 1], stages[-1]
-    new = [e for e in last.effects if e not in before.effects]
+    new = _since(before, last)
     if not new or any(e.definition.free_form for e in new):
         return None
     offer = _offered(before, level, seed, progress)
     curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress)
     return (first, curve) if curve is not None and _takes_more(curve, last, before) else None
+
+
+def _since(before: Stage, last: Stage) -> list[Effect]:
+    """Return the effects that came after a stage; those that it had are fitted anew since."""
+    had = {e.component_name for e in before.effects}
+    return [e for e in last.effects if e.component_name not in had]
 
 
 def _offered(
@@ -141,7 +147,7 @@ def _best_curve(
     progress: Callable[[str], None],
     least: float = CLEARLY,
 ) -> Stage | None:
-    """Refit the offered curves and return the best if its BIC is below that of ``rival`` by ``least``."""
+    """Refit the offered curves and return the best that matters if its BIC is below that of ``rival`` by ``least``."""
     tried = []
     for effect, p in list(zip(effects, p_values, strict=False))[:2]:
         progress(f"refit with a free curve over {effect.over} at {effect.where}")
@@ -150,7 +156,8 @@ def _best_curve(
         except (RuntimeError, ModelError) as error:
             progress(f"{effect} could not be simulated: {error}")
             continue
-        tried.append((bic_difference(stage, rival), stage, p))
+        if matters(stage, before):  # as is asked of a law
+            tried.append((bic_difference(stage, rival), stage, p))
     tried.sort(key=lambda t: t[0])
     if not tried or tried[0][0] > -least:
         return None

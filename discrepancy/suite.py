@@ -50,7 +50,7 @@ def _diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axi
     conclusion = study.diagnose()
     found = [s.accepted for s in study.stages if s.accepted is not None]
     names = tuple(str(a.effect) for a in found)
-    ties = tuple(f"{r.kind}@{r.where}" for r in found[0].rivals if r.indistinguishable) if found else ()
+    tied = [[f"{r.kind}@{r.where}" for r in a.rivals if r.indistinguishable] for a in found]
     truth = case.truth["effects"][0] if case.truth["effects"] else None
     ratio = math.nan
     if truth is not None and found and names[0] == f"{truth['kind']}@{truth['where']}":
@@ -66,13 +66,49 @@ def _diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axi
         tuple(hidden),
         conclusion.verdict,
         names,
-        ties,
+        tuple(tied[0]) if tied else (),
         ratio,
         time.perf_counter() - begun,
         over=str((truth or {}).get("over", "")),
         curve_over=conclusion.unknown.regressor if conclusion.unknown is not None else "",
         depends_on=str(unknown.get("depends_on") or ""),
+        tied=tuple(dict.fromkeys(name for group in tied for name in group)),
+        held_out=_beside_truth(study, hidden, names, case.truth["effects"]),
     )
+
+
+def _beside_truth(study: Any, hidden: Sequence[str], named: Sequence[str], truth: Sequence[Mapping[str, Any]]) -> float:
+    """Return the error held out over that of the model with exactly what was hidden; nan where that cannot be had."""
+    import numpy as np
+
+    from discrepancy.catalogue import catalogue
+    from discrepancy.effects import Effect
+    from multibody.errors import ModelError
+
+    if not hidden or len(study.stages) < 2:
+        return math.nan
+    if set(hidden) == set(named):
+        return 1.0
+    start, experiment = study.stages[1], study.setup.identify[0]
+    entries = {e.name: e for e in catalogue(start.system, experiment.outputs, experiment.inputs)}
+    effects = []
+    for each in truth:
+        entry = entries.get(f"{each['kind']}@{each['where']}")
+        if entry is None:
+            return math.nan
+        true = {k: float(v["value"]) for k, v in each["parameters"].items()}
+        strengths = {k: true.pop(k) for k in entry.kind.strengths}
+        if entry.place is None:
+            effects.append(Effect(entry.kind.name, entry.where, strengths, true))
+        else:
+            parts = {"strengths": strengths, "shape": true, "load": entry.load}
+            effects.append(Effect.at_place(entry.kind.name, entry.place, **parts))
+    try:
+        best = study.fitted("truth", tuple(effects), start, start.noise).rmse("validate")
+    except (RuntimeError, ModelError):
+        return math.nan
+    last = study.stages[-1].rmse("validate")
+    return float(np.mean([last[n] / best[n] for n in last if best.get(n, 0.0) > 0.0]))
 
 
 def null_trial(seed: int, machine: str = "axis") -> Trial:
@@ -124,9 +160,10 @@ def _plan(suite: str, trials: int, first: int, machine: str, sample: int = 0) ->
     if suite == "unknown":
         return [(machine, "unknown", first + k, (module.UNKNOWN,)) for k in range(trials)]
     names = [n for n in module.names() if n.partition("@")[0] not in NOT_FOUND_ALONE]
-    if suite == "pairs":
-        pairs = [tuple(rng.choice(names, 2, replace=False).tolist()) for _ in range(trials)]
-        return [(machine, "pairs", first + k, pair) for k, pair in enumerate(pairs)]
+    if suite in ("pairs", "triples"):
+        count = 2 if suite == "pairs" else 3
+        drawn = [tuple(rng.choice(names, count, replace=False).tolist()) for _ in range(trials)]
+        return [(machine, suite, first + k, each) for k, each in enumerate(drawn)]
     if not sample:
         return [(machine, "kinds", first + k, (name,)) for name in names for k in range(trials)]
     chosen = rng.permutation(names).tolist()[:sample]
@@ -163,7 +200,7 @@ def run_suite(
 
     Parameters
     ----------
-    suite : {"null", "kinds", "pairs", "unknown"}
+    suite : {"null", "kinds", "pairs", "triples", "unknown"}
     trials : int
         Number of seeds (of each kind, for ``"kinds"``).
     out : Path

@@ -10,7 +10,7 @@ from pathlib import Path
 
 __all__ = ["SUITES", "Trial", "file_name", "page", "rates", "read_trials", "wilson", "with_section"]
 
-SUITES = ("null", "kinds", "pairs", "unknown")
+SUITES = ("null", "kinds", "pairs", "triples", "unknown")
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Trial:
 
     Parameters
     ----------
-    suite : {"null", "kinds", "pairs", "unknown"}
+    suite : {"null", "kinds", "pairs", "triples", "unknown"}
     seed : int
     hidden : tuple of str
         ``kind@where``.
@@ -35,6 +35,10 @@ class Trial:
         Why it was refused or failed.
     over, curve_over, depends_on : str
         What an unknown force is a function of: in truth, as the curve that was added, and by the estimate over time.
+    tied : tuple of str
+        What could not be told from any of the effects added.
+    held_out : float
+        Error on the records held out over that of the model with what was hidden, averaged over the outputs.
     """
 
     suite: str
@@ -49,6 +53,8 @@ class Trial:
     over: str = ""
     curve_over: str = ""
     depends_on: str = ""
+    tied: tuple[str, ...] = ()
+    held_out: float = math.nan
 
     @property
     def first(self) -> bool:
@@ -66,13 +72,18 @@ class Trial:
         return set(self.hidden) <= set(self.found)
 
     @property
+    def all_tied(self) -> bool:
+        """True if everything that was hidden is named, or cannot be told from what is named."""
+        return set(self.hidden) <= {*self.found, *self.ties, *self.tied}
+
+    @property
     def missed(self) -> bool:
         """True if the answer is not the one that its suite asks for."""
         if self.suite == "null":
             return bool(self.found) or self.verdict == "unknown effect"
         if self.suite == "unknown":
             return self.verdict != "unknown effect" or self.over not in (self.curve_over, self.depends_on)
-        return not (self.all_found if self.suite == "pairs" else self.in_tie)
+        return not (self.all_found if self.suite in ("pairs", "triples") else self.in_tie)
 
 
 def wilson(hits: int, trials: int) -> tuple[float, float]:
@@ -98,9 +109,8 @@ def read_trials(path: Path) -> list[Trial]:
     if not path.exists():
         return []
     rows = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
-    return [
-        Trial(**{**r, "hidden": tuple(r["hidden"]), "found": tuple(r["found"]), "ties": tuple(r["ties"])}) for r in rows
-    ]
+    lists = ("hidden", "found", "ties", "tied")
+    return [Trial(**{k: tuple(v) if k in lists else v for k, v in r.items()}) for r in rows]
 
 
 def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
@@ -117,8 +127,13 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
             ("a wrong name", sum(t.verdict in ("effect found", "ambiguous") for t in trials), n),
             *_right_axis(trials),
         ]
-    if suite == "pairs":
-        return [("both found", sum(t.all_found for t in trials), n)]
+    if suite in ("pairs", "triples"):
+        word = "both" if suite == "pairs" else "all three"
+        return [
+            (f"{word} named", sum(t.all_found for t in trials), n),
+            (f"{word} named or tied with what is named", sum(t.all_tied for t in trials), n),
+            *_held_out(trials),
+        ]
     counted = [t for t in trials if t.verdict != "refused"]
     rows = [
         ("found (something is named)", sum(bool(t.found) for t in counted), len(counted)),
@@ -129,11 +144,18 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
             sum(abs(t.ratio - 1) <= 0.2 for t in counted if t.first),
             sum(t.first for t in counted),
         ),
+        *_held_out(counted),
     ]
     for name in dict.fromkeys(t.hidden[0] for t in counted):
         of = [t for t in counted if t.hidden[0] == name]
         rows.append((f"{name}: truth in the tie set", sum(t.in_tie for t in of), len(of)))
     return rows
+
+
+def _held_out(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
+    """Return how often the error held out is that of the true model, of the trials in which it was looked at."""
+    known = [t.held_out for t in trials if math.isfinite(t.held_out)]
+    return [("held-out error within 5 % of the true model's", sum(h <= 1.05 for h in known), len(known))] * bool(known)
 
 
 def _right_axis(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
