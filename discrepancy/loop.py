@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 from discrepancy.effects import Effect
 from discrepancy.fitted import beside_held_out
+from discrepancy.search import TIE
 from discrepancy.stage import Accepted, Stage
+from discrepancy.worth import bic_difference
 
 if TYPE_CHECKING:
     from discrepancy.study import Study
@@ -53,8 +55,31 @@ class Search:
             step = study.unless_it_fails("what is still missing", study.explain) if study.steps else study.explain()
             if step is None or step.accepted is None or step.stage is None:
                 return
+            if self._recalibrated(step.stage):
+                study.steps.remove(step)
+                continue
             study.progress(f"add {step.accepted.effect}")
             self._add(step.accepted, step.stage)
+
+    def _recalibrated(self, trial: Stage) -> bool:
+        """Fit the latest stage anew from where a trial has put everything else; say if that is now the latest stage.
+
+        A fit weighs each output by what is left of it, so it can settle in more than one place.  An effect must not be
+        paid for getting the calibration out of a worse one.
+        """
+        study, stage = self.study, self.study.stage
+        study.progress("from there, does the model do as well without it?")
+        try:
+            again = study.fitted(stage.name, stage.effects, trial, stage.noise)
+        except RuntimeError as error:
+            study.progress(f"without it the machine could not be simulated there: {error}")
+            return False
+        if bic_difference(again, stage) > -TIE:
+            return False
+        study.progress("it does better than before: the calibration goes on from there")
+        study.stages[-1] = replace(again, accepted=stage.accepted, notes=stage.notes)
+        study.made()
+        return True
 
     def _add(self, accepted: Accepted, trial: Stage) -> None:
         self.study.settled = False
@@ -158,7 +183,10 @@ class Search:
                 self._swap_for_curve(anywhere=True)
         elif len(self.study.stage.effects) < self.study.setup.max_effects:
             found = free_curve(self.study.stage, self.study.refit, level=level, seed=seed, progress=self.study.progress)
-            if found is not None:
+            if found is not None and self._recalibrated(found):
+                self._add_significant()
+                self._free_curves()
+            elif found is not None:
                 self.accept(found.accepted, found)
 
     def _crowded(self) -> bool:

@@ -276,7 +276,8 @@ def _row(
 def held_out_gain(Z: Array, e: Array, layout: Layout, lam: float) -> float:
     """Log-likelihood gain on each block with the amplitude fitted on the others, summed.
 
-    With fewer than four blocks each is cut into four.  An amplitude that only the block itself determines, as a point
+    Blocks are whole records, because what disturbs a machine goes on from one part of a record into the next; of fewer
+    than three each is cut into four all the same.  An amplitude that only the block itself determines, as a point
     of a curve at a speed that no other record reaches, is not known from the others: it is held near zero, by a normal
     prior of the spread that the amplitudes of the whole fit have.
 
@@ -290,7 +291,7 @@ def held_out_gain(Z: Array, e: Array, layout: Layout, lam: float) -> float:
         Variance of the noise.
     """
     spans = [layout.rows(b) for b in range(len(layout.lengths))]
-    if len(spans) < 4:
+    if len(spans) < 3:
         spans = [
             slice(int(a), int(z))
             for sp in spans
