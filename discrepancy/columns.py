@@ -28,6 +28,8 @@ from multibody.side_by_side import cores, side_by_side
 
 __all__ = ["candidate_columns", "cannot_be_built"]
 
+STILL = 1e-12  # share of its value by which an input that is held may vary
+
 
 def _small_strength(motion: MotionRange) -> float:
     """A strength at which a creep that is not linear in it is looked at: small, but visible."""
@@ -155,7 +157,9 @@ def _record_columns(
                     pushes.append(Push(f"probe.{entry.where}", force))
         elif entry.kind.at == "input":
             u = experiment.record.signals[entry.where].values
-            shape = {"offset": np.ones_like(time), "gain": u, "delay": -np.gradient(u, time)}[entry.kind.law]
+            still = np.ptp(u) <= STILL * np.max(np.abs(u))  # its rate is nothing but rounding
+            late = np.zeros_like(time) if still else -np.gradient(u, time)
+            shape = {"offset": np.ones_like(time), "gain": u, "delay": late}[entry.kind.law]
             wanted.append(((entry.name, 0), len(pushes)))
             pushes.append(Push(entry.where, shape))
         elif entry.kind.at == "parameter":

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from multibody.system import System
     from multibody.trajectory import Trajectory
 
-__all__ = ["BEFORE", "LiftRig"]
+__all__ = ["BEFORE", "SENSED", "LiftRig", "dressed", "seen_by", "sources"]
 
 #: Time under control before a record, s.
 BEFORE = 1.0
@@ -65,6 +65,8 @@ _INPUTS = {
 }
 #: Quantities of the rig that are recorded under another name.
 _SOURCES = {"tau_L": "gear_loss.torque", "friction_c": "fric_c", "friction_cw": "fric_cw"}
+#: Channels that record an output of the rig.
+SENSED = tuple(n for n in _CHANNELS if n not in ("omega_ref", "payload"))
 _BODY = ("x", "y", "roll", "pitch", "yaw")
 _FREE = {
     "one_dimensional": (
@@ -272,47 +274,50 @@ class LiftRig(Rig):
     ) -> tuple[Model, list[Run]]:
         """Return the true lift, and a run of it for each name."""
         lift = Lift.reference(self.true_parameters(perturbed), payload=(0.0, 0.0, 0.0, 0.0))
-        true_model, recorded = lift.copy(), list(errors)
+        true_model, recorded = self._hiding(lift.copy(), hidden, errors)
+        rig = dressed(true_model, self.regularisation)
+        system = rig.build(outputs=sources())
+        stamps, fine = self.logger.stamps(self.duration), self.logger.fine_grid(self.duration, BEFORE)
+        found: list[Run] = []
+        for k, name in enumerate(names):
+            progress(f"trip {k + 1} of {len(names)}")
+            run = self._run(lift, system, k, fine)
+            found.append((name, stamps, self._logged(k, stamps, fine, seen_by(run), recorded)))
+        return true_model, found
+
+    def _hiding(
+        self, model: Model, hidden: Sequence[Hidden], errors: Sequence[SensorError]
+    ) -> tuple[Model, list[SensorError]]:
+        """Return the true machine with what is hidden in it, and the errors of all sensors."""
+        recorded = list(errors)
         for each in hidden:
             effect = each.effect
             if effect is not None and effect.definition.at == "input" and effect.where != "omega_ref":
                 recorded += _as_sensor(effect)
             else:
-                true_model = each.added_to(true_model)
+                model = each.added_to(model)
         recorded.append(
             SensorError("a_c", "offset", ACCELEROMETER_OFFSET * float(self.stream(_SENSORS).standard_normal()))
         )
-        rig = _dressed(true_model, self.regularisation)
-        wanted = [_SOURCES.get(n, n) for n in _CHANNELS if n not in ("omega_ref", "payload")]
-        system = rig.build(outputs=wanted)
-        stamps, fine = self.logger.stamps(self.duration), self.logger.fine_grid(self.duration, BEFORE)
-        found: list[Run] = []
-        for k, name in enumerate(names):
-            progress(f"trip {k + 1} of {len(names)}")
-            found.append((name, stamps, self._trip(lift, system, k, stamps, fine, recorded)))
-        return true_model, found
+        return model, recorded
 
-    def _trip(
-        self,
-        lift: Lift,
-        system: System,
-        number: int,
-        stamps: np.ndarray,
-        fine: np.ndarray,
-        errors: Sequence[SensorError],
-    ) -> dict[str, np.ndarray]:
-        """Run the rig once and return the columns as they are written."""
+    def _pushed(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return times and values of the force that disturbs a trip."""
+        times = np.arange(-round(BEFORE / CYCLE), self.trip(number).time.size) * CYCLE
+        return times, self.disturbance.draw(times.size, CYCLE, self.stream(200 + number))
+
+    def _run(self, lift: Lift, system: System, number: int, fine: np.ndarray, **inputs: Any) -> Trajectory:
+        """Run a lift once from rest; inputs that it needs beside the usual ones as (times, values)."""
         trip = self.trip(number)
-        p = {"payload.mass": trip.load}
-        pushed = np.arange(-round(BEFORE / CYCLE), trip.time.size) * CYCLE
-        force = self.disturbance.draw(pushed.size, CYCLE, self.stream(200 + number))
+        p = {} if "payload" in inputs else {"payload.mass": trip.load}
         lift.payload = (trip.load, 0.0, 0.0, 0.0)
+        resting = {n: float(v[1][0]) for n, v in inputs.items()}
         start = lift.equilibrium(
-            trip.height, system=system, inputs={"omega_ref": 0.0, "disturbance.force": 0.0}, parameters=p
+            trip.height, system=system, inputs={"omega_ref": 0.0, "disturbance.force": 0.0, **resting}, parameters=p
         )
-        run = system.simulate(
+        return system.simulate(
             (float(fine[0]), float(fine[-1])),
-            inputs={"omega_ref": (trip.time, trip.omega), "disturbance.force": (pushed, force)},
+            inputs={"omega_ref": (trip.time, trip.omega), "disturbance.force": self._pushed(number), **inputs},
             initial=start.state,
             parameters=p,
             times=fine,
@@ -320,7 +325,17 @@ class LiftRig(Rig):
             rtol=self.rtol,
             atol=self.rtol * 1e-3,
         )
-        rng = self.stream(300 + number)
+
+    def _logged(
+        self,
+        number: int,
+        stamps: np.ndarray,
+        fine: np.ndarray,
+        seen: Mapping[str, np.ndarray],
+        errors: Sequence[SensorError],
+    ) -> dict[str, np.ndarray]:
+        """Return the columns of a trip as they are written."""
+        trip, rng = self.trip(number), self.stream(300 + number)
         columns = {}
         for name, channel in _CHANNELS.items():
             if name == "omega_ref":
@@ -328,7 +343,7 @@ class LiftRig(Rig):
             elif name == "payload":
                 values = np.full_like(fine, trip.load)
             else:
-                values = run[_SOURCES.get(name, name)]
+                values = seen[name]
             columns[channel.column] = self.logger.read(channel, fine, values, stamps, rng, errors)
         return columns
 
@@ -348,7 +363,17 @@ def _section(name: str) -> tuple[str, str]:
     return ("motor" if owner == "machine" else owner), key
 
 
-def _dressed(model: Model, regularisation: float) -> Model:
+def seen_by(run: Trajectory, names: Sequence[str] = SENSED) -> dict[str, np.ndarray]:
+    """Return what the sensors of some channels are given by a run."""
+    return {n: run[_SOURCES.get(n, n)] for n in names}
+
+
+def sources(names: Sequence[str] = SENSED) -> list[str]:
+    """Return the outputs of the rig that some channels record."""
+    return [_SOURCES.get(n, n) for n in names]
+
+
+def dressed(model: Model, regularisation: float) -> Model:
     """Return the true lift with what only the rig has: loss of the gear, a force that disturbs."""
     from multibody.library import ForceSource
 

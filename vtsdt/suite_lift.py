@@ -17,9 +17,9 @@ TRIPS = 4
 UNKNOWN = "unknown_force@cabin.z"
 
 
-def case(seed: int, hidden: Sequence[str] = (), **settings: Any) -> Case:
+def case(seed: int, hidden: Sequence[str] = (), rig: type[LiftRig] = LiftRig, **settings: Any) -> Case:
     """Return recordings of the lift with something hidden, and the model under test."""
-    found = LiftRig(seed=seed, **{"trips": TRIPS, **settings}).case(hidden)
+    found = rig(seed=seed, **{"trips": TRIPS, **settings}).case(hidden)
     return replace(found, offsets=("a_c",))
 
 

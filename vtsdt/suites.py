@@ -7,7 +7,12 @@ from collections.abc import Sequence
 __all__ = ["MACHINES", "main"]
 
 #: Machines beside the axis, and the modules where they are; each is imported when it is asked for.
-MACHINES = {"lift": "vtsdt.suite_lift", "reference": "vtsdt.suite_reference", "gear": "gearbox.suite_gear"}
+MACHINES = {
+    "lift": "vtsdt.suite_lift",
+    "lift-1d": "vtsdt.suite_plain",
+    "reference": "vtsdt.suite_reference",
+    "gear": "gearbox.suite_gear",
+}
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -10,10 +10,12 @@ import math
 
 import pytest
 
+from discrepancy.bench import Disturbance
 from discrepancy.study import Study
 from discrepancy.suite import run_suite
 from discrepancy.trials import Trial, file_name, page, with_section
 from vtsdt import suite_reference
+from vtsdt.bench_plain import PlainLiftRig
 from vtsdt.bench_rig import LiftRig
 from vtsdt.suite_lift import case, names, sizes
 
@@ -80,3 +82,25 @@ def test_reference_model_is_told_the_rails_and_where_it_starts():
     assert set(rig.starts) < set(rig.model.build().state_names)
     assert not any(".roll" in n for n in rig.starts)  # across the rails both rest where the model rests
     assert "cabin_guide.v_s" in [q.name for q in rig.uncertain]
+
+
+def test_one_dimensional_lift_moves_as_the_one_with_guides_does():
+    import numpy as np
+
+    settings = {"seed": 5, "trips": 2, "disturbance": Disturbance(0.0)}
+    with_guides, plain = LiftRig(**settings).case([]), PlainLiftRig(**settings).case([])
+    for name in ("friction_c", "tau_L", "payload"):  # what rubs is recorded of the one with guides in both cases
+        rubs = [c.identify[0].signals[name].values for c in (plain, with_guides)]
+        np.testing.assert_array_equal(*rubs)
+    for name, close in (("cabin.z", 2e-4), ("F_c", 3.0), ("i_q", 0.05)):
+        values = [np.array(c.identify[0].signals[name].values) for c in (plain, with_guides)]
+        assert np.max(np.abs(values[0] - values[1])) < close
+        assert np.std(values[0] - values[1]) > 0.0  # it is another lift
+
+
+def test_an_effect_hidden_in_the_one_dimensional_lift_is_in_it():
+    hidden = PlainLiftRig(seed=5, trips=2).case(["constant_force@cabin.z"])
+    plain = PlainLiftRig(seed=5, trips=2).case([])
+    change = hidden.identify[0].signals["F_c"].values.mean() - plain.identify[0].signals["F_c"].values.mean()
+    push = hidden.truth["effects"][0]["parameters"]["push"]["value"]
+    assert abs(change) == pytest.approx(abs(push), rel=0.1)  # the rope carries it

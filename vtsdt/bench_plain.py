@@ -1,0 +1,62 @@
+"""The virtual lift for a 1D model that lacks nothing: the lift itself is one-dimensional.
+
+A lift with all 37 states has what no 1D model has: guides that damp and stick.  Here that lift only says which forces
+rub along the guides and in the gear; a 1D lift with the true parameters moves under them, and is what is recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from discrepancy.hidden import Hidden
+from discrepancy.rig import Progress, Run
+from estimation.experiment import SensorError
+from multibody.library import ForceSource
+from multibody.model import Model
+from vtsdt.bench_model import WeighedLoad
+from vtsdt.bench_rig import BEFORE, SENSED, LiftRig, dressed, seen_by, sources
+from vtsdt.lift import Lift
+
+__all__ = ["PlainLiftRig"]
+
+_RUBS = ("tau_L", "friction_c", "friction_cw")
+_MOVES = tuple(n for n in SENSED if n not in _RUBS)
+
+
+@dataclass(frozen=True)
+class PlainLiftRig(LiftRig):
+    """The rig of the lift with a one-dimensional lift in it; settings as of `vtsdt.bench_rig.LiftRig`."""
+
+    def record(
+        self,
+        perturbed: Mapping[str, float],
+        hidden: Sequence[Hidden],
+        errors: Sequence[SensorError],
+        names: Sequence[str],
+        progress: Progress,
+    ) -> tuple[Model, list[Run]]:
+        """Return the true lift, and a run of it for each name."""
+        given = self.true_parameters(perturbed)
+        guided, plain = Lift.reference(given, payload=(0.0, 0.0, 0.0, 0.0)), Lift.one_dimensional(given)
+        weighed = plain.copy()
+        load = weighed.add("payload", WeighedLoad())
+        weighed.connect(load.floor, "cabin.z_axis")
+        weighed.input("payload", load.mass, default=0.0)
+        true_model, recorded = self._hiding(weighed, hidden, errors)
+        disturbed = true_model.copy()
+        source = disturbed.add("disturbance", ForceSource())
+        disturbed.connect(source.flange, "cabin.z_axis")
+        disturbed.input("disturbance.force", source.force)
+        rubbing = dressed(guided.copy(), self.regularisation).build(outputs=sources(_RUBS))
+        moving = disturbed.build(outputs=sources(_MOVES))
+        stamps, fine = self.logger.stamps(self.duration), self.logger.fine_grid(self.duration, BEFORE)
+        found: list[Run] = []
+        for k, name in enumerate(names):
+            progress(f"trip {k + 1} of {len(names)}")
+            rubs = seen_by(self._run(guided, rubbing, k, fine), _RUBS)
+            inputs = {n: (fine, v) for n, v in rubs.items()}
+            run = self._run(plain, moving, k, fine, payload=(fine[[0, -1]], [self.trip(k).load] * 2), **inputs)
+            seen = {**rubs, **seen_by(run, _MOVES)}
+            found.append((name, stamps, self._logged(k, stamps, fine, seen, recorded)))
+        return true_model, found
