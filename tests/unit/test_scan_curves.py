@@ -126,3 +126,15 @@ def test_a_point_that_only_one_block_reaches_does_not_speak_against_a_curve():
     e = Z @ np.array([30.0, 20.0]) + rng.standard_normal(n)
     # the first amplitude is told by the others: 30²/2; the second by none, and costs next to nothing
     assert held_out_gain(Z, e, layout, 1.0) == pytest.approx(450.0, rel=0.25)
+
+
+def test_what_goes_on_within_one_record_is_not_foretold_by_its_parts():
+    rng = np.random.default_rng(2)
+    count, n = 3, 400
+    layout = Layout((n,) * count, 1)
+    shape = np.tile(np.sin(np.linspace(0.0, np.pi, n)), count)
+    Z = (shape / np.linalg.norm(shape))[:, None]
+    once = np.concatenate([2.0 * shape[:n], np.zeros((count - 1) * n)])  # a disturbance that lasts one record
+    alone = held_out_gain(Z, once + rng.standard_normal(count * n), layout, 1.0)
+    always = held_out_gain(Z, 2.0 * shape + rng.standard_normal(count * n), layout, 1.0)
+    assert alone < 0.0 < always
