@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 __all__ = ["SUITES", "Trial", "file_name", "page", "rates", "read_trials", "wilson", "with_section"]
 
@@ -108,9 +109,10 @@ def read_trials(path: Path) -> list[Trial]:
     """Read the trials of an earlier run."""
     if not path.exists():
         return []
-    rows = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
-    lists = ("hidden", "found", "ties", "tied")
-    return [Trial(**{k: tuple(v) if k in lists else v for k, v in r.items()}) for r in rows]
+    rows: list[dict[str, Any]] = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
+    for row in rows:
+        row |= {k: tuple(row[k]) for k in ("hidden", "found", "ties", "tied") if k in row}
+    return [Trial(**row) for row in rows]
 
 
 def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
