@@ -1,6 +1,6 @@
 """The search in ten 6 s trips of the lift with 17 states, of which nothing is missing: the whole of it.
 
-Eight trips are for choosing and two are held out; 144 candidates with 832 points of their shape grids, free curves at
+Eight trips are for choosing and two are held out; 144 candidates, free curves at
 every connection, and the question whether what is left follows the inputs.  The aim is 30 s on two processors.
 """
 

@@ -16,7 +16,7 @@ from vtsdt.lift import Lift
 from vtsdt.parameters import LiftParameters, ParameterError
 from vtsdt.profile import Profile
 
-__all__ = ["MODELS", "WeighedLoad", "build", "with_rails"]
+__all__ = ["MODELS", "WeighedLoad", "build", "weigh", "with_rails"]
 
 #: What ``vtsdt bench lift --model`` can put under test.
 MODELS = ("one_dimensional", "reference", "cabin")
@@ -113,7 +113,12 @@ def build(
     lift = make[model](given)
     resting = lift.at_rest()
     if model == "one_dimensional":
-        load = resting.add("payload", WeighedLoad())
-        resting.connect(load.floor, "cabin.z_axis")
-        resting.input("payload", load.mass, default=0.0)
+        weigh(resting)
     return resting
+
+
+def weigh(lift: Model) -> None:
+    """Give a lift a payload whose mass is the input ``payload``."""
+    load = lift.add("payload", WeighedLoad())
+    lift.connect(load.floor, "cabin.z_axis")
+    lift.input("payload", load.mass, default=0.0)

@@ -1,4 +1,4 @@
-"""Parts that the virtual lift has and no model under test: the gear's loss torque, measured by a torque sensor."""
+"""Parts that the virtual lift has and no model under test: the loss torque of its gear, and what disturbs it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import math
 
 from multibody.component import Component
 from multibody.declare import Output, Parameter, Power, Rotation
+from multibody.model import Model
 
-__all__ = ["GearLoss"]
+__all__ = ["GearLoss", "disturbed", "dressed"]
 
 
 class GearLoss(Component):
@@ -35,3 +36,26 @@ class GearLoss(Component):
         self.axis.torque = self.torque
         self.support.torque = -self.torque
         self.loss = -self.torque * speed
+
+
+def disturbed(model: Model) -> Model:
+    """Return a lift with a force on the cabin that no model knows."""
+    from multibody.library import ForceSource
+
+    rig = model.copy()
+    source = rig.add("disturbance", ForceSource())
+    rig.connect(source.flange, "cabin.z_axis")
+    rig.input("disturbance.force", source.force)
+    return rig
+
+
+def dressed(model: Model, regularisation: float) -> Model:
+    """Return the true lift with what only the rig has: loss of the gear, a force that disturbs."""
+    rig = disturbed(model)
+    loss = rig.add("gear_loss", GearLoss())
+    rig.connect(loss.axis, "pulley.axis")
+    rig.connect(loss.support, "pulley.support")
+    fades = {
+        f"{g}.v_s": regularisation * rig.components[g].values["v_s"] for g in ("cabin_guide", "counterweight_guide")
+    }
+    return rig.with_values(fades)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from discrepancy.hidden import Hidden
 from discrepancy.rig import Progress, Run
 from estimation.experiment import SensorError
-from multibody.library import ForceSource
 from multibody.model import Model
-from vtsdt.bench_model import WeighedLoad
-from vtsdt.bench_rig import BEFORE, SENSED, LiftRig, dressed, seen_by, sources
+from vtsdt.bench_model import weigh
+from vtsdt.bench_parts import disturbed, dressed
+from vtsdt.bench_rig import BEFORE, SENSED, LiftRig, seen_by, sources
 from vtsdt.lift import Lift
 
 __all__ = ["PlainLiftRig"]
@@ -40,16 +40,10 @@ class PlainLiftRig(LiftRig):
         given = self.true_parameters(perturbed)
         guided, plain = Lift.reference(given, payload=(0.0, 0.0, 0.0, 0.0)), Lift.one_dimensional(given)
         weighed = plain.copy()
-        load = weighed.add("payload", WeighedLoad())
-        weighed.connect(load.floor, "cabin.z_axis")
-        weighed.input("payload", load.mass, default=0.0)
+        weigh(weighed)
         true_model, recorded = self._hiding(weighed, hidden, errors)
-        disturbed = true_model.copy()
-        source = disturbed.add("disturbance", ForceSource())
-        disturbed.connect(source.flange, "cabin.z_axis")
-        disturbed.input("disturbance.force", source.force)
         rubbing = dressed(guided.copy(), self.regularisation).build(outputs=sources(_RUBS))
-        moving = disturbed.build(outputs=sources(_MOVES))
+        moving = disturbed(true_model).build(outputs=sources(_MOVES))
         stamps, fine = self.logger.stamps(self.duration), self.logger.fine_grid(self.duration, BEFORE)
         found: list[Run] = []
         for k, name in enumerate(names):

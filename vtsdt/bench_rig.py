@@ -21,7 +21,7 @@ from estimation.calibrate import UncertainParameter
 from estimation.experiment import SensorError
 from multibody.model import Model
 from vtsdt.bench_model import MODELS, build, with_rails
-from vtsdt.bench_parts import GearLoss
+from vtsdt.bench_parts import dressed
 from vtsdt.bench_rails import RailSpectrum, draw_rails, rail_tables
 from vtsdt.bench_trips import CYCLE, Trip, draw_trip, express
 from vtsdt.lift import Lift
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from multibody.system import System
     from multibody.trajectory import Trajectory
 
-__all__ = ["BEFORE", "SENSED", "LiftRig", "dressed", "seen_by", "sources"]
+__all__ = ["BEFORE", "SENSED", "LiftRig", "seen_by", "sources"]
 
 #: Time under control before a record, s.
 BEFORE = 1.0
@@ -371,23 +371,6 @@ def seen_by(run: Trajectory, names: Sequence[str] = SENSED) -> dict[str, np.ndar
 def sources(names: Sequence[str] = SENSED) -> list[str]:
     """Return the outputs of the rig that some channels record."""
     return [_SOURCES.get(n, n) for n in names]
-
-
-def dressed(model: Model, regularisation: float) -> Model:
-    """Return the true lift with what only the rig has: loss of the gear, a force that disturbs."""
-    from multibody.library import ForceSource
-
-    rig = model.copy()
-    source = rig.add("disturbance", ForceSource())
-    rig.connect(source.flange, "cabin.z_axis")
-    rig.input("disturbance.force", source.force)
-    loss = rig.add("gear_loss", GearLoss())
-    rig.connect(loss.axis, "pulley.axis")
-    rig.connect(loss.support, "pulley.support")
-    fades = {
-        f"{g}.v_s": regularisation * rig.components[g].values["v_s"] for g in ("cabin_guide", "counterweight_guide")
-    }
-    return rig.with_values(fades)
 
 
 def _as_sensor(effect: Any) -> list[SensorError]:
