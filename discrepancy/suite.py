@@ -42,6 +42,7 @@ def _module(machine: str) -> Any:
 def _diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axis", **rig: Any) -> Trial:
     import time
 
+    from discrepancy.coverage import coverage
     from discrepancy.study import Study
 
     begun = time.perf_counter()
@@ -60,6 +61,7 @@ def _diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axi
             size = math.sqrt(sum(v * v for v in true.values()))
             ratio = math.sqrt(sum(last.strengths[k] ** 2 for k in true)) / size if size else math.nan
     unknown = conclusion.extra.get("unknown", {})
+    inside, outside = coverage(study.stages[-1], case.truth) if sorted(names) == sorted(hidden) else (0, ())
     return Trial(
         suite,
         seed,
@@ -74,6 +76,8 @@ def _diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axi
         depends_on=str(unknown.get("depends_on") or ""),
         tied=tuple(dict.fromkeys(name for group in tied for name in group)),
         held_out=_beside_truth(study, hidden, names, case.truth["effects"]),
+        inside=inside,
+        outside=outside,
     )
 
 

@@ -40,6 +40,10 @@ class Trial:
         What could not be told from any of the effects added.
     held_out : float
         Error on the records held out over that of the model with what was hidden, averaged over the outputs.
+    inside : int
+        Of a model with exactly what was hidden: how many 95 % intervals hold the true value.
+    outside : tuple of str
+        The parameters whose interval does not.
     """
 
     suite: str
@@ -56,6 +60,8 @@ class Trial:
     depends_on: str = ""
     tied: tuple[str, ...] = ()
     held_out: float = math.nan
+    inside: int = 0
+    outside: tuple[str, ...] = ()
 
     @property
     def first(self) -> bool:
@@ -111,7 +117,7 @@ def read_trials(path: Path) -> list[Trial]:
         return []
     rows: list[dict[str, Any]] = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
     for row in rows:
-        row |= {k: tuple(row[k]) for k in ("hidden", "found", "ties", "tied") if k in row}
+        row |= {k: tuple(row[k]) for k in ("hidden", "found", "ties", "tied", "outside") if k in row}
     return [Trial(**row) for row in rows]
 
 
@@ -122,7 +128,7 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
         return []
     suite, n = trials[0].suite, len(trials)
     if suite == "null":
-        return [("false alarms", sum(t.missed for t in trials), n)]
+        return [("false alarms", sum(t.missed for t in trials), n), *_coverage(trials)]
     if suite == "unknown":
         return [
             ("verdict 'unknown effect'", sum(t.verdict == "unknown effect" for t in trials), n),
@@ -135,6 +141,7 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
             (f"{word} named", sum(t.all_found for t in trials), n),
             (f"{word} named or tied with what is named", sum(t.all_tied for t in trials), n),
             *_held_out(trials),
+            *_coverage(trials),
         ]
     counted = [t for t in trials if t.verdict != "refused"]
     rows = [
@@ -147,6 +154,7 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
             sum(t.first for t in counted),
         ),
         *_held_out(counted),
+        *_coverage(counted),
     ]
     for name in dict.fromkeys(t.hidden[0] for t in counted):
         of = [t for t in counted if t.hidden[0] == name]
@@ -158,6 +166,13 @@ def _held_out(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
     """Return how often the error held out is that of the true model, of the trials in which it was looked at."""
     known = [t.held_out for t in trials if math.isfinite(t.held_out)]
     return [("held-out error within 5 % of the true model's", sum(h <= 1.05 for h in known), len(known))] * bool(known)
+
+
+def _coverage(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
+    """Return how many 95 % intervals hold the true value, of the trials that ended with exactly what was hidden."""
+    inside, outside = sum(t.inside for t in trials), sum(len(t.outside) for t in trials)
+    right = sum(bool(t.inside or t.outside) for t in trials)
+    return [(f"95 % intervals with the true value in them ({right} trials)", inside, inside + outside)] * bool(right)
 
 
 def _right_axis(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
