@@ -17,6 +17,7 @@ from discrepancy.built_in import Plan, built_in_columns
 from discrepancy.catalogue import Entry
 from discrepancy.confrontation import Confrontation
 from discrepancy.effects import Effect
+from discrepancy.free_curves import curve_columns, free_curves
 from discrepancy.from_scan import DIFFERENCE, differs_from
 from discrepancy.kinds import MotionRange
 from discrepancy.law_force import MOTION, law_force
@@ -37,7 +38,12 @@ def _small_strength(motion: MotionRange) -> float:
 
 
 def candidate_columns(
-    facts: Confrontation, entries: Sequence[Entry], progress: Any = None, effects: Sequence[Effect] = ()
+    facts: Confrontation,
+    entries: Sequence[Entry],
+    progress: Any = None,
+    effects: Sequence[Effect] = (),
+    *,
+    curves: bool = False,
 ) -> tuple[list[Candidate], list[tuple[Entry, str]]]:
     """Return the candidates with their columns, and the entries that these records cannot speak about.
 
@@ -49,6 +55,8 @@ def candidate_columns(
         Gets a line of text now and then.
     effects : sequence of Effect
         What has been added to the model: of a richer law of one of them only what is new is a candidate.
+    curves : bool
+        Whether the free curves will be asked about as well: their columns then come from the same transitions.
     """
     refused: list[tuple[Entry, str]] = []
     plans: list[Plan] = []
@@ -68,7 +76,7 @@ def candidate_columns(
             plans.append((entry, entry.kind.component_shapes(part, ending), list(entry.kind.strengths)))
         else:
             plans.append((entry, [{}], list(entry.kind.strengths)))
-    columns = _all_columns(facts, plans, progress)
+    columns = _all_columns(facts, plans, progress, curves)
     found: list[Candidate] = []
     far = far_away(facts)
     for entry, shapes, strengths in plans:
@@ -76,7 +84,7 @@ def candidate_columns(
         if far and takes_secants(entry):
             if progress is not None:
                 progress(f"simulate {entry.name} at strengths that matter: the model is far from the machine")
-            bent = secant_columns(facts, entry, shapes)
+            bent = secant_columns(facts, entry, shapes, cols)
             shapes, cols = [*shapes, *(s for s, _ in bent)], [*cols, *(c for _, c in bent)]
         quiet = [not any(np.any(b) for b in shape) for shape in cols]
         if all(quiet):
@@ -101,13 +109,16 @@ def candidate_columns(
     return found, refused
 
 
-def _all_columns(facts: Confrontation, plans: Sequence[Plan], progress: Any) -> dict[tuple[str, int], list[np.ndarray]]:
+def _all_columns(
+    facts: Confrontation, plans: Sequence[Plan], progress: Any, curves: bool
+) -> dict[tuple[str, int], list[np.ndarray]]:
     """Return the columns of every candidate, record by record, side by side."""
+    through = [c.channel for c in free_curves(facts)] if curves else []
 
     def of(i: int) -> dict[tuple[str, int], np.ndarray]:
         if progress is not None:
             progress(f"sensitivities of {len(plans)} candidates on {facts.experiments[i].name}")
-        return _record_columns(facts, i, plans)
+        return _record_columns(facts, i, plans, through)
 
     count = len(facts.experiments)
     first = of(0)  # what it compiles and builds serves the others
@@ -139,8 +150,9 @@ def _record_columns(
     facts: Confrontation,
     index: int,
     plans: Sequence[Plan],
+    curves: Sequence[str] = (),
 ) -> dict[tuple[str, int], np.ndarray]:
-    """Return one record's columns of every candidate and shape."""
+    """Return one record's columns of every candidate and shape; those of free curves, if any, stay with the facts."""
     experiment = facts.experiments[index]
     time = np.array(experiment.record.time)
     run = facts.motions(index)
@@ -169,8 +181,9 @@ def _record_columns(
     parts: dict[tuple[str, int], list[np.ndarray]] = {}
     batch = 192  # limits memory
     start = facts.start(index)
-    if worth_it(facts.slim, pushes):  # for all batches at once
-        response_of(experiment, facts.slim, facts.p, start, pushes)
+    together = worth_it(facts.slim, pushes)
+    if together:  # for all batches at once
+        response_of(experiment, facts.slim, facts.p, start, pushes, curves)
     for first in range(0, len(pushes), batch):
         part = pushes[first : first + batch]
         dy = experiment.respond(
@@ -179,6 +192,8 @@ def _record_columns(
         for key, k in wanted:
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])
+    if together and curves:
+        curve_columns(facts, index)
     forget(experiment)
     columns = {key: np.stack(group, axis=2) for key, group in parts.items()}
     columns |= built_in_columns(facts, index, built_in) | sensors

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from discrepancy.blocks import Residual, Sensitivities
 from discrepancy.kinds import MotionRange
+from discrepancy.whitened import plain_projection
 
 if TYPE_CHECKING:
     from discrepancy.catalogue import Entry
@@ -157,6 +158,18 @@ class Confrontation:
         offset = np.where(np.isfinite(prior), np.array([p.value for p in parameters]) - values, 0.0)
         self._cache["sensitivities"] = Sensitivities([p.name for p in parameters], blocks, prior, offset, nuisance)
         return self._cache["sensitivities"]
+
+    def direction(self, blocks: Sequence[np.ndarray]) -> np.ndarray | None:
+        """Return where a column, (n, n_channels, 1) of each record, points once it is free of calibration.
+
+        Each channel is weighed by its root mean square.  A direction is a unit vector; None where nothing is left.
+        """
+        if "projection" not in self._cache:
+            self._cache["projection"] = plain_projection(self.residual(), self.sensitivities())
+        found = self._cache["projection"]
+        column = found.remove(found.layout.stack(found.whitener, blocks))[:, 0]
+        size = float(np.linalg.norm(column))
+        return column / size if size > 0.0 else None
 
     def range_of(self, entry: Entry) -> MotionRange:
         """Return how far and fast a connection moved."""

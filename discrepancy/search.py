@@ -106,7 +106,7 @@ def search_step(
     facts = Confrontation.of_stage(stage, scan_preparation(stage))
     experiment = stage.identify.fits[0].experiment
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
-    candidates, refused = candidate_columns(facts, entries, progress, stage.effects)
+    candidates, refused = candidate_columns(facts, entries, progress, stage.effects, curves=not stage.effects)
     residual, sensitivities = facts.residual(), facts.sensitivities()
     progress(f"scores of {len(candidates)} candidates")
     scans = _scans(residual, sensitivities, candidates, level, seed, stage.noise)

@@ -12,6 +12,7 @@ residual before measuring the noise (the profile) costs one extra inner product,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,15 +66,23 @@ class Bands:
 
     def cross(self, stacked: Array) -> Array:
         """Band cross-energies Σ w x_c conj(x_d), shape (n_bands, n_channels, n_channels, m), complex."""
+        blocks = range(len(self.layout.lengths))
+        found = side_by_side(lambda b: self._energies(self.spectra(stacked, b), b), blocks)
+        return self._summed(found, stacked.shape[1])
+
+    def cross_of(self, spectra: Sequence[Array]) -> Array:
+        """Return what `cross` does, from the spectra of every block."""
+        blocks = range(len(self.layout.lengths))
+        return self._summed(side_by_side(lambda b: self._energies(spectra[b], b), blocks), len(spectra[0]))
+
+    def _energies(self, spectra: Array, block: int) -> list[tuple[int, Array]]:
+        X = spectra * np.sqrt(self.weight[block])
+        return [(k, X[:, :, part] @ X[:, :, part].conj().swapaxes(1, 2)) for k, part in self.ranges(block)]
+
+    def _summed(self, energies: Sequence[list[tuple[int, Array]]], m: int) -> Array:
         C = self.layout.n_channels
-        out = np.zeros((self.n, stacked.shape[1], C, C), dtype=complex)
-
-        def of_block(b: int) -> list[tuple[int, Array]]:
-            X = self.spectra(stacked, b)
-            X *= np.sqrt(self.weight[b])
-            return [(k, X[:, :, part] @ X[:, :, part].conj().swapaxes(1, 2)) for k, part in self.ranges(b)]
-
-        for found in side_by_side(of_block, range(len(self.layout.lengths))):
+        out = np.zeros((self.n, m, C, C), dtype=complex)
+        for found in energies:
             for k, energy in found:
                 out[k] += energy
         return np.moveaxis(out, 1, 3)
@@ -183,7 +192,9 @@ def score_variance(Z: Array, groups: list[slice], bands: Bands) -> ScoreVariance
     C, K = lay.n_channels, bands.n
     root = np.sqrt(bands.count)
     norm = root[:, :, None] * root[:, None, :]
-    cross = bands.cross(Z)
+    blocks = range(len(lay.lengths))
+    spectra = side_by_side(lambda b: bands.spectra(Z, b), blocks)
+    cross = bands.cross_of(spectra)
     # A[d, c] acts on e_c; averaging over the columns of a group gives λ = tr(V)/k.
     A = np.empty((len(groups), K, C, C), dtype=complex)
     dof = np.empty(len(groups))
@@ -199,14 +210,14 @@ def score_variance(Z: Array, groups: list[slice], bands: Bands) -> ScoreVariance
     per_column = A[col_group]
 
     def of_block(b: int) -> None:
-        X, n = bands.spectra(Z, b), lay.lengths[b]
+        X, n = spectra[b], lay.lengths[b]
         for k, part in bands.ranges(b):
             X[:, :, part] = per_column[:, k] @ X[:, :, part]
         back = np.fft.irfft(X, n=n, axis=2)
         back *= np.sqrt(n)
         M[lay.rows(b)] = back.T.reshape(-1, Z.shape[1])
 
-    side_by_side(of_block, range(len(lay.lengths)))
+    side_by_side(of_block, blocks)
     alone = np.einsum("ij,ij->j", Z, M)
     own = [
         Z[:, cols].T @ M[:, cols] if cols.stop - cols.start > 1 else alone[cols, None] for cols in groups

@@ -14,12 +14,10 @@ import numpy as np
 
 from discrepancy.blocks import Candidate
 from discrepancy.confrontation import Confrontation
-from discrepancy.effect_laws import CURVE_OVER, CURVE_POINTS
 from discrepancy.effects import Effect
+from discrepancy.free_curves import curve_columns, free_curves
 from discrepancy.kinds import kind_named
-from discrepancy.law_force import MOTION
-from estimation.experiment import Push
-from estimation.push_response import forget, response_of, worth_it
+from estimation.push_response import forget
 from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
@@ -55,104 +53,18 @@ class CurveOffer:
     scan: ScanResult
 
 
-def _tents(x: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return piecewise linear basis functions over evenly spaced points, shape (nt, CURVE_POINTS)."""
-    s = np.clip((x - low) / (high - low), 0.0, 1.0) * (CURVE_POINTS - 1)
-    return np.maximum(0.0, 1.0 - np.abs(s[:, None] - np.arange(CURVE_POINTS)))
-
-
-def _argument(over: str, motion: dict[str, np.ndarray], time: np.ndarray) -> np.ndarray:
-    return {
-        "position": motion["position"],
-        "friction": motion["position"],
-        "speed": motion["velocity"],
-        "time": time,
-    }[over]
-
-
-@dataclass(frozen=True, eq=False)
-class _Curves:
-    """The free curves at a place: over what, from where to where, and the arguments and the speed in every record."""
-
-    place: Place
-    v_s: float
-    ranges: list[tuple[str, float, float]]
-    arguments: list[list[np.ndarray]]
-    speeds: list[np.ndarray]
-
-    @classmethod
-    def at(cls, place: Place, facts: Confrontation, runs: Sequence[dict[str, np.ndarray]]) -> _Curves:
-        names = [n for n, _ in place.motion_names()]
-        motions = [
-            {
-                g: run[f"place.{place.name}.{n}"]
-                for g, n in zip(MOTION, names, strict=True)
-                if f"place.{place.name}.{n}" in run
-            }
-            for run in runs
-        ]
-        speeds = [m["velocity"] for m in motions]
-        ranges, all_arguments = [], []
-        for over in CURVE_OVER:
-            arguments = [
-                _argument(over, m, np.array(e.record.time)) for m, e in zip(motions, facts.experiments, strict=True)
-            ]
-            low, high = float(min(a.min() for a in arguments)), float(max(a.max() for a in arguments))
-            if high - low >= 1e-9:
-                ranges.append((over, low, high))
-                all_arguments.append(arguments)
-        v_s = max(0.01 * float(np.quantile(np.abs(np.concatenate(speeds)), 0.95)), 1e-12)
-        return cls(place, v_s, ranges, all_arguments, speeds)
-
-    def pushes(self, record: int) -> list[Push]:
-        """Return the force of every point of every curve along a record."""
-        pushes = []
-        for (over, low, high), arguments in zip(self.ranges, self.arguments, strict=True):
-            basis = _tents(arguments[record], low, high)
-            if over == "friction":
-                basis = -basis * np.tanh(self.speeds[record] / self.v_s)[:, None]
-            pushes += [Push(f"probe.{self.place.name}", basis[:, k]) for k in range(CURVE_POINTS)]
-        return pushes
-
-    def candidates(self, blocks: Sequence[np.ndarray]) -> list[Candidate]:
-        """Return a candidate for each curve, from what its points change in the outputs of all records."""
-        found = []
-        for k, (over, low, high) in enumerate(self.ranges):
-            own = slice(k * CURVE_POINTS, (k + 1) * CURVE_POINTS)
-            found.append(
-                Candidate(
-                    f"unknown_force over {over}",
-                    self.place.name,
-                    (tuple(block[:, :, own] for block in blocks),),
-                    ({"low": low, "high": high, "v_s": self.v_s},),
-                    amplitudes=tuple(f"curve.y[{k}]" for k in range(CURVE_POINTS)),
-                    info={"place": self.place, "over": over},
-                )
-            )
-        return found
-
-
 def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Candidate]:
     """Return a candidate for each moving place and each regressor of a free curve."""
-    count = len(facts.experiments)
-    runs = [facts.motions(i) for i in range(count)]
-    curves = [c for c in (_Curves.at(place, facts, runs) for place in places) if c.ranges]
+    wanted = {p.name for p in places}
+    curves = [c for c in free_curves(facts) if c.place.name in wanted]
 
-    def of_record(i: int) -> list[np.ndarray]:
-        experiment, start = facts.experiments[i], facts.start(i)
-        forces = [c.pushes(i) for c in curves]
-        every = [f for group in forces for f in group]
-        if worth_it(facts.slim, every):  # for all places at once
-            response_of(experiment, facts.slim, facts.p, start, every)
-        found = [
-            experiment.respond(facts.slim, facts.p, start, pushes=group, sensors=facts.sensors).derivatives
-            for group in forces
-        ]
-        forget(experiment)
-        return [facts.shaped(i, one) for one in found]
+    def of_record(i: int) -> dict[str, np.ndarray]:
+        found = curve_columns(facts, i)
+        forget(facts.experiments[i])
+        return found
 
-    blocks = side_by_side(of_record, range(count))
-    return [one for k, c in enumerate(curves) for one in c.candidates([of_one[k] for of_one in blocks])]
+    blocks = side_by_side(of_record, range(len(facts.experiments)))
+    return [one for c in curves for one in c.candidates([of_one[c.place.name] for of_one in blocks])]
 
 
 def curve_effect(candidate: Candidate, amplitude: np.ndarray, shape: dict[str, float], stage: Stage) -> Effect:

@@ -44,8 +44,8 @@ def whiten_all(
 ) -> Whitened:
     """Whiten and project residual, sensitivities and candidates; on request keep only those that explain most."""
     has_prior = np.isfinite(sens.prior_std)
-    layout = Layout(tuple(len(b) for b in residual.blocks), len(residual.channels), int(has_prior.sum()))
-    proj = project(whitener, sens, layout)
+    proj = _projection(whitener, residual, sens)
+    layout = proj.layout
     e_raw = layout.stack(whitener, residual.blocks, sens.prior_offset[has_prior] / sens.prior_std[has_prior])
     e = proj.remove(e_raw.copy())
     # One scale for all channels keeps their relative weight and makes the noise variance one.
@@ -54,6 +54,16 @@ def whiten_all(
         columns = most_explaining(columns, e)
     scorer = make_scorer(columns, proj, residual.dt) if columns.groups else None
     return Whitened(whitener, proj, e_raw, e, columns, scorer)
+
+
+def _projection(whitener: Whitener, residual: Residual, sens: Sensitivities) -> Projection:
+    known = int(np.isfinite(sens.prior_std).sum())
+    return project(whitener, sens, Layout(tuple(len(b) for b in residual.blocks), len(residual.channels), known))
+
+
+def plain_projection(residual: Residual, sens: Sensitivities) -> Projection:
+    """Return what frees columns of calibration, each channel being weighed by its root mean square alone."""
+    return _projection(plain_weights(residual), residual, sens)
 
 
 def _stacked(

@@ -174,10 +174,18 @@ def _fill_stiff(
 
 
 def response_of(
-    experiment: Experiment, system: System, p: np.ndarray, x0: np.ndarray, pushes: Sequence[Push]
+    experiment: Experiment,
+    system: System,
+    p: np.ndarray,
+    x0: np.ndarray,
+    pushes: Sequence[Push],
+    also: Sequence[str] = (),
 ) -> PushResponse:
-    """Return the transitions for some pushes; the last ones are kept with the experiment until `forget`."""
-    channels = tuple(dict.fromkeys(q.channel for q in pushes))
+    """Return the transitions for some pushes; the last ones are kept with the experiment until `forget`.
+
+    ``also`` names further inputs that will be pushed.
+    """
+    channels = tuple(dict.fromkeys([*(q.channel for q in pushes), *also]))
     kept = _kept(experiment, system, p, x0)
     if kept is not None:
         if set(channels) <= set(kept.channels):

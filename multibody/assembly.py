@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from multibody.places import Place, places_of
 from multibody.spatial.tree import assemble_spatial
 from multibody.statements import Statement, variable
 
-__all__ = ["assemble", "find_places"]
+__all__ = ["assemble", "find_places", "with_outputs"]
 
 
 def assemble(
@@ -60,12 +61,24 @@ def assemble(
         accelerations(work)
         _energies(model, work, energy)
         _show(model, net, work)
-    if outputs is not None and not work.faults:
-        _keep(work, [*outputs, *_guards(model)])
     if work.faults:
         raise ModelError(model.name, work.faults)
     _rename(work)
-    return work
+    return work if outputs is None else with_outputs(work, model, outputs)
+
+
+def with_outputs(work: Assembly, model: Model, outputs: Iterable[str]) -> Assembly:
+    """Return a model's equations with these outputs only, and those that its simulation needs to look at.
+
+    Raises
+    ------
+    ModelError
+        If there is no such output.
+    """
+    names, known = [*outputs, *_guards(model)], {q.name: q for q in work.outputs}
+    if faults := [f"there is no output '{n}'{nearest(n, known)}" for n in names if n not in known]:
+        raise ModelError(model.name, faults)
+    return replace(work, outputs=[known[n] for n in dict.fromkeys(names)])
 
 
 def find_places(model: Model) -> list[Place]:
@@ -276,12 +289,6 @@ def _guards(model: Model) -> list[str]:
         for name in pair
         if isinstance(component.declarations.get(name), Output)
     ]
-
-
-def _keep(work: Assembly, names: list[str]) -> None:
-    known = {q.name: q for q in work.outputs}
-    work.faults += [f"there is no output '{n}'{nearest(n, known)}" for n in names if n not in known]
-    work.outputs = [known[n] for n in dict.fromkeys(names) if n in known]
 
 
 def _rename(work: Assembly) -> None:

@@ -2,7 +2,7 @@
 
 To put the equations of a lift together takes a fifth of a second, as much as all else that a new process needs beside
 its imports.  Only the first builds of a process look into the cache and are kept there: later ones are mostly variants
-that nobody builds a second time.
+that no other process builds.  Those are kept in memory: see `multibody.structure`.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ import numpy as np
 from multibody.cache import cache_dir, digest_of, kept_text, read_object, write_object
 from multibody.equation_set import Quantity
 from multibody.passing import speed_signals
+from multibody.structure import Unknown, keep, recall, said, structure_of, with_values_of
 
 if TYPE_CHECKING:
+    from multibody.equation_set import Assembly
     from multibody.model import Model
     from multibody.places import Place
 
@@ -83,27 +85,57 @@ def plan_of(model: Model, probes: bool, energy: bool, outputs: Iterable[str] | N
     outputs = None if outputs is None else tuple(outputs)
     path = None
     if _built <= BUILDS and not probes:
-        with contextlib.suppress(_Unknown, OSError):  # a model can be put together without a cache
+        with contextlib.suppress(Unknown, OSError):  # a model can be put together without a cache
             path = cache_dir() / f"plan_{_key(model, energy, outputs)}.json"
     if path is not None and (found := read_object(path)) is not None:
-        kept = _read(json.loads(found[0]), lambda: _assembled(model, probes, energy, outputs))
-        for given in kept.inputs:  # an assembly tells the model's inputs their units
-            if given.name in model.inputs:
-                model.inputs[given.name].unit = given.unit
-        return kept
+        return _told(model, _read(json.loads(found[0]), lambda: _assembled(model, probes, energy, outputs)))
+    if path is None:
+        return _remembered(model, probes, energy, outputs)
     made = _assembled(model, probes, energy, outputs)
-    if path is not None:
-        with contextlib.suppress(OSError):  # another process may clear the same folder
-            _prune(path.parent)
-            write_object(path, json.dumps(_written(made)).encode())
+    with contextlib.suppress(OSError):  # another process may clear the same folder
+        _prune(path.parent)
+        write_object(path, json.dumps(_written(made)).encode())
     return made
+
+
+def _told(model: Model, plan: Plan) -> Plan:
+    """Tell a model's inputs their units, as an assembly does, and return the plan."""
+    for given in plan.inputs:
+        if given.name in model.inputs:
+            model.inputs[given.name].unit = given.unit
+    return plan
+
+
+def _remembered(model: Model, probes: bool, energy: bool, outputs: tuple[str, ...] | None) -> Plan:
+    """Return a plan whose equations, or all that they are chosen from, are those of an earlier build where possible."""
+    from multibody.assembly import assemble, with_outputs
+
+    structure = structure_of(model)
+    if structure is None:
+        return _assembled(model, probes, energy, outputs)
+    key = (structure, probes, energy)
+    plan = recall((*key, outputs))
+    if plan is None:
+        whole = recall(key)
+        if whole is None:
+            whole = assemble(model, probes=probes, energy=energy)
+            if not whole.unknowns:  # whether implicit equations can be solved depends on the values
+                keep(key, whole)
+        plan = _generated(model, whole if outputs is None else with_outputs(whole, model, outputs))
+        if not whole.unknowns:
+            keep((*key, outputs), plan)
+    return _told(model, dataclasses.replace(plan, parameters=with_values_of(model, plan.parameters)))
 
 
 def _assembled(model: Model, probes: bool, energy: bool, outputs: tuple[str, ...] | None) -> Plan:
     from multibody.assembly import assemble
+
+    return _generated(model, assemble(model, probes=probes, energy=energy, outputs=outputs))
+
+
+def _generated(model: Model, work: Assembly) -> Plan:
     from multibody.codegen import generate
 
-    work = assemble(model, probes=probes, energy=energy, outputs=outputs)
     speeds = speed_signals(model, {q.name for q in (*work.outputs, *work.states)})
     source = generate(work, speeds)
     by_variable = {q.variable: k for k, q in enumerate(work.states)}
@@ -176,31 +208,14 @@ def _prune(folder: Path) -> None:
 # ---------------------------------------------------------------- what a plan follows from
 
 
-class _Unknown(Exception):
-    """Something that a key cannot tell apart from its like."""
-
-
 def _key(model: Model, energy: bool, outputs: tuple[str, ...] | None) -> str:
     parts = [FORMAT, sys.version, np.__version__, model.name, repr((energy, outputs)), _class(type(model))]
     for name, component in model.components.items():
         own = {k: v for k, v in vars(component).items() if k != "declarations"}
-        parts += [name, _class(type(component)), _said(own), repr(tuple(component.declarations))]
-    parts += [_said(each) for each in (model.connections, model.outputs, model.features)]
+        parts += [name, _class(type(component)), said(own), repr(tuple(component.declarations))]
+    parts += [said(each) for each in (model.connections, model.outputs, model.features)]
     parts += [repr(dataclasses.replace(given, unit="")) for given in model.inputs.values()]
     return digest_of(*parts, *(f"{given}" for given in model.declared_faults))
-
-
-def _said(value: Any) -> str:
-    """Return a text that is the same for equal values only."""
-    if value is None or isinstance(value, str | bool | int | float):
-        return repr(value)
-    if isinstance(value, dict):
-        return "{" + ",".join(f"{_said(k)}:{_said(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "(" + ",".join(map(_said, value)) + ")"
-    if isinstance(value, np.ndarray) and value.dtype == np.float64:
-        return f"{value.shape}{digest_of(value.tobytes().hex())}"
-    raise _Unknown
 
 
 def _class(cls: type) -> str:
@@ -209,10 +224,10 @@ def _class(cls: type) -> str:
     for base in cls.__mro__[:-1]:
         module = sys.modules.get(base.__module__)
         if getattr(module, base.__name__, None) is not base:  # made inside a function, or replaced
-            raise _Unknown
+            raise Unknown
         file = getattr(module, "__file__", None)
         if any(f.__code__.co_filename != file for f in vars(base).values() if hasattr(f, "__code__") and _equations(f)):
-            raise _Unknown
+            raise Unknown
         texts.append(f"{base.__module__}.{base.__name__} {_package(base.__module__.partition('.')[0])}")
     return "\n".join(texts)
 
@@ -226,7 +241,7 @@ def _package(name: str) -> str:
     """Return what changes with every file of a package, as Python's own cache of byte code sees it."""
     folders = [str(folder) for folder in getattr(sys.modules.get(name), "__path__", ())]
     if not folders:
-        raise _Unknown
+        raise Unknown
     files = []
     for folder in folders:
         for place, _, names in os.walk(folder):

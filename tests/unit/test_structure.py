@@ -1,0 +1,118 @@
+"""Models of the same structure share their equations within a process, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from multibody import Model, ModelError, assembly, plan, structure
+from multibody.library import Mass, Spring
+from vtsdt.lift import Lift
+
+NAMED = ("states", "inputs", "parameters", "outputs", "speed_names", "input_delays", "rate_states")
+TEXTS = ("rhs", "outputs", "speeds", "rhs_tangent", "outputs_tangent", "rhs_columns")
+
+
+@pytest.fixture
+def assembled(monkeypatch):
+    """Return the list of models that are assembled from now on, with nothing kept from before."""
+    found = []
+    real = assembly.assemble
+
+    def told(model, **options):
+        found.append(model.name)
+        return real(model, **options)
+
+    structure.forget()
+    monkeypatch.setattr(plan, "_built", plan.BUILDS)
+    monkeypatch.setattr(assembly, "assemble", told)
+    yield found
+    structure.forget()
+
+
+def oscillator(stiffness=100.0, mass=Mass, **start):
+    model = Model("oscillator")
+    body = model.add("body", mass(m=1.0, **start))
+    spring = model.add("spring", Spring(stiffness=stiffness))
+    model.connect(spring.a, model.ground)
+    model.connect(spring.b, body.flange)
+    return model
+
+
+def same(kept, fresh):
+    for name in NAMED:
+        assert getattr(kept, name) == getattr(fresh, name), name
+    assert {n: kept.texts[n] for n in TEXTS} == {n: fresh.texts[n] for n in TEXTS}
+    np.testing.assert_array_equal(kept.sparsity, fresh.sparsity)
+    assert kept.places == fresh.places
+
+
+def test_other_values_and_fewer_outputs_come_from_one_assembly(assembled):
+    lift = Lift.one_dimensional()
+    changed = lift.with_values({"cabin.mass": 321.0})
+    lift.build(probes=True)
+    found = [m.build(probes=True, outputs=o) for m in (lift, changed) for o in (None, ("a_c", "F_c"))]
+    assert len(assembled) == 1
+    assert found[2].p[found[2].index("parameter", "cabin.mass")] == 321.0
+    assert found[0].p[found[0].index("parameter", "cabin.mass")] != 321.0
+    for k, model in ((2, changed), (3, changed)):
+        structure.forget()
+        same(found[k], model.build(probes=True, outputs=None if k == 2 else ("a_c", "F_c")))
+    assert changed.inputs == lift.inputs  # their units, too
+
+
+def test_what_is_not_a_value_is_another_structure(assembled, monkeypatch):
+    oscillator().build()
+    oscillator(200.0).build()
+    assert len(assembled) == 1
+    assert oscillator(position=0.2).build().start[0] == 0.2
+    oscillator().build(energy=True)
+    oscillator().build(probes=True)
+    oscillator().copy("other").build()
+    assert len(assembled) == 5
+
+    class Heavy(Mass):
+        """A mass of this test."""
+
+    assert oscillator(mass=Heavy).build().state_names == oscillator().build().state_names
+    assert len(assembled) == 6
+
+    def equations(self):
+        self.a.force = 2.0 * self.stiffness * (self.a.position - self.b.position)
+        self.b.force = -self.a.force
+        self.force = self.a.force
+        self.energy = self.stiffness * (self.a.position - self.b.position) ** 2
+
+    before = structure.structure_of(oscillator())
+    monkeypatch.setattr(Spring, "equations", equations, raising=False)
+    assert structure.structure_of(oscillator()) != before
+
+
+def test_faults_are_told_although_the_structure_is_known(assembled):
+    oscillator().build()
+    with pytest.raises(ModelError, match="least value"):
+        oscillator(-1.0).build()
+    with pytest.raises(ModelError, match=r"no output 'body\.positon'"):
+        oscillator().build(outputs=["body.positon"])
+    assert structure.structure_of(oscillator(-1.0)) is None
+    kept = oscillator().components["spring"]
+    kept.made_of = object()  # what cannot be told apart
+    model = Model("odd")
+    model.add("spring", kept)
+    assert structure.structure_of(model) is None
+
+
+def test_only_so_many_are_kept(assembled, monkeypatch):
+    monkeypatch.setattr(structure, "KEPT", 2)
+    for k in range(3):
+        oscillator().copy(f"number {k}").build()
+    assert len(structure._kept) == 2
+    oscillator().copy("number 0").build()
+    assert len(assembled) == 4
+
+
+def test_a_kept_plan_keeps_its_own_values(assembled):
+    first = oscillator(100.0).build()
+    second = oscillator(101.0).build()
+    assert [s.p[s.index("parameter", "spring.stiffness")] for s in (first, second)] == [100.0, 101.0]
+    assert first.texts["rhs"] == second.texts["rhs"]
