@@ -64,7 +64,7 @@ def structure_of(model: Model) -> tuple[Any, ...] | None:
     None where that cannot be told, or the model has a fault.  Start values and tables count, and the parameters of a
     component that writes its equations itself.
     """
-    parts: list[Any] = [type(model), model.name]
+    parts: list[Any] = [model.name]
     if model.declared_faults:
         return None
     try:
