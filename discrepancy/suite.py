@@ -95,20 +95,21 @@ def _beside_truth(study: Any, hidden: Sequence[str], named: Sequence[str], truth
         return 1.0
     start, experiment = study.stages[1], study.setup.identify[0]
     entries = {e.name: e for e in catalogue(start.system, experiment.outputs, experiment.inputs)}
-    effects = []
+    effects, bent = [], False
     for each in truth:
         entry = entries.get(f"{each['kind']}@{each['where']}")
         if entry is None:
             return math.nan
         true = {k: float(v["value"]) for k, v in each["parameters"].items()}
         strengths = {k: true.pop(k) for k in entry.kind.strengths}
+        bent |= not entry.kind.linear  # no short way leads to it from parameters that stand in its place
         if entry.place is None:
             effects.append(Effect(entry.kind.name, entry.where, strengths, true))
         else:
             parts = {"strengths": strengths, "shape": true, "load": entry.load}
             effects.append(Effect.at_place(entry.kind.name, entry.place, **parts))
     try:
-        best = study.fitted("truth", tuple(effects), start, start.noise).rmse("validate")
+        best = study.fitted("truth", tuple(effects), start, start.noise, stated=bent).rmse("validate")
     except (RuntimeError, ModelError):
         return math.nan
     last = study.stages[-1].rmse("validate")
