@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from discrepancy.null import Null, cut, null_distribution
 from discrepancy.projection import Layout
 from discrepancy.result import ScanResult
 from discrepancy.score import Columns, Scores
-from discrepancy.ties import find_ties
 from discrepancy.verdict import Row, Verdict, decide, smallest_visible
 from discrepancy.whitened import (
     Clean,
@@ -158,20 +158,9 @@ def judge(
         _row(candidates[c], g, w, s, null, level, lam_bar, n_eff, floor, u_crit, sens)
         for c, g in best.items()
     ]
-    pen = {id(r): r.gain - 0.5 * (len(r.amplitude) + _n_shape(candidates, r)) * np.log(n_eff) for r in rows}
-    rows.sort(key=lambda r: (-(r.p < level), -pen[id(r)]))
+    rows.sort(key=lambda r: (-(r.p < level), r.delta_bic))
     significant = [r for r in rows if r.verdict is Verdict.MISSING]
     top = significant[0] if significant else None
-    ties = None
-    if top is not None:
-        bases: list[Array | None] = [w.columns.Z[:, scorer.columns.groups[r.group].cols] for r in rows]
-        ties = find_ties(
-            rows.index(top),
-            [(r.kind, r.where) for r in rows],
-            [pen[id(r)] for r in rows],
-            bases,
-            [r.p < level for r in rows],
-        )
     few = ""
     if pieces.few:
         few = (
@@ -179,11 +168,11 @@ def judge(
             f"{pieces.correlation_time:.2g} s in {residual.duration:.3g} s): record longer or more often"
         )
     removed = tuple(candidates[scorer.columns.groups[i].candidate].name for i in cleaned.groups)
-    return ScanResult(
+    found = ScanResult(
         tuple(rows),
         refused,
         top,
-        ties,
+        None,
         level,
         n_eff,
         lam_bar,
@@ -196,6 +185,7 @@ def judge(
         w.e,
         scorer,
     )
+    return found if top is None else replace(found, ties=found.ties_of(top.name))
 
 
 def _without_what_stands_out(
@@ -225,10 +215,6 @@ def _without_what_stands_out(
     least[many] = np.maximum(least[many], as_it_is.critical(CLEAN_LEVEL))
     cleaned = remove_effects(w, MAX_CLEAN, least)
     return cleaned, luck(cleaned.e) if cleaned.groups else as_it_is
-
-
-def _n_shape(candidates: Sequence[Candidate], row: Row) -> int:
-    return next(c.n_shape for c in candidates if c.name == row.name)
 
 
 def _refused(candidates: Sequence[Candidate], columns: Columns) -> dict[str, str]:
