@@ -122,7 +122,7 @@ def judge(
     refused = _refused(candidates, w.columns)
     if w.scorer is None:
         pieces = cut(lay, residual.dt, w.e)
-        null = Null(np.zeros(draws), np.zeros((0, draws)), np.zeros(0), pieces)
+        null = Null(np.zeros((0, draws)), np.zeros(0), pieces)
         return ScanResult(
             (),
             refused,
@@ -153,9 +153,11 @@ def judge(
     if not np.all(floor > 0.0):  # a noise that is not known is at most what is left
         left = np.std(np.concatenate(raw_residual(w, residual, sens, candidates, cleaned.groups)), axis=0)
         floor = np.where(floor > 0.0, floor, left)
-    u_crit = null.critical(level)
+    most = np.zeros(len(candidates))
+    most[list(best)] = [surprise_of(scorer, s, c) for c in best]
+    p_values, least = null.p_value(most), null.critical(level)
     rows = [
-        _row(candidates[c], g, w, s, null, level, lam_bar, n_eff, floor, u_crit, sens)
+        _row(candidates[c], g, w, s, null, level, lam_bar, n_eff, floor, most[c], p_values[c], least[c], sens)
         for c, g in best.items()
     ]
     rows.sort(key=lambda r: (-(r.p < level), r.delta_bic))
@@ -212,7 +214,8 @@ def _without_what_stands_out(
         return cleaned, luck(cleaned.e)
     as_it_is = luck(w.e)
     many = scorer.kdim > FEW_COLUMNS
-    least[many] = np.maximum(least[many], as_it_is.critical(CLEAN_LEVEL))
+    own = as_it_is.critical(CLEAN_LEVEL)[[g.candidate for g in scorer.columns.groups]]
+    least[many] = np.maximum(least, own)[many]
     cleaned = remove_effects(w, MAX_CLEAN, least)
     return cleaned, luck(cleaned.e) if cleaned.groups else as_it_is
 
@@ -237,13 +240,15 @@ def _row(
     lam_bar: float,
     n_eff: float,
     floor: Array,
+    u: float,
+    p: float,
     u_crit: float,
     sens: Sensitivities,
 ) -> Row:
     scorer = w.scorer
     assert scorer is not None
     group = scorer.columns.groups[g]
-    lm, lam, u = float(s.lm[g, 0]), float(s.lam[g, 0]), surprise_of(scorer, s, group.candidate)
+    lm, lam = float(s.lm[g, 0]), float(s.lam[g, 0])
     amp, cov = scorer.raw_amplitude(g, s.amplitude[group.cols, 0])
     std = np.sqrt(np.diag(cov) * lam)
     k, nu = float(scorer.kdim[g]), float(scorer.dof[g])
@@ -256,10 +261,9 @@ def _row(
         peak = np.max([np.max(np.abs(b), axis=(0, 2)) for b in c.columns[group.shape]], axis=0)
         ok = floor > 0
         delta = float(1.0 / np.max(peak[ok] / floor[ok])) if np.any(peak[ok] > 0) else float("inf")
-    p = float(null.p_value(u)[0])
     p_single = (1.0 + float(np.sum(null.single[group.candidate] >= u))) / (null.single.shape[1] + 1.0)
     size = float(np.max(np.abs(amp)))
-    verdict, reason = decide(p=p, level=level, size=size, mde=mde, delta=delta, dof=nu, few=null.pieces.few)
+    verdict, reason = decide(p=float(p), level=level, size=size, mde=mde, delta=delta, dof=nu, few=null.pieces.few)
     free = c.k + c.n_shape
     theta = -scorer.columns.absorbed[g] @ amp
     return Row(
@@ -267,7 +271,7 @@ def _row(
         c.where,
         lm,
         lam,
-        p,
+        float(p),
         p_single,
         lm / (2 * lam_bar),
         -lm / lam_bar + free * float(np.log(n_eff)),
