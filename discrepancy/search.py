@@ -32,7 +32,7 @@ __all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scan_preparation", "search_step
 
 SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 FINALISTS = 3
-LOOKS = 3  # plain scan, whitened scan, free curves: each may raise a false alarm, so each gets its share of the level
+LOOKS = 4  # plain scan, whitened scan, free curves, omnibus test: each may raise a false alarm and gets its share
 TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
 ALIKE = 0.98  # correlation of what two effects change from which the scan alone can say that they are a tie; chosen
 SAME = 0.9999  # the same from which a refit of the second would tell nothing; chosen
@@ -165,7 +165,7 @@ def _scans(
 ) -> list[ScanResult]:
     """Scan plainly weighed, which effects that are only roughly known survive; then whitened, which sees small ones.
 
-    Each scan gets a third of the level, and the free curves another third, so that all together keep it.
+    Each scan gets its share of the level, as the free curves and the omnibus test do, so that all together keep it.
     """
     from discrepancy.scan import scan
     from discrepancy.verdict import Verdict
