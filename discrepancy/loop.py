@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from discrepancy.effects import Effect
 from discrepancy.fitted import beside_held_out
-from discrepancy.search import TIE
+from discrepancy.search import LOOKS, TIE
 from discrepancy.stage import Accepted, Stage
 from discrepancy.worth import bic_difference
 
@@ -93,12 +93,13 @@ class Search:
 
         study, setup = self.study, self.study.setup
         study.progress("does anything that is left follow the inputs?")
-        study.follows = omnibus_of_stage(study.stage, level=setup.level, seed=setup.seed)
+        study.follows = omnibus_of_stage(study.stage, level=setup.level / LOOKS, seed=setup.seed)
         if study.follows is None or not study.follows.rejects or not setup.max_effects:
             return False
         found = last_resort(
             study.stage, study.steps[-1].scan, study.tried,
-            include=setup.include, exclude=setup.exclude, p_value=study.follows.p, progress=study.progress,
+            include=setup.include, exclude=setup.exclude,
+            p_value=min(1.0, LOOKS * study.follows.p), progress=study.progress,
         )  # fmt: skip
         if found is None or found.accepted is None:
             return False

@@ -10,7 +10,7 @@ from discrepancy.confrontation import Confrontation
 from discrepancy.describe_unknown import UnknownForce, described
 from discrepancy.diagnosis import UnknownCurve
 from discrepancy.force_estimate import ForceEstimate, estimate_force
-from discrepancy.search import scan_preparation
+from discrepancy.search import LOOKS, scan_preparation
 from discrepancy.worth import loud
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def nameless_force(study: Study) -> tuple[UnknownCurve, UnknownForce] | None:
     best = max(known, key=lambda e: e.log_likelihood)
     found = described(study, best, level=SECOND)
     follower = found.report.best if found.report is not None else None
-    return (_curve(best, found, follower, follows.p), found) if follower is not None else None
+    return (_curve(best, found, follower, min(1.0, LOOKS * follows.p)), found) if follower is not None else None
 
 
 def _curve(estimate: ForceEstimate, found: UnknownForce, explained: Explanation, p_value: float) -> UnknownCurve:

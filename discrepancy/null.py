@@ -1,4 +1,4 @@
-"""What luck alone would give: shuffled residuals, and p-values from the largest score among all candidates.
+"""What luck alone would give: shuffled residuals, and p-values from the most surprising score among all candidates.
 
 Blocks of the whitened residual are put in other places, with a random sign and a random circular shift, while
 the candidates stay where they are. With six or more records a block is a whole record; with fewer, records
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -104,32 +105,85 @@ def shuffled(
         done += m
 
 
+class OwnLuck:
+    """What luck gives each candidate: its own draws, continued beyond the upper tenth as an exponential.
+
+    Candidates differ in how far luck can go.  A narrow bump meets few independent stretches of residual, and its
+    surprise has a long tail; were all held against the largest of all, that tail would hide the others.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (n_candidates, n)
+        Surprise u of shuffled residuals.
+    """
+
+    def __init__(self, draws: Array) -> None:
+        self._sorted = np.sort(draws, axis=1)
+        n = draws.shape[1]
+        tail = max(10, n // 10)
+        self._base = self._sorted[:, max(0, n - tail - 1)]
+        self._scale = np.maximum(1.0, np.mean(self._sorted[:, n - tail :], axis=1) - self._base)
+        self._at_base = -np.log((tail + 1.0) / (n + 1.0))
+
+    def surprise(self, u: Array) -> Array:
+        """Return −ln of the chance that luck gives each candidate a u as large; u has shape (n_candidates, m)."""
+        n = self._sorted.shape[1]
+        below = np.array([np.searchsorted(own, each, side="left") for own, each in zip(self._sorted, u, strict=True)])
+        within = -np.log((1.0 + n - below.reshape(u.shape)) / (n + 1.0))
+        beyond = self._at_base + (u - self._base[:, None]) / self._scale[:, None]
+        return np.where(u > self._base[:, None], beyond, within)
+
+    def at(self, surprise: float) -> Array:
+        """Return the u of each candidate at which luck is as surprising, shape (n_candidates,)."""
+        within = np.quantile(self._sorted, 1.0 - np.exp(-surprise), axis=1)
+        beyond = self._base + (surprise - self._at_base) * self._scale
+        return np.where(surprise > self._at_base, beyond, within)
+
+
 @dataclass(frozen=True)
 class Null:
     """Null distribution of the surprise u.
 
     Attributes
     ----------
-    maxima : ndarray, shape (draws,)
-        Largest u over all candidates and shape grids, sorted.
     single : ndarray, shape (n_candidates, draws)
-        Largest u over each candidate's own grid.
+        Largest u over each candidate's own shape grid.
     lam : ndarray, shape (n_groups,)
         Mean LM/df of each group over the draws, the inflation that shuffling alone would give.
     """
 
-    maxima: Array
     single: Array
     lam: Array
     pieces: Pieces
 
-    def p_value(self, u: Array | float) -> Array:
-        """Family-wise p; beyond the draws from an exponential tail (see `tail_p`)."""
-        return tail_p(self.maxima, np.atleast_1d(np.asarray(u, dtype=float)))
+    @cached_property
+    def own(self) -> OwnLuck:
+        """What luck gives each candidate."""
+        return OwnLuck(self.single)
 
-    def critical(self, level: float) -> float:
-        """Value of u that luck exceeds with probability ``level``."""
-        return float(np.quantile(self.maxima, 1.0 - level))
+    @cached_property
+    def maxima(self) -> Array:
+        """Largest surprise of every draw over all candidates, each against its own luck, sorted, shape (draws,).
+
+        A draw is held against the luck of the other half of the draws, as data are held against draws that they are not
+        among.
+        """
+        found = np.zeros(self.single.shape[1])
+        if len(self.single):
+            for half in (slice(0, None, 2), slice(1, None, 2)):
+                rest = slice(1, None, 2) if half.start == 0 else slice(0, None, 2)
+                found[half] = OwnLuck(self.single[:, rest]).surprise(self.single[:, half]).max(axis=0)
+        return np.sort(found)
+
+    def p_value(self, u: Array) -> Array:
+        """Return the family-wise p of the u of every candidate; beyond the draws as `tail_p` has it."""
+        return tail_p(self.maxima, self.own.surprise(u[:, None])[:, 0])
+
+    def critical(self, level: float) -> Array:
+        """Return the u of every candidate that is surpassed by luck, by any of them, with probability ``level``."""
+        if not len(self.single):
+            return np.zeros(0)
+        return self.own.at(float(np.quantile(self.maxima, 1.0 - level)))
 
 
 def tail_p(draws: Array, u: Array) -> Array:
@@ -184,5 +238,4 @@ def null_distribution(
         single[:, at : at + m] = block
         total += np.sum(s.lm, axis=1)
         at += m
-    maxima = np.sort(single.max(axis=0)) if n_candidates else np.zeros(draws)
-    return Null(maxima, single, total / draws / scorer.kdim, pieces)
+    return Null(single, total / draws / scorer.kdim, pieces)

@@ -11,7 +11,7 @@ from discrepancy.blocks import Array
 from discrepancy.null import Null
 from discrepancy.projection import Projection
 from discrepancy.score import Scorer
-from discrepancy.ties import Ties
+from discrepancy.ties import Ties, find_ties
 from discrepancy.verdict import Row, Verdict, summary
 from discrepancy.whitening import Whitener
 
@@ -81,6 +81,23 @@ class ScanResult:
         if name in self.refused:
             raise KeyError(f"{name} was refused: {self.refused[name]}")
         raise KeyError(f"{name} is not among the candidates: {', '.join(r.name for r in self.rows)}")
+
+    def ties_of(self, name: str) -> Ties | None:
+        """Return what else a candidate of this scan could be; None where it could not be scored.
+
+        Each candidate is taken at the shape that fits it best.
+        """
+        names = [r.name for r in self.rows]
+        if self.scorer is None or name not in names:
+            return None
+        columns = self.scorer.columns
+        return find_ties(
+            names.index(name),
+            [(r.kind, r.where) for r in self.rows],
+            [-0.5 * r.delta_bic for r in self.rows],
+            [columns.Z[:, columns.groups[r.group].cols] for r in self.rows],
+            [r.p < self.level for r in self.rows],
+        )
 
     def to_frame(self) -> pd.DataFrame:
         """Table with one row per candidate."""

@@ -32,8 +32,10 @@ __all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scan_preparation", "search_step
 
 SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 FINALISTS = 3
-LOOKS = 3  # plain scan, whitened scan, free curves: each may raise a false alarm, so each gets its share of the level
+LOOKS = 4  # plain scan, whitened scan, free curves, omnibus test: each may raise a false alarm and gets its share
 TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
+ALIKE = 0.98  # correlation of what two effects change from which the scan alone can say that they are a tie; chosen
+SAME = 0.9999  # the same from which a refit of the second would tell nothing; chosen
 MOST = 0.8  # share of a richer law's gain that makes the simpler law in it the first answer
 
 
@@ -163,7 +165,7 @@ def _scans(
 ) -> list[ScanResult]:
     """Scan plainly weighed, which effects that are only roughly known survive; then whitened, which sees small ones.
 
-    Each scan gets a third of the level, and the free curves another third, so that all together keep it.
+    Each scan gets its share of the level, as the free curves and the omnibus test do, so that all together keep it.
     """
     from discrepancy.scan import scan
     from discrepancy.verdict import Verdict
@@ -196,13 +198,29 @@ def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Seque
     significant = sorted((r for r in scan.rows if r.verdict is Verdict.MISSING), key=lambda r: r.delta_bic)
     if not significant:
         return []
-    worth = [r for r in significant if r.error_drop > 0.5 * significant[0].error_drop][:FINALISTS]
+    worth = _unlike(scan, [r for r in significant if r.error_drop > 0.5 * significant[0].error_drop], effects)
     simpler = [f"{kind}@{r.where}" for r in worth for kind in kind_named(r.kind).contains]
     names = [r.name for r in worth]
     richer = [r.name for r in significant if simpler_in(effects, r.kind, r.where)]
     more = dict.fromkeys([*simpler, *richer])
     names += [n for n in more if n not in names and n in known and n not in scan.refused]
     return [scan[n] for n in names]
+
+
+def _unlike(scan: ScanResult, rows: Sequence[Row], effects: Sequence[Effect]) -> list[Row]:
+    """Return the first `FINALISTS` of some candidates that do not all but change what another of them does.
+
+    Of those that do, the one stays at whose place something was found already, else the first.
+    """
+    known = {e.where for e in effects}
+    left, kept = list(rows), []
+    while left and len(kept) < FINALISTS:
+        ties = scan.ties_of(left[0].name)
+        alike = (*ties.same_kind, *ties.other_kind) if ties is not None else ()
+        same = {left[0].name, *(t.name for t in alike if t.correlation >= SAME)}
+        kept.append(next((r for r in left if r.name in same and r.where in known), left[0]))
+        left = [r for r in left if r.name not in same]
+    return kept
 
 
 def _bent(scan: ScanResult, where: str, known: Sequence[str]) -> list[Row]:
@@ -256,12 +274,12 @@ def _rivals(
             row.kind, row.where, float(difference), True, difference < TIE and not _richer(row.kind, best)
         )
     for scan in scans:
-        if scan.ties is not None and scan.ties.best == name:
-            for tie in (*scan.ties.same_kind, *scan.ties.other_kind):
-                # a part of the accepted effect lies in its span as well, but explains less
-                same = tie.why == "exact" and 2.0 * tie.gain_deficit < TIE
-                if tie.name not in found and same and not _richer(tie.kind, best):
-                    found[tie.name] = Rival(tie.kind, tie.where, 2.0 * tie.gain_deficit, False, True)
+        ties = scan.ties_of(name)
+        for tie in (*ties.same_kind, *ties.other_kind) if ties is not None else ():
+            # a part of the accepted effect lies in its span as well, but explains less
+            same = tie.correlation >= ALIKE and abs(2.0 * tie.gain_deficit) < TIE
+            if tie.name not in found and same and not _richer(tie.kind, best):
+                found[tie.name] = Rival(tie.kind, tie.where, 2.0 * tie.gain_deficit, False, True)
     plain = scans[0]
     if name not in plain.refused:
         top = plain[name]

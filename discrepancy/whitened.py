@@ -110,8 +110,8 @@ class Clean:
     groups: tuple[int, ...]
 
 
-def remove_effects(w: Whitened, limit: int, least_u: float) -> Clean:
-    """Remove the best candidates one after another while each stands out."""
+def remove_effects(w: Whitened, limit: int, least_u: float | Array) -> Clean:
+    """Remove the best candidates one after another while each stands out by ``least_u``, one for all or for each."""
     assert w.scorer is not None
     Z = w.columns.Z
     basis = np.zeros((len(w.e), 0))
@@ -123,7 +123,7 @@ def remove_effects(w: Whitened, limit: int, least_u: float) -> Clean:
         s = w.scorer(e[:, None], None if not chosen else e[:, None], share)
         u = np.where(share > 0.999, 0.0, s.u[:, 0])
         # Columns were made orthonormal before anything was removed; scale up what is left of them.
-        if u.max() < least_u:
+        if not np.any(u >= least_u):
             break
         # Among those that stand out, the one that explains most, as a fit would choose.
         i = int(np.argmax(np.where(u >= least_u, s.lm[:, 0] - PER_COLUMN * scorer_k, -np.inf)))

@@ -22,6 +22,8 @@ __all__ = ["Calibration", "Fit", "UncertainParameter", "calibrate", "evaluate"]
 #: Fall of the weighted cost, relative, that a further step must promise.  The cost is of the order of the effective
 #: number of samples, so that what is left moves no parameter by more than a few hundredths of its deviation.
 SETTLED, TRIAL = 1e-6, 1e-4
+#: Rounds of a trial, and the logarithm of the change of an output's weight from which it takes another; chosen.
+TRIES, REWEIGH = 4, 0.2
 
 
 def calibrate(
@@ -62,8 +64,8 @@ def calibrate(
     own : sequence of ndarray, optional
         Where to begin with each record's own unknowns.
     scale : mapping of str to float, optional
-        Weigh each output by this (as in `Calibration.scale`) and fit once, less finely: a trial, whose intervals
-        are not worked out (they are nan).
+        Weigh each output by this (as in `Calibration.scale`) and fit less finely: a trial, whose intervals are not
+        worked out (they are nan).  Where the outputs' residuals have changed much, it weighs and fits again.
     rounds : int
         Rounds of weighing and fitting.
     max_evaluations : int
@@ -94,7 +96,7 @@ def calibrate(
     trial = scale is not None and not hold
     message = "nothing to move"
     final = not trial and rounds == 1  # as long as the weights still change, an exact minimum is not worth its while
-    for k in range((1 if trial else rounds) if moving.size and not hold else 0):
+    for k in range((TRIES if trial else rounds) if moving.size and not hold else 0):
         here = theta.copy()
 
         def full(part: np.ndarray, here: np.ndarray = here) -> np.ndarray:
@@ -114,10 +116,15 @@ def calibrate(
         )
         theta = full(solution.x)
         message = solution.message
-        if trial:
+        if trial and k + 1 == TRIES:
             break
         responses = problem.respond_all(theta, False)
         weights = _weights(problem, responses, floor)
+        if trial:
+            if np.all(np.abs(np.log(weights / problem.scale)) < REWEIGH):
+                break
+            problem.scale = weights
+            continue
         if progress is not None:
             progress(
                 f"calibration round {k + 1}: {solution.evaluations} simulations, {solution.jacobians} of them with "
