@@ -4,19 +4,23 @@ A scan looks along straight lines from the recalibrated model.  What bends too m
 calibration has replaced by softer springs, is found by fits that begin where the parameters were stated.  They are made
 only where the omnibus test says that something is missing, so they keep its level; and one is believed only if it takes
 a good part of the error away.
+
+Before them come the effects that the scan has found and called negligible: where what is left follows the inputs by an
+amount that matters, one of them is the likeliest reason.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from discrepancy.catalogue import catalogue
+from discrepancy.catalogue import Entry, catalogue
 from discrepancy.confrontation import Confrontation
 from discrepancy.refits import Refit, best_of, fits_with
-from discrepancy.search import FINALISTS, TIE, scan_preparation
+from discrepancy.search import FINALISTS, LOOKS, TIE, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage
+from discrepancy.verdict import Verdict
 from discrepancy.worth import bic_difference, loud, taken
 from multibody.side_by_side import side_by_side
 
@@ -39,7 +43,10 @@ def last_resort(
     p_value: float,
     progress: Callable[[str], None],
 ) -> Stage | None:
-    """Return the stage with the effect that takes most of the error away, or None if none takes a good part.
+    """Return the stage with the likeliest effect, or None if there is none.
+
+    An effect that the scan has found, however small, need only be the better model; of the others it is the one that
+    takes most of the error away, and that must be a good part.
 
     Parameters
     ----------
@@ -53,12 +60,11 @@ def last_resort(
         Of the omnibus test that asks for this.
     progress : callable
     """
-    if not loud(stage):
-        return None
+    small = _small(stage, scan, refit, include, exclude, progress)
+    if small is not None or not loud(stage):
+        return small
     facts = Confrontation.of_stage(stage, scan_preparation(stage))
-    experiment = stage.identify.fits[0].experiment
-    found = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
-    entries = {e.name: e for e in found}
+    entries = _entries(stage, include, exclude)
     by_drop = sorted((r for r in scan.rows if r.name in entries), key=lambda r: -r.error_drop)
     bent = [r for r in by_drop if not entries[r.name].kind.linear]
     rows = list({r.name: r for r in (*bent, *by_drop[:FINALISTS])}.values())
@@ -71,12 +77,45 @@ def last_resort(
         return best if isinstance(best, Stage) else None
 
     tried = [s for s in side_by_side(trial, rows) if s is not None and taken(s, stage) > SHARE]
-    tried = sorted((s for s in tried if bic_difference(s, stage) < -TIE), key=lambda s: bic_difference(s, stage))
-    if not tried:
+    return _best(tried, stage, dict.fromkeys((str(s.effects[-1]) for s in tried), p_value))
+
+
+def _small(
+    stage: Stage,
+    scan: ScanResult,
+    refit: Refit,
+    include: Sequence[str],
+    exclude: Sequence[str],
+    progress: Callable[[str], None],
+) -> Stage | None:
+    """Return the stage with the best effect of those that are surely there and change little, or None."""
+    entries = _entries(stage, include, exclude)
+    there = [r for r in scan.rows if r.verdict is Verdict.NEGLIGIBLE and r.name in entries]
+    rows = sorted(there, key=lambda r: r.delta_bic)[:FINALISTS]
+
+    def trial(row: Row) -> Stage | None:
+        progress(f"refit with {row.name}, which is there and changes little")
+        best = best_of(fits_with(refit, entries[row.name], row, [row.shape], stage.effects), stage, progress)
+        return best if isinstance(best, Stage) else None
+
+    tried = [s for s in side_by_side(trial, rows) if s is not None]
+    return _best(tried, stage, {r.name: min(1.0, LOOKS * r.p) for r in rows})
+
+
+def _entries(stage: Stage, include: Sequence[str], exclude: Sequence[str]) -> dict[str, Entry]:
+    experiment = stage.identify.fits[0].experiment
+    found = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
+    return {e.name: e for e in found}
+
+
+def _best(tried: Sequence[Stage], stage: Stage, p_values: Mapping[str, float]) -> Stage | None:
+    """Return the best of some trials by BIC, with the others as its rivals; None if none is clearly better."""
+    better = sorted((s for s in tried if bic_difference(s, stage) < -TIE), key=lambda s: bic_difference(s, stage))
+    if not better:
         return None
-    best, least = tried[0], bic_difference(tried[0], stage)
-    rivals = tuple(_rival(s, bic_difference(s, stage) - least) for s in tried[1:])
-    return replace(best, accepted=Accepted(best.effects[-1], p_value, least, rivals))
+    best, least = better[0], bic_difference(better[0], stage)
+    rivals = tuple(_rival(s, bic_difference(s, stage) - least) for s in better[1:])
+    return replace(best, accepted=Accepted(best.effects[-1], p_values[str(best.effects[-1])], least, rivals))
 
 
 def _rival(stage: Stage, difference: float) -> Rival:

@@ -35,6 +35,7 @@ FINALISTS = 3
 LOOKS = 4  # plain scan, whitened scan, free curves, omnibus test: each may raise a false alarm and gets its share
 TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
 ALIKE = 0.98  # correlation of what two effects change from which the scan alone can say that they are a tie; chosen
+TWINS = 0.999  # the same from which twice as much as `TIE` does not tell fits on trial apart; chosen
 SAME = 0.9999  # the same from which a refit of the second would tell nothing; chosen
 MOST = 0.8  # share of a richer law's gain that makes the simpler law in it the first answer
 
@@ -268,18 +269,18 @@ def _rivals(
 ) -> tuple[Rival, ...]:
     """Return the other explanations: refitted finalists, and what the scan cannot tell apart or ranks next."""
     found: dict[str, Rival] = {}
+    alike = [t for scan in scans if (ties := scan.ties_of(name)) for t in (*ties.same_kind, *ties.other_kind)]
+    twins = {t.name for t in alike if t.correlation >= TWINS}
     for other, row in others:
         difference = bic_difference(other, stage) - bic_difference(best, stage)
-        found[row.name] = Rival(
-            row.kind, row.where, float(difference), True, difference < TIE and not _richer(row.kind, best)
-        )
-    for scan in scans:
-        ties = scan.ties_of(name)
-        for tie in (*ties.same_kind, *ties.other_kind) if ties is not None else ():
-            # a part of the accepted effect lies in its span as well, but explains less
-            same = tie.correlation >= ALIKE and abs(2.0 * tie.gain_deficit) < TIE
-            if tie.name not in found and same and not _richer(tie.kind, best):
-                found[tie.name] = Rival(tie.kind, tie.where, 2.0 * tie.gain_deficit, False, True)
+        # fits on trial end a few of BIC apart, even of what is all but the same
+        close = difference < (2.0 * TIE if row.name in twins else TIE)
+        found[row.name] = Rival(row.kind, row.where, float(difference), True, close and not _richer(row.kind, best))
+    for tie in alike:
+        # a part of the accepted effect lies in its span as well, but explains less
+        same = tie.correlation >= ALIKE and abs(2.0 * tie.gain_deficit) < TIE
+        if tie.name not in found and same and not _richer(tie.kind, best):
+            found[tie.name] = Rival(tie.kind, tie.where, 2.0 * tie.gain_deficit, False, True)
     plain = scans[0]
     if name not in plain.refused:
         top = plain[name]
