@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from discrepancy.effects import Effect
@@ -120,7 +121,7 @@ class Search:
         while self._drop_idle():
             pass
         if self._crowded():
-            self._swap_for_curve()
+            self._swap_for_curve(last_word=False)
         self.study.settled = True
         self.study.made()
 
@@ -196,12 +197,13 @@ class Search:
         laws = [e.where for e in effects if e.definition.at == "connection" and not e.definition.free_form]
         return len(laws) > len(set(laws))
 
-    def _swap_for_curve(self, anywhere: bool = False) -> bool:
+    def _swap_for_curve(self, anywhere: bool = False, last_word: bool = True) -> bool:
         """Put one free curve in the place of the laws found at a connection, or of all, if that is the better model."""
         from discrepancy.settle import curve_instead, replace_by_curve
 
         study = self.study
-        swapped = (curve_instead if anywhere else replace_by_curve)(
+        look = curve_instead if anywhere else partial(replace_by_curve, last_word=last_word)
+        swapped = look(
             study.stages, study.refit, level=study.setup.level, seed=study.setup.seed, progress=study.progress
         )
         if swapped is None:

@@ -50,13 +50,20 @@ def free_curve(stage: Stage, fit: Fit, *, level: float, seed: int, progress: Cal
 
 
 def replace_by_curve(
-    stages: Sequence[Stage], fit: Fit, *, level: float, seed: int, progress: Callable[[str], None]
+    stages: Sequence[Stage],
+    fit: Fit,
+    *,
+    level: float,
+    seed: int,
+    progress: Callable[[str], None],
+    last_word: bool = True,
 ) -> tuple[int, Stage] | None:
     """Try to put one free curve in the place of all laws found at a connection.
 
     A law that is only near the truth leaves a pattern behind that further laws then chase.  Where one curve beats the
     law found at its connection by strong evidence, and takes clearly more of the error away, the honest answer is the
-    curve; against several laws at one connection it is enough that the curve is the better model.
+    curve; against several laws at one connection it is enough that the curve is the better model.  While the search
+    goes on (without ``last_word``) it is not enough: the next law may be what they lack.
 
     Returns
     -------
@@ -72,7 +79,7 @@ def replace_by_curve(
         if any(e.where != where for e in new):
             continue  # effects at several connections: a curve at one of them is no simpler story
         offer = _offered(before, level, seed, progress, [where])
-        several = len(new) > 1
+        several = last_word and len(new) > 1
         curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress, 0.0 if several else CLEARLY)
         if curve is not None and (several or _takes_more(curve, last, before)):
             return first, curve
