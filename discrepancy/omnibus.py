@@ -38,7 +38,8 @@ class Omnibus:
     Attributes
     ----------
     p : float
-        Family-wise p that the residual follows some driver by an amount that would matter.
+        Family-wise p that the residual follows some driver by an amount that would matter, in records left out as well;
+        1 where none does.
     rejects : bool
         True if p is below the level: something is missing or wrong, whatever the catalogue says.
     leading : str
@@ -223,7 +224,7 @@ def omnibus(
     generic = generic_candidates(residual, drivers, coarse)
     few = [c for c in generic if not c.kind.startswith(FINE)]
     r = scan(residual, sensitivities, generic, level=level, draws=draws, seed=seed, noise_floor=noise_floor, few=few)
-    matter = [row for row in r.rows if row.verdict is not Verdict.NEGLIGIBLE]
+    matter = [row for row in r.rows if row.verdict is not Verdict.NEGLIGIBLE and row.carries_over]
     best = min(matter, key=lambda x: x.p) if matter else None
     p = best.p if best else 1.0
     symptoms = {"portmanteau": _portmanteau(r), "low-frequency energy": _low_frequency(r)}

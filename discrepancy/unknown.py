@@ -29,10 +29,6 @@ if TYPE_CHECKING:
 __all__ = ["CurveOffer", "curve_candidates", "curve_effect", "holds", "offer_curves"]
 
 
-#: Log-likelihood that a curve must gain on blocks left out: what tells two explanations apart elsewhere.
-HELD_OUT = 3.0
-
-
 @dataclass(frozen=True, eq=False)
 class CurveOffer:
     """Free curves that the scan found significant, best first.
@@ -90,7 +86,7 @@ def holds(row: Row) -> bool:
     """
     from discrepancy.verdict import Verdict
 
-    return row.verdict is Verdict.MISSING and row.held_out_gain > HELD_OUT
+    return row.verdict is Verdict.MISSING and row.carries_over
 
 
 def offer_curves(

@@ -10,6 +10,9 @@ import numpy as np
 
 from discrepancy.blocks import Array
 
+#: Log-likelihood that many columns must gain on blocks left out: what tells two explanations apart elsewhere.
+HELD_OUT = 3.0
+
 
 class Verdict(StrEnum):
     """What the records say about one candidate."""
@@ -79,6 +82,14 @@ class Row:
     held_out_gain: float
     unit: str = ""
     group: int = -1
+
+    @property
+    def carries_over(self) -> bool:
+        """True if the amplitude found on all blocks but one says something of that one.
+
+        What has many columns can follow a residual that one or two of a few blocks carry.
+        """
+        return self.held_out_gain > HELD_OUT
 
     @property
     def name(self) -> str:
