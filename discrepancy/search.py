@@ -214,7 +214,8 @@ def _unlike(scan: ScanResult, rows: Sequence[Row], effects: Sequence[Effect]) ->
     Of those that do, the one stays at whose place something was found already, else the first.
     """
     known = {e.where for e in effects}
-    left, kept = list(rows), []
+    left = list(rows)
+    kept: list[Row] = []
     while left and len(kept) < FINALISTS:
         ties = scan.ties_of(left[0].name)
         alike = (*ties.same_kind, *ties.other_kind) if ties is not None else ()
