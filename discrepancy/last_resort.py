@@ -90,7 +90,7 @@ def _small(
 ) -> Stage | None:
     """Return the stage with the best effect of those that are surely there and change little, or None."""
     entries = _entries(stage, include, exclude)
-    there = [r for r in scan.rows if r.verdict is Verdict.NEGLIGIBLE and r.name in entries]
+    there = [r for r in scan.rows if r.verdict in (Verdict.NEGLIGIBLE, Verdict.MISSING) and r.name in entries]
     rows = sorted(there, key=lambda r: r.delta_bic)[:FINALISTS]
 
     def trial(row: Row) -> Stage | None:

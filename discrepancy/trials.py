@@ -258,9 +258,9 @@ def page(out: Path, date: str, machine: str = "axis") -> str:
         lines += ["", "Misses:", ""]
         for t in trials:
             if t.missed:
-                said = ", ".join(t.found) or "nothing"
+                said, note = ", ".join(t.found) or "nothing", " ".join(t.note.split())
                 lines.append(
-                    f"- seed {t.seed}, {' + '.join(t.hidden) or 'nothing'} hidden: {t.verdict}, named {said}. {t.note}"
+                    f"- seed {t.seed}, {' + '.join(t.hidden) or 'nothing'} hidden: {t.verdict}, named {said}. {note}"
                     + (f" True over {t.over}, curve over {t.curve_over or 'nothing'}." if t.over else "")
                 )
         lines.append("")
