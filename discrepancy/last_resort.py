@@ -5,8 +5,8 @@ calibration has replaced by softer springs, is found by fits that begin where th
 only where the omnibus test says that something is missing, so they keep its level; and one is believed only if it takes
 a good part of the error away.
 
-Before them come the effects that the scan has found and called negligible: where what is left follows the inputs by an
-amount that matters, one of them is the likeliest reason.
+Before them come the effects that the scan has found and that were passed over as changing little: where what is left
+follows the inputs by an amount that matters, one of them is the likeliest reason.
 """
 
 from __future__ import annotations
@@ -60,11 +60,13 @@ def last_resort(
         Of the omnibus test that asks for this.
     progress : callable
     """
-    small = _small(stage, scan, refit, include, exclude, progress)
+    experiment = stage.identify.fits[0].experiment
+    found = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
+    entries = {e.name: e for e in found}
+    small = _small(stage, scan, refit, entries, progress)
     if small is not None or not loud(stage):
         return small
     facts = Confrontation.of_stage(stage, scan_preparation(stage))
-    entries = _entries(stage, include, exclude)
     by_drop = sorted((r for r in scan.rows if r.name in entries), key=lambda r: -r.error_drop)
     bent = [r for r in by_drop if not entries[r.name].kind.linear]
     rows = list({r.name: r for r in (*bent, *by_drop[:FINALISTS])}.values())
@@ -84,12 +86,10 @@ def _small(
     stage: Stage,
     scan: ScanResult,
     refit: Refit,
-    include: Sequence[str],
-    exclude: Sequence[str],
+    entries: Mapping[str, Entry],
     progress: Callable[[str], None],
 ) -> Stage | None:
     """Return the stage with the best effect of those that are surely there and change little, or None."""
-    entries = _entries(stage, include, exclude)
     there = [r for r in scan.rows if r.verdict in (Verdict.NEGLIGIBLE, Verdict.MISSING) and r.name in entries]
     rows = sorted(there, key=lambda r: r.delta_bic)[:FINALISTS]
 
@@ -100,12 +100,6 @@ def _small(
 
     tried = [s for s in side_by_side(trial, rows) if s is not None]
     return _best(tried, stage, {r.name: min(1.0, LOOKS * r.p) for r in rows})
-
-
-def _entries(stage: Stage, include: Sequence[str], exclude: Sequence[str]) -> dict[str, Entry]:
-    experiment = stage.identify.fits[0].experiment
-    found = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
-    return {e.name: e for e in found}
 
 
 def _best(tried: Sequence[Stage], stage: Stage, p_values: Mapping[str, float]) -> Stage | None:
