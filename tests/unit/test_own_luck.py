@@ -65,7 +65,7 @@ def slow(rng, size, memory):
 
 
 def removed(seed):
-    """Return what a scan takes out of slow noise that is loud in motion, with curves of 17 points; nothing is missing."""
+    """Return what a scan with curves of 17 points takes out of slow noise that is loud in motion."""
     rng, n, records = np.random.default_rng(seed), 240, 3
     share = np.arange(n) / n
     loud = np.where((share > 0.2) & (share < 0.7), 1.0, 0.15)
