@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from discrepancy.hidden import Hidden
 from discrepancy.rig import Progress, Run
 from estimation.experiment import SensorError
@@ -50,7 +52,8 @@ class PlainLiftRig(LiftRig):
             progress(f"trip {k + 1} of {len(names)}")
             rubs = seen_by(self._run(guided, rubbing, k, fine), _RUBS)
             inputs = {n: (fine, v) for n, v in rubs.items()}
-            run = self._run(plain, moving, k, fine, payload=(fine[[0, -1]], [self.trip(k).load] * 2), **inputs)
+            inputs["payload"] = (fine[[0, -1]], np.full(2, self.trip(k).load))
+            run = self._run(plain, moving, k, fine, hidden, **inputs)
             seen = {**rubs, **seen_by(run, _MOVES)}
             found.append((name, stamps, self._logged(k, stamps, fine, seen, recorded)))
         return true_model, found

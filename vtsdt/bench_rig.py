@@ -281,7 +281,7 @@ class LiftRig(Rig):
         found: list[Run] = []
         for k, name in enumerate(names):
             progress(f"trip {k + 1} of {len(names)}")
-            run = self._run(lift, system, k, fine)
+            run = self._run(lift, system, k, fine, hidden)
             found.append((name, stamps, self._logged(k, stamps, fine, seen_by(run), recorded)))
         return true_model, found
 
@@ -306,15 +306,16 @@ class LiftRig(Rig):
         times = np.arange(-round(BEFORE / CYCLE), self.trip(number).time.size) * CYCLE
         return times, self.disturbance.draw(times.size, CYCLE, self.stream(200 + number))
 
-    def _run(self, lift: Lift, system: System, number: int, fine: np.ndarray, **inputs: Any) -> Trajectory:
+    def _run(
+        self, lift: Lift, system: System, number: int, fine: np.ndarray, hidden: Sequence[Hidden] = (), **inputs: Any
+    ) -> Trajectory:
         """Run a lift once from rest; inputs that it needs beside the usual ones as (times, values)."""
         trip = self.trip(number)
         p = {} if "payload" in inputs else {"payload.mass": trip.load}
         lift.payload = (trip.load, 0.0, 0.0, 0.0)
-        resting = {n: float(v[1][0]) for n, v in inputs.items()}
-        start = lift.equilibrium(
-            trip.height, system=system, inputs={"omega_ref": 0.0, "disturbance.force": 0.0, **resting}, parameters=p
-        )
+        resting = {"omega_ref": _standstill(hidden), "disturbance.force": 0.0}
+        resting |= {n: float(v[1][0]) for n, v in inputs.items()}
+        start = lift.equilibrium(trip.height, system=system, inputs=resting, parameters=p)
         return system.simulate(
             (float(fine[0]), float(fine[-1])),
             inputs={"omega_ref": (trip.time, trip.omega), "disturbance.force": self._pushed(number), **inputs},
@@ -361,6 +362,13 @@ def _section(name: str) -> tuple[str, str]:
     """Return where the parameter file has a parameter of the model: section and key."""
     owner, _, key = name.partition(".")
     return ("motor" if owner == "machine" else owner), key
+
+
+def _standstill(hidden: Sequence[Hidden]) -> float:
+    """Return the speed that must be asked for so that the drive stands still, in rad/s: what is hidden may offset it."""
+    effects = [h.effect for h in hidden if h.effect is not None and h.effect.where == "omega_ref"]
+    strengths = {n: v for e in effects if e.definition.at == "input" for n, v in e.strengths.items()}
+    return -float(strengths.get("offset", 0.0)) / (1.0 + float(strengths.get("gain", 0.0)))
 
 
 def seen_by(run: Trajectory, names: Sequence[str] = SENSED) -> dict[str, np.ndarray]:
