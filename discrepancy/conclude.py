@@ -29,6 +29,9 @@ __all__ = ["conclude"]
 # Times its noise, and share of its spread, from which the report says that an error is large: chosen, not measured.
 LOUD, VISIBLE = 10.0, 0.1
 
+# Effects that change too little, of which the report tells as many.
+SLIGHT = 3
+
 _NUMBER = {1: "one effect", 2: "two effects", 3: "three effects"}
 
 
@@ -54,6 +57,7 @@ def conclude(study: Study) -> Conclusion:
         unknown, described = nameless
         verdict = "unknown effect"
     refused, hidden = _left_over(study)
+    slight = _slight(study)
     separating = study.unless_it_fails("what to measure next", lambda: next_measurements(study)) or ()
     warnings = setup.warnings
     if study.beyond is not None and accepted:
@@ -73,6 +77,7 @@ def conclude(study: Study) -> Conclusion:
         stages=stages,
         refused=refused,
         hidden=hidden,
+        slight=slight,
         next_measurement=(*(s.sentence for s in separating), *_next(accepted, hidden, study)),
         unknown=unknown,
         warnings=warnings,
@@ -109,12 +114,13 @@ def _title(kind: str) -> str:
 def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
     stages, hidden = found.stages, found.hidden
     if not accepted:
+        small = _slight_words(found)
         could = [f"{_title(k)} at {w}" for k, w, mde, delta, _ in hidden if not (mde < delta < math.inf)]
-        base = "Nothing was found that the model lacks"
+        base = "Nothing was found that the model lacks" + (" and that would matter" if small else "")
         if not could:
-            return f"{base}; every effect in the catalogue that would matter would have been seen."
+            return f"{base}; every effect in the catalogue that would matter would have been seen.{small}"
         many = f"{len(could)} effects of a size that would matter, {could[0]} among them"
-        return f"{base}. These records could still hide {many}."
+        return f"{base}.{small} These records could still hide {many}."
     names = [f"{_title(a.effect.kind)} at {a.effect.where}" for a in accepted]
     count = _NUMBER.get(len(names), f"{len(names)} effects")
     text = f"The model lacks {count}: {'; '.join(names)}."
@@ -125,6 +131,17 @@ def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
         rivals = [r for r in accepted[-1].rivals if r.indistinguishable and r.kind != accepted[-1].effect.kind]
         text += f" These records cannot tell {names[-1]} from {_title(rivals[0].kind)} at {rivals[0].where}."
     return text
+
+
+def _slight_words(found: Conclusion) -> str:
+    if not found.slight:
+        return ""
+    kind, where, size, std, _, unit = found.slight[0]
+    strength = f"{quantity(size, unit)} ± {quantity(std, unit, 2)}"
+    return (
+        f" {_title(kind).capitalize()} at {where} is surely there ({strength}), but what it changes in the calibrated "
+        "model stays below the noise floor of every output."
+    )
 
 
 def _fall(before: Stage, after: Stage, part: str) -> str:
@@ -206,6 +223,22 @@ def _left_over(
         if r.verdict in unseen and (r.kind, r.where) not in present
     ]
     return tuple(refused), tuple(hidden)
+
+
+def _slight(study: Study) -> tuple[tuple[str, str, float, float, float, str], ...]:
+    """Return what the last scan is sure of and the search has passed over, because it changes too little."""
+    if not study.steps:
+        return ()
+    scan = study.steps[-1].scan
+    present = {(e.kind, e.where) for e in study.stages[-1].effects}
+    sure = [r for r in scan.rows if r.verdict in (Verdict.MISSING, Verdict.NEGLIGIBLE)]
+    found = []
+    for r in sorted(sure, key=lambda r: r.delta_bic)[:SLIGHT]:
+        if (r.kind, r.where) not in present and r.delta_bic < 0.0:
+            most = int(np.argmax(np.abs(r.amplitude)))
+            size, std = float(r.amplitude[most]), float(r.std[most])
+            found.append((r.kind, r.where, size, std, float(r.p), unit_at(study.stage.system, r.kind, r.where)))
+    return tuple(found)
 
 
 def _next(

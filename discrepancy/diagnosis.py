@@ -122,6 +122,8 @@ class Conclusion:
     hidden : tuple of (kind, where, mde, delta, unit)
         What was looked for and not found; ``mde`` is the smallest amplitude that would have been seen,
         ``delta`` the one that would matter.
+    slight : tuple of (kind, where, amplitude, std, p, unit)
+        What the last scan is sure of and the search has passed over, because it changes too little.
     next_measurement : tuple of str
     unknown : UnknownCurve or None
     warnings : tuple of str
@@ -142,6 +144,7 @@ class Conclusion:
     stages: tuple[Stage, ...]
     refused: tuple[tuple[str, str, str], ...] = ()
     hidden: tuple[tuple[str, str, float, float, str], ...] = ()
+    slight: tuple[tuple[str, str, float, float, float, str], ...] = ()
     next_measurement: tuple[str, ...] = ()
     unknown: UnknownCurve | None = None
     warnings: tuple[str, ...] = ()
@@ -310,6 +313,10 @@ def to_diagnosis(conclusion: Conclusion, evidence: Evidence | None = None) -> di
                 "could_hide": [
                     {"kind": k, "where": w, "smallest_visible": m, "would_matter": d, "unit": u}
                     for k, w, m, d, u in conclusion.hidden
+                ],
+                "present_but_negligible": [
+                    {"kind": k, "where": w, "amplitude": a, "std": s, "p_value": p, "unit": u}
+                    for k, w, a, s, p, u in conclusion.slight
                 ],
                 "next_measurement": list(conclusion.next_measurement),
                 "parameters": [

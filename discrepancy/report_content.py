@@ -62,6 +62,7 @@ def content(conclusion: Conclusion, evidence: Evidence) -> Entry:
         "where_part": PART_WORDS[evidence.before.part],
         "rivals": _rivals(conclusion),
         "hidden": _hidden(conclusion),
+        "slight": _slight(conclusion),
         "refused": _refused(conclusion),
         "next": list(conclusion.next_measurement),
         "separating": list(conclusion.extra.get("separating_trips", ())),
@@ -265,6 +266,14 @@ def _hidden(conclusion: Conclusion) -> Entry:
     for rows in (seen, blind):
         rows.sort(key=lambda r: (r["title"], r["where"]))
     return {"seen": seen, "blind": blind}
+
+
+def _slight(conclusion: Conclusion) -> list[Entry]:
+    found = []
+    for kind, where, size, std, p, unit in conclusion.slight:
+        told = f"{quantity(size, unit)} ± {quantity(std, unit, 2)}"
+        found.append({"title": kind_text(kind).title, "where": where, "size": told, "luck": luck_words(p)})
+    return found
 
 
 def _refused(conclusion: Conclusion) -> list[Entry]:

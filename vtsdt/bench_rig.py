@@ -365,7 +365,7 @@ def _section(name: str) -> tuple[str, str]:
 
 
 def _standstill(hidden: Sequence[Hidden]) -> float:
-    """Return the speed that must be asked for so that the drive stands still, in rad/s: what is hidden may offset it."""
+    """Return the speed, rad/s, that must be asked for so that the drive stands still: what is hidden may offset it."""
     effects = [h.effect for h in hidden if h.effect is not None and h.effect.where == "omega_ref"]
     strengths = {n: v for e in effects if e.definition.at == "input" for n, v in e.strengths.items()}
     return -float(strengths.get("offset", 0.0)) / (1.0 + float(strengths.get("gain", 0.0)))

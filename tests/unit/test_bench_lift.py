@@ -16,6 +16,7 @@ from discrepancy.study_model import load_model
 from multibody.model import Model
 from vtsdt import bench
 from vtsdt.bench_model import build, with_rails
+from vtsdt.bench_plain import PlainLiftRig
 from vtsdt.bench_rails import RailSpectrum, draw_rails, rail_tables
 from vtsdt.bench_rig import LiftRig
 from vtsdt.bench_trips import draw_trip, express
@@ -214,3 +215,12 @@ def test_a_weighed_load_hangs_on_the_rope() -> None:
     system = build().build(outputs=["F_c"])
     pull = [system.simulate(8.0, inputs={**inputs, "payload": m}, step=0.01)["F_c"][-100:].mean() for m in (0.0, 3.0)]
     assert pull[1] - pull[0] == pytest.approx(3.0 * 9.80665, rel=0.01)
+
+
+@pytest.mark.parametrize("rig", [LiftRig, PlainLiftRig])
+def test_a_hidden_offset_of_the_speed_reference_moves_the_lift_that_is_asked_to_stand(rig: type[LiftRig]) -> None:
+    case = rig(seed=4, trips=2).case(["input_offset@omega_ref"])  # there is no rest with a reference of zero
+    offset = case.truth["effects"][0]["parameters"]["offset"]["value"]
+    signals = case.setup(seed=4).identify[0].record.signals
+    standing = signals["omega_ref"].values == 0.0
+    assert np.mean(signals["omega"].values[standing]) == pytest.approx(offset, rel=0.2)

@@ -1,0 +1,109 @@
+"""What is surely there but changes little, and what trials on the way to it have to keep to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from discrepancy import omnibus
+from discrepancy.catalogue import catalogue
+from discrepancy.conclude import _slight, _slight_words
+from discrepancy.last_resort import _small
+from discrepancy.search import FINALISTS, LOOKS, _unlike
+from discrepancy.verdict import Verdict
+from discrepancy.worth import matters
+from estimation.calibrate import REWEIGH, calibrate
+
+DRY = "coulomb_friction@guide"
+
+
+def study_at(stage):
+    """Return as much of a study as its conclusion about small effects needs, with the stage's scan as the last one."""
+    return SimpleNamespace(steps=[SimpleNamespace(scan=stage.scan, refused=())], stages=[stage], stage=stage)
+
+
+def test_what_the_search_passed_over_is_told_with_its_strength(small_study):
+    _, calibrated, with_friction = small_study.stages
+    kind, where, size, std, p, unit = _slight(study_at(calibrated))[0]
+    assert f"{kind}@{where}" == DRY
+    assert size == pytest.approx(small_study.hidden.strengths["coulomb"], rel=0.2)
+    assert std < 0.1 * size
+    assert p < 1e-3
+    assert unit == "N"
+    present = _slight(study_at(replace(calibrated, effects=with_friction.effects)))
+    assert DRY not in {f"{kind}@{where}" for kind, where, *_ in present}
+
+
+def test_the_words_name_it_and_say_why_it_is_not_added():
+    assert _slight_words(SimpleNamespace(slight=())) == ""
+    told = _slight_words(SimpleNamespace(slight=(("sensor_drift", "F_cw", 0.122, 0.0073, 1e-8, "N/s"),)))
+    assert "sensor drift at F_cw is surely there (0.122 N/s ± 0.0073 N/s)" in told
+    assert "below the noise floor" in told
+
+
+def test_an_effect_of_which_the_scan_is_sure_needs_only_be_the_better_model(small_study):
+    _, calibrated, with_friction = small_study.stages
+    entries = {e.name: e for e in catalogue(calibrated.system, calibrated.outputs, ("reference.speed",))}
+    loud = {n: 100.0 * v for n, v in calibrated.noise.items()}
+    small, with_friction = replace(calibrated, noise=loud), replace(with_friction, noise=loud)
+    assert not matters(with_friction, small)  # as the noise is now, the search passes over it
+    asked = []
+
+    def refit(effect, instead_of=(), stated=False):
+        asked.append(str(effect))
+        return with_friction if str(effect) == DRY else small
+
+    found = _small(small, calibrated.scan, refit, entries, lambda _: None)
+    assert found is not None
+    assert str(found.accepted.effect) == DRY
+    assert found.accepted.p_value == pytest.approx(min(1.0, LOOKS * calibrated.scan[DRY].p))
+    assert len(set(asked)) <= FINALISTS
+    assert _small(small, calibrated.scan, lambda *_, **__: small, entries, lambda _: None) is None
+
+
+def test_a_trial_weighs_the_outputs_anew_until_their_weights_stay(small_study):
+    calibrated = small_study.stages[1]
+    system, moved = calibrated.slim, calibrated.identify
+    experiments = [f.experiment for f in moved.fits]
+    far_off = {n: v * (100.0 if n == "drive.force" else 1.0) for n, v in moved.scale.items()}
+    found = calibrate(system, experiments, moved.parameters, noise=calibrated.noise, scale=far_off)
+    for name, weight in moved.scale.items():
+        assert abs(np.log(found.scale[name] / weight)) < 2 * REWEIGH
+    for value, full, std in zip(found.values, moved.values, moved.std, strict=True):
+        assert value == pytest.approx(full, abs=0.5 * std)
+
+
+def test_what_one_record_alone_shows_does_not_reject_the_model(monkeypatch, small_study):
+    def row(name, p, carries_over, verdict=Verdict.MISSING):
+        return SimpleNamespace(name=name, p=p, carries_over=carries_over, verdict=verdict)
+
+    rows = [
+        row("of one record", 1e-4, False), row("negligible", 1e-5, True, Verdict.NEGLIGIBLE), row("lasting", 0.2, True),
+    ]  # fmt: skip
+    scan = SimpleNamespace(rows=tuple(rows), scorer=None)
+    monkeypatch.setattr(omnibus, "scan", lambda *_, **__: scan)
+    monkeypatch.setattr(omnibus, "generic_candidates", lambda *_: [])
+    monkeypatch.setattr(omnibus, "_portmanteau", lambda _: (1.0, 1.0, ""))
+    residual = SimpleNamespace(blocks=(np.zeros((10, 1)),))
+    found = omnibus.omnibus(residual, None, {})
+    assert (found.p, found.leading, found.rejects) == (0.2, "lasting", False)
+    rows[0].carries_over = True
+    assert omnibus.omnibus(residual, None, {}).rejects
+
+
+def test_of_candidates_that_change_the_same_only_one_is_refitted():
+    rows = [SimpleNamespace(name=f"offset@{w}", where=w) for w in ("load", "scale", "pulley", "guide")]
+    twins = {"offset@load", "offset@scale"}
+
+    def ties_of(name):
+        alike = [SimpleNamespace(name=n, correlation=1.0) for n in twins - {name}] if name in twins else []
+        near = [SimpleNamespace(name="offset@guide", correlation=0.99)]
+        return SimpleNamespace(same_kind=(*alike, *near), other_kind=())
+
+    scan = SimpleNamespace(ties_of=ties_of)
+    assert [r.where for r in _unlike(scan, rows, [])] == ["load", "pulley", "guide"]
+    known = [SimpleNamespace(where="scale")]  # something was found there already: of the two it is the likelier
+    assert [r.where for r in _unlike(scan, rows, known)] == ["scale", "pulley", "guide"]
