@@ -222,5 +222,5 @@ def test_a_hidden_offset_of_the_speed_reference_moves_the_lift_that_is_asked_to_
     case = rig(seed=4, trips=2).case(["input_offset@omega_ref"])  # there is no rest with a reference of zero
     offset = case.truth["effects"][0]["parameters"]["offset"]["value"]
     signals = case.setup(seed=4).identify[0].record.signals
-    standing = signals["omega_ref"].values == 0.0
-    assert np.mean(signals["omega"].values[standing]) == pytest.approx(offset, rel=0.2)
+    assert not signals["omega_ref"].values[:10].any()
+    assert np.mean(signals["omega"].values[:10]) == pytest.approx(offset, rel=0.2)
