@@ -30,6 +30,8 @@ class Entry:
         Parameter that gives the connection its own stiffness, or empty.
     load : str
         Output that carries the load, or empty.
+    stated : tuple of float
+        Values that were stated, of a kind whose strengths are such.
     """
 
     kind: Kind
@@ -37,6 +39,7 @@ class Entry:
     place: Place | None = None
     stiffness: str = ""
     load: str = ""
+    stated: tuple[float, ...] = ()
 
     @property
     def name(self) -> str:
@@ -86,15 +89,18 @@ def catalogue(
 
 
 def _built_in(kind: Kind, system: System) -> list[Entry]:
-    """Return where components have an effect in them whose strengths are zero."""
+    """Return where components have an effect in them whose strengths are zero, or values that may be stated wrongly."""
     found = []
     for name, component in system.model.components.items():
         if kind.component is None or not isinstance(component, kind.component):
             continue
         for side, ending in kind.sides or (("", ""),):
             values = [component.values.get(f"{s}{ending}") for s in kind.strengths]
-            if all(v == 0.0 for v in values):
-                found.append(Entry(kind, f"{name}.{side}" if side else name))
+            where = f"{name}.{side}" if side else name
+            if kind.stated and all(v for v in values):
+                found.append(Entry(kind, where, stated=tuple(map(float, values))))  # type: ignore[arg-type]
+            elif not kind.stated and all(v == 0.0 for v in values):
+                found.append(Entry(kind, where))
     return found
 
 

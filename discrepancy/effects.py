@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+import discrepancy.stated_values  # noqa: F401 - values of controllers and circuits join the catalogue
 from discrepancy.kinds import Kind, kind_named
 from multibody.component import nearest
 
@@ -147,10 +148,9 @@ class Effect:
         if self.definition.free_form:
             return str(law_class(self.definition, self.domain).declarations["curve"].unit)  # type: ignore[attr-defined]
         if self.definition.at == "parameter":
-            assert self.definition.component is not None
             ending = self.definition.owner_of(self.where)[1]
-            own: Any = self.definition.component.declarations[f"{parameter}{ending}"]
-            return str(own.unit)
+            own: Any = self.definition.component_class.declarations[f"{parameter}{ending}"]
+            return "" if "{" in str(own.unit) else str(own.unit)  # that of a loop of any quantity is not known here
         if self.definition.at == "connection":
             item: Any = law_class(self.definition, self.domain).declarations[parameter]
             return str(item.unit)
@@ -218,8 +218,9 @@ class Effect:
         kind = self.definition
         found = []
         for name, value in self.strengths.items():
-            low = 0.0 if kind.one_sided else -math.inf
-            found.append(UncertainParameter(self.parameter_name(name), value, min=low, unit=self.unit(name)))
+            low = 0.0 if kind.one_sided or (kind.stated and value > 0.0) else -math.inf
+            high = 0.0 if kind.stated and value < 0.0 else math.inf
+            found.append(UncertainParameter(self.parameter_name(name), value, min=low, max=high, unit=self.unit(name)))
         for name in kind.free_shapes:
             value = self.shape[name]
             positive = name in ("v_stribeck", "v_s", "width", "x_s", "order")

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DIFFERENCE", "differs_from", "effect_of", "simpler_in"]
 
+FURTHEST = 10.0  # times a stated value, or its inverse, to which a straight line from it is followed; chosen
 DIFFERENCE = "difference"  # name of the one amplitude of a law with two sides where their mean is in the model already
 
 
@@ -49,6 +50,9 @@ def effect_of(entry: Entry, row: Row, effects: Sequence[Effect], instead_of: Seq
         amplitude = np.array([amplitude[0], -amplitude[0]])
     elif kind.one_sided:
         amplitude = np.maximum(amplitude, 1e-3 * max(float(np.max(np.abs(amplitude))), 1e-12))
+    elif kind.stated:
+        stated = np.array(entry.stated)
+        amplitude = stated * np.clip(1.0 + amplitude / stated, 1.0 / FURTHEST, FURTHEST)
     strengths = dict(zip(kind.strengths, map(float, amplitude), strict=True))
     number = 1 + sum(1 for e in effects if e.kind == kind.name and e.where == entry.where)
     if entry.place is None:

@@ -26,6 +26,7 @@ __all__ = [
     "SignalScale",
     "choose",
     "draw_effect",
+    "misstated",
     "strengths_of",
     "unknown_effect",
 ]
@@ -81,13 +82,17 @@ class SignalScale:
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect that a rig has and the model lacks: one of the catalogue, or one of none of its kinds."""
+    """An effect that a rig has and the model lacks: one of the catalogue, or one of none of its kinds.
+
+    ``stated`` has the values that the model has in place of strengths that are parameters of it.
+    """
 
     effect: Effect | None = None
     where: str = ""
     component: Component | None = None
     ports: tuple[str, str] = ("", "")
     over: str = ""
+    stated: tuple[float, ...] = ()
 
     def added_to(self, model: Model) -> Model:
         """Return a copy of the model with the effect in it; errors of sensors leave it as it is."""
@@ -117,6 +122,8 @@ class Hidden:
             n: {"value": float(v), "unit": extra.get(n) or _plain(effect.unit(n))}
             for n, v in {**effect.strengths, **effect.shape}.items()
         }
+        for name, value in zip(effect.strengths, self.stated, strict=False):
+            parameters[name]["stated"] = value
         return {"kind": effect.kind, "where": effect.where, "parameters": parameters}
 
 
@@ -237,6 +244,7 @@ _SIZES: dict[str, _Sizes] = {
     "added_inertia": lambda s: {"inertia": 1.5 * s.force / s.acceleration},
     "slip": lambda s: {"creep": 6.0 / (s.motion.scale * s.duration)},
 }
+_MISSTATED = 0.25  # logarithm of the factor by which a stated value is wrong
 _SIGNED = frozenset(("push", "bow", "wave", "slope", "cosine", "sine", "offset", "gain", "drift"))
 _SIGNAL_SIZES: dict[str, Callable[[SignalScale], float]] = {
     "offset": lambda s: s.visible,
@@ -288,6 +296,13 @@ def draw_effect(
     if "v_s" in shape:
         shape["v_s"] *= regularisation
     return Effect.at_place(entry.kind.name, entry.place, strengths=strengths, shape=shape, load=entry.load)
+
+
+def misstated(entry: Entry, rng: np.random.Generator, *, strength: float = 1.0, spread: float = 0.2) -> Effect:
+    """Return a parameter that is not what the model says, by about a quarter; arguments as of `draw_effect`."""
+    share = _MISSTATED * strength * rng.uniform(1.0 - spread, 1.0 + spread) * rng.choice((-1.0, 1.0))
+    values = {n: float(v * math.exp(share)) for n, v in zip(entry.kind.strengths, entry.stated, strict=True)}
+    return Effect(entry.kind.name, entry.where, values)
 
 
 def _drawn(name: str, size: float, rng: np.random.Generator, spread: float) -> float:

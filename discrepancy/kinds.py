@@ -97,12 +97,15 @@ class Kind:
         Simpler kinds that this one becomes in a limit of its parameters: they are asked first.
     by_direction : bool
         The two strengths are that of the kind contained, one for each direction of motion.
-    component : type, optional
-        Parameter effects: the class whose instances have it.
+    component : type or tuple of type, optional
+        Parameter effects: the class or classes whose instances have it.
     sides : tuple of (str, str)
         Parameter effects: parts of the component that can have it each, and the ending of their parameters' names.
     component_shapes : callable, optional
         Parameter effects: from the component and the ending, the shapes to try.
+    stated : bool
+        Parameter effects: the strength is not zero in the component but has the value that was stated, which may be
+        wrong; absence is that value.
     """
 
     name: str
@@ -119,9 +122,16 @@ class Kind:
     contains: tuple[str, ...] = ()
     by_direction: bool = False
     aliases: tuple[str, ...] = field(default=())
-    component: type[Component] | None = None
+    component: type[Component] | tuple[type[Component], ...] | None = None
     sides: tuple[tuple[str, str], ...] = ()
     component_shapes: Callable[[Component, str], Shapes] | None = None
+    stated: bool = False
+
+    @property
+    def component_class(self) -> type[Component]:
+        """The class whose declarations say what the strengths are (parameter effects)."""
+        assert self.component is not None
+        return self.component[0] if isinstance(self.component, tuple) else self.component
 
     def owner_of(self, where: str) -> tuple[str, str]:
         """Return the component and the ending of its parameters' names that a place of a parameter effect stands for.

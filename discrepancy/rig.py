@@ -27,7 +27,7 @@ from discrepancy.bench import (
     write_json,
 )
 from discrepancy.catalogue import Entry, catalogue
-from discrepancy.hidden import UNKNOWN, Hidden, Scale, SignalScale, choose, draw_effect, unknown_effect
+from discrepancy.hidden import UNKNOWN, Hidden, Scale, SignalScale, choose, draw_effect, misstated, unknown_effect
 from discrepancy.kinds import MotionRange
 from discrepancy.unknown_laws import OVER
 from multibody.silent import silent
@@ -239,7 +239,8 @@ class Rig:
         """Return every effect that can be hidden, and what is large at its place or in its signal."""
         entries = self.entries()
         places, signals = self.scales(entries)
-        return [e for e in entries if e.where in (places if e.place is not None else signals)], places, signals
+        at_hand = [e for e in entries if e.kind.stated or e.where in (places if e.place is not None else signals)]
+        return at_hand, places, signals
 
     def hidden(self, hide: Sequence[str], spread: float = 0.2) -> list[Hidden]:
         """Return the effects that the rig gets, with sizes drawn within a share ``spread`` of the usual ones."""
@@ -250,10 +251,14 @@ class Rig:
         found = []
         for each in chosen:
             where = each if isinstance(each, str) else each.where
-            at_place = isinstance(each, str) or each.place is not None
-            scale: Any = places[where] if at_place else signals[where]
             named = f"{UNKNOWN}@{where}" if isinstance(each, str) else each.name
             rng = np.random.default_rng([int(self.seed), 5, *named.encode()])
+            if isinstance(each, Entry) and each.kind.stated:
+                effect = misstated(each, rng, strength=self.strength, spread=spread)
+                found.append(Hidden(effect, where, stated=each.stated))
+                continue
+            at_place = isinstance(each, str) or each.place is not None
+            scale: Any = places[where] if at_place else signals[where]
             if isinstance(each, str):
                 entry = next(e for e in entries if e.where == where and e.place is not None)
                 found.append(unknown_effect(entry, self.over, scale, rng, strength=self.strength, spread=spread))

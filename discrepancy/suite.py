@@ -57,9 +57,9 @@ def _diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axi
     if truth is not None and found and names[0] == f"{truth['kind']}@{truth['where']}":
         last = next((e for e in study.stages[-1].effects if str(e) == names[0]), None)
         if last is not None:
-            true = {k: v.get("value") for k, v in truth["parameters"].items() if k in last.strengths}
-            size = math.sqrt(sum(v * v for v in true.values()))
-            ratio = math.sqrt(sum(last.strengths[k] ** 2 for k in true)) / size if size else math.nan
+            given = {k: v.get("stated", 0.0) for k, v in truth["parameters"].items() if k in last.strengths}
+            size = _size(truth)
+            ratio = math.hypot(*(last.strengths[k] - v for k, v in given.items())) / size if size else math.nan
     unknown = conclusion.extra.get("unknown", {})
     inside, outside = coverage(study.stages[-1], case.truth) if sorted(names) == sorted(hidden) else (0, ())
     return Trial(
@@ -140,9 +140,7 @@ def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds", machine
     factors = []
     for effect in usual:
         name = f"{effect['kind']}@{effect['where']}"
-        size = math.sqrt(
-            sum(v["value"] ** 2 for k, v in effect["parameters"].items() if k in _strengths(effect["kind"]))
-        )
+        size = _size(effect)
         if name not in visible or not math.isfinite(visible[name]) or size == 0.0:
             note = "no smallest visible strength: the effect is refused on these records"
             return Trial(suite, seed, tuple(hidden), "refused", (), note=note)
@@ -150,10 +148,12 @@ def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds", machine
     return _diagnosed(suite, seed, hidden, machine, strength=max(factors))
 
 
-def _strengths(kind: str) -> tuple[str, ...]:
+def _size(effect: Mapping[str, Any]) -> float:
+    """Return how strong an effect is, as ``truth.json`` holds it: what its strengths are beside what was stated."""
     from discrepancy.kinds import kind_named
 
-    return kind_named(kind).strengths
+    own = {k: v for k, v in effect["parameters"].items() if k in kind_named(effect["kind"]).strengths}
+    return math.hypot(*(v["value"] - v.get("stated", 0.0) for v in own.values()))
 
 
 def _plan(suite: str, trials: int, first: int, machine: str, sample: int = 0) -> list[Task]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import vtsdt.effects  # noqa: F401 - what a lift's model may state wrongly joins the catalogue of missing effects
 from multibody.library.sensors import SensorChannel
 from multibody.library.spatial import RigidBody
 from multibody.model import Model

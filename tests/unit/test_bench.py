@@ -117,7 +117,7 @@ def test_setup_for_a_study_in_memory() -> None:
 
 def test_every_kind_of_one_dimension_can_be_hidden_somewhere() -> None:
     listed = {row["kind"] for row in list_axis()}
-    assert listed == {*SHIPPED, "unknown_force"}
+    assert listed == {*SHIPPED, "unknown_force", "position_loop_gain", "speed_loop_gain", "integral_gain"}
 
 
 def test_every_effect_changes_what_is_measured() -> None:

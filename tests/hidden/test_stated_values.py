@@ -1,0 +1,108 @@
+"""A gain or a resistance that is not what the model says is found, with its value; one that is calibrated is not asked."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from discrepancy.catalogue import catalogue
+from discrepancy.effects import Effect
+from discrepancy.setup import Setup, experiments_of
+from discrepancy.study import Study
+from estimation.calibrate import UncertainParameter
+from estimation.record import Record, Signal
+from multibody import Model
+from multibody.library import Inertia, TorqueSource
+from multibody.library.control import PI
+from multibody.library.electrical import DCMotorDrive
+from multibody.library.sensors import SpeedSensor
+
+OUTPUTS = ["rotor.speed", "motor.i"]
+NOISE = {"rotor.speed": 0.02, "motor.i": 0.01}
+STATED = {"control.k_p": 0.4, "motor.R": 0.8, "motor.k_t": 0.1}
+
+
+@cache
+def drive() -> Model:
+    """A motor whose speed is controlled by its voltage, under a load that is recorded."""
+    model = Model("drive")
+    motor = model.add("motor", DCMotorDrive(R=STATED["motor.R"], L=2e-3, k_t=STATED["motor.k_t"]))
+    rotor = model.add("rotor", Inertia(J=4e-4))
+    load = model.add("load", TorqueSource())
+    control = model.add("control", PI(k_p=STATED["control.k_p"], k_i=4.0, input_unit="rad/s", output_unit="V"))
+    gauge = model.add("gauge", SpeedSensor())
+    model.connect(motor.flange, rotor.flange, load.flange, gauge.flange)
+    model.input("reference", control.reference)
+    model.input("torque", load.torque)
+    model.connect(control.measured, gauge.speed)
+    model.connect(motor.voltage, control.output)
+    return model
+
+
+def record(name: str, true: dict[str, float], seed: int) -> Record:
+    rng = np.random.default_rng(seed)
+    time = np.arange(800) * 5e-3
+    reference = 40.0 * np.cumsum(rng.uniform(-1.0, 1.0, 8))[np.minimum((time / 0.5).astype(int), 7)]
+    torque = 0.05 * np.sin(2 * np.pi * rng.uniform(0.5, 1.5) * time + rng.uniform(0, 6))
+    given = {"reference": (time, reference), "torque": (time, torque)}
+    run = drive().build().simulate(float(time[-1]), inputs=given, parameters=true, times=time, rtol=1e-8, atol=1e-10)
+    signals = {"reference": Signal(reference, "rad/s", "r", "rad/s"), "torque": Signal(torque, "N*m", "t", "N*m")}
+    for output, unit in zip(OUTPUTS, ("rad/s", "A"), strict=True):
+        values = run[output] + NOISE[output] * rng.standard_normal(time.size)
+        signals[output] = Signal(values, unit, output, unit)
+    return Record(name, Path(f"{name}.csv"), time, signals)
+
+
+def study_of(true: dict[str, float], *more: UncertainParameter) -> Study:
+    groups = [
+        experiments_of(drive(), [record(n, true, k) for n, k in names], ["reference", "torque"], OUTPUTS)
+        for names in ([("a", 1), ("b", 2), ("c", 3)], [("d", 4)])
+    ]
+    uncertain = (UncertainParameter("rotor.J", 4e-4, 2e-5, 1e-6, 1e-2, "kg*m**2"), *more)
+    return Study(Setup("drive", drive(), uncertain, *groups, residual="simulation", seed=1))
+
+
+@pytest.mark.parametrize(("kind", "name", "factor"), [
+    ("proportional_gain", "control.k_p", 1.3), ("resistance", "motor.R", 1.25), ("torque_constant", "motor.k_t", 0.9),
+])  # fmt: skip
+def test_a_value_that_is_stated_wrongly_is_found(kind: str, name: str, factor: float) -> None:
+    true = factor * STATED[name]
+    study = study_of({name: true})
+    study.diagnose()
+    owner, _, parameter = name.partition(".")
+    assert [str(e) for e in study.stage.effects] == [f"{kind}@{owner}"]
+    assert study.stage.effects[0].strengths[parameter] == pytest.approx(true, rel=0.02)
+    assert study.stage.rmse("validate")["rotor.speed"] == pytest.approx(NOISE["rotor.speed"], rel=0.1)
+
+
+def test_of_a_right_model_nothing_is_named() -> None:
+    assert study_of({}).diagnose().verdict == "nothing missing"
+
+
+def test_what_the_study_calibrates_is_left_to_calibration() -> None:
+    study = study_of({"motor.R": 1.0}, UncertainParameter("motor.R", 0.8, 0.3, 0.01, 10.0, "ohm"))
+    conclusion = study.diagnose()
+    assert conclusion.verdict == "nothing missing"
+    assert study.stage.identify["motor.R"] == pytest.approx(1.0, rel=0.02)
+    assert any((k, w) == ("resistance", "motor") and "imitate" in why for k, w, why in conclusion.refused)
+
+
+def test_absence_is_the_stated_value_and_none_is_offered_without_one() -> None:
+    system = drive().build(probes=True)
+    entries = {e.name: e for e in catalogue(system, OUTPUTS, ["reference", "torque"])}
+    assert entries["resistance@motor"].stated == (0.8,)
+    same = Effect("resistance", "motor", {"R": 0.8}).added_to(drive()).build()
+    assert np.array_equal(same.p, drive().build().p)
+    assert Effect("resistance", "motor", {"R": 0.8}).unit("R") == "ohm"
+    [moved] = Effect("resistance", "motor", {"R": 0.8}).uncertain()
+    assert (moved.name, moved.min) == ("motor.R", 0.0)
+    without = Model("open")
+    control = without.add("control", PI(k_p=0.0, k_i=1.0))
+    without.input("reference", control.reference)
+    without.input("measured", control.measured)
+    names = {e.name for e in catalogue(without.build(probes=True), [], [])}
+    assert "integral_gain@control" in names
+    assert "proportional_gain@control" not in names
