@@ -1,4 +1,4 @@
-"""A gain or a resistance that is not what the model says is found, with its value; one that is calibrated is not asked."""
+"""A gain or a resistance that is not what the model says is found, and one that is calibrated is not asked."""
 
 from __future__ import annotations
 

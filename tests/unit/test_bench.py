@@ -138,6 +138,8 @@ def test_every_effect_changes_what_is_measured() -> None:
             else {}
         )
     off = {name: 0.0 for group in strengths.values() for name in group}
+    for each in hidden:  # absence of a value that is stated wrongly is the stated value
+        off |= dict(zip(strengths[str(each.effect)], each.stated, strict=False))
     reference = trip(np.random.default_rng(0), 6.0)
     stamps = rig.logger.stamps(6.0)
 
