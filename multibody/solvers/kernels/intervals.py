@@ -1,59 +1,132 @@
-"""Fixed steps of Dormand and Prince's formulas over many short intervals, for discrete transitions."""
+"""Linear equations with coefficients that change in time, carried over many short intervals, for discrete transitions.
+
+δ' = A(t) δ + B(t) φ(t) with A and B that are parabolas of the time in each piece of an interval.  A step is two
+exponentials (order 4; Blanes and Moan 2006, Applied Numerical Mathematics 56, 1519-1537), of each of which the Taylor
+series is applied to all columns at once.  Of A only the entries that are not zero are multiplied.
+"""
 
 from __future__ import annotations
 
-from multibody.solvers.kernels.bundle import SHAPE_T, M, N
-from multibody.solvers.kernels.calls import entry, floats, inner, pointer, shift
-from multibody.solvers.kernels.dormand_prince import stages
-from multibody.solvers.kernels.field import evaluate
-from multibody.solvers.kernels.stepping import END, T, passing, plan
+from multibody.solvers.kernels.calls import entry, fused, independent, inner, pointer, shift
+
+ROOT = 0.7745966692414834  # sqrt(3/5): the nodes of a piece are at 0 and ± that, from its middle in half lengths
+FIRST, SECOND = 0.5 - 0.28867513459481287, 0.5 + 0.28867513459481287  # (1 ∓ 1/sqrt(3)) / 2: those of a step
+MORE, LESS = 0.5 + 0.5773502691896257, 0.5 - 0.5773502691896257  # their weights in the exponential of each half
 
 
 @inner
-def cross(c, clock, substep, size, y, k, y_new):
-    """Carry y from the clock's time to its end in steps of at most ``substep``; return their number."""
-    count, known = 0, False
-    last = shift(k, 6 * size)
-    while clock[T] < clock[END]:
-        h, t_new, _, jump = plan(c, clock, min(substep, passing(c, clock[T], y)))
-        if h == 0.0:
-            return count
-        if known:
-            for i in range(size):
-                k[i] = last[i]
-        else:
-            evaluate(clock[T], y, k, c)
-        stages(c, clock[T], t_new - clock[T], size, y, k, y_new)
-        for i in range(size):
-            y[i] = y_new[i]
-        clock[T] = t_new
-        known = not jump
-        count += 1
-    return count
+def weights(x):
+    """Return what a parabola takes from each node of its piece, at x half lengths from the middle."""
+    z = x / ROOT
+    return 0.5 * z * (z - 1.0), (1.0 - z) * (1.0 + z), 0.5 * z * (z + 1.0)
+
+
+@fused
+def blend(count, where, values, stride, w0, w1, w2, out):
+    """Write the weighted sum of some entries of three matrices that follow each other into out; -1 is no entry."""
+    one, two = shift(values, stride), shift(values, 2 * stride)
+    for e in range(count):
+        k = where[e]
+        out[e] = 0.0
+        if k >= 0:
+            out[e] = w0 * values[k] + w1 * one[k] + w2 * two[k]
+
+
+@fused
+def product(n, width, begin, columns, a, y, out):
+    """Write the sparse matrix a times y (n, width) into out; each row of a has a multiple of four entries."""
+    for i in range(n):
+        row = shift(out, i * width)
+        for j in independent(width):
+            row[j] = 0.0
+        for e in range(begin[i], begin[i + 1], 4):
+            a0, a1, a2, a3 = a[e], a[e + 1], a[e + 2], a[e + 3]
+            y0, y1 = shift(y, columns[e] * width), shift(y, columns[e + 1] * width)
+            y2, y3 = shift(y, columns[e + 2] * width), shift(y, columns[e + 3] * width)
+            for j in independent(width):
+                row[j] = row[j] + a0 * y0[j] + a1 * y1[j] + a2 * y2[j] + a3 * y3[j]
+
+
+@fused
+def push(count, row_of, column_of, b, held, rising, n, m, width, out):
+    """Add B's share: ``held`` of the ramps that fall and ``rising`` of those that rise."""
+    for e in range(count):
+        k = row_of[e] * width + n + column_of[e]
+        out[k] += b[e] * held
+        out[k + m] += b[e] * rising
+
+
+@fused
+def gather(size, factor, term, y):
+    """Scale a term of the series and add it."""
+    for j in independent(size):
+        term[j] = factor * term[j]
+        y[j] = y[j] + term[j]
+
+
+@inner
+def exponential(n, m, width, terms, tau, at, slope, begin, columns, a, count, row_of, column_of, b, y, now, then):
+    """Carry y over the time tau: A and B stand still, the risen share of the additions grows from ``at`` by slope."""
+    product(n, width, begin, columns, a, y, now)
+    push(count, row_of, column_of, b, 1.0 - at, at, n, m, width, now)
+    gather(n * width, tau, now, y)
+    for k in range(2, terms + 1):
+        product(n, width, begin, columns, a, now, then)
+        if k == 2:
+            push(count, row_of, column_of, b, -slope * tau, slope * tau, n, m, width, then)
+        gather(n * width, tau / k, then, y)
+        now, then = then, now
 
 
 @entry
-def transition_blocks(numbers, clock, times, states, substep, y, k, y_new, start, out, ends):
-    """Write the directions' columns that begin as ``start`` at the end of every interval into out.
+def carry_intervals(
+    nodes_a, nodes_b, begin, columns, where, row_of, column_of, where_b, first, spans, counts, which, room,
+    phi, gamma0, gamma1,
+):  # fmt: skip
+    """Write phi, gamma0 and gamma1 of the intervals ``which``.
 
-    Steps in interval i are at most ``substep[i]``; where that is zero the interval is left out.  The inputs' tangents
-    are given at the two ends of an interval, whose times go into the field's grid; ``ends`` gets the states.
+    ``nodes_a`` (3 P, n n) and ``nodes_b`` (3 P, n m) are A and B at the nodes of P pieces; ``columns`` and ``where`` (e,)
+    the entries of A, those of row i from ``begin[i]`` on; ``row_of``, ``column_of`` and ``where_b`` (f,) those of B; the
+    pieces of interval which[k] begin with ``first[k]``; ``spans`` (P, 3) are the length of each and which share of its
+    interval is over at its begin and at its end; ``counts`` (P, 2) its steps and the terms of each series.
+    ``room``, shape (3 n width + e + f,), is for columns of which there are n + 2 m or, to fill registers, more.
     """
-    c = pointer(numbers)
-    n, size = c[N], c[N] * (c[M] + 1)
-    grid, ticks, vector = floats(c[SHAPE_T]), pointer(clock), pointer(y)
-    stage, result = pointer(k), pointer(y_new)
-    for i in range(times.size - 1):
-        if substep[i] == 0.0:
-            continue
-        grid[0], grid[1] = times[i], times[i + 1]
-        clock[T], clock[END] = times[i], times[i + 1]
-        for j in range(n):
-            y[j] = states[i, j]
-        for j in range(n, size):
-            y[j] = start[j - n]
-        cross(c, ticks, substep[i], size, vector, stage, result)
-        for j in range(n):
-            ends[i, j] = y[j]
-        for j in range(n, size):
-            out[i, j - n] = y[j]
+    n, m, f = phi.shape[1], gamma0.shape[2], where_b.size
+    e = where.size
+    width = (room.size - e - f) // (3 * n)
+    y = pointer(room)
+    now = shift(y, n * width)
+    then = shift(now, n * width)
+    a = shift(then, n * width)
+    b = shift(a, e)
+    for k in range(which.size):
+        for i in range(3 * n * width):
+            y[i] = 0.0
+        for i in range(n):
+            y[i * width + i] = 1.0
+        for p in range(first[k], first[k + 1]):
+            steps, terms = counts[p, 0], counts[p, 1]
+            tau, risen = 0.5 * spans[p, 0] / steps, spans[p, 2] - spans[p, 1]
+            of_a, of_b = shift(pointer(nodes_a), 3 * p * n * n), shift(pointer(nodes_b), 3 * p * n * m)
+            for s in range(steps):
+                p0, p1, p2 = weights(2.0 * (s + FIRST) / steps - 1.0)
+                q0, q1, q2 = weights(2.0 * (s + SECOND) / steps - 1.0)
+                for half in range(2):
+                    u, v = MORE, LESS
+                    if half == 1:
+                        u, v = LESS, MORE
+                    w0, w1, w2 = u * p0 + v * q0, u * p1 + v * q1, u * p2 + v * q2
+                    blend(e, pointer(where), of_a, n * n, w0, w1, w2, a)
+                    blend(f, pointer(where_b), of_b, n * m, w0, w1, w2, b)
+                    at, slope = spans[p, 1] + risen * (s + 0.5 * half) / steps, risen / spans[p, 0]
+                    exponential(
+                        n, m, width, terms, tau, at, slope, pointer(begin), pointer(columns), a,
+                        f, pointer(row_of), pointer(column_of), b, y, now, then,
+                    )  # fmt: skip
+        c = which[k]
+        for i in range(n):
+            for j in range(n):
+                phi[c, i, j] = y[i * width + j]
+            for j in range(m):
+                gamma0[c, i, j] = y[i * width + n + j]
+                gamma1[c, i, j] = y[i * width + n + m + j]
