@@ -14,20 +14,21 @@ from multibody.solvers.frozen import frozen_transitions
 from multibody.solvers.problem import ProblemError
 from multibody.solvers.spectral_radius import spectral_radius
 
-__all__ = ["Jacobians", "Transitions", "transitions"]
+__all__ = ["Jacobians", "Transitions", "look_at_times", "transitions"]
 
 Jacobians = Callable[[np.ndarray], Callable[[slice], tuple[np.ndarray, np.ndarray]]]
 """Of times (nt,) in any order a function that gives A (k, n, n) and B (k, n, m) at a slice of them."""
 
 CHUNK = 128  # intervals whose Jacobians are in memory at a time, in each thread
 NODES = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])  # Gauss's, of order 6: where a piece's Jacobians are taken
-REACH = 2.0  # step times the largest eigenvalue's magnitude
+REACH = 2.5  # step times the largest eigenvalue's magnitude
 EXACT = 1e-6  # share of the fastest motion that the rest of a series may be
-PARABOLA = 1e-6  # what a Jacobian times the length of its piece may be off, by a parabola through three of them
+PARABOLA = 1e-5  # what a Jacobian times the length of its piece may be off, by a parabola through three of them
 OFF = 0.024  # largest error of a parabola through the nodes, in differences of its bend to the next interval's
 STIFF = 35.0  # an interval's length times its largest eigenvalue, from which matrix exponentials are cheaper
 PIECES = 4  # of a stiff interval, each with a Jacobian of its own
 FEWEST, MOST = 4, 20  # terms: as many as the order needs, and never more
+SOME = 8  # one of as many pieces has its eigenvalues worked out
 REGISTERS = 8  # columns are carried in multiples of this
 
 
@@ -101,7 +102,7 @@ def transitions(
         raise ProblemError("transitions need at least two increasing times")
     h, breaks = np.diff(times), np.asarray(breaks, dtype=np.float64)
     limit = np.broadcast_to(np.asarray(longest, dtype=np.float64), h.shape)
-    at = jacobians((times[:-1, None] + h[:, None] * NODES).ravel())
+    at = jacobians(look_at_times(times))
     a, b = at(slice(0, 1))
     n, m = a.shape[1], b.shape[2]
     found = Transitions(*(np.zeros((h.size, n, k)) for k in (n, m, m)))
@@ -142,6 +143,11 @@ def transitions(
     return found
 
 
+def look_at_times(times: np.ndarray) -> np.ndarray:
+    """Return the times, shape (3 (N - 1),), at which `transitions` asks for Jacobians first."""
+    return np.asarray((times[:-1, None] + np.diff(times)[:, None] * NODES).ravel())
+
+
 def _parts(count: int) -> list[slice]:
     """Return slices of about `CHUNK` intervals, none of them much shorter."""
     edges = np.linspace(0, count, max(1, count // CHUNK) + 1).astype(int)
@@ -151,7 +157,8 @@ def _parts(count: int) -> list[slice]:
 def _look(a: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return about the largest eigenvalue of pieces from their Jacobians, and into how many each has to be split.
 
-    Both are told in units in which the rows and columns of the Jacobians are of like size.
+    Both are told in units in which the rows and columns of the Jacobians are of like size.  Eigenvalues are worked out
+    for some of the pieces; from these to the next they change like the largest entry.
     """
     from scipy.linalg import matrix_balance
 
@@ -160,8 +167,10 @@ def _look(a: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         most = np.where(np.isfinite(most), most, 1.0)
     scale = matrix_balance(most, permute=False, separate=True)[1][0]
     unit = scale / scale[:, None]
-    size = np.max(np.abs(a) * unit, axis=(1, 2)).reshape(-1, 3)
-    fastest = spectral_radius(a[1::3]) * np.max(size, axis=1) / np.maximum(size[:, 1], 1e-300)
+    size = np.sum(np.abs(a) * unit, axis=2).max(axis=1).reshape(-1, 3)
+    some = np.arange(SOME // 2, max(len(h), SOME // 2 + 1), SOME).clip(0, len(h) - 1)
+    radius = spectral_radius(a[3 * some + 1]) / np.maximum(size[some, 1], 1e-300)
+    fastest = radius[np.minimum(np.arange(len(h)) // SOME, some.size - 1)] * np.max(size, axis=1)
     bend = (a[::3] - 2.0 * a[1::3] + a[2::3]) / (h * h)[:, None, None]
     changed = bend if len(h) == 1 else np.diff(bend, axis=0)
     change = np.max(np.abs(changed) * unit, axis=(1, 2))
@@ -276,12 +285,12 @@ def _terms(z: np.ndarray) -> np.ndarray:
 def _pattern(filled: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where each row begins, of its entries the columns, and their places in the matrix.
 
-    Rows are filled up to a multiple of four entries: those that are none have the place -1.
+    Rows are filled up to four entries or a multiple of that: those that are none have the place -1.
     """
     begin, columns, where = np.zeros(len(filled) + 1, dtype=np.int64), [], []
     for i, row in enumerate(filled):
         own = np.flatnonzero(row)
-        none = -own.size % 4
+        none = -own.size % 4 if own.size else 4
         columns += [own, np.zeros(none, dtype=np.int64)]
         where += [own + i * row.size, np.full(none, -1)]
         begin[i + 1] = begin[i] + own.size + none

@@ -33,18 +33,21 @@ def blend(count, where, values, stride, w0, w1, w2, out):
 
 
 @fused
-def product(n, width, begin, columns, a, y, out):
-    """Write the sparse matrix a times y (n, width) into out; each row of a has a multiple of four entries."""
+def product(n, width, begin, columns, factor, a, y, out):
+    """Write a factor times the sparse matrix a times y (n, width) into out; each row of a has fours of entries."""
     for i in range(n):
-        row = shift(out, i * width)
+        row, e = shift(out, i * width), begin[i]
+        a0, a1, a2, a3 = factor * a[e], factor * a[e + 1], factor * a[e + 2], factor * a[e + 3]
+        y0, y1 = shift(y, columns[e] * width), shift(y, columns[e + 1] * width)
+        y2, y3 = shift(y, columns[e + 2] * width), shift(y, columns[e + 3] * width)
         for j in independent(width):
-            row[j] = 0.0
-        for e in range(begin[i], begin[i + 1], 4):
-            a0, a1, a2, a3 = a[e], a[e + 1], a[e + 2], a[e + 3]
-            y0, y1 = shift(y, columns[e] * width), shift(y, columns[e + 1] * width)
-            y2, y3 = shift(y, columns[e + 2] * width), shift(y, columns[e + 3] * width)
+            row[j] = a0 * y0[j] + a1 * y1[j] + a2 * y2[j] + a3 * y3[j]
+        for e in range(begin[i] + 4, begin[i + 1], 4):
+            b0, b1, b2, b3 = factor * a[e], factor * a[e + 1], factor * a[e + 2], factor * a[e + 3]
+            z0, z1 = shift(y, columns[e] * width), shift(y, columns[e + 1] * width)
+            z2, z3 = shift(y, columns[e + 2] * width), shift(y, columns[e + 3] * width)
             for j in independent(width):
-                row[j] = row[j] + a0 * y0[j] + a1 * y1[j] + a2 * y2[j] + a3 * y3[j]
+                row[j] = row[j] + b0 * z0[j] + b1 * z1[j] + b2 * z2[j] + b3 * z3[j]
 
 
 @fused
@@ -56,25 +59,25 @@ def push(count, row_of, column_of, b, held, rising, n, m, width, out):
         out[k + m] += b[e] * rising
 
 
-@fused
-def gather(size, factor, term, y):
-    """Scale a term of the series and add it."""
+@inner
+def add(size, term, y):
+    """Add a term of the series."""
     for j in independent(size):
-        term[j] = factor * term[j]
         y[j] = y[j] + term[j]
 
 
 @inner
 def exponential(n, m, width, terms, tau, at, slope, begin, columns, a, count, row_of, column_of, b, y, now, then):
     """Carry y over the time tau: A and B stand still, the risen share of the additions grows from ``at`` by slope."""
-    product(n, width, begin, columns, a, y, now)
-    push(count, row_of, column_of, b, 1.0 - at, at, n, m, width, now)
-    gather(n * width, tau, now, y)
+    product(n, width, begin, columns, tau, a, y, now)
+    push(count, row_of, column_of, b, tau * (1.0 - at), tau * at, n, m, width, now)
+    add(n * width, now, y)
     for k in range(2, terms + 1):
-        product(n, width, begin, columns, a, now, then)
+        product(n, width, begin, columns, tau / k, a, now, then)
         if k == 2:
-            push(count, row_of, column_of, b, -slope * tau, slope * tau, n, m, width, then)
-        gather(n * width, tau / k, then, y)
+            share = 0.5 * tau * slope * tau
+            push(count, row_of, column_of, b, -share, share, n, m, width, then)
+        add(n * width, then, y)
         now, then = then, now
 
 
