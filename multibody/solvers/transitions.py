@@ -11,6 +11,7 @@ import numpy as np
 from multibody.native import load_driver
 from multibody.side_by_side import side_by_side
 from multibody.solvers.frozen import frozen_transitions
+from multibody.solvers.kernels.intervals import WIDTH
 from multibody.solvers.problem import ProblemError
 from multibody.solvers.spectral_radius import spectral_radius
 
@@ -29,7 +30,6 @@ STIFF = 35.0  # an interval's length times its largest eigenvalue, from which ma
 PIECES = 4  # of a stiff interval, each with a Jacobian of its own
 FEWEST, MOST = 4, 20  # terms: as many as the order needs, and never more
 SOME = 8  # one of as many pieces has its eigenvalues worked out
-REGISTERS = 8  # columns are carried in multiples of this
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +254,6 @@ def _carry(
     counts = np.stack((steps, _terms(0.5 * reach / steps)), axis=1).astype(np.int64, order="C")
     begin, columns, where = _pattern(np.any(a != 0.0, axis=0))
     row_of, column_of = (np.ascontiguousarray(k) for k in np.nonzero(np.any(b != 0.0, axis=0)))
-    width = -(-(n + 2 * m) // REGISTERS) * REGISTERS
     load_driver("multibody.solvers.kernels.intervals").carry_intervals(
         a.reshape(len(a), n * n),
         np.ascontiguousarray(b).reshape(len(b), n * m),
@@ -268,7 +267,7 @@ def _carry(
         np.ascontiguousarray(spans),
         counts,
         np.ascontiguousarray(which, dtype=np.int64),
-        np.zeros(3 * n * width + where.size + row_of.size),
+        np.zeros(3 * n * WIDTH + where.size + row_of.size),
         *found,
     )
 

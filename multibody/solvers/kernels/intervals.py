@@ -12,6 +12,7 @@ from multibody.solvers.kernels.calls import entry, fused, independent, inner, po
 ROOT = 0.7745966692414834  # sqrt(3/5): the nodes of a piece are at 0 and ± that, from its middle in half lengths
 FIRST, SECOND = 0.5 - 0.28867513459481287, 0.5 + 0.28867513459481287  # (1 ∓ 1/sqrt(3)) / 2: those of a step
 MORE, LESS = 0.5 + 0.5773502691896257, 0.5 - 0.5773502691896257  # their weights in the exponential of each half
+WIDTH = 32  # columns that are carried at a time: those of 37 states then stay where the processor reads fastest
 
 
 @inner
@@ -33,30 +34,30 @@ def blend(count, where, values, stride, w0, w1, w2, out):
 
 
 @fused
-def product(n, width, begin, columns, factor, a, y, out):
-    """Write a factor times the sparse matrix a times y (n, width) into out; each row of a has fours of entries."""
+def product(n, begin, columns, factor, a, y, out):
+    """Write a factor times the sparse matrix a times y (n, WIDTH) into out; each row of a has fours of entries."""
     for i in range(n):
-        row, e = shift(out, i * width), begin[i]
+        row, e = shift(out, i * WIDTH), begin[i]
         a0, a1, a2, a3 = factor * a[e], factor * a[e + 1], factor * a[e + 2], factor * a[e + 3]
-        y0, y1 = shift(y, columns[e] * width), shift(y, columns[e + 1] * width)
-        y2, y3 = shift(y, columns[e + 2] * width), shift(y, columns[e + 3] * width)
-        for j in independent(width):
+        y0, y1 = shift(y, columns[e] * WIDTH), shift(y, columns[e + 1] * WIDTH)
+        y2, y3 = shift(y, columns[e + 2] * WIDTH), shift(y, columns[e + 3] * WIDTH)
+        for j in independent(WIDTH):
             row[j] = a0 * y0[j] + a1 * y1[j] + a2 * y2[j] + a3 * y3[j]
         for e in range(begin[i] + 4, begin[i + 1], 4):
             b0, b1, b2, b3 = factor * a[e], factor * a[e + 1], factor * a[e + 2], factor * a[e + 3]
-            z0, z1 = shift(y, columns[e] * width), shift(y, columns[e + 1] * width)
-            z2, z3 = shift(y, columns[e + 2] * width), shift(y, columns[e + 3] * width)
-            for j in independent(width):
+            z0, z1 = shift(y, columns[e] * WIDTH), shift(y, columns[e + 1] * WIDTH)
+            z2, z3 = shift(y, columns[e + 2] * WIDTH), shift(y, columns[e + 3] * WIDTH)
+            for j in independent(WIDTH):
                 row[j] = row[j] + b0 * z0[j] + b1 * z1[j] + b2 * z2[j] + b3 * z3[j]
 
 
-@fused
-def push(count, row_of, column_of, b, held, rising, n, m, width, out):
-    """Add B's share: ``held`` of the ramps that fall and ``rising`` of those that rise."""
+@inner
+def push(count, row_of, column_of, b, share, first, out):
+    """Add a share of B to the columns from ``first`` on, of which those from 0 to WIDTH are there."""
     for e in range(count):
-        k = row_of[e] * width + n + column_of[e]
-        out[k] += b[e] * held
-        out[k + m] += b[e] * rising
+        j = first + column_of[e]
+        if 0 <= j < WIDTH:
+            out[row_of[e] * WIDTH + j] += b[e] * share
 
 
 @inner
@@ -67,18 +68,34 @@ def add(size, term, y):
 
 
 @inner
-def exponential(n, m, width, terms, tau, at, slope, begin, columns, a, count, row_of, column_of, b, y, now, then):
-    """Carry y over the time tau: A and B stand still, the risen share of the additions grows from ``at`` by slope."""
-    product(n, width, begin, columns, tau, a, y, now)
-    push(count, row_of, column_of, b, tau * (1.0 - at), tau * at, n, m, width, now)
-    add(n * width, now, y)
+def exponential(n, m, first, terms, tau, at, slope, begin, columns, a, count, row_of, column_of, b, y, now, then):
+    """Carry columns y, the whole's from ``first`` on, over the time tau in which A and B stand still.
+
+    The risen share of the additions grows from ``at`` by slope.
+    """
+    product(n, begin, columns, tau, a, y, now)
+    push(count, row_of, column_of, b, tau * (1.0 - at), n - first, now)
+    push(count, row_of, column_of, b, tau * at, n + m - first, now)
+    add(n * WIDTH, now, y)
     for k in range(2, terms + 1):
-        product(n, width, begin, columns, tau / k, a, now, then)
+        product(n, begin, columns, tau / k, a, now, then)
         if k == 2:
             share = 0.5 * tau * slope * tau
-            push(count, row_of, column_of, b, -share, share, n, m, width, then)
-        add(n * width, then, y)
+            push(count, row_of, column_of, b, -share, n - first, then)
+            push(count, row_of, column_of, b, share, n + m - first, then)
+        add(n * WIDTH, then, y)
         now, then = then, now
+
+
+@inner
+def weights_of_half(half, s, steps):
+    """Return the weights of the nodes in the exponential of one half of a step."""
+    p0, p1, p2 = weights(2.0 * (s + FIRST) / steps - 1.0)
+    q0, q1, q2 = weights(2.0 * (s + SECOND) / steps - 1.0)
+    u, v = MORE, LESS
+    if half == 1:
+        u, v = LESS, MORE
+    return u * p0 + v * q0, u * p1 + v * q1, u * p2 + v * q2
 
 
 @entry
@@ -92,44 +109,39 @@ def carry_intervals(
     the entries of A, those of row i from ``begin[i]`` on; ``row_of``, ``column_of`` and ``where_b`` (f,) those of B; the
     pieces of interval which[k] begin with ``first[k]``; ``spans`` (P, 3) are the length of each and which share of its
     interval is over at its begin and at its end; ``counts`` (P, 2) its steps and the terms of each series.
-    ``room``, shape (3 n width + e + f,), is for columns of which there are n + 2 m or, to fill registers, more.
+    ``room``, shape (3 n WIDTH + e + f,), is for as many columns at a time.
     """
-    n, m, f = phi.shape[1], gamma0.shape[2], where_b.size
-    e = where.size
-    width = (room.size - e - f) // (3 * n)
+    n, m, e, f = phi.shape[1], gamma0.shape[2], where.size, where_b.size
     y = pointer(room)
-    now = shift(y, n * width)
-    then = shift(now, n * width)
-    a = shift(then, n * width)
+    now = shift(y, n * WIDTH)
+    then = shift(now, n * WIDTH)
+    a = shift(then, n * WIDTH)
     b = shift(a, e)
     for k in range(which.size):
-        for i in range(3 * n * width):
-            y[i] = 0.0
-        for i in range(n):
-            y[i * width + i] = 1.0
-        for p in range(first[k], first[k + 1]):
-            steps, terms = counts[p, 0], counts[p, 1]
-            tau, risen = 0.5 * spans[p, 0] / steps, spans[p, 2] - spans[p, 1]
-            of_a, of_b = shift(pointer(nodes_a), 3 * p * n * n), shift(pointer(nodes_b), 3 * p * n * m)
-            for s in range(steps):
-                p0, p1, p2 = weights(2.0 * (s + FIRST) / steps - 1.0)
-                q0, q1, q2 = weights(2.0 * (s + SECOND) / steps - 1.0)
-                for half in range(2):
-                    u, v = MORE, LESS
-                    if half == 1:
-                        u, v = LESS, MORE
-                    w0, w1, w2 = u * p0 + v * q0, u * p1 + v * q1, u * p2 + v * q2
+        for block in range(0, n + 2 * m, WIDTH):
+            for i in range(n * WIDTH):
+                y[i] = 0.0
+            for i in range(block, min(n, block + WIDTH)):
+                y[i * WIDTH + i - block] = 1.0
+            for p in range(first[k], first[k + 1]):
+                steps, risen = counts[p, 0], spans[p, 2] - spans[p, 1]
+                of_a, of_b = shift(pointer(nodes_a), 3 * p * n * n), shift(pointer(nodes_b), 3 * p * n * m)
+                for h in range(2 * steps):
+                    w0, w1, w2 = weights_of_half(h % 2, h // 2, steps)
                     blend(e, pointer(where), of_a, n * n, w0, w1, w2, a)
                     blend(f, pointer(where_b), of_b, n * m, w0, w1, w2, b)
-                    at, slope = spans[p, 1] + risen * (s + 0.5 * half) / steps, risen / spans[p, 0]
+                    tau, at, slope = 0.5 * spans[p, 0] / steps, spans[p, 1] + risen * 0.5 * h / steps, risen / spans[p, 0]
                     exponential(
-                        n, m, width, terms, tau, at, slope, pointer(begin), pointer(columns), a,
+                        n, m, block, counts[p, 1], tau, at, slope, pointer(begin), pointer(columns), a,
                         f, pointer(row_of), pointer(column_of), b, y, now, then,
                     )  # fmt: skip
-        c = which[k]
-        for i in range(n):
-            for j in range(n):
-                phi[c, i, j] = y[i * width + j]
-            for j in range(m):
-                gamma0[c, i, j] = y[i * width + n + j]
-                gamma1[c, i, j] = y[i * width + n + m + j]
+            c = which[k]
+            for i in range(n):
+                row = shift(y, i * WIDTH - block)
+                for j in range(block, min(block + WIDTH, n)):
+                    phi[c, i, j] = row[j]
+                for j in range(m):
+                    if n + j >= block and n + j < block + WIDTH:
+                        gamma0[c, i, j] = row[n + j]
+                    if n + m + j >= block and n + m + j < block + WIDTH:
+                        gamma1[c, i, j] = row[n + m + j]
