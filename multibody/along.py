@@ -117,7 +117,7 @@ def observe_along(
 
 
 def longest_steps(problem: NativeProblem, times: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-    """Return at every row the longest step, s, that jumps over nothing narrow that passes by there, shape (nt,)."""
+    """Return at every row the time, s, in which a quarter of what is narrow passes by there, shape (nt,)."""
     longest = np.full(times.size, problem.largest_step)
     if problem.speeds is not None and problem.widths is not None:
         speeds = np.empty((times.size, problem.widths.size))
@@ -125,7 +125,7 @@ def longest_steps(problem: NativeProblem, times: np.ndarray, states: np.ndarray,
         load_driver(_DRIVERS).rhs_along(problem.speeds.address, *at, speeds)
         problem.speeds.check()
         per_second = np.max(np.abs(speeds) / problem.widths, axis=1)
-        longest = np.minimum(longest, 0.5 / np.maximum(per_second, 1e-300))
+        longest = np.minimum(longest, 0.25 / np.maximum(per_second, 1e-300))
     return longest
 
 

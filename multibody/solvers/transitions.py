@@ -23,7 +23,7 @@ Jacobians = Callable[[np.ndarray], Callable[[slice], tuple[np.ndarray, np.ndarra
 CHUNK = 128  # intervals whose Jacobians are in memory at a time, in each thread
 NODES = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])  # Gauss's, of order 6: where a piece's Jacobians are taken
 REACH = 2.5  # step times the largest eigenvalue's magnitude
-EXACT = 1e-6  # share of the fastest motion that the rest of a series may be
+EXACT = 1e-7  # share of the fastest motion that the rest of a series may be
 PARABOLA = 1e-5  # what a Jacobian times the length of its piece may be off, by a parabola through three of them
 OFF = 0.024  # largest error of a parabola through the nodes, in differences of its bend to the next interval's
 STIFF = 35.0  # an interval's length times its largest eigenvalue, from which matrix exponentials are cheaper
@@ -117,7 +117,7 @@ def transitions(
         a, b = at(slice(3 * part.start, 3 * part.stop))
         length = h[part]
         fastest, pieces = _look(a, length)
-        pieces = np.minimum(pieces, np.ceil(length * fastest))
+        pieces = np.minimum(pieces, np.ceil(length * fastest) + FEWEST)
         pieces = np.maximum(np.maximum(pieces, least[part]), 1.0 + broken[part])
         smooth = np.flatnonzero((pieces == 1.0) & (length * fastest <= STIFF))
         whole = np.column_stack((length, np.zeros(length.size), np.ones(length.size)))
