@@ -22,7 +22,7 @@ Jacobians = Callable[[np.ndarray], Callable[[slice], tuple[np.ndarray, np.ndarra
 
 CHUNK = 128  # intervals whose Jacobians are in memory at a time, in each thread
 NODES = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])  # Gauss's, of order 6: where a piece's Jacobians are taken
-REACH = 2.5  # step times the largest eigenvalue's magnitude
+REACH = 1.5  # step times the largest eigenvalue's magnitude
 EXACT = 1e-7  # share of the fastest motion that the rest of a series may be
 PARABOLA = 1e-5  # what a Jacobian times the length of its piece may be off, by a parabola through three of them
 OFF = 0.024  # largest error of a parabola through the nodes, in differences of its bend to the next interval's
@@ -121,9 +121,9 @@ def transitions(
         pieces = np.maximum(np.maximum(pieces, least[part]), 1.0 + broken[part])
         smooth = np.flatnonzero((pieces == 1.0) & (length * fastest <= STIFF))
         whole = np.column_stack((length, np.zeros(length.size), np.ones(length.size)))
-        few = (3 * smooth[:, None] + np.arange(3)).ravel()
+        few, first = (3 * smooth[:, None] + np.arange(3)).ravel(), np.arange(smooth.size + 1)
         if smooth.size:
-            _carry(found, a[few], b[few], fastest[smooth], whole[smooth], np.arange(smooth.size + 1), part.start + smooth)
+            _carry(found, a[few], b[few], fastest[smooth], whole[smooth], first, part.start + smooth)
         return fastest, pieces
 
     looks = side_by_side(first_look, _parts(h.size))
@@ -151,7 +151,7 @@ def look_at_times(times: np.ndarray) -> np.ndarray:
 def _parts(count: int) -> list[slice]:
     """Return slices of about `CHUNK` intervals, none of them much shorter."""
     edges = np.linspace(0, count, max(1, count // CHUNK) + 1).astype(int)
-    return [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
 
 
 def _look(a: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

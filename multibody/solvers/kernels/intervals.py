@@ -105,10 +105,10 @@ def carry_intervals(
 ):  # fmt: skip
     """Write phi, gamma0 and gamma1 of the intervals ``which``.
 
-    ``nodes_a`` (3 P, n n) and ``nodes_b`` (3 P, n m) are A and B at the nodes of P pieces; ``columns`` and ``where`` (e,)
-    the entries of A, those of row i from ``begin[i]`` on; ``row_of``, ``column_of`` and ``where_b`` (f,) those of B; the
-    pieces of interval which[k] begin with ``first[k]``; ``spans`` (P, 3) are the length of each and which share of its
-    interval is over at its begin and at its end; ``counts`` (P, 2) its steps and the terms of each series.
+    ``nodes_a`` (3 P, n n) and ``nodes_b`` (3 P, n m) are A and B at the nodes of P pieces; ``columns`` and ``where``
+    (e,) the entries of A, those of row i from ``begin[i]`` on; ``row_of``, ``column_of`` and ``where_b`` (f,) those of
+    B; the pieces of interval which[k] begin with ``first[k]``; ``spans`` (P, 3) are the length of each and which share
+    of its interval is over at its begin and at its end; ``counts`` (P, 2) its steps and the terms of each series.
     ``room``, shape (3 n WIDTH + e + f,), is for as many columns at a time.
     """
     n, m, e, f = phi.shape[1], gamma0.shape[2], where.size, where_b.size
@@ -130,7 +130,8 @@ def carry_intervals(
                     w0, w1, w2 = weights_of_half(h % 2, h // 2, steps)
                     blend(e, pointer(where), of_a, n * n, w0, w1, w2, a)
                     blend(f, pointer(where_b), of_b, n * m, w0, w1, w2, b)
-                    tau, at, slope = 0.5 * spans[p, 0] / steps, spans[p, 1] + risen * 0.5 * h / steps, risen / spans[p, 0]
+                    tau, slope = 0.5 * spans[p, 0] / steps, risen / spans[p, 0]
+                    at = spans[p, 1] + 0.5 * risen * h / steps
                     exponential(
                         n, m, block, counts[p, 1], tau, at, slope, pointer(begin), pointer(columns), a,
                         f, pointer(row_of), pointer(column_of), b, y, now, then,
