@@ -13,6 +13,7 @@ import multibody.side_by_side as threads
 from estimation.experiment import Experiment
 from estimation.push_response import PushResponse
 from estimation.record import Record, Signal
+from multibody.inputs import InputTable
 from multibody.simulate import native_problem
 from multibody.solvers import Samples, integrate
 from multibody.solvers.problem import Directions, ProblemError
@@ -177,3 +178,11 @@ def test_a_machine_with_friction_agrees_with_its_integrated_derivatives():
     off = np.linalg.norm(own - exact, axis=1) / np.linalg.norm(exact, axis=1)
     assert np.median(off) < 2e-6
     assert np.max(off) < 2e-5
+
+
+def test_a_table_tells_where_its_held_inputs_jump():
+    columns = {"held": [0.0, 1.0, 1.0, 2.0], "late": [0.0, 0.0, 5.0, 5.0], "ramp": [0.0, 1.0, 0.0, 1.0]}
+    kinds = {"held": "hold", "late": "hold", "ramp": "linear"}
+    table = InputTable.from_columns([0.0, 1.0, 2.0, 3.0], columns, kinds, {"late": 1})
+    assert sorted(table.jumps(np.array([9.0, 0.25]))) == [1.0, 2.25, 3.0]
+    assert InputTable.constant([1.0]).jumps(np.zeros(0)).size == 0
