@@ -6,7 +6,7 @@ matrices are integrated once; hundreds of forces along the motion then cost a fe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,16 +15,12 @@ import numpy as np
 if TYPE_CHECKING:
     from estimation.experiment import Experiment, Push
     from multibody.solvers.problem import NativeProblem
-    from multibody.solvers.transitions import Transitions
     from multibody.system import System
 
 __all__ = ["PushResponse", "at_hand", "forget", "response_of", "worth_it"]
 
-REACH = 0.7  # step times the largest eigenvalue's magnitude; an explicit step of order 5 is then exact to 2e-4
 EXACT = 1e-8  # relative tolerance of the states that Jacobians are taken at
 KEPT_BYTES = 1 << 25  # transitions larger than this are kept only while one question is answered
-STIFF = 50  # explicit steps in an interval from which matrix exponentials are cheaper
-PIECES = 4  # of a stiff interval, each with a Jacobian of its own
 
 
 def worth_it(system: System, pushes: Sequence[Push]) -> bool:
@@ -68,30 +64,47 @@ class PushResponse:
         SimulationError
             If the integration fails.
         """
+        from multibody.along import longest_steps
         from multibody.directions import worth_lanes
         from multibody.errors import SimulationError
         from multibody.simulate import native_problem
         from multibody.solvers.problem import ProblemError
-        from multibody.solvers.spectral_radius import spectral_radius
-        from multibody.solvers.transitions import transitions
+        from multibody.solvers.transitions import look_at_times, transitions
 
         time = np.array(experiment.record.time)
         table = experiment.table(system)
         problem = native_problem(system, p, table, tangent=True, in_lanes=worth_lanes(time.size, len(system.states)))
-        x = _states_at(time, experiment, system, problem, x0)
-        inputs = np.ascontiguousarray(table(time, p).reshape(time.size, -1))
-        a = system.jacobian_along("x", time, x, inputs, p)
-        fastest = spectral_radius(a)
-        substep = REACH / np.maximum(np.maximum(fastest[1:], fastest[:-1]), 1e-300)
         chosen = np.array([system.index("input", n) for n in channels])
-        stiff = np.flatnonzero(np.diff(time) > STIFF * substep)
-        substep[stiff] = 0.0
+
+        known = np.sort(np.concatenate((time, look_at_times(time))))
+        there = _states_at(known, experiment, system, problem, x0)
+
+        def motion(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Return states and inputs at times in any order; at those known they are not integrated again."""
+            where = np.searchsorted(known, at).clip(0, known.size - 1)
+            if np.array_equal(known[where], at):
+                x = there[where]
+            else:
+                order = np.argsort(at, kind="stable")
+                x = np.empty((at.size, there.shape[1]))
+                x[order] = _states_at(at[order], experiment, system, problem, x0)
+            return x, np.ascontiguousarray(table(at, p).reshape(at.size, -1))
+
+        def jacobians(at: np.ndarray) -> Callable[[slice], tuple[np.ndarray, np.ndarray]]:
+            x, u = motion(at)
+
+            def some(part: slice) -> tuple[np.ndarray, np.ndarray]:
+                where = at[part], x[part], u[part], p
+                return system.jacobian_along("x", *where), system.jacobian_along("u", *where, columns=chosen)
+
+            return some
+
+        x, inputs = motion(time)
+        longest = longest_steps(problem, time, x, inputs)
         try:
-            found = transitions(problem, time, x, list(chosen), substep)
+            found = transitions(time, jacobians, np.minimum(longest[1:], longest[:-1]), table.jumps(p))
         except ProblemError as error:
             raise SimulationError(f"'{system.name}' on record '{experiment.name}': {error}") from error
-        if stiff.size:
-            _fill_stiff(found, stiff, experiment, system, problem, p, x0, chosen)
         pick = np.array([system.index("output", n) for n in experiment.outputs])
         along = {"times": time, "states": x, "inputs": inputs, "p": p, "of": "outputs"}
         return cls(
@@ -148,29 +161,6 @@ def _states_at(
     if solution.status < 0 or samples.count < times.size or not np.all(np.isfinite(samples.states)):
         raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
     return np.ascontiguousarray(samples.states)
-
-
-def _fill_stiff(
-    found: Transitions,
-    stiff: np.ndarray,
-    experiment: Experiment,
-    system: System,
-    problem: NativeProblem,
-    p: np.ndarray,
-    x0: np.ndarray,
-    chosen: np.ndarray,
-) -> None:
-    """Write the transitions of the stiff intervals: the trajectory is looked at again inside them."""
-    from multibody.solvers.frozen import frozen_transitions
-
-    time = np.array(experiment.record.time)
-    h = np.diff(time)[stiff]
-    middles = (time[stiff][:, None] + h[:, None] * ((np.arange(PIECES) + 0.5) / PIECES)).ravel()
-    inputs = np.ascontiguousarray(experiment.table(system)(middles, p).reshape(middles.size, -1))
-    at = (middles, _states_at(middles, experiment, system, problem, x0), inputs, p)
-    a = system.jacobian_along("x", *at).reshape(stiff.size, PIECES, *found.phi.shape[1:])
-    b = system.jacobian_along("u", *at, columns=chosen).reshape(stiff.size, PIECES, *found.gamma0.shape[1:])
-    found.phi[stiff], found.gamma0[stiff], found.gamma1[stiff] = frozen_transitions(a, b, h)
 
 
 def response_of(

@@ -10,10 +10,10 @@ from multibody.directions import MANY_LANES, along_directions, worth_lanes
 from multibody.native import load_driver
 
 if TYPE_CHECKING:
-    from multibody.solvers.problem import Directions
+    from multibody.solvers.problem import Directions, NativeProblem
     from multibody.system import System
 
-__all__ = ["jacobian_along", "observe_along", "outputs_along"]
+__all__ = ["jacobian_along", "longest_steps", "observe_along", "outputs_along"]
 
 _DRIVERS = "multibody.solvers.kernels.along"
 
@@ -114,6 +114,19 @@ def observe_along(
         )
         found[:, first : first + len(p_dot)] = some
     return found.transpose(0, 2, 1)
+
+
+def longest_steps(problem: NativeProblem, times: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """Return at every row the time, s, in which a quarter of what is narrow passes by there, shape (nt,)."""
+    longest = np.full(times.size, problem.largest_step)
+    if problem.speeds is not None and problem.widths is not None:
+        speeds = np.empty((times.size, problem.widths.size))
+        at = _contiguous(times, states, inputs, problem.p)
+        load_driver(_DRIVERS).rhs_along(problem.speeds.address, *at, speeds)
+        problem.speeds.check()
+        per_second = np.max(np.abs(speeds) / problem.widths, axis=1)
+        longest = np.minimum(longest, 0.25 / np.maximum(per_second, 1e-300))
+    return longest
 
 
 def _contiguous(*arrays: Any) -> tuple[np.ndarray, ...]:

@@ -226,6 +226,12 @@ class InputTable:
                 out[:, c] = low + z * (rise + bend)
         return out if np.ndim(t) else out[0]
 
+    def jumps(self, p: np.ndarray) -> np.ndarray:
+        """Return the times, s, at which a held input jumps, in no order; delays come from p."""
+        start, delay = self._kernel["break_start"], self._kernel["break_delay"]
+        late = np.repeat([p[d] if d >= 0 else 0.0 for d in delay], np.diff(start))
+        return (self._kernel["breaks"] + late)[self._kernel["jumps"] != 0]
+
     def largest_step(self) -> float:
         """Return the largest integrator step, in s, that jumps over no sample; infinite for constant inputs.
 

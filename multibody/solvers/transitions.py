@@ -1,19 +1,35 @@
-"""Exact discrete transitions of the variational equation between the samples of a trajectory."""
+"""Discrete transitions of the variational equation between the samples of a trajectory."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from multibody.native import load_driver
-from multibody.side_by_side import cores, side_by_side
-from multibody.solvers.kernels.stepping import DIRECTION
-from multibody.solvers.problem import Directions, NativeProblem, ProblemError
+from multibody.side_by_side import side_by_side
+from multibody.solvers.frozen import frozen_transitions
+from multibody.solvers.kernels.intervals import WIDTH
+from multibody.solvers.problem import ProblemError
+from multibody.solvers.spectral_radius import spectral_radius
 
-__all__ = ["Transitions", "transitions"]
+__all__ = ["Jacobians", "Transitions", "look_at_times", "transitions"]
+
+Jacobians = Callable[[np.ndarray], Callable[[slice], tuple[np.ndarray, np.ndarray]]]
+"""Of times (nt,) in any order a function that gives A (k, n, n) and B (k, n, m) at a slice of them."""
+
+CHUNK = 128  # intervals whose Jacobians are in memory at a time, in each thread
+NODES = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])  # Gauss's, of order 6: where a piece's Jacobians are taken
+REACH = 1.5  # step times the largest eigenvalue's magnitude
+EXACT = 1e-7  # share of the fastest motion that the rest of a series may be
+PARABOLA = 1e-5  # what a Jacobian times the length of its piece may be off, by a parabola through three of them
+OFF = 0.024  # largest error of a parabola through the nodes, in differences of its bend to the next interval's
+STIFF = 35.0  # an interval's length times its largest eigenvalue, from which matrix exponentials are cheaper
+PIECES = 4  # of a stiff interval, each with a Jacobian of its own
+FEWEST, MOST = 4, 20  # terms: as many as the order needs, and never more
+SOME = 8  # one of as many pieces has its eigenvalues worked out
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,44 +43,40 @@ class Transitions:
     ----------
     phi : ndarray, shape (N - 1, n, n)
     gamma0, gamma1 : ndarray, shape (N - 1, n, m)
-    ends : ndarray, shape (N - 1, n)
-        State at t_{k+1} when started from the given state at t_k.
     """
 
     phi: np.ndarray
     gamma0: np.ndarray
     gamma1: np.ndarray
-    ends: np.ndarray
 
     def __iter__(self):  # type: ignore[no-untyped-def]
         return iter((self.phi, self.gamma0, self.gamma1))
 
 
 def transitions(
-    problem: NativeProblem,
     times: np.ndarray,
-    states: np.ndarray,
-    directions_in: Sequence[int] = (),
-    substep: float | np.ndarray = np.inf,
+    jacobians: Jacobians,
+    longest: float | np.ndarray = np.inf,
+    breaks: np.ndarray | tuple[()] = (),
 ) -> Transitions:
-    """Return the discrete transitions along a stored trajectory.
+    """Return the discrete transitions of δ' = A(t) δ + B(t) φ(t).
 
-    In every interval the state is integrated again from its stored value, with its variational equation
-    started from the identity, by Dormand and Prince's method of order 5 in steps of at most ``substep``.  The
-    global interpreter lock is released meanwhile: several trajectories can be worked on by threads.
+    The Jacobians are asked for at three places of every interval.  Where their parabola bends otherwise than in the
+    intervals beside it they are asked for again, in as many pieces as there are steps at most.  A step is a
+    commutator-free exponential of order 4; in stiff intervals the Jacobians are frozen piece by piece
+    (`multibody.solvers.frozen`).  The global interpreter lock is released meanwhile.
 
     Parameters
     ----------
-    problem : NativeProblem
-        With a tangent; its directions are not used.
     times : ndarray, shape (N,), s
         Increasing.
-    states : ndarray, shape (N, n)
-    directions_in : sequence of int
-        The m inputs whose additions count.
-    substep : float or ndarray, shape (N - 1,), s
-        Largest step, of all intervals or of each.  It must be stable: below about 3 over the largest
-        eigenvalue's magnitude.  An interval with zero is left out, and has zeros in the result.
+    jacobians : callable
+        ``jacobians(at)`` of times, in any order, returns a function that gives A (k, n, n) and B (k, n, m) at a slice
+        of them; threads call it.
+    longest : float or ndarray, shape (N - 1,), s
+        Longest piece, of all intervals or of each, that jumps over no motion of the Jacobians.
+    breaks : ndarray, s
+        Where the Jacobians jump.
 
     Returns
     -------
@@ -74,65 +86,211 @@ def transitions(
     Raises
     ------
     ProblemError
-        If shapes do not fit, or a result is not finite (the message says from which sample on).
+        If the times do not fit, or a result is not finite (the message says from which sample on).
+
+    Examples
+    --------
+    δ' = -t δ + φ over a second: exp(-1/2) of δ is left.
+
+    >>> at = lambda t: lambda part: (-t[part][:, None, None], np.ones((len(t[part]), 1, 1)))
+    >>> phi, gamma0, gamma1 = transitions(np.array([0.0, 1.0]), at)
+    >>> round(float(phi[0, 0, 0]), 4), round(float(np.exp(-0.5)), 4)
+    (0.6065, 0.6065)
     """
     times = np.ascontiguousarray(times, dtype=np.float64)
-    states = np.ascontiguousarray(states, dtype=np.float64)
-    channels = np.asarray(directions_in, dtype=np.int64)
-    n, m = problem.n, channels.size
-    if times.ndim != 1 or times.size < 2 or np.any(np.diff(times) <= 0.0):
+    if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0.0):
         raise ProblemError("transitions need at least two increasing times")
-    if states.shape != (times.size, n):
-        raise ProblemError(f"states has the shape {states.shape}, not ({times.size}, {n})")
-    largest = np.asarray(substep, dtype=np.float64)
-    if largest.shape not in ((), (times.size - 1,)) or not np.all(largest >= 0.0):
-        raise ProblemError(f"substep must not be negative, a number or one for each of {times.size - 1} intervals")
-    if m and (channels.min() < 0 or channels.max() >= problem.table.n_inputs):
-        raise ProblemError(f"directions_in names input {channels.max()}, there are {problem.table.n_inputs}")
+    h, breaks = np.diff(times), np.asarray(breaks, dtype=np.float64)
+    limit = np.broadcast_to(np.asarray(longest, dtype=np.float64), h.shape)
+    at = jacobians(look_at_times(times))
+    a, b = at(slice(0, 1))
+    n, m = a.shape[1], b.shape[2]
+    found = Transitions(*(np.zeros((h.size, n, k)) for k in (n, m, m)))
+    least = np.ceil(h / limit)  # pieces
+    inside = np.searchsorted(times, breaks, side="right") - 1
+    within = (inside >= 0) & (inside < h.size)
+    broken = np.zeros(h.size, dtype=bool)
+    broken[inside[within][breaks[within] > times[inside[within]]]] = True
 
-    count = n + 2 * m
-    shape = np.zeros((2, count))
-    shape[0, n : n + m] = 1.0
-    shape[1, n + m :] = 1.0
-    start = np.zeros((count, n))
-    start[:n] = np.eye(n)
-    largest = np.minimum(largest, problem.largest_step)
-    steps = np.array(np.broadcast_to(np.minimum(largest, 1e300), (times.size - 1,)))
-    out, ends = np.zeros((times.size - 1, count * n)), np.zeros((times.size - 1, n))
-    driver = load_driver("multibody.solvers.kernels.intervals")
+    def first_look(part: slice) -> tuple[np.ndarray, np.ndarray]:
+        """Fill the intervals of a part whose Jacobians are smooth; return how fast all are, and in how many pieces."""
+        a, b = at(slice(3 * part.start, 3 * part.stop))
+        length = h[part]
+        fastest, pieces = _look(a, length)
+        pieces = np.minimum(pieces, np.ceil(length * fastest) + FEWEST)
+        pieces = np.maximum(np.maximum(pieces, least[part]), 1.0 + broken[part])
+        smooth = np.flatnonzero((pieces == 1.0) & (length * fastest <= STIFF))
+        whole = np.column_stack((length, np.zeros(length.size), np.ones(length.size)))
+        few, first = (3 * smooth[:, None] + np.arange(3)).ravel(), np.arange(smooth.size + 1)
+        if smooth.size:
+            _carry(found, a[few], b[few], fastest[smooth], whole[smooth], first, part.start + smooth)
+        return fastest, pieces
 
-    def work(part: slice) -> None:
-        """Fill the intervals of a part, with a field of its own: the driver writes their ends into it."""
-        directions = Directions(
-            start,
-            np.zeros((count, problem.p.size)),
-            np.concatenate([np.full(n, -1), channels, channels]),
-            times[:2].copy(),
-            shape,
-        )
-        whole = replace(problem, directions=directions)
-        field = whole.field()
-        clock = np.zeros(8)
-        clock[DIRECTION] = 1.0
-        ticks = slice(part.start, part.stop + 1)
-        room = np.empty(whole.size), np.empty(7 * whole.size), np.empty(whole.size)
-        driver.transition_blocks(
-            field.numbers, clock, times[ticks], states[ticks], steps[part], *room, start.ravel(), out[part], ends[part]
-        )
-        whole.check()
-
-    edges = np.linspace(0, times.size - 1, min(cores(), times.size - 1) + 1).astype(int)
-    side_by_side(work, [slice(int(a), int(b)) for a, b in pairwise(edges)])
-    bad = np.flatnonzero(~(np.isfinite(out).all(axis=1) & np.isfinite(ends).all(axis=1)))
-    if bad.size:
+    looks = side_by_side(first_look, _parts(h.size))
+    fastest, pieces = (np.concatenate(each) for each in zip(*looks, strict=True))
+    for each in found:
+        each[~np.isfinite(fastest)] = np.nan
+    stiff = np.flatnonzero((h * fastest > STIFF) & np.isfinite(fastest))
+    rough = np.flatnonzero((pieces > 1.0) & (h * fastest <= STIFF))
+    if stiff.size or rough.size:
+        _look_again(found, times, jacobians, rough, pieces[rough].astype(int), stiff, breaks)
+    bad = ~np.all([np.isfinite(each).all(axis=(1, 2)) for each in found], axis=0)
+    if np.any(bad):
         raise ProblemError(
-            f"the transition from t = {times[bad[0]]:.9g} s on is not finite: the state there is out of the "
-            f"model's range, or a substep of {np.max(largest):g} s is too large for its fastest motion"
+            f"the transition from t = {times[np.argmax(bad)]:.9g} s on is not finite: "
+            "the state there is out of the model's range"
         )
-    blocks = out.reshape(times.size - 1, count, n).transpose(0, 2, 1)
-    return Transitions(
-        np.ascontiguousarray(blocks[:, :, :n]),
-        np.ascontiguousarray(blocks[:, :, n : n + m]),
-        np.ascontiguousarray(blocks[:, :, n + m :]),
-        ends,
+    return found
+
+
+def look_at_times(times: np.ndarray) -> np.ndarray:
+    """Return the times, shape (3 (N - 1),), at which `transitions` asks for Jacobians first."""
+    return np.asarray((times[:-1, None] + np.diff(times)[:, None] * NODES).ravel())
+
+
+def _parts(count: int) -> list[slice]:
+    """Return slices of about `CHUNK` intervals, none of them much shorter."""
+    edges = np.linspace(0, count, max(1, count // CHUNK) + 1).astype(int)
+    return [slice(int(a), int(b)) for a, b in pairwise(edges)]
+
+
+def _look(a: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return about the largest eigenvalue of pieces from their Jacobians, and into how many each has to be split.
+
+    Both are told in units in which the rows and columns of the Jacobians are of like size.  Eigenvalues are worked out
+    for some of the pieces; from these to the next they change like the largest entry.
+    """
+    from scipy.linalg import matrix_balance
+
+    most = np.max(np.abs(a), axis=0)
+    if not np.all(np.isfinite(most)):
+        most = np.where(np.isfinite(most), most, 1.0)
+    scale = matrix_balance(most, permute=False, separate=True)[1][0]
+    unit = scale / scale[:, None]
+    size = np.sum(np.abs(a) * unit, axis=2).max(axis=1).reshape(-1, 3)
+    some = np.arange(SOME // 2, max(len(h), SOME // 2 + 1), SOME).clip(0, len(h) - 1)
+    radius = spectral_radius(a[3 * some + 1]) / np.maximum(size[some, 1], 1e-300)
+    fastest = radius[np.minimum(np.arange(len(h)) // SOME, some.size - 1)] * np.max(size, axis=1)
+    bend = (a[::3] - 2.0 * a[1::3] + a[2::3]) / (h * h)[:, None, None]
+    changed = bend if len(h) == 1 else np.diff(bend, axis=0)
+    change = np.max(np.abs(changed) * unit, axis=(1, 2))
+    if len(h) > 1:
+        change = np.maximum(np.append(change, 0.0), np.append(0.0, change))
+    off = OFF * h**3 * change
+    return fastest, np.maximum(np.ceil((np.where(np.isfinite(off), off, 0.0) / PARABOLA) ** (1.0 / 3.0)), 1.0)
+
+
+def _look_again(
+    found: Transitions,
+    times: np.ndarray,
+    jacobians: Jacobians,
+    rough: np.ndarray,
+    pieces: np.ndarray,
+    stiff: np.ndarray,
+    breaks: np.ndarray,
+) -> None:
+    """Fill the intervals in which the Jacobians are needed at more places: some in pieces, others frozen."""
+    h = np.diff(times)
+    owner, begin = _begins(times, rough, pieces, breaks)
+    last = np.append(np.diff(owner) > 0, True)[: owner.size]
+    end = np.where(last, 1.0, np.roll(begin, -1))
+    length, interval = h[rough[owner]] * (end - begin), rough[owner]
+    nodes = times[interval, None] + h[interval, None] * (begin[:, None] + (end - begin)[:, None] * NODES)
+    middles = times[stiff, None] + h[stiff, None] * ((np.arange(PIECES) + 0.5) / PIECES)
+    at = jacobians(np.concatenate((nodes.ravel(), middles.ravel())))
+    first = np.searchsorted(owner, np.arange(rough.size + 1))
+    spans = np.column_stack((length, begin, end))
+
+    def in_pieces(part: slice) -> None:
+        own = slice(int(first[part.start]), int(first[part.stop]))
+        a, b = at(slice(3 * own.start, 3 * own.stop))
+        fastest, _ = _look(a, length[own])
+        _carry(found, a, b, fastest, spans[own], first[part.start : part.stop + 1] - own.start, rough[part])
+
+    def frozen(part: slice) -> None:
+        a, b = at(slice(nodes.size + PIECES * part.start, nodes.size + PIECES * part.stop))
+        some, (n, m) = stiff[part], b.shape[1:]
+        a, b = a.reshape(some.size, PIECES, n, n), b.reshape(some.size, PIECES, n, m)
+        for whole, own in zip(found, frozen_transitions(a, b, h[some]), strict=True):
+            whole[some] = own
+
+    if rough.size:
+        cuts = np.unique(np.searchsorted(first, np.arange(0, owner.size + CHUNK, CHUNK)).clip(0, rough.size))
+        side_by_side(in_pieces, [slice(int(a), int(b)) for a, b in pairwise(cuts)])
+    if stiff.size:
+        side_by_side(frozen, _parts(stiff.size))
+
+
+def _begins(
+    times: np.ndarray, rough: np.ndarray, pieces: np.ndarray, breaks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return of every piece the place of its interval in ``rough``, and which share of the interval is over before."""
+    owner = np.repeat(np.arange(rough.size), pieces)
+    begin = (np.arange(owner.size) - (np.cumsum(pieces) - pieces)[owner]) / pieces[owner]
+    interval = np.clip(np.searchsorted(times, breaks, side="right") - 1, 0, times.size - 2)
+    share = (breaks - times[interval]) / np.diff(times)[interval]
+    inside = np.isin(interval, rough) & (share > 0.0) & (share < 1.0)
+    owner = np.append(owner, np.searchsorted(rough, interval[inside]))
+    begin = np.append(begin, share[inside])
+    order = np.lexsort((begin, owner))
+    owner, begin = owner[order], begin[order]
+    new = np.append(True, (np.diff(owner) > 0) | (np.diff(begin) > 1e-9))[: owner.size]
+    return owner[new], begin[new]
+
+
+def _carry(
+    found: Transitions,
+    a: np.ndarray,
+    b: np.ndarray,
+    fastest: np.ndarray,
+    spans: np.ndarray,
+    first: np.ndarray,
+    which: np.ndarray,
+) -> None:
+    """Fill some intervals from the Jacobians at the nodes of their pieces; the last arguments are the driver's."""
+    n, m = b.shape[1:]
+    reach = np.where(np.isfinite(fastest), fastest, 0.0) * spans[:, 0]
+    steps = np.maximum(np.ceil(reach / REACH), 1.0)
+    counts = np.stack((steps, _terms(0.5 * reach / steps)), axis=1).astype(np.int64, order="C")
+    begin, columns, where = _pattern(np.any(a != 0.0, axis=0))
+    row_of, column_of = (np.ascontiguousarray(k) for k in np.nonzero(np.any(b != 0.0, axis=0)))
+    load_driver("multibody.solvers.kernels.intervals").carry_intervals(
+        a.reshape(len(a), n * n),
+        np.ascontiguousarray(b).reshape(len(b), n * m),
+        begin,
+        columns,
+        where,
+        row_of,
+        column_of,
+        row_of * m + column_of,
+        np.ascontiguousarray(first, dtype=np.int64),
+        np.ascontiguousarray(spans),
+        counts,
+        np.ascontiguousarray(which, dtype=np.int64),
+        np.zeros(3 * n * WIDTH + where.size + row_of.size),
+        *found,
     )
+
+
+def _terms(z: np.ndarray) -> np.ndarray:
+    """Return how many terms the series of exp(z) needs beside its first."""
+    rest, terms = np.ones(z.size), np.full(z.size, float(FEWEST))
+    for k in range(1, MOST + 1):
+        rest = rest * z / k
+        terms[(rest > EXACT) & (k > FEWEST)] = k
+    return terms
+
+
+def _pattern(filled: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where each row begins, of its entries the columns, and their places in the matrix.
+
+    Rows are filled up to four entries or a multiple of that: those that are none have the place -1.
+    """
+    begin, columns, where = np.zeros(len(filled) + 1, dtype=np.int64), [], []
+    for i, row in enumerate(filled):
+        own = np.flatnonzero(row)
+        none = -own.size % 4 if own.size else 4
+        columns += [own, np.zeros(none, dtype=np.int64)]
+        where += [own + i * row.size, np.full(none, -1)]
+        begin[i + 1] = begin[i] + own.size + none
+    return begin, np.concatenate(columns), np.concatenate(where)

@@ -14,7 +14,6 @@ from multibody.simulate import input_table, native_problem
 from multibody.solvers import DormandPrince54, Rodas5P, Samples, integrate
 from multibody.solvers.automatic import Automatic
 from multibody.solvers.problem import Directions
-from multibody.solvers.transitions import transitions
 from vtsdt.bench_model import build
 
 TIME = np.linspace(0.0, 0.3, 76)
@@ -55,14 +54,6 @@ def test_directions_in_lanes_are_each_of_them(system, count, method):
         integrate(whole, (0.0, 0.3), system.start, samples=samples, method=method, rtol=1e-6, atol=1e-9)
         found.append(samples.states.copy())
     assert np.array_equal(*found)
-
-
-def test_transitions_are_the_same(system):
-    states = np.tile(system.start, (TIME.size, 1))
-    given = replace(problem(system, 3), directions=None)
-    found = [transitions(replace(given, in_lanes=s), TIME, states, [1], 2e-4) for s in (False, True)]
-    for one, other in zip(*found, strict=True):
-        assert np.array_equal(one, other)
 
 
 class Ramp(Component):

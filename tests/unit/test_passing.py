@@ -11,6 +11,7 @@ import pytest
 
 from estimation.experiment import Experiment
 from estimation.filters import FilterModel, Noise, Samples, extended, unscented
+from estimation.push_response import PushResponse
 from estimation.record import Record, Signal
 from multibody import Component, Model, Output, Parameter, Translation
 from multibody.library import Mass
@@ -18,7 +19,6 @@ from multibody.passing import look_at
 from multibody.simulate import input_table, native_problem
 from multibody.solvers import DormandPrince54, integrate
 from multibody.solvers.batch import batch
-from multibody.solvers.transitions import transitions
 
 TIMES = np.arange(9) * 0.125  # a step from one to the next goes past the spot, which is over within 10 ms
 
@@ -94,9 +94,15 @@ def test_a_fit_sees_it_and_its_derivatives(system, exact):
 
 
 def test_transitions_from_sample_to_sample_go_past_it(system, exact):
-    problem = native_problem(system, system.p, input_table(system, {}), tangent=True)
-    found = transitions(problem, TIMES, exact(50.0))
-    np.testing.assert_allclose(found.ends, exact(50.0)[1:], rtol=1e-3)
+    signals = {"body.velocity": Signal(exact(50.0)[:, 1], "m/s", "v", "m/s")}
+    experiment = Experiment(Record("trip", Path("trip.csv"), TIMES, signals), (), ("body.velocity",))
+    found = PushResponse.along(experiment, system, system.p, system.start, ())
+    ends = []
+    for sign in (1.0, -1.0):
+        start = dict(zip(system.state_names, system.start + sign * np.array([1e-4, 0.0]), strict=True))
+        ends.append(system.simulate(TIMES[-1], times=TIMES, initial=start, max_step=1e-4, rtol=1e-10).states[-1])
+    whole = np.linalg.multi_dot(found.phi[::-1])
+    np.testing.assert_allclose(whole[:, 0], (ends[0] - ends[1]) / 2e-4, rtol=1e-3, atol=1e-3)
 
 
 @pytest.mark.parametrize("kalman", [extended, unscented])

@@ -1,14 +1,12 @@
-"""Around the compiled methods: discrete transitions, the choice of a method, batches."""
+"""Around the compiled methods: the choice of a method, batches."""
 
 from __future__ import annotations
 
 import gc
-import threading
 import weakref
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 from multibody import native
 from multibody.inputs import InputTable
@@ -17,7 +15,6 @@ from multibody.solvers import (
     DormandPrince54,
     Exponential43,
     NativeProblem,
-    ProblemError,
     Rodas5P,
     choose_method,
     integrate,
@@ -26,7 +23,6 @@ from multibody.solvers.batch import batch
 from multibody.solvers.choose import jacobian, spectral_radius
 from multibody.solvers.groups import MOST_RUNS
 from multibody.solvers.kernels.abreast import LANES
-from multibody.solvers.transitions import transitions
 
 # x' = A x + B u with A = p[0:9], B = p[9:15]; and a pendulum whose input is its third parameter late.
 SOURCE = """
@@ -74,71 +70,6 @@ def problem(name, p, table, n):
 def linear(matrix=A):
     p = np.concatenate([matrix.ravel(), B.ravel()])
     return problem("linear", p, InputTable.constant([0.3, -0.2]), 3)
-
-
-def exact_blocks(step):
-    """Transition and first-order-hold responses from one matrix exponential (Van Loan)."""
-    m = B.shape[1]
-    whole = np.zeros((3 + 2 * m, 3 + 2 * m))
-    whole[:3, :3], whole[:3, 3 : 3 + m] = A * step, B * step
-    whole[3 : 3 + m, 3 + m :] = np.eye(m)
-    blocks = expm(whole)
-    hold, ramp = blocks[:3, 3 : 3 + m], blocks[:3, 3 + m :]
-    return blocks[:3, :3], hold - ramp, ramp
-
-
-def test_transitions_of_a_linear_system_are_the_matrix_exponential():
-    times = np.array([0.0, 0.01, 0.05, 0.06, 0.1])
-    states = np.random.default_rng(0).normal(size=(5, 3))
-    phi, gamma0, gamma1 = transitions(linear(), times, states, [0, 1], 0.002)
-    for k, step in enumerate(np.diff(times)):
-        # Global error of order 5: (8.2 1/s * 0.002 s)^5 * 0.05 / 720 is below 1e-12.
-        for found, exact in zip((phi[k], gamma0[k], gamma1[k]), exact_blocks(step), strict=True):
-            np.testing.assert_allclose(found, exact, rtol=0, atol=1e-10)
-
-
-def test_transitions_carry_the_state_and_its_deviation():
-    times = np.linspace(0.0, 1.0, 11)
-    table = InputTable.from_columns([0.0, 0.33, 0.71, 1.0], {"u": [1.0, -2.0, 3.0, 0.0]}, "hold")
-    prob = problem("pendulum", np.array([9.81, 0.2]), table, 2)
-    solution = integrate(prob, (0.0, 1.0), [2.0, 0.0], times, rtol=1e-11, atol=1e-12)
-    found = transitions(prob, times, solution.y.T, substep=0.005)
-    np.testing.assert_allclose(found.ends, solution.y.T[1:], rtol=0, atol=1e-9)
-    eps = 1e-5
-    for k in (0, 3, 7):
-        for j in range(2):
-            ends = []
-            for sign in (1.0, -1.0):
-                start = solution.y[:, k] + sign * eps * np.eye(2)[j]
-                ends.append(integrate(prob, (times[k], times[k + 1]), start, rtol=1e-12, atol=1e-13).y[:, -1])
-            # Central difference: eps² and the tolerance over eps are below 1e-7.
-            np.testing.assert_allclose(found.phi[k][:, j], (ends[0] - ends[1]) / (2 * eps), rtol=0, atol=1e-6)
-    # No channels: no columns.
-    assert found.gamma0.shape == (10, 2, 0)
-
-
-def test_transitions_release_the_interpreter_and_name_their_faults():
-    prob, times = linear(), np.linspace(0.0, 1.0, 101)
-    states = np.zeros((101, 3))
-    results = []
-    threads = [
-        threading.Thread(target=lambda: results.append(transitions(prob, times, states).phi))
-        for _ in range(3)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert all(np.array_equal(result, results[0]) for result in results)
-    with pytest.raises(ProblemError, match="increasing times"):
-        transitions(prob, times[::-1], states)
-    with pytest.raises(ProblemError, match=r"not \(101, 3\)"):
-        transitions(prob, times, states[:, :2])
-    with pytest.raises(ProblemError, match="input 5, there are 2"):
-        transitions(prob, times, states, [5])
-    states[40, 1] = np.nan
-    with pytest.raises(ProblemError, match=r"from t = 0\.4 s on is not finite"):
-        transitions(prob, times, states)
 
 
 def test_jacobian_by_colours_and_eigenvalues():

@@ -1,59 +1,148 @@
-"""Fixed steps of Dormand and Prince's formulas over many short intervals, for discrete transitions."""
+"""Linear equations with coefficients that change in time, carried over many short intervals, for discrete transitions.
+
+δ' = A(t) δ + B(t) φ(t) with A and B that are parabolas of the time in each piece of an interval.  A step is two
+exponentials (order 4; Blanes and Moan 2006, Applied Numerical Mathematics 56, 1519-1537), of each of which the Taylor
+series is applied to all columns at once.  Of A only the entries that are not zero are multiplied.
+"""
 
 from __future__ import annotations
 
-from multibody.solvers.kernels.bundle import SHAPE_T, M, N
-from multibody.solvers.kernels.calls import entry, floats, inner, pointer, shift
-from multibody.solvers.kernels.dormand_prince import stages
-from multibody.solvers.kernels.field import evaluate
-from multibody.solvers.kernels.stepping import END, T, passing, plan
+from multibody.solvers.kernels.calls import entry, fused, independent, inner, pointer, shift
+
+ROOT = 0.7745966692414834  # sqrt(3/5): the nodes of a piece are at 0 and ± that, from its middle in half lengths
+FIRST, SECOND = 0.5 - 0.28867513459481287, 0.5 + 0.28867513459481287  # (1 ∓ 1/sqrt(3)) / 2: those of a step
+MORE, LESS = 0.5 + 0.5773502691896257, 0.5 - 0.5773502691896257  # their weights in the exponential of each half
+WIDTH = 32  # columns that are carried at a time: those of 37 states then stay where the processor reads fastest
 
 
 @inner
-def cross(c, clock, substep, size, y, k, y_new):
-    """Carry y from the clock's time to its end in steps of at most ``substep``; return their number."""
-    count, known = 0, False
-    last = shift(k, 6 * size)
-    while clock[T] < clock[END]:
-        h, t_new, _, jump = plan(c, clock, min(substep, passing(c, clock[T], y)))
-        if h == 0.0:
-            return count
-        if known:
-            for i in range(size):
-                k[i] = last[i]
-        else:
-            evaluate(clock[T], y, k, c)
-        stages(c, clock[T], t_new - clock[T], size, y, k, y_new)
-        for i in range(size):
-            y[i] = y_new[i]
-        clock[T] = t_new
-        known = not jump
-        count += 1
-    return count
+def weights(x):
+    """Return what a parabola takes from each node of its piece, at x half lengths from the middle."""
+    z = x / ROOT
+    return 0.5 * z * (z - 1.0), (1.0 - z) * (1.0 + z), 0.5 * z * (z + 1.0)
+
+
+@fused
+def blend(count, where, values, stride, w0, w1, w2, out):
+    """Write the weighted sum of some entries of three matrices that follow each other into out; -1 is no entry."""
+    one, two = shift(values, stride), shift(values, 2 * stride)
+    for e in range(count):
+        k = where[e]
+        out[e] = 0.0
+        if k >= 0:
+            out[e] = w0 * values[k] + w1 * one[k] + w2 * two[k]
+
+
+@fused
+def product(n, begin, columns, factor, a, y, out):
+    """Write a factor times the sparse matrix a times y (n, WIDTH) into out; each row of a has fours of entries."""
+    for i in range(n):
+        row, e = shift(out, i * WIDTH), begin[i]
+        a0, a1, a2, a3 = factor * a[e], factor * a[e + 1], factor * a[e + 2], factor * a[e + 3]
+        y0, y1 = shift(y, columns[e] * WIDTH), shift(y, columns[e + 1] * WIDTH)
+        y2, y3 = shift(y, columns[e + 2] * WIDTH), shift(y, columns[e + 3] * WIDTH)
+        for j in independent(WIDTH):
+            row[j] = a0 * y0[j] + a1 * y1[j] + a2 * y2[j] + a3 * y3[j]
+        for e in range(begin[i] + 4, begin[i + 1], 4):
+            b0, b1, b2, b3 = factor * a[e], factor * a[e + 1], factor * a[e + 2], factor * a[e + 3]
+            z0, z1 = shift(y, columns[e] * WIDTH), shift(y, columns[e + 1] * WIDTH)
+            z2, z3 = shift(y, columns[e + 2] * WIDTH), shift(y, columns[e + 3] * WIDTH)
+            for j in independent(WIDTH):
+                row[j] = row[j] + b0 * z0[j] + b1 * z1[j] + b2 * z2[j] + b3 * z3[j]
+
+
+@inner
+def push(count, row_of, column_of, b, share, first, out):
+    """Add a share of B to the columns from ``first`` on, of which those from 0 to WIDTH are there."""
+    for e in range(count):
+        j = first + column_of[e]
+        if 0 <= j < WIDTH:
+            out[row_of[e] * WIDTH + j] += b[e] * share
+
+
+@inner
+def add(size, term, y):
+    """Add a term of the series."""
+    for j in independent(size):
+        y[j] = y[j] + term[j]
+
+
+@inner
+def exponential(n, m, first, terms, tau, at, slope, begin, columns, a, count, row_of, column_of, b, y, now, then):
+    """Carry columns y, the whole's from ``first`` on, over the time tau in which A and B stand still.
+
+    The risen share of the additions grows from ``at`` by slope.
+    """
+    product(n, begin, columns, tau, a, y, now)
+    push(count, row_of, column_of, b, tau * (1.0 - at), n - first, now)
+    push(count, row_of, column_of, b, tau * at, n + m - first, now)
+    add(n * WIDTH, now, y)
+    for k in range(2, terms + 1):
+        product(n, begin, columns, tau / k, a, now, then)
+        if k == 2:
+            share = 0.5 * tau * slope * tau
+            push(count, row_of, column_of, b, -share, n - first, then)
+            push(count, row_of, column_of, b, share, n + m - first, then)
+        add(n * WIDTH, then, y)
+        now, then = then, now
+
+
+@inner
+def weights_of_half(half, s, steps):
+    """Return the weights of the nodes in the exponential of one half of a step."""
+    p0, p1, p2 = weights(2.0 * (s + FIRST) / steps - 1.0)
+    q0, q1, q2 = weights(2.0 * (s + SECOND) / steps - 1.0)
+    u, v = MORE, LESS
+    if half == 1:
+        u, v = LESS, MORE
+    return u * p0 + v * q0, u * p1 + v * q1, u * p2 + v * q2
 
 
 @entry
-def transition_blocks(numbers, clock, times, states, substep, y, k, y_new, start, out, ends):
-    """Write the directions' columns that begin as ``start`` at the end of every interval into out.
+def carry_intervals(
+    nodes_a, nodes_b, begin, columns, where, row_of, column_of, where_b, first, spans, counts, which, room,
+    phi, gamma0, gamma1,
+):  # fmt: skip
+    """Write phi, gamma0 and gamma1 of the intervals ``which``.
 
-    Steps in interval i are at most ``substep[i]``; where that is zero the interval is left out.  The inputs' tangents
-    are given at the two ends of an interval, whose times go into the field's grid; ``ends`` gets the states.
+    ``nodes_a`` (3 P, n n) and ``nodes_b`` (3 P, n m) are A and B at the nodes of P pieces; ``columns`` and ``where``
+    (e,) the entries of A, those of row i from ``begin[i]`` on; ``row_of``, ``column_of`` and ``where_b`` (f,) those of
+    B; the pieces of interval which[k] begin with ``first[k]``; ``spans`` (P, 3) are the length of each and which share
+    of its interval is over at its begin and at its end; ``counts`` (P, 2) its steps and the terms of each series.
+    ``room``, shape (3 n WIDTH + e + f,), is for as many columns at a time.
     """
-    c = pointer(numbers)
-    n, size = c[N], c[N] * (c[M] + 1)
-    grid, ticks, vector = floats(c[SHAPE_T]), pointer(clock), pointer(y)
-    stage, result = pointer(k), pointer(y_new)
-    for i in range(times.size - 1):
-        if substep[i] == 0.0:
-            continue
-        grid[0], grid[1] = times[i], times[i + 1]
-        clock[T], clock[END] = times[i], times[i + 1]
-        for j in range(n):
-            y[j] = states[i, j]
-        for j in range(n, size):
-            y[j] = start[j - n]
-        cross(c, ticks, substep[i], size, vector, stage, result)
-        for j in range(n):
-            ends[i, j] = y[j]
-        for j in range(n, size):
-            out[i, j - n] = y[j]
+    n, m, e, f = phi.shape[1], gamma0.shape[2], where.size, where_b.size
+    y = pointer(room)
+    now = shift(y, n * WIDTH)
+    then = shift(now, n * WIDTH)
+    a = shift(then, n * WIDTH)
+    b = shift(a, e)
+    for k in range(which.size):
+        for block in range(0, n + 2 * m, WIDTH):
+            for i in range(n * WIDTH):
+                y[i] = 0.0
+            for i in range(block, min(n, block + WIDTH)):
+                y[i * WIDTH + i - block] = 1.0
+            for p in range(first[k], first[k + 1]):
+                steps, risen = counts[p, 0], spans[p, 2] - spans[p, 1]
+                of_a, of_b = shift(pointer(nodes_a), 3 * p * n * n), shift(pointer(nodes_b), 3 * p * n * m)
+                for h in range(2 * steps):
+                    w0, w1, w2 = weights_of_half(h % 2, h // 2, steps)
+                    blend(e, pointer(where), of_a, n * n, w0, w1, w2, a)
+                    blend(f, pointer(where_b), of_b, n * m, w0, w1, w2, b)
+                    tau, slope = 0.5 * spans[p, 0] / steps, risen / spans[p, 0]
+                    at = spans[p, 1] + 0.5 * risen * h / steps
+                    exponential(
+                        n, m, block, counts[p, 1], tau, at, slope, pointer(begin), pointer(columns), a,
+                        f, pointer(row_of), pointer(column_of), b, y, now, then,
+                    )  # fmt: skip
+            c = which[k]
+            for i in range(n):
+                row = shift(y, i * WIDTH - block)
+                for j in range(block, min(block + WIDTH, n)):
+                    phi[c, i, j] = row[j]
+                for j in range(m):
+                    if n + j >= block and n + j < block + WIDTH:
+                        gamma0[c, i, j] = row[n + j]
+                    if n + m + j >= block and n + m + j < block + WIDTH:
+                        gamma1[c, i, j] = row[n + m + j]
