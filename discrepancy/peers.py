@@ -52,7 +52,7 @@ INTRODUCTION = (
     "name, and when to be silent. Each candidate came at the shape that fits best. Strengths with a sign that physics "
     "forbids were struck off before counting. Settings were chosen by error on trips left out.",
     "",
-    "How often the same methods name something on the residual of a real machine, where nothing more is missing, stands "
+    "How often the same methods name something on the residual of a real machine, where nothing is missing, stands "
     "[there](real-residual.md#other-methods-on-the-same-residuals).",
 )
 
