@@ -51,6 +51,9 @@ INTRODUCTION = (
     "builds its own regression from measured speed, torque and place), so that only the decision is compared: what to "
     "name, and when to be silent. Each candidate came at the shape that fits best. Strengths with a sign that physics "
     "forbids were struck off before counting. Settings were chosen by error on trips left out.",
+    "",
+    "How often the same methods name something on the residual of a real machine, where nothing is missing, stands "
+    "[there](real-residual.md#other-methods-on-the-same-residuals).",
 )
 
 

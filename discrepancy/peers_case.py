@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -20,7 +21,10 @@ if TYPE_CHECKING:
     from discrepancy.stage import Stage
     from discrepancy.whitened import Whitened
 
-__all__ = ["PeerCase", "Seen", "peer_case"]
+__all__ = ["OnColumns", "PeerCase", "Seen", "peer_case", "seen_as"]
+
+#: Of fewer records than this each is cut into `PARTS`, to be left out in turn.
+RECORDS, PARTS = 3, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +40,7 @@ class Seen:
     owner : ndarray of int, shape (p,)
         Candidate of each column.
     trips : list of slice
-        Rows of each record.
+        Rows of each record, or of its quarters where there are fewer than three.
     Z : ndarray, shape (n, q)
         Orthonormal columns of every candidate at every shape.
     groups : list of (candidate, slice into Z, number of free numbers)
@@ -50,6 +54,25 @@ class Seen:
     Z: Array
     groups: list[tuple[int, slice, int]]
     n_channels: int
+
+
+class OnColumns(Protocol):
+    """What a method is given that asks for nothing but columns and residual."""
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """What may be named."""
+
+    @property
+    def plain(self) -> Seen:
+        """Each output divided by its residual's size."""
+
+    @property
+    def white(self) -> Seen:
+        """Each output whitened by prediction-error filters."""
+
+    def held_out(self, named: Sequence[int]) -> float:
+        """Return the error with the named candidates on records that took no part, as a share of that without."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +155,9 @@ def _best(w: Whitened) -> dict[int, int]:
     return best_groups(w.scorer, w.scorer(w.e[:, None]))
 
 
-def _seen(w: Whitened, candidates: Sequence[Candidate], best: dict[int, int]) -> Seen:
-    lay, columns = w.projection.layout, w.columns
+def seen_as(w: Whitened, candidates: Sequence[Candidate]) -> Seen:
+    """Return residual and columns in one metric as the rivals get them, each candidate at the shape that fits best."""
+    lay, columns, best = w.projection.layout, w.columns, _best(w)
     data = slice(0, lay.n_data)
     parts, owner = [], []
     for candidate, g in best.items():
@@ -143,7 +167,11 @@ def _seen(w: Whitened, candidates: Sequence[Candidate], best: dict[int, int]) ->
     groups = [
         (g.candidate, g.cols, g.cols.stop - g.cols.start + candidates[g.candidate].n_shape) for g in columns.groups
     ]
-    trips = [lay.rows(b) for b in range(len(lay.lengths))]
+    parts_each = 1 if len(lay.lengths) >= RECORDS else PARTS
+    trips = []
+    for start, n in zip(lay.starts, lay.lengths, strict=True):
+        edges = start + np.linspace(0, n, parts_each + 1).astype(int) * lay.n_channels
+        trips += [slice(int(a), int(z)) for a, z in pairwise(edges)]
     X = np.concatenate(parts, axis=1)
     return Seen(w.e[data], X, np.array(owner), trips, columns.Z[data], groups, lay.n_channels)
 
@@ -178,8 +206,8 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
         case,
         stage,
         tuple(candidates),
-        _seen(plain, seen, best),
-        _seen(white, seen, _best(white)),
+        seen_as(plain, seen),
+        seen_as(white, seen),
         residual,
         held,
         first,

@@ -1,7 +1,8 @@
 """Rival ways to decide what is missing: sparse regression, lasso, every candidate by a criterion, a black box.
 
-Each takes a `PeerCase` and returns the candidates that it names, the weightiest first.  Settings are chosen as their
-authors advise, by error on trips left out, and are not tuned to the cases of the comparison.
+Each takes a `PeerCase`, or only its columns and residual, and returns the candidates that it names, the weightiest
+first.  Settings are chosen as their authors advise, by error on trips left out, and are not tuned to the cases of the
+comparison.
 """
 
 from __future__ import annotations
@@ -9,13 +10,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from discrepancy.blocks import Array
-from discrepancy.peers_case import PeerCase, Seen
+from discrepancy.peers_case import OnColumns, PeerCase, Seen
 
-__all__ = ["METHODS", "Answer", "versions"]
+__all__ = ["METHODS", "ON_COLUMNS", "THRESHOLDS", "Answer", "stlsq_at", "versions"]
 
 THRESHOLDS = (0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.45, 0.7)
 RIDGES = (1e-6, 1e-3, 1e-2, 1e-1)
@@ -55,7 +57,7 @@ def versions() -> dict[str, str]:
     return {n: version(n) for n in ("pysindy", "scikit-learn", "numpy", "scipy")}
 
 
-def _named(case: PeerCase, seen: Seen, coefficients: Array) -> Answer:
+def _named(case: OnColumns, seen: Seen, coefficients: Array) -> Answer:
     """Turn a sparse vector of coefficients into names: by weight, without those of an impossible sign."""
     chosen = list(dict.fromkeys(seen.owner[np.flatnonzero(coefficients)].tolist()))
     possible = []
@@ -81,12 +83,14 @@ def _stlsq(X: Array, y: Array, threshold: float, ridge: float) -> Array:
     return out
 
 
+@lru_cache(maxsize=1)  # asked for by every method on the same columns
 def _triangles(seen: Seen) -> list[Array]:
     """Return the triangular factor of (X, e) for each trip: least squares on it is least squares on the trip."""
     scale = float(np.linalg.norm(seen.e))
     return [np.asarray(np.linalg.qr(np.column_stack([seen.X[t], seen.e[t] / scale]), mode="r")) for t in seen.trips]
 
 
+@lru_cache(maxsize=1)
 def _settings(seen: Seen) -> list[tuple[float, float, float]]:
     """Return (error on trips left out, threshold, ridge) of every setting, best first."""
     parts = _triangles(seen)
@@ -102,15 +106,23 @@ def _settings(seen: Seen) -> list[tuple[float, float, float]]:
     return sorted(found)
 
 
-def stlsq(case: PeerCase) -> Answer:
+def stlsq(case: OnColumns) -> Answer:
     """PySINDy's STLSQ on the scan's columns; threshold and ridge by error on trips left out."""
     seen = case.plain
     _, threshold, ridge = _settings(seen)[0]
-    rows = np.concatenate(_triangles(seen))
-    return _named(case, seen, _stlsq(rows[:, :-1], rows[:, -1], threshold, ridge))
+    return stlsq_at(case, threshold, ridge)
 
 
-def ensemble(case: PeerCase) -> Answer:
+def stlsq_at(case: OnColumns, threshold: float, ridge: float) -> Answer:
+    """PySINDy's STLSQ on the scan's columns with a threshold and a ridge that were not chosen by error.
+
+    Columns and residual have length one: a threshold of 0.1 keeps what explains 1 % of the residual by itself.
+    """
+    rows = np.concatenate(_triangles(case.plain))
+    return _named(case, case.plain, _stlsq(rows[:, :-1], rows[:, -1], threshold, ridge))
+
+
+def ensemble(case: OnColumns) -> Answer:
     """PySINDy's ensemble of STLSQ on bootstrapped rows, median of the coefficients."""
     from pysindy import STLSQ, EnsembleOptimizer
 
@@ -141,7 +153,7 @@ def ensemble(case: PeerCase) -> Answer:
 # -------------------------------------------------------------------- lasso
 
 
-def _lasso(case: PeerCase, seen: Seen) -> Answer:
+def _lasso(case: OnColumns, seen: Seen) -> Answer:
     from sklearn.linear_model import LassoLarsIC
 
     with warnings.catch_warnings():
@@ -150,12 +162,12 @@ def _lasso(case: PeerCase, seen: Seen) -> Answer:
     return _named(case, seen, np.asarray(fitted.coef_))
 
 
-def lasso(case: PeerCase) -> Answer:
+def lasso(case: OnColumns) -> Answer:
     """Lasso along its whole path (LARS), stopped by BIC."""
     return _lasso(case, case.plain)
 
 
-def lasso_white(case: PeerCase) -> Answer:
+def lasso_white(case: OnColumns) -> Answer:
     """The same on residuals whitened by our prediction-error filters."""
     return _lasso(case, case.white)
 
@@ -163,7 +175,7 @@ def lasso_white(case: PeerCase) -> Answer:
 # -------------------------------------------------------------------- every candidate, compared by a criterion
 
 
-def _every(case: PeerCase, seen: Seen, price: float) -> Answer:
+def _every(case: OnColumns, seen: Seen, price: float) -> Answer:
     """Fit every candidate at every shape, add the best by criterion, and go on until it no longer falls."""
     e, Z, n = seen.e.copy(), seen.Z.copy(), len(seen.e)
     named: list[int] = []
@@ -193,17 +205,17 @@ def _every(case: PeerCase, seen: Seen, price: float) -> Answer:
     return Answer(tuple(case.candidates[c].name for c in named), case.held_out(named), bool(named), ties)
 
 
-def every_aic(case: PeerCase) -> Answer:
+def every_aic(case: OnColumns) -> Answer:
     """Every candidate fitted and compared by AIC, forward, as PEtab-Select does."""
     return _every(case, case.plain, 2.0)
 
 
-def every_bic(case: PeerCase) -> Answer:
+def every_bic(case: OnColumns) -> Answer:
     """The same by BIC with the number of samples."""
     return _every(case, case.plain, float(np.log(len(case.plain.e))))
 
 
-def every_bic_white(case: PeerCase) -> Answer:
+def every_bic_white(case: OnColumns) -> Answer:
     """The same on residuals whitened by our prediction-error filters."""
     return _every(case, case.white, float(np.log(len(case.white.e))))
 
@@ -327,15 +339,19 @@ def _terms(x: Array, v: Array, lead: float) -> tuple[tuple[str, ...], Array]:
     return names, np.column_stack([column for each in rows.values() for column in each])
 
 
-#: Name in the table → method.
-METHODS: dict[str, Callable[[PeerCase], Answer]] = {
+#: Name in the table → method that asks for nothing but columns and residual.
+ON_COLUMNS: dict[str, Callable[[OnColumns], Answer]] = {
     "PySINDy STLSQ, scan's columns": stlsq,
     "PySINDy ensemble STLSQ, scan's columns": ensemble,
-    "PySINDy on states": sindy_states,
     "lasso, BIC": lasso,
     "lasso, BIC, whitened": lasso_white,
     "every candidate, AIC": every_aic,
     "every candidate, BIC": every_bic,
     "every candidate, BIC, whitened": every_bic_white,
+}
+#: The same and those that ask for the records.
+METHODS: dict[str, Callable[[PeerCase], Answer]] = {
+    **ON_COLUMNS,
+    "PySINDy on states": sindy_states,
     "Gaussian process": gaussian_process,
 }

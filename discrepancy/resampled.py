@@ -15,13 +15,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.blocks import Array, Residual
+from discrepancy.blocks import Array, Candidate, Residual, Sensitivities
 
 if TYPE_CHECKING:
     from discrepancy.result import ScanResult
     from discrepancy.stage import Stage
+    from discrepancy.whitened import Whitened
 
-__all__ = ["SCHEMES", "Resampled", "best_stage", "read_resampled", "resample", "resampled_alarms", "resampled_page"]
+__all__ = [
+    "SCHEMES",
+    "Resampled",
+    "Shared",
+    "best_stage",
+    "read_resampled",
+    "resample",
+    "resampled_alarms",
+    "resampled_page",
+]
 
 SHIFT = "circular shift and sign"
 SCHEMES = ("block bootstrap", SHIFT, "pieces shuffled and turned")
@@ -126,8 +136,102 @@ def repeats(stage: Stage) -> tuple[float, float]:
     return best
 
 
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """What all trials share: the machine's columns, and the residual whose pieces are laid onto it.
+
+    Parameters
+    ----------
+    residual : Residual
+        Of the best model, as the scan sees it.
+    sens : Sensitivities
+    candidates, curves : tuple of Candidate
+        Laws and sensors' errors; free curves.
+    laws, free : Whitened
+        Both with each output weighed by its residual's size alone.
+    floor : tuple of float
+        Noise of each output.
+    source : list of ndarray, shape (n_t, n_channels)
+        The residual without what calibration explains, of each record.
+    memory : float
+        Its correlation length, samples.
+    schemes : tuple of str
+        Those of `SCHEMES` that untie it from the motion.
+    """
+
+    residual: Residual
+    sens: Sensitivities
+    candidates: tuple[Candidate, ...]
+    curves: tuple[Candidate, ...]
+    laws: Whitened
+    free: Whitened
+    floor: tuple[float, ...]
+    source: list[Array]
+    memory: float
+    schemes: tuple[str, ...]
+
+    @classmethod
+    def of_stage(cls, stage: Stage, progress: Callable[[str], None] = lambda text: None) -> Shared:
+        """Work it out for the best model."""
+        from discrepancy.catalogue import catalogue
+        from discrepancy.columns import candidate_columns
+        from discrepancy.confrontation import Confrontation
+        from discrepancy.search import scan_preparation
+        from discrepancy.unknown import curve_candidates
+
+        progress("columns of all candidates")
+        facts = Confrontation.of_stage(stage, scan_preparation(stage))
+        experiment = stage.identify.fits[0].experiment
+        candidates, _ = candidate_columns(facts, catalogue(stage.system, experiment.outputs, experiment.inputs))
+        residual = facts.residual()
+        return cls.of_arrays(
+            residual,
+            facts.sensitivities(),
+            candidates,
+            curve_candidates(facts, stage.system.places),
+            [stage.noise[c] for c in residual.channels],
+            [s for s in SCHEMES if s != SHIFT or repeats(stage)[1] < REPEATS],
+        )
+
+    @classmethod
+    def of_arrays(
+        cls,
+        residual: Residual,
+        sens: Sensitivities,
+        candidates: Sequence[Candidate],
+        curves: Sequence[Candidate],
+        floor: Sequence[float],
+        schemes: Sequence[str],
+    ) -> Shared:
+        """Work it out for arrays that are there already."""
+        from discrepancy.null import correlation_length
+        from discrepancy.whitened import plainly_weighed, raw_residual
+
+        laws, free = (plainly_weighed(residual, sens, what) for what in (candidates, curves))
+        source = raw_residual(laws, residual, sens, [], [])
+        memory = correlation_length(laws.projection.layout, laws.e)
+        return cls(
+            residual, sens, tuple(candidates), tuple(curves), laws, free, tuple(floor), source, memory, tuple(schemes)
+        )
+
+    def draw(self, number: int) -> tuple[str, Residual]:
+        """Return the scheme of a trial, and its residual."""
+        scheme = self.schemes[number % len(self.schemes)]
+        rng = np.random.default_rng([number, 77])
+        made = resample(self.source, scheme, self.memory, rng)
+        return scheme, Residual(made, self.residual.dt, self.residual.channels)
+
+    def plain(self, made: Residual, *, curves: bool = False) -> Whitened:
+        """Return a trial's residual, freed of calibration, beside the laws' columns or the free curves'."""
+        known, of_laws = self.free if curves else self.laws, self.laws
+        given = np.isfinite(self.sens.prior_std)
+        prior = self.sens.prior_offset[given] / self.sens.prior_std[given]
+        e_raw = of_laws.projection.layout.stack(of_laws.whitener, made.blocks, prior)
+        return replace(known, e_raw=e_raw, e=of_laws.projection.remove(e_raw.copy()))
+
+
 def resampled_alarms(
-    stage: Stage,
+    given: Shared,
     trials: int,
     out: Path,
     *,
@@ -135,7 +239,7 @@ def resampled_alarms(
     seed: int = 0,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[Resampled]:
-    """Scan resampled residuals of a stage; an interrupted run goes on.
+    """Scan resampled residuals; an interrupted run goes on.
 
     Repeated for every trial: the whitening filters, the projection of the residual, all scores and all shuffled nulls
     of the three scans.  Done once: the simulation, its sensitivities, the candidates' columns, and the weights of the
@@ -145,8 +249,8 @@ def resampled_alarms(
 
     Parameters
     ----------
-    stage : Stage
-        The best model.
+    given : Shared
+        Of the best model.
     trials : int
     out : Path
         Folder of ``resampled.jsonl``.
@@ -155,15 +259,10 @@ def resampled_alarms(
     seed : int
         First number.
     """
-    from discrepancy.catalogue import catalogue
-    from discrepancy.columns import candidate_columns
-    from discrepancy.confrontation import Confrontation
-    from discrepancy.null import correlation_length
     from discrepancy.scan import judge, scan
-    from discrepancy.search import LOOKS, scan_preparation
-    from discrepancy.unknown import curve_candidates, holds
+    from discrepancy.search import LOOKS
+    from discrepancy.unknown import holds
     from discrepancy.verdict import Verdict
-    from discrepancy.whitened import plainly_weighed, raw_residual
 
     out.mkdir(parents=True, exist_ok=True)
     path = out / "resampled.jsonl"
@@ -171,35 +270,17 @@ def resampled_alarms(
     left = sorted(set(range(seed, seed + trials)) - {t.number for t in done})
     if not left:
         return done
-    progress("columns of all candidates")
-    facts = Confrontation.of_stage(stage, scan_preparation(stage))
-    experiment = stage.identify.fits[0].experiment
-    candidates, _ = candidate_columns(facts, catalogue(stage.system, experiment.outputs, experiment.inputs))
-    curves = curve_candidates(facts, stage.system.places)
-    residual, sens = facts.residual(), facts.sensitivities()
-    floor = [stage.noise[c] for c in residual.channels]
-    laws, free = (plainly_weighed(residual, sens, what) for what in (candidates, curves))
-    weights = laws.whitener
-    layout, projection = laws.projection.layout, laws.projection
-    memory = correlation_length(layout, laws.e)
-    source = raw_residual(laws, residual, sens, [], [])
-    given = np.isfinite(sens.prior_std)
-    prior = sens.prior_offset[given] / sens.prior_std[given]
 
     def look(which: str, made: Residual, number: int) -> ScanResult:
         if which == "whitened":
-            return scan(made, sens, candidates, level=level / LOOKS, seed=number, noise_floor=floor)
-        e_raw = layout.stack(weights, made.blocks, prior)
-        known, what = (laws, candidates) if which == "plain" else (free, curves)
-        w = replace(known, e_raw=e_raw, e=projection.remove(e_raw.copy()))
-        return judge(w, made, sens, what, level / LOOKS, 400, np.random.default_rng(number), floor)
+            return scan(made, given.sens, given.candidates, level=level / LOOKS, seed=number, noise_floor=given.floor)
+        w = given.plain(made, curves=which == "curves")
+        what = given.curves if which == "curves" else given.candidates
+        return judge(w, made, given.sens, what, level / LOOKS, 400, np.random.default_rng(number), given.floor)
 
-    schemes = [s for s in SCHEMES if s != SHIFT or repeats(stage)[1] < REPEATS]
     with path.open("a") as stream:
         for count, number in enumerate(left, 1):
-            rng = np.random.default_rng([number, 77])
-            scheme = schemes[number % len(schemes)]
-            made = Residual(resample(source, scheme, memory, rng), residual.dt, residual.channels)
+            scheme, made = given.draw(number)
             told, least = {"plain": "", "whitened": "", "curves": ""}, 1.0
             for which in told:  # as in the search: what has been found already is not looked for again
                 found = look(which, made, number)

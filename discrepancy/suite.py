@@ -272,6 +272,9 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
     parser.add_argument("--seed", type=int, default=1000, help="first seed; default 1000")
     parser.add_argument("--workers", type=int, default=2, help="processes; default 2")
     parser.add_argument("--study", type=Path, help="of 'resampled': study of a real machine")
+    parser.add_argument(
+        "--peers", action="store_true", help="of 'resampled': ask other methods about the same residuals"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress")
     args = parser.parse_args(list(arguments))
     if args.trials is None:
@@ -289,7 +292,9 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
         parser.error(f"--page {args.page}: there is no such file")
     if "resampled" in args.suites and args.study is None:
         parser.error("'resampled' needs --study STUDY.toml: whose residual is to be resampled")
-    if "peers" in args.suites:
+    if args.peers and "resampled" not in args.suites:
+        parser.error("--peers goes with 'resampled'; the comparison on the virtual axis is the suite 'peers'")
+    if args.peers or "peers" in args.suites:
         from discrepancy.peers import missing_peers
 
         if lacking := missing_peers():
@@ -352,13 +357,21 @@ def _resampled(args: Any) -> None:
     from rich.console import Console
     from rich.markdown import Markdown
 
-    from discrepancy.resampled import best_stage, repeats, resampled_alarms, resampled_page
+    from discrepancy.resampled import Shared, best_stage, repeats, resampled_alarms, resampled_page
 
     progress = (lambda text: None) if args.quiet else _tell
     stage, level = best_stage(args.study, args.out, progress)
-    trials = resampled_alarms(stage, args.trials, args.out, level=level, seed=args.seed, progress=progress)
+    given = Shared.of_stage(stage, progress)
+    trials = resampled_alarms(given, args.trials, args.out, level=level, seed=args.seed, progress=progress)
     names = [str(e) for e in stage.effects]
-    text = resampled_page(trials, args.study.name, names, level, date.today().isoformat(), repeats(stage))
+    today = date.today().isoformat()
+    text = resampled_page(trials, args.study.name, names, level, today, repeats(stage))
+    if args.peers:
+        from discrepancy.peers_methods import versions
+        from discrepancy.resampled_peers import resampled_peers, resampled_peers_page
+
+        others = resampled_peers(given, args.trials, args.out, seed=args.seed, progress=progress)
+        text += "\n\n" + resampled_peers_page(others, trials, versions(), today)
     (args.out / "resampled.md").write_text(text + "\n")
     Console().print(Markdown(text))
 
