@@ -9,6 +9,7 @@ import numpy as np
 
 from discrepancy.confrontation import Confrontation
 from discrepancy.effects import Effect
+from discrepancy.left_out import left_out_difference
 from discrepancy.search import LOOKS, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.unknown import CurveOffer, offer_curves
@@ -61,8 +62,8 @@ def replace_by_curve(
     """Try to put one free curve in the place of all laws found at a connection.
 
     A law that is only near the truth leaves a pattern behind that further laws then chase.  Where one curve beats the
-    law found at its connection by strong evidence, and takes clearly more of the error away, the honest answer is the
-    curve; against several laws at one connection it is enough that the curve is the better model.  While the search
+    law found at its connection by strong evidence, takes clearly more of the error away and clearly says more of records
+    left out, the honest answer is the curve; against several laws at one connection it is enough that the curve is the better model.  While the search
     goes on (without ``last_word``) it is not enough: the next law may be what they lack.
 
     Returns
@@ -81,7 +82,7 @@ def replace_by_curve(
         offer = _offered(before, level, seed, progress, [where])
         several = last_word and len(new) > 1
         curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress, 0.0 if several else CLEARLY)
-        if curve is not None and (several or _takes_more(curve, last, before)):
+        if curve is not None and (several or (_takes_more(curve, last, before) and _lasts(curve, last, new))):
             return first, curve
         curve = _instead_of_waves(before, last, new, offer, fit, progress)
         if curve is not None:
@@ -180,6 +181,15 @@ def _best_curve(
         for t in tried[1:]
     )
     return replace(stage, accepted=Accepted(stage.effects[-1], p, bic_difference(stage, before), rivals))
+
+
+def _lasts(curve: Stage, last: Stage, laws: Sequence[Effect]) -> bool:
+    """Tell whether a curve clearly says more than one law of records that both were not fitted to.
+
+    A curve of many points follows what is slow in a disturbance and beats the true law on the records it is fitted to.
+    Where several laws stand in for what none of them is, their own predictions are worth little to compare with.
+    """
+    return len(laws) > 1 or left_out_difference(curve, last, scan_preparation(last)) < -CLEARLY
 
 
 def _takes_more(curve: Stage, laws: Stage, before: Stage) -> bool:
