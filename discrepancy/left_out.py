@@ -9,6 +9,7 @@ is held out.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,7 +77,7 @@ def _spans(layout: Layout) -> list[slice]:
     found = []
     for start, length in zip(layout.starts, layout.lengths, strict=True):
         edges = start + layout.n_channels * np.linspace(0, length, parts + 1).astype(int)
-        found += [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        found += [slice(int(a), int(b)) for a, b in pairwise(edges)]
     return found
 
 

@@ -62,9 +62,10 @@ def replace_by_curve(
     """Try to put one free curve in the place of all laws found at a connection.
 
     A law that is only near the truth leaves a pattern behind that further laws then chase.  Where one curve beats the
-    law found at its connection by strong evidence, takes clearly more of the error away and clearly says more of records
-    left out, the honest answer is the curve; against several laws at one connection it is enough that the curve is the better model.  While the search
-    goes on (without ``last_word``) it is not enough: the next law may be what they lack.
+    law found at its connection by strong evidence, takes clearly more of the error away and clearly says more of
+    records left out, the honest answer is the curve; against several laws at one connection it is enough that the curve
+    is the better model.  While the search goes on (without ``last_word``) it is not enough: the next law may be what
+    they lack.
 
     Returns
     -------

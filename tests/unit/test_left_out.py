@@ -1,0 +1,65 @@
+"""Residuals of records left out follow from one fit: against fits made anew, and between a law and a curve."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from discrepancy.axis import axis_case
+from discrepancy.left_out import left_out_difference, left_out_residuals
+from discrepancy.search import scan_preparation
+from discrepancy.study import Study
+from discrepancy.unknown import offer_curves
+
+
+@pytest.fixture(scope="module")
+def study():
+    """Four trips of the axis, three of them fitted, that lack dry friction at the guide."""
+    found = Study(axis_case(3, ["coulomb_friction@guide"], trips=4).setup(seed=3))
+    found.compare()
+    return found
+
+
+@pytest.fixture(scope="module")
+def with_law(study):
+    step = study.explain()
+    assert str(step.accepted.effect) == "coulomb_friction@guide"
+    return study.fitted("law", (step.accepted.effect,), step.stage, step.stage.noise)
+
+
+def test_a_residual_left_out_is_that_of_a_fit_to_the_others(study, with_law):
+    setup, weights = study.setup, with_law.identify.scale
+    found = left_out_residuals(with_law, setup.identify[0].preparation, weights)
+    others = Study(replace(setup, identify=setup.identify[1:], validate=setup.identify[:1]))
+    others.confronted = study.confronted
+    fitted = others.fitted("law", with_law.effects, None, with_law.noise)
+    first = setup.identify[0]
+    rows = len(first.measured)
+    held = fitted.validate.fits[0].residual
+    inside = with_law.identify.fits[0].residual
+    assert found.shape[0] == sum(len(e.measured) for e in setup.identify)
+    for c, name in enumerate(first.outputs):
+        size = {k: float(np.sqrt(np.mean(v[:rows, c] ** 2))) * u for k, v, u in (
+            ("found", found, weights[name]), ("held out", held, 1.0), ("inside", inside, 1.0))}  # fmt: skip
+        assert size["found"] == pytest.approx(size["held out"], rel=0.05), (name, size)
+        assert size["found"] > 0.999 * size["inside"]
+
+
+def test_a_law_says_more_of_records_left_out_than_the_curve_that_can_be_it(study, with_law):
+    recalibrated = study.stage
+    offer = offer_curves(recalibrated, _facts(recalibrated), level=0.02, seed=1, where=["guide"])
+    curve = next(e for e in offer.effects if e.over == "speed")
+    fitted = study.fitted("curve", (curve,), recalibrated, recalibrated.noise)
+    preparation = scan_preparation(with_law)
+    assert left_out_difference(fitted, with_law, preparation) > 0.0
+    assert left_out_difference(with_law, fitted, preparation) < 0.0
+    assert left_out_difference(fitted, recalibrated, preparation) < -10.0
+    assert left_out_difference(with_law, with_law, preparation) == 0.0
+
+
+def _facts(stage):
+    from discrepancy.confrontation import Confrontation
+
+    return Confrontation.of_stage(stage, scan_preparation(stage))
