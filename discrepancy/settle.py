@@ -110,7 +110,10 @@ def curve_instead(
         return None
     offer = _offered(before, level, seed, progress)
     curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress)
-    return (first, curve) if curve is not None and _takes_more(curve, last, before) else None
+    if curve is None or not _takes_more(curve, last, before):
+        return None
+    here = {e.where for e in new} == {curve.effects[-1].where}  # as `replace_by_curve` asks
+    return (first, curve) if not here or _lasts(curve, last, new) else None
 
 
 def _since(before: Stage, last: Stage) -> list[Effect]:
