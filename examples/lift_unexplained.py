@@ -1,12 +1,11 @@
-"""What the lift's paper leaves unexplained, put into a virtual lift and looked for: rails, contacts, controller.
+"""What the lift's paper leaves unexplained, put into a virtual lift and looked for: contacts, controller.
 
 The virtual lift has 37 states, and the model under test is the same one as it should be.  Four trips, of which one is
 held out.  Run it with
 
     python examples/lift_unexplained.py [CASE …]
 
-for the cases ``rail``, ``contact`` and ``controller``, all of them if none is named; each takes some
-minutes.
+for the cases ``contact`` and ``controller``, both if none is named; each takes some minutes.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from discrepancy.diagnosis import Conclusion
 from discrepancy.setup import Setup
 from discrepancy.study import Study
 from estimation.calibrate import UncertainParameter
-from vtsdt.bench_model import build
 from vtsdt.bench_rig import LiftRig
 from vtsdt.parameters import LiftParameters
 
@@ -85,13 +83,6 @@ def told(title: str, setup: Setup) -> Conclusion:
     return conclusion
 
 
-def rail() -> None:
-    """Rails that were never surveyed: the model takes them for straight."""
-    setup = setup_of()
-    told("rails as surveyed", setup)
-    told("rails not surveyed", replace(setup, model=build("reference", rails={})))
-
-
 def contact() -> None:
     """Contacts of the shoes that are softer and better damped than stated."""
     setup = setup_of(changed=CONTACT)
@@ -106,7 +97,7 @@ def controller() -> None:
     told("controller known vaguely", knowing(setup, CONTROLLER))
 
 
-CASES = {"rail": rail, "contact": contact, "controller": controller}
+CASES = {"contact": contact, "controller": controller}
 
 
 if __name__ == "__main__":
