@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from discrepancy.catalogue import Entry
     from discrepancy.verdict import Row
 
-__all__ = ["DIFFERENCE", "differs_from", "effect_of", "simpler_in"]
+__all__ = ["DIFFERENCE", "FURTHEST", "differs_from", "effect_of", "simpler_in"]
 
 FURTHEST = 10.0  # times a stated value, or its inverse, to which a straight line from it is followed; chosen
 DIFFERENCE = "difference"  # name of the one amplitude of a law with two sides where their mean is in the model already

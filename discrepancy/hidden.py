@@ -244,7 +244,7 @@ _SIZES: dict[str, _Sizes] = {
     "added_inertia": lambda s: {"inertia": 1.5 * s.force / s.acceleration},
     "slip": lambda s: {"creep": 6.0 / (s.motion.scale * s.duration)},
 }
-_MISSTATED = 0.25  # logarithm of the factor by which a stated value is wrong
+_MISSTATED = 0.25  # share of the smaller by which a stated and a true value differ
 _SIGNED = frozenset(("push", "bow", "wave", "slope", "cosine", "sine", "offset", "gain", "drift"))
 _SIGNAL_SIZES: dict[str, Callable[[SignalScale], float]] = {
     "offset": lambda s: s.visible,
@@ -300,8 +300,8 @@ def draw_effect(
 
 def misstated(entry: Entry, rng: np.random.Generator, *, strength: float = 1.0, spread: float = 0.2) -> Effect:
     """Return a parameter that is not what the model says, by about a quarter; arguments as of `draw_effect`."""
-    share = _MISSTATED * strength * rng.uniform(1.0 - spread, 1.0 + spread) * rng.choice((-1.0, 1.0))
-    values = {n: float(v * math.exp(share)) for n, v in zip(entry.kind.strengths, entry.stated, strict=True)}
+    factor = (1.0 + _MISSTATED * strength * rng.uniform(1.0 - spread, 1.0 + spread)) ** rng.choice((-1, 1))
+    values = {n: float(v * factor) for n, v in zip(entry.kind.strengths, entry.stated, strict=True)}
     return Effect(entry.kind.name, entry.where, values)
 
 

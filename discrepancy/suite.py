@@ -135,6 +135,8 @@ def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds", machine
     """Hide effects at three times their smallest visible strength, or at their usual size, and diagnose."""
     if not getattr(_module(machine), "SCALED", True):
         return _diagnosed(suite, seed, hidden, machine)
+    from discrepancy.from_scan import FURTHEST
+
     visible = _visible(seed, machine)
     usual = _module(machine).sizes(seed, list(hidden))
     factors = []
@@ -143,6 +145,10 @@ def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds", machine
         size = _size(effect)
         if name not in visible or not math.isfinite(visible[name]) or size == 0.0:
             note = "no smallest visible strength: the effect is refused on these records"
+            return Trial(suite, seed, tuple(hidden), "refused", (), note=note)
+        stated = max((abs(v["stated"]) for v in effect["parameters"].values() if "stated" in v), default=math.inf)
+        if TIMES_VISIBLE * visible[name] > FURTHEST * stated:
+            note = f"these records would not show {FURTHEST:g} times the stated value"
             return Trial(suite, seed, tuple(hidden), "refused", (), note=note)
         factors.append(TIMES_VISIBLE * visible[name] / size)
     return _diagnosed(suite, seed, hidden, machine, strength=max(factors))
