@@ -188,12 +188,15 @@ def _best_curve(
 
 
 def _lasts(curve: Stage, last: Stage, laws: Sequence[Effect]) -> bool:
-    """Tell whether a curve clearly says more than one law of records that both were not fitted to.
+    """Tell whether a curve over position clearly says more than one law of records that both were not fitted to.
 
     A curve of many points follows what is slow in a disturbance and beats the true law on the records it is fitted to.
-    Where several laws stand in for what none of them is, their own predictions are worth little to compare with.
+    Where several laws stand in for what none of them is, their own predictions are worth little to compare with.  Of a
+    curve over speed the others do not know what the fastest record reaches: it is not asked this.
     """
-    return len(laws) > 1 or left_out_difference(curve, last, scan_preparation(last)) < -CLEARLY
+    if len(laws) > 1 or curve.effects[-1].over != "position":
+        return True
+    return left_out_difference(curve, last, scan_preparation(last)) < -CLEARLY
 
 
 def _takes_more(curve: Stage, laws: Stage, before: Stage) -> bool:
