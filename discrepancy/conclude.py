@@ -136,11 +136,11 @@ def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
 def _slight_words(found: Conclusion) -> str:
     if not found.slight:
         return ""
-    kind, where, size, std, _, unit = found.slight[0]
-    strength = f"{quantity(size, unit)} ± {quantity(std, unit, 2)}"
+    kind, where, size, std, p, unit = found.slight[0]
+    strength = f"{quantity(size, unit)} ± {quantity(std, unit, 2)}, p = {p:.1g}"
     return (
-        f" {_title(kind).capitalize()} at {where} is surely there ({strength}), but what it changes in the calibrated "
-        "model stays below the noise floor of every output."
+        f" {_title(kind).capitalize()} at {where} shows ({strength}), but what it changes in the calibrated model "
+        "stays below the noise floor of every output."
     )
 
 
@@ -226,14 +226,14 @@ def _left_over(
 
 
 def _slight(study: Study) -> tuple[tuple[str, str, float, float, float, str], ...]:
-    """Return what the last scan is sure of and the search has passed over, because it changes too little."""
+    """Return what the last step has found and passed over, because it changes too little."""
     if not study.steps:
         return ()
-    scan = study.steps[-1].scan
+    step = study.steps[-1]
     present = {(e.kind, e.where) for e in study.stages[-1].effects}
-    sure = [r for r in scan.rows if r.verdict in (Verdict.MISSING, Verdict.NEGLIGIBLE)]
+    sure = {r.name: r for r in (*step.scan.rows, *step.slight) if r.verdict is Verdict.NEGLIGIBLE or r in step.slight}
     found = []
-    for r in sorted(sure, key=lambda r: r.delta_bic)[:SLIGHT]:
+    for r in sorted(sure.values(), key=lambda r: r.delta_bic)[:SLIGHT]:
         if (r.kind, r.where) not in present and r.delta_bic < 0.0:
             most = int(np.argmax(np.abs(r.amplitude)))
             size, std = float(r.amplitude[most]), float(r.std[most])

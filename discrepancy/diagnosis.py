@@ -123,7 +123,7 @@ class Conclusion:
         What was looked for and not found; ``mde`` is the smallest amplitude that would have been seen,
         ``delta`` the one that would matter.
     slight : tuple of (kind, where, amplitude, std, p, unit)
-        What the last scan is sure of and the search has passed over, because it changes too little.
+        What the last step has found and passed over, because it changes too little.
     next_measurement : tuple of str
     unknown : UnknownCurve or None
     warnings : tuple of str

@@ -9,7 +9,6 @@ is held out.
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
     from estimation.signals import Preparation
 
 __all__ = ["left_out_difference", "left_out_residuals"]
-
-FEWEST = 3  # records from which on whole ones are left out; of fewer each is cut into quarters
 
 
 def left_out_residuals(stage: Stage, preparation: Preparation, weights: dict[str, float]) -> np.ndarray:
@@ -65,20 +62,11 @@ def left_out_residuals(stage: Stage, preparation: Preparation, weights: dict[str
     held = np.where(known, 1.0 / (prior * scale), 0.0)
     normal, right = F.T @ F + np.diag(held**2), F.T @ e + held**2 * offset * scale
     out = e.copy()
-    for rows in _spans(layout):
+    for rows in layout.left_out():
         without = normal - F[rows].T @ F[rows]
         change = np.linalg.lstsq(without, right - F[rows].T @ e[rows], rcond=1e-10)[0]
         out[rows] = e[rows] - F[rows] @ change
     return np.asarray(out.reshape(-1, layout.n_channels))
-
-
-def _spans(layout: Layout) -> list[slice]:
-    parts = 1 if len(layout.lengths) >= FEWEST else 4
-    found = []
-    for start, length in zip(layout.starts, layout.lengths, strict=True):
-        edges = start + layout.n_channels * np.linspace(0, length, parts + 1).astype(int)
-        found += [slice(int(a), int(b)) for a, b in pairwise(edges)]
-    return found
 
 
 def left_out_difference(one: Stage, other: Stage, preparation: Preparation) -> float:

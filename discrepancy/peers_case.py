@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -22,9 +21,6 @@ if TYPE_CHECKING:
     from discrepancy.whitened import Whitened
 
 __all__ = ["OnColumns", "PeerCase", "Seen", "peer_case", "seen_as"]
-
-#: Of fewer records than this each is cut into `PARTS`, to be left out in turn.
-RECORDS, PARTS = 3, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,13 +163,8 @@ def seen_as(w: Whitened, candidates: Sequence[Candidate]) -> Seen:
     groups = [
         (g.candidate, g.cols, g.cols.stop - g.cols.start + candidates[g.candidate].n_shape) for g in columns.groups
     ]
-    parts_each = 1 if len(lay.lengths) >= RECORDS else PARTS
-    trips = []
-    for start, n in zip(lay.starts, lay.lengths, strict=True):
-        edges = start + np.linspace(0, n, parts_each + 1).astype(int) * lay.n_channels
-        trips += [slice(int(a), int(z)) for a, z in pairwise(edges)]
     X = np.concatenate(parts, axis=1)
-    return Seen(w.e[data], X, np.array(owner), trips, columns.Z[data], groups, lay.n_channels)
+    return Seen(w.e[data], X, np.array(owner), lay.left_out(), columns.Z[data], groups, lay.n_channels)
 
 
 def peer_case(case: Case, stage: Stage) -> PeerCase:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from discrepancy.whitening import Whitener
 from multibody.side_by_side import side_by_side
 
 RANK_TOLERANCE = 1e-9
+FEW_BLOCKS = 3  # blocks from which on whole ones are left out in turn
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,18 @@ class Layout:
         """Block of a stacked matrix as (n_t, n_channels, …)."""
         part = stacked[self.rows(block)]
         return part.reshape(self.lengths[block], self.n_channels, *stacked.shape[1:])
+
+    def left_out(self) -> list[slice]:
+        """Return the rows that are left out in turn: those of a block, or of its quarters where there are few blocks.
+
+        Whole records, because what disturbs a machine goes on from one part of a record into the next.
+        """
+        parts = 1 if len(self.lengths) >= FEW_BLOCKS else 4
+        found = []
+        for start, length in zip(self.starts, self.lengths, strict=True):
+            edges = start + self.n_channels * np.linspace(0, length, parts + 1).astype(int)
+            found += [slice(int(a), int(b)) for a, b in pairwise(edges)]
+        return found
 
     def stack(self, whitener: Whitener, blocks: Sequence[Array], prior: Array | None = None) -> Array:
         """Whiten block by block and stack; ``prior`` fills the last rows (zeros by default)."""

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from discrepancy.blocks import Candidate, Residual
+from discrepancy.peers import OURS
 
 if TYPE_CHECKING:
     from discrepancy.peers_case import Seen
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ResampledPeers", "read_resampled_peers", "resampled_case", "resampled_peers", "resampled_peers_page"]
 
-OURS = "this program"
 #: Ridge of STLSQ in PySINDy where its user sets none, and the threshold.
 RIDGE, THRESHOLD = 0.05, 0.1
 

@@ -295,8 +295,7 @@ def _row(
 def held_out_gain(Z: Array, e: Array, layout: Layout, lam: float) -> float:
     """Log-likelihood gain on each block with the amplitude fitted on the others, summed.
 
-    Blocks are whole records, because what disturbs a machine goes on from one part of a record into the next; of fewer
-    than three each is cut into four all the same.  An amplitude that only the block itself determines, as a point
+    What is left out is `Layout.left_out`.  An amplitude that only the block itself determines, as a point
     of a curve at a speed that no other record reaches, is not known from the others: it is held near zero, by a normal
     prior of the spread that the amplitudes of the whole fit have.
 
@@ -309,15 +308,7 @@ def held_out_gain(Z: Array, e: Array, layout: Layout, lam: float) -> float:
     lam : float
         Variance of the noise.
     """
-    spans = [layout.rows(b) for b in range(len(layout.lengths))]
-    if len(spans) < 3:
-        spans = [
-            slice(int(a), int(z))
-            for sp in spans
-            for a, z in zip(
-                *(lambda x: (x[:-1], x[1:]))(np.linspace(sp.start, sp.stop, 5).astype(int)), strict=True
-            )
-        ]
+    spans = layout.left_out()
     S = np.array([Z[sp].T @ e[sp] for sp in spans])
     H = np.array([Z[sp].T @ Z[sp] for sp in spans])
     whole = S.sum(axis=0)

@@ -53,12 +53,15 @@ class Step:
         With the accepted effect in it.
     refused : tuple of (Entry, str)
         Candidates that these records cannot speak about.
+    slight : tuple of Row
+        Candidates with which the refitted model is the better one, by too little to matter.
     """
 
     scan: ScanResult
     accepted: Accepted | None
     stage: Stage | None
     refused: tuple[tuple[Entry, str], ...]
+    slight: tuple[Row, ...] = ()
 
 
 def scan_preparation(stage: Stage) -> Preparation:
@@ -131,20 +134,22 @@ def search_step(
         return found
 
     tried: list[tuple[Stage, Row]] = []
+    slight: list[Row] = []
 
     def look_at(some: Sequence[Row]) -> None:
         for row, found in zip(some, side_by_side(trial, some), strict=True):
             if isinstance(found, ModelError):
                 refused.append((by_name[row.name].info["entry"], cannot_be_built(found)))
-            elif found is not None and bic_difference(found, stage) < 0.0 and (
-                matters(found, stage) or brings_back(found.identify, stage.identify)
-            ):
-                tried.append((found, row))
+            elif found is not None and bic_difference(found, stage) < 0.0:
+                if matters(found, stage) or brings_back(found.identify, stage.identify):
+                    tried.append((found, row))
+                else:
+                    slight.append(row)
         tried.sort(key=lambda t: bic_difference(t[0], stage))
 
     look_at(rows)
     if not tried:
-        return Step(scans[0], None, None, tuple(refused))
+        return Step(scans[0], None, None, tuple(refused), tuple(slight))
     p_value = min(1.0, LOOKS * tried[0][1].p)
     if taken(tried[0][0], stage) < MOST:
         look_at(_bent(scans[-1], tried[0][1].where, [r.name for r in rows]))
@@ -153,7 +158,7 @@ def search_step(
     p_value = min(p_value, LOOKS * row.p)
     rivals = _rivals(best, stage, tried[1:], scans, row.name)
     accepted = Accepted(best.effects[-1], p_value, bic_difference(best, stage), rivals)
-    return Step(scans[0], accepted, best, tuple(refused))
+    return Step(scans[0], accepted, best, tuple(refused), tuple(slight))
 
 
 def _scans(

@@ -192,7 +192,8 @@ def _lasts(curve: Stage, last: Stage, laws: Sequence[Effect]) -> bool:
 
     A curve of many points follows what is slow in a disturbance and beats the true law on the records it is fitted to.
     Where several laws stand in for what none of them is, their own predictions are worth little to compare with.  Of a
-    curve over speed the others do not know what the fastest record reaches: it is not asked this.
+    curve over speed the others do not know what the fastest record reaches: it is not asked this.  Over time it was not
+    tried.
     """
     if len(laws) > 1 or curve.effects[-1].over != "position":
         return True

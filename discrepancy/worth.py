@@ -46,7 +46,7 @@ def matters(richer: Stage, poorer: Stage) -> bool:
 
     With enough samples anything is significant; an effect that calibration could all but replace is not worth a name.
     By its root mean square, where the scan says what could hide by the peak: that claim is the cautious one there, and
-    this one here.  By the peak, two more of sixteen correct 1D lifts got a dry friction, of sensors that lag.
+    this one here.  By the peak, two more of sixteen correct 1D lifts got a dry friction.
     """
     before, after = poorer.rmse("identify"), richer.rmse("identify")
     gained = {n: max(before[n] ** 2 - after[n] ** 2, 0.0) ** 0.5 for n in richer.outputs}

@@ -20,27 +20,37 @@ from estimation.calibrate import REWEIGH, calibrate
 DRY = "coulomb_friction@guide"
 
 
-def study_at(stage):
+def study_at(stage, slight=()):
     """Return as much of a study as its conclusion about small effects needs, with the stage's scan as the last one."""
-    return SimpleNamespace(steps=[SimpleNamespace(scan=stage.scan, refused=())], stages=[stage], stage=stage)
+    step = SimpleNamespace(scan=stage.scan, refused=(), slight=tuple(slight))
+    return SimpleNamespace(steps=[step], stages=[stage], stage=stage)
 
 
 def test_what_the_search_passed_over_is_told_with_its_strength(small_study):
     _, calibrated, with_friction = small_study.stages
-    kind, where, size, std, p, unit = _slight(study_at(calibrated))[0]
+    found = calibrated.scan[DRY]
+    kind, where, size, std, p, unit = _slight(study_at(calibrated, [found]))[0]
     assert f"{kind}@{where}" == DRY
     assert size == pytest.approx(small_study.hidden.strengths["coulomb"], rel=0.2)
     assert std < 0.1 * size
     assert p < 1e-3
     assert unit == "N"
-    present = _slight(study_at(replace(calibrated, effects=with_friction.effects)))
+    present = _slight(study_at(replace(calibrated, effects=with_friction.effects), [found]))
     assert DRY not in {f"{kind}@{where}" for kind, where, *_ in present}
+
+
+def test_what_was_passed_over_for_another_reason_is_not_said_to_be_there(small_study):
+    calibrated = small_study.stages[1]
+    told = {f"{kind}@{where}" for kind, where, *_ in _slight(study_at(calibrated))}
+    assert calibrated.scan[DRY].verdict is Verdict.MISSING  # significant: a refit that is no better, say, leaves it out
+    assert DRY not in told
+    assert told <= {r.name for r in calibrated.scan.rows if r.verdict is Verdict.NEGLIGIBLE}
 
 
 def test_the_words_name_it_and_say_why_it_is_not_added():
     assert _slight_words(SimpleNamespace(slight=())) == ""
     told = _slight_words(SimpleNamespace(slight=(("sensor_drift", "F_cw", 0.122, 0.0073, 1e-8, "N/s"),)))
-    assert "sensor drift at F_cw is surely there (0.122 N/s ± 0.0073 N/s)" in told
+    assert "sensor drift at F_cw shows (0.122 N/s ± 0.0073 N/s, p = 1e-08)" in told
     assert "below the noise floor" in told
 
 
