@@ -157,6 +157,10 @@ def _effect(conclusion: Conclusion, accepted: Accepted) -> Entry:
                 told = interval_words(entry["value"], low, high, parameter_unit(effect, name, final))
             else:
                 told = quantity(entry["value"], entry["unit"])
+            if effect.definition.stated:
+                given = conclusion.stages[0]
+                stated = float(given.p[given.system.index("parameter", full)])
+                told += f"; the model states {quantity(stated, entry['unit'])}"
             sizes.append({"name": _words(name), "told": told})
     stage = next(
         s

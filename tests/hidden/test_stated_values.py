@@ -10,6 +10,7 @@ import pytest
 
 from discrepancy.catalogue import catalogue
 from discrepancy.effects import Effect
+from discrepancy.report import write
 from discrepancy.setup import Setup, experiments_of
 from discrepancy.study import Study
 from estimation.calibrate import UncertainParameter
@@ -106,3 +107,11 @@ def test_absence_is_the_stated_value_and_none_is_offered_without_one() -> None:
     names = {e.name for e in catalogue(without.build(probes=True), [], [])}
     assert "integral_gain@control" in names
     assert "proportional_gain@control" not in names
+
+
+def test_the_report_tells_the_value_beside_the_stated_one(tmp_path: Path) -> None:
+    conclusion = study_of({"motor.R": 1.0}).diagnose()
+    write(conclusion, tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "another resistance at motor" in conclusion.sentence.lower()
+    assert "the model states 0.800 ohm" in page
