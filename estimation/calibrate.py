@@ -13,6 +13,7 @@ from estimation.experiment import Experiment, Response, SensorError
 from estimation.fit_problem import FitProblem
 from estimation.intervals import block_sandwich
 from estimation.least_squares import solve
+from estimation.weighing import weights_of
 
 if TYPE_CHECKING:
     from multibody.system import System
@@ -92,7 +93,9 @@ def calibrate(
     not_excited = _not_excited(problem, first)
     still = _still(problem, first)
     moving = np.array([k for k in range(theta.size) if k not in still], dtype=int)
-    problem.scale = _weights(problem, first, floor) if scale is None else np.array([scale[n] for n in outputs])
+    problem.scale = (
+        weights_of(problem, first, floor, theta, moving) if scale is None else np.array([scale[n] for n in outputs])
+    )
     trial = scale is not None and not hold
     message = "nothing to move"
     final = not trial and rounds == 1  # as long as the weights still change, an exact minimum is not worth its while
@@ -118,8 +121,7 @@ def calibrate(
         message = solution.message
         if trial and k + 1 == TRIES:
             break
-        responses = problem.respond_all(theta, False)
-        weights = _weights(problem, responses, floor)
+        weights = weights_of(problem, problem.respond_all(theta, not trial), floor, theta, moving)
         if trial:
             if np.all(np.abs(np.log(weights / problem.scale)) < REWEIGH):
                 break
@@ -136,15 +138,6 @@ def calibrate(
             break
         final = settled or k + 2 >= rounds
     return _result(problem, theta, moving, low, high, not_excited, message, trial)
-
-
-def _weights(problem: FitProblem, responses: Sequence[Response], floor: np.ndarray) -> np.ndarray:
-    errors = [e.measured - r.outputs for e, r in zip(problem.experiments, responses, strict=True)]
-    stacked = np.concatenate(errors)
-    rms = np.sqrt(np.mean(stacked**2, axis=0))
-    memory = np.array([np.mean([correlation_time(e[:, c]) for e in errors]) for c in range(stacked.shape[1])])
-    spread = np.std(np.concatenate([e.measured for e in problem.experiments]), axis=0)
-    return np.maximum(np.maximum(rms, floor), 1e-9 * np.maximum(spread, 1e-300)) * np.sqrt(memory)
 
 
 def _still(problem: FitProblem, responses: Sequence[Response]) -> set[int]:

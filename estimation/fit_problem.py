@@ -156,8 +156,13 @@ class FitProblem:
 
         Each output is divided by its scale.
         """
+        columns, picked = self.felt(index, moving)
+        dy = response.derivatives[:, :, picked] / self.scale[:, None]
+        return dy.reshape(dy.shape[0] * dy.shape[1], dy.shape[2]), columns
+
+    def felt(self, index: int, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return which of the unknowns ``moving`` a record feels, and where its derivatives have them."""
         first, end = self.first[index], self.first[index + 1]
         mine = (moving < self.k) | ((moving >= first) & (moving < end))
         picked = np.where(moving < self.k, moving, moving - first + self.k)[mine]
-        dy = response.derivatives[:, :, picked] / self.scale[:, None]
-        return dy.reshape(dy.shape[0] * dy.shape[1], dy.shape[2]), np.flatnonzero(mine)
+        return np.flatnonzero(mine), picked

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Piece", "Solution", "solve"]
+__all__ = ["Piece", "Solution", "solve", "step_within"]
 
 POOR = 0.3  # share of the promised fall that a step with a corrected Jacobian must reach, or a new one is made
 STEEP = 0.1  # share of the flattest direction's curvature that must be left for the residuals' curvature to be used
@@ -124,7 +124,7 @@ def solve(
             if not free.any() or _flat(gradient, normal, free, current):
                 message = "the gradient vanishes"
                 break
-            trial, predicted = _step(x, _curved(normal, curvature, free), gradient, free, damping, low, high)
+            trial, predicted = step_within(x, _curved(normal, curvature, free), gradient, free, damping, low, high)
             change, size = trial - x, np.sqrt(np.diag(normal))  # by what each unknown moves: their units differ
             if np.linalg.norm(size * change) <= tolerance * 1e-2 * np.linalg.norm(size * x) or predicted <= 0:
                 break
@@ -221,7 +221,7 @@ def _flat(gradient: np.ndarray, normal: np.ndarray, free: np.ndarray, cost: floa
     return bool(np.all(np.abs(gradient[free]) <= 1e-9 * size))
 
 
-def _step(
+def step_within(
     x: np.ndarray, normal: np.ndarray, gradient: np.ndarray, free: np.ndarray, damping: float, low: np.ndarray,
     high: np.ndarray,
 ) -> tuple[np.ndarray, float]:

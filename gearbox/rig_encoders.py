@@ -23,7 +23,7 @@ from multibody.silent import silent
 if TYPE_CHECKING:
     from multibody.model import Model
 
-__all__ = ["CONDITIONS", "build", "make_encoders", "study"]
+__all__ = ["CONDITIONS", "CYCLES", "build", "make_encoders", "study"]
 
 #: Name, speed (r/min), load (N m), and whether the model may be fitted to it.
 CONDITIONS = (
@@ -32,6 +32,8 @@ CONDITIONS = (
     ("validate_1", 600.0, 120.0, False),
 )
 RATE, DURATION = 2000.0, 0.4
+#: Mesh cycles that pass while the start dies away, whole ones: the teeth stand as the encoders' zero says.
+CYCLES = 64
 #: Time at both ends that is not compared: the model's start, at rest under the load, has died away by then, s.
 EDGE = 0.06
 CHANNELS = (
@@ -160,12 +162,11 @@ def make_encoders(
     folder = check_folder(out)
     stage, values = true_stage(rig, faults)
     logger = Logger(rate=RATE, fine=1, jitter=0.0, cutoff=0.8)
-    # the start dies away over a whole number of mesh cycles, so that the teeth stand as the encoders' zero says
     told: dict[str, Any] = {}
     for k, (name, rpm, load, _) in enumerate(CONDITIONS):
         progress(f"recording {k + 1} of {len(CONDITIONS)}: {name}")
         cycle = 60.0 / (rpm * TEETH[0])
-        run = stage.simulate(rpm, load, DURATION, rate=RATE, settle=cycle * np.ceil(0.2 / cycle), parameters=values,
+        run = stage.simulate(rpm, load, DURATION, rate=RATE, settle=CYCLES * cycle, parameters=values,
                              method="DormandPrince54", rtol=1e-6, atol=1e-9)  # fmt: skip
         stamps = np.arange(round(DURATION * RATE)) / RATE
         held = {"speed": rpm * np.pi / 30.0, "torque": load}

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gearbox.rig import TEETH, GearRig
-from gearbox.rig_encoders import KINDS, make_encoders
+from gearbox.rig_encoders import CYCLES, KINDS, make_encoders
 from gearbox.rig_hidden import KINDS as HIDDEN
 from gearbox.rig_hidden import HiddenFault
 
@@ -68,15 +68,36 @@ def _on_rig(name: str) -> str:
 
 
 def _parameters(fault: HiddenFault) -> dict[str, dict[str, float]]:
-    """Return the size as the strengths of the catalogue's kind have it."""
+    """Return the size as the strengths of the catalogue's kind have it, where the gears stand as a record begins."""
     from gearbox.effects import GEAR_KINDS
 
     kind = next(k for k in GEAR_KINDS if k.name == fault.kind.kind)
     if kind.name == "pitch_error":
-        return {name: {"value": value} for name, value in _lobes(fault).items()}
-    named = fault.kind.parameters[0].partition(".")[2]
-    first = named if named in kind.strengths else kind.strengths[0]
-    return {name: {"value": fault.size if name == first else 0.0} for name in kind.strengths}
+        found = _lobes(fault)
+    elif kind.name == "eccentricity":
+        high = fault.values()[fault.kind.phase.format(n=_gear(fault))] if fault.kind.phase else 0.0
+        turned = _turned(fault) if _gear(fault) == 1 else -_turned(fault)  # the gears turn against each other
+        found = _pair("runout_x", "runout_y", fault.size * np.exp(1j * (high + turned)))
+    elif kind.name == "mesh_stiffness_variation":
+        found = _pair("variation", "variation_sin", fault.size * np.exp(-1j * _turned(fault)))
+    else:
+        named = fault.kind.parameters[0].partition(".")[2]
+        first = named if named in kind.strengths else kind.strengths[0]
+        found = {name: fault.size if name == first else 0.0 for name in kind.strengths}
+    return {name: {"value": value} for name, value in found.items()}
+
+
+def _gear(fault: HiddenFault) -> int:
+    return 1 if fault.where == "input_gear" else 2
+
+
+def _turned(fault: HiddenFault) -> float:
+    """Return the angle that a gear turns through before a record begins, which the model under test does not do."""
+    return 2.0 * np.pi * CYCLES / TEETH[_gear(fault) - 1]
+
+
+def _pair(first: str, second: str, value: complex) -> dict[str, float]:
+    return {first: float(value.real), second: float(value.imag)}
 
 
 def _lobes(fault: HiddenFault) -> dict[str, float]:
@@ -85,10 +106,10 @@ def _lobes(fault: HiddenFault) -> dict[str, float]:
     Its first wave is an eccentricity, and its finer ones are of no kind.
     """
     (teeth, pattern), *_ = fault.patterns(TEETH).values()
-    found = {}
+    found: dict[str, float] = {}
     for waves, ending in ((2, ""), (3, "3"), (4, "4")):
         part = 2.0 * fault.size * np.mean(pattern * np.exp(2j * np.pi * waves * teeth / teeth.size))
-        found[f"lobes{ending}_cos"], found[f"lobes{ending}_sin"] = float(part.real), float(part.imag)
+        found |= _pair(f"lobes{ending}_cos", f"lobes{ending}_sin", part * np.exp(-1j * waves * _turned(fault)))
     return found
 
 

@@ -12,6 +12,7 @@ from discrepancy import suite
 from discrepancy.trials import Trial
 from gearbox import suite_gear
 from gearbox.rig import GearRig
+from gearbox.rig_encoders import CYCLES
 from vtsdt.suites import MACHINES, main
 
 
@@ -58,9 +59,29 @@ def test_sizes_are_in_the_strengths_of_the_kind() -> None:
             of[f"lobes{e}_cos"] * np.cos(n * angle) + of[f"lobes{e}_sin"] * np.sin(n * angle)
             for n, e in ((2, ""), (3, "3"), (4, "4"))
         )
-        left = fault.size * pattern - waves
+        # as a record begins, tooth 0 is the one that has been reached by then
+        left = fault.size * pattern[(at.astype(int) + CYCLES) % teeth] - waves
         for n in (2, 3, 4):
             assert abs(np.sum(left * np.exp(1j * n * angle))) < 1e-12 * teeth
+
+
+@pytest.mark.parametrize("name", ["eccentricity@mesh.gear_1", "eccentricity@mesh.gear_2"])
+def test_the_truth_is_where_the_gears_stand_as_a_record_begins(name: str) -> None:
+    """The model under test with the true strengths shows what the encoders see of the gear that runs out of true."""
+    case = suite_gear.case(5, [name])
+    setup = case.setup(seed=5)
+    (truth,) = case.truth["effects"]
+    number = name[-1]
+    told = {f"mesh.{k}_{number}": v["value"] for k, v in truth["parameters"].items()}
+    at = setup.identify[0].outputs.index("transmission_error")
+
+    def swing(values: dict[str, float]) -> float:
+        system = setup.model.with_values(values).build(outputs=setup.identify[0].outputs)
+        run = setup.identify[0].simulate(system, system.p)
+        return float(np.std((setup.identify[0].measured - run)[:, at]))
+
+    other = dict(zip(told, (-told[f"mesh.runout_y_{number}"], told[f"mesh.runout_x_{number}"]), strict=True))
+    assert swing(told) < 0.05 * swing({}) < 0.1 * swing(other), "a quarter of a turn on it is as wrong as can be"
 
 
 def test_the_machine_is_reached_by_its_name_and_hides_no_unknown_force(tmp_path, capsys) -> None:
