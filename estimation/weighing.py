@@ -49,13 +49,15 @@ def weights_of(
     errors = [e.measured - r.outputs for e, r in zip(problem.experiments, responses, strict=True)]
     spread = np.std(np.concatenate([e.measured for e in problem.experiments]), axis=0)
     least = np.maximum(floor, 1e-9 * np.maximum(spread, 1e-300))
+    as_it_is = _remembered(errors, least)
     if not moving.size or not responses[0].derivatives.shape[2]:
-        return _remembered(errors, least)
+        return as_it_is
     fit = _LinearFit(problem, responses, errors, theta, moving)
     left: Sequence[np.ndarray] = errors
     for _ in range(PASSES):
         left = fit.left(np.maximum(_size(left), least))
-    return _remembered(left, least)
+    # where a step is too long for a straight line, it promises an output more error than there is
+    return np.minimum(_remembered(left, least), as_it_is)
 
 
 def _size(errors: Sequence[np.ndarray]) -> np.ndarray:
