@@ -16,7 +16,7 @@ from discrepancy.unknown import CurveOffer, offer_curves
 from discrepancy.worth import bic_difference, matters, taken
 from multibody.errors import ModelError
 
-__all__ = ["curve_instead", "drop_idle", "free_curve", "replace_by_curve"]
+__all__ = ["curve_instead", "drop_idle", "free_curve", "lasts", "replace_by_curve"]
 
 CLEARLY = 10.0  # difference of BIC that counts as strong evidence (Kass and Raftery 1995)
 SHARE = 0.03  # a curve must take this share more of the error away before a law is given up for it; chosen
@@ -83,7 +83,7 @@ def replace_by_curve(
         offer = _offered(before, level, seed, progress, [where])
         several = last_word and len(new) > 1
         curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress, 0.0 if several else CLEARLY)
-        if curve is not None and (several or (_takes_more(curve, last, before) and _lasts(curve, last, new))):
+        if curve is not None and (several or (_takes_more(curve, last, before) and lasts(curve, last, new))):
             return first, curve
         curve = _instead_of_waves(before, last, new, offer, fit, progress)
         if curve is not None:
@@ -113,7 +113,7 @@ def curve_instead(
     if curve is None or not _takes_more(curve, last, before):
         return None
     here = {e.where for e in new} == {curve.effects[-1].where}  # as `replace_by_curve` asks
-    return (first, curve) if not here or _lasts(curve, last, new) else None
+    return (first, curve) if not here or lasts(curve, last, new) else None
 
 
 def _since(before: Stage, last: Stage) -> list[Effect]:
@@ -187,15 +187,15 @@ def _best_curve(
     return replace(stage, accepted=Accepted(stage.effects[-1], p, bic_difference(stage, before), rivals))
 
 
-def _lasts(curve: Stage, last: Stage, laws: Sequence[Effect]) -> bool:
+def lasts(curve: Stage, last: Stage, laws: Sequence[Effect]) -> bool:
     """Tell whether a curve over position clearly says more than one law of records that both were not fitted to.
 
-    A curve of many points follows what is slow in a disturbance and beats the true law on the records it is fitted to.
+    It may be one of force or of the level of friction.  A curve of many points follows what is slow in a disturbance and beats the true law on the records it is fitted to.
     Where several laws stand in for what none of them is, their own predictions are worth little to compare with.  Of a
     curve over speed the others do not know what the fastest record reaches: it is not asked this.  Over time it was not
     tried.
     """
-    if len(laws) > 1 or curve.effects[-1].over != "position":
+    if len(laws) > 1 or curve.effects[-1].over not in ("position", "friction"):
         return True
     return left_out_difference(curve, last, scan_preparation(last)) < -CLEARLY
 

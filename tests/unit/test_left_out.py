@@ -10,6 +10,7 @@ import pytest
 from discrepancy.axis import axis_case
 from discrepancy.left_out import left_out_difference, left_out_residuals
 from discrepancy.search import scan_preparation
+from discrepancy.settle import lasts
 from discrepancy.study import Study
 from discrepancy.unknown import offer_curves
 
@@ -57,6 +58,16 @@ def test_a_law_says_more_of_records_left_out_than_the_curve_that_can_be_it(study
     assert left_out_difference(with_law, fitted, preparation) < 0.0
     assert left_out_difference(fitted, recalibrated, preparation) < -10.0
     assert left_out_difference(with_law, with_law, preparation) == 0.0
+
+
+def test_friction_over_position_does_not_take_the_place_of_a_true_law(study, with_law):
+    """Its level at 17 places follows what is slow in the disturbance, as a force over position does."""
+    recalibrated = study.stage
+    offer = offer_curves(recalibrated, _facts(recalibrated), level=0.02, seed=1, where=["guide"])
+    for curve in (e for e in offer.effects if e.over in ("position", "friction")):
+        fitted = study.fitted("curve", (curve,), recalibrated, recalibrated.noise)
+        assert not lasts(fitted, with_law, with_law.effects), curve.over
+    assert "friction" in [e.over for e in offer.effects]
 
 
 def _facts(stage):
