@@ -190,10 +190,10 @@ def _best_curve(
 def lasts(curve: Stage, last: Stage, laws: Sequence[Effect]) -> bool:
     """Tell whether a curve over position clearly says more than one law of records that both were not fitted to.
 
-    It may be one of force or of the level of friction.  A curve of many points follows what is slow in a disturbance and beats the true law on the records it is fitted to.
-    Where several laws stand in for what none of them is, their own predictions are worth little to compare with.  Of a
-    curve over speed the others do not know what the fastest record reaches: it is not asked this.  Over time it was not
-    tried.
+    It may be one of force or of the level of friction.  A curve of many points follows what is slow in a disturbance
+    and beats the true law on the records it is fitted to.  Where several laws stand in for what none of them is, their
+    own predictions are worth little to compare with.  Of a curve over speed the others do not know what the fastest
+    record reaches: it is not asked this.  Over time it was not tried.
     """
     if len(laws) > 1 or curve.effects[-1].over not in ("position", "friction"):
         return True
