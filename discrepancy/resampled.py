@@ -39,6 +39,7 @@ SCHEMES = ("block bootstrap", SHIFT, "pieces shuffled and turned")
 REPEATS = 0.8
 #: Mean length of a block as a multiple of the residual's correlation time, and its least share of a record.
 MEMORIES, LEAST = 5.0, 0.01
+FEW = 12  # blocks of that length in all records, below which a resampled residual is hardly another one
 
 
 @dataclass(frozen=True)
@@ -221,6 +222,20 @@ class Shared:
         made = resample(self.source, scheme, self.memory, rng)
         return scheme, Residual(made, self.residual.dt, self.residual.channels)
 
+    @property
+    def caution(self) -> str:
+        """What is to be said where the residual remembers for so long that hardly another one can be made of it."""
+        samples, dt = sum(len(block) for block in self.source), self.residual.dt
+        blocks = samples / (MEMORIES * self.memory)
+        if blocks >= FEW:
+            return ""
+        return (
+            f"The residual remembers for {self.memory * dt:.2g} s, and all records together last "
+            f"{samples * dt:.3g} s: {blocks:.1f} blocks of {MEMORIES:g} times that. Residuals made of so few pieces "
+            "differ little from the one that is there, and alarms on them may be what it holds. Record longer, or more "
+            "often."
+        )
+
     def plain(self, made: Residual, *, curves: bool = False) -> Whitened:
         """Return a trial's residual, freed of calibration, beside the laws' columns or the free curves'."""
         known, of_laws = self.free if curves else self.laws, self.laws
@@ -330,8 +345,12 @@ def resampled_page(
     level: float,
     date: str,
     again: tuple[float, float] = (0.0, 0.0),
+    caution: str = "",
 ) -> str:
-    """Return the result as a section (Markdown); ``again`` is what `repeats` says of the best model's records."""
+    """Return the result as a section (Markdown); ``again`` is what `repeats` says of the best model's records.
+
+    ``caution`` is `Shared.caution`.
+    """
     from discrepancy.trials import wilson
 
     untied = [t for t in trials if t.scheme != SHIFT or again[1] < REPEATS]
@@ -362,6 +381,7 @@ def resampled_page(
             f"{again[1]:.2f}), so that a shifted residual still follows the motion: what is found there is no false "
             "alarm but tells that the best model leaves something that follows the motion.",
         ]
+    lines += ["", caution] if caution else []
     lines += ["", "Alarms:", ""]
     lines += [
         f"- {t.number}, {t.scheme}: {', '.join(x for x in (t.plain, t.whitened, t.curves) if x)} (p = {t.p:.2g})"

@@ -368,10 +368,12 @@ def _resampled(args: Any) -> None:
     progress = (lambda text: None) if args.quiet else _tell
     stage, level = best_stage(args.study, args.out, progress)
     given = Shared.of_stage(stage, progress)
+    if given.caution:
+        _tell(given.caution)
     trials = resampled_alarms(given, args.trials, args.out, level=level, seed=args.seed, progress=progress)
     names = [str(e) for e in stage.effects]
     today = date.today().isoformat()
-    text = resampled_page(trials, args.study.name, names, level, today, repeats(stage))
+    text = resampled_page(trials, args.study.name, names, level, today, repeats(stage), given.caution)
     if args.peers:
         from discrepancy.peers_methods import versions
         from discrepancy.resampled_peers import resampled_peers, resampled_peers_page

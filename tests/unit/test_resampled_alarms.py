@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from discrepancy import synthetic
 from discrepancy.peers_methods import ON_COLUMNS
-from discrepancy.resampled import SCHEMES, Shared, read_resampled, resampled_alarms
+from discrepancy.resampled import SCHEMES, Resampled, Shared, read_resampled, resampled_alarms, resampled_page
 from discrepancy.resampled_peers import ResampledPeers, resampled_case, resampled_peers_page
 from discrepancy.whitened import plain_weights, plainly_weighed, whiten_all
 
@@ -41,6 +42,15 @@ def test_what_calibration_explains_is_taken_out_as_if_all_had_been_worked_out_an
     free = given.plain(made, curves=True)
     assert np.allclose(free.e, anew.e, atol=1e-10 * np.linalg.norm(anew.e))
     assert len(free.columns.groups) < len(anew.columns.groups)
+
+
+def test_a_residual_that_remembers_for_as_long_as_the_record_is_told(given):
+    assert given.caution == "", "12 s, and a disturbance that has forgotten all after a second"
+    long = replace(given, memory=300.0)
+    assert long.caution.startswith("The residual remembers for 3 s, and all records together last 12 s: 0.8 blocks")
+    trial = Resampled(1, SCHEMES[0], "", "", "", 0.4)
+    text = resampled_page([trial], "study.toml", [], 0.02, "today", (0.0, 0.0), long.caution)
+    assert long.caution in text
 
 
 def test_an_interrupted_run_goes_on(given, tmp_path):
