@@ -106,7 +106,7 @@ include = [{include}]
 
 [study]
 residual = "simulation"
-max_effects = 2
+max_effects = 4
 """
 
 
