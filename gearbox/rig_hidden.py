@@ -43,14 +43,14 @@ class HiddenFault:
         return f"{self.kind.kind}@{self.where}"
 
     @property
-    def _gear(self) -> int:
+    def gear(self) -> int:
         """Number of the gear that it belongs to."""
         return 1 if self.where == "input_gear" else 2
 
     def values(self) -> dict[str, float]:
         """Model parameters by full name that bring it about."""
         if self.kind.kind == "pitch_error":  # a pattern over the teeth in place of two waves
-            return {f"mesh.pitch_{self._gear}": self.size}
+            return {f"mesh.pitch_{self.gear}": self.size}
         rng = np.random.default_rng(self.seed)
         phase, tooth = float(rng.uniform(-np.pi, np.pi)), int(rng.integers(0, 30))
         # the drive begins at an angle that is drawn: what lies on a shaft needs none of its own
@@ -62,7 +62,7 @@ class HiddenFault:
         if self.kind.kind != "pitch_error":
             return {}
         rng = np.random.default_rng(self.seed + 1)
-        count = teeth[self._gear - 1]
+        count = teeth[self.gear - 1]
         # Slow over the gear with some scatter from tooth to tooth, as a generated gear has it.
         k = np.arange(count)
         slow = sum(
@@ -70,7 +70,7 @@ class HiddenFault:
         )
         pattern = slow + 0.4 * rng.standard_normal(count)
         pattern = (pattern - pattern.mean()) / pattern.std()
-        return {f"pattern_{self._gear}": (np.arange(count, dtype=float), pattern)}
+        return {f"pattern_{self.gear}": (np.arange(count, dtype=float), pattern)}
 
     def truth(self) -> dict[str, Any]:
         """What ``truth.json`` holds of it."""

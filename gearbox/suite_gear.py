@@ -75,8 +75,8 @@ def _parameters(fault: HiddenFault) -> dict[str, dict[str, float]]:
     if kind.name == "pitch_error":
         found = _lobes(fault)
     elif kind.name == "eccentricity":
-        high = fault.values()[fault.kind.phase.format(n=_gear(fault))] if fault.kind.phase else 0.0
-        turned = _turned(fault) if _gear(fault) == 1 else -_turned(fault)  # the gears turn against each other
+        high = fault.values()[fault.kind.phase.format(n=fault.gear)]
+        turned = _turned(fault) if fault.gear == 1 else -_turned(fault)  # the gears turn against each other
         found = _pair("runout_x", "runout_y", fault.size * np.exp(1j * (high + turned)))
     elif kind.name == "mesh_stiffness_variation":
         found = _pair("variation", "variation_sin", fault.size * np.exp(-1j * _turned(fault)))
@@ -87,13 +87,9 @@ def _parameters(fault: HiddenFault) -> dict[str, dict[str, float]]:
     return {name: {"value": value} for name, value in found.items()}
 
 
-def _gear(fault: HiddenFault) -> int:
-    return 1 if fault.where == "input_gear" else 2
-
-
 def _turned(fault: HiddenFault) -> float:
     """Return the angle that a gear turns through before a record begins, which the model under test does not do."""
-    return 2.0 * np.pi * CYCLES / TEETH[_gear(fault) - 1]
+    return 2.0 * np.pi * CYCLES / TEETH[fault.gear - 1]
 
 
 def _pair(first: str, second: str, value: complex) -> dict[str, float]:
