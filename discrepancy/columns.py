@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from discrepancy.blocks import Candidate
-from discrepancy.built_in import Plan, built_in_columns
+from discrepancy.built_in import Plan, changes_of, integrated_columns
 from discrepancy.catalogue import Entry
 from discrepancy.confrontation import Confrontation
 from discrepancy.effects import Effect
@@ -22,8 +22,9 @@ from discrepancy.from_scan import DIFFERENCE, differs_from
 from discrepancy.kinds import MotionRange
 from discrepancy.law_force import MOTION, law_force
 from discrepancy.secants import far_away, secant_columns, takes_secants
-from estimation.experiment import Experiment, Push
+from estimation.experiment import Experiment
 from estimation.push_response import forget, response_of, worth_it
+from estimation.pushes import Change, Push
 from multibody.errors import ModelError
 from multibody.side_by_side import cores, side_by_side
 
@@ -156,7 +157,7 @@ def _record_columns(
     experiment = facts.experiments[index]
     time = np.array(experiment.record.time)
     run = facts.motions(index)
-    pushes: list[Push] = []
+    pushes: list[Push | Change] = []
     wanted: list[tuple[tuple[str, int], int]] = []
     sensors: dict[tuple[str, int], np.ndarray] = {}
     built_in: list[Plan] = []
@@ -178,12 +179,17 @@ def _record_columns(
             built_in.append((entry, shapes, strengths))
         else:
             sensors[entry.name, 0] = _sensor_column(experiment, run, time, entry)
+    start = facts.start(index)
+    carried, integrated = changes_of(built_in, facts.slim)
+    together = worth_it(facts.slim, [*pushes, *(change for _, change in carried)])
+    if together:
+        wanted += [(key, len(pushes) + k) for k, (key, _) in enumerate(carried)]
+        pushes += [change for _, change in carried]
+        response_of(experiment, facts.slim, facts.p, start, pushes, curves)  # for all batches at once
+    else:
+        integrated = [*carried, *integrated]
     parts: dict[tuple[str, int], list[np.ndarray]] = {}
     batch = 192  # limits memory
-    start = facts.start(index)
-    together = worth_it(facts.slim, pushes)
-    if together:  # for all batches at once
-        response_of(experiment, facts.slim, facts.p, start, pushes, curves)
     for first in range(0, len(pushes), batch):
         part = pushes[first : first + batch]
         dy = experiment.respond(
@@ -195,8 +201,9 @@ def _record_columns(
     if together and curves:
         curve_columns(facts, index)
     forget(experiment)
-    columns = {key: np.stack(group, axis=2) for key, group in parts.items()}
-    columns |= built_in_columns(facts, index, built_in) | sensors
+    for key, column in integrated_columns(facts, index, integrated):
+        parts.setdefault(key, []).append(column)
+    columns = {key: np.stack(group, axis=2) for key, group in parts.items()} | sensors
     return {key: facts.shaped(index, column) for key, column in columns.items()}
 
 

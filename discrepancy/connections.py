@@ -14,7 +14,7 @@ import numpy as np
 
 from discrepancy.omnibus import knots_for, tents
 from discrepancy.residuals import Residuals
-from estimation.experiment import Push
+from estimation.pushes import Push
 from multibody.side_by_side import cores
 
 __all__ = ["connections_or_why", "failing_connections"]

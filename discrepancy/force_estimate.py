@@ -17,7 +17,7 @@ import numpy as np
 from discrepancy.confrontation import Confrontation
 from discrepancy.law_force import MOTION
 from estimation.correlation import correlation_time
-from estimation.experiment import Push
+from estimation.pushes import Push
 
 if TYPE_CHECKING:
     from discrepancy.stage import Stage

@@ -17,8 +17,8 @@ from discrepancy.blocks import Candidate
 from discrepancy.confrontation import Confrontation
 from discrepancy.effect_laws import CURVE_OVER, CURVE_POINTS
 from discrepancy.law_force import MOTION
-from estimation.experiment import Push
 from estimation.push_response import response_of, worth_it
+from estimation.pushes import Push
 
 if TYPE_CHECKING:
     from multibody.places import Place

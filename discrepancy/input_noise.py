@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.experiment import Experiment, Push
+from estimation.experiment import Experiment
+from estimation.pushes import Push
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.start_guess import Followed
-from estimation.experiment import Experiment, Push
+from estimation.experiment import Experiment
+from estimation.pushes import Push
 from estimation.record import Record
 from estimation.signals import Preparation
 

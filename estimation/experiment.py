@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from estimation.pushes import Change, Push
 from estimation.record import Record
 from estimation.signals import Preparation
 from multibody.along import observe_along
@@ -20,11 +21,12 @@ from multibody.directions import worth_lanes
 from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
+    from estimation.push_response import PushResponse
     from multibody.inputs import InputTable
     from multibody.solvers.problem import Directions
     from multibody.system import System
 
-__all__ = ["Experiment", "Push", "Response", "SensorError"]
+__all__ = ["Experiment", "Response", "SensorError"]
 
 FEW_DIRECTIONS = 6  # fewer are not worth a second thread, which must simulate the machine as well
 SENSOR_KINDS = ("offset", "gain", "drift", "delay")
@@ -50,22 +52,6 @@ class SensorError:
     def name(self) -> str:
         """Parameter name, such as ``"sensor.carriage.position.offset"``."""
         return f"sensor.{self.output}.{self.kind}"
-
-
-@dataclass(frozen=True, eq=False)
-class Push:
-    """A small extra signal on a model input over time, whose effect on the outputs is asked for.
-
-    Parameters
-    ----------
-    channel : str
-        Model input, for instance ``"probe.guide"``.
-    values : ndarray, shape (nt,)
-        On the record's time grid.
-    """
-
-    channel: str
-    values: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +188,7 @@ class Experiment:
         *,
         parameters: Sequence[str] = (),
         states: Sequence[str] = (),
-        pushes: Sequence[Push] = (),
+        pushes: Sequence[Push | Change] = (),
         sensors: Sequence[SensorError] = (),
         batch: int = 48,
         workers: int = 1,
@@ -217,8 +203,8 @@ class Experiment:
             Start state; default `start_vector`.
         parameters, states : sequence of str
             Parameters (``sensor.…`` included) and start values to differentiate by.
-        pushes : sequence of Push
-            Extra input signals to differentiate by.
+        pushes : sequence of Push or Change
+            Extra input signals to differentiate by; with a Change among them all are carried by transitions.
         sensors : sequence of SensorError
             Errors of the sensors.
         batch : int
@@ -234,19 +220,13 @@ class Experiment:
         from estimation.push_response import at_hand, response_of, worth_it
 
         x0 = self.start_vector(system) if x0 is None else x0
-        by_start = bool(parameters or states)
-        if not by_start and (worth_it(system, pushes) or at_hand(self, system, p, x0, pushes)):
-            carried = response_of(self, system, p, x0, pushes)
-
-            def answer(some: Sequence[Push]) -> Response:
-                return self._prepared(carried.outputs, carried(some), sensors, [], [])
-
-            count = min(workers, len(pushes))
-            shares = side_by_side(answer, [pushes[k::count] for k in range(count)])
-            derivatives = np.empty((*shares[0].outputs.shape, len(pushes)))
-            for k, share in enumerate(shares):
-                derivatives[:, :, k::count] = share.derivatives
-            return Response(shares[0].outputs, derivatives)
+        integrated = [q for q in pushes if isinstance(q, Push)]
+        changed = len(integrated) < len(pushes)
+        if changed and (parameters or states):
+            raise ValueError("a Change is carried, parameters and start values are integrated: ask for them apart")
+        alone = not (parameters or states)
+        if changed or (alone and (worth_it(system, pushes) or at_hand(self, system, p, x0, pushes))):
+            return self._carried(response_of(self, system, p, x0, pushes), pushes, sensors, workers)
         physical = [n for n in parameters if not n.startswith("sensor.")]
         total = len(physical) + len(states) + len(pushes)
         pick = np.array([system.index("output", n) for n in self.outputs])
@@ -254,7 +234,7 @@ class Experiment:
             batch = min(batch, -(-total // workers))
 
         def part(first: int) -> tuple[np.ndarray, np.ndarray, int]:
-            directions = self._directions(system, physical, states, pushes, slice(first, min(first + batch, total)))
+            directions = self._directions(system, physical, states, integrated, slice(first, min(first + batch, total)))
             return _integrate(system, self, p, x0, directions, pick)
 
         self.table(system)  # made once, before the threads ask for it
@@ -262,6 +242,21 @@ class Experiment:
         dy = np.concatenate([d for _, d, _ in parts], axis=2)
         found = self._prepared(parts[0][0], dy, sensors, parameters, physical)
         return replace(found, evaluations=parts[0][2])
+
+    def _carried(
+        self, by: PushResponse, pushes: Sequence[Push | Change], sensors: Sequence[SensorError], workers: int
+    ) -> Response:
+        """Return the response to pushes through transitions, the pushes divided among threads."""
+
+        def answer(some: Sequence[Push | Change]) -> Response:
+            return self._prepared(by.outputs, by(some), sensors, [], [])
+
+        count = min(workers, len(pushes))
+        shares = side_by_side(answer, [pushes[k::count] for k in range(count)])
+        derivatives = np.empty((*shares[0].outputs.shape, len(pushes)))
+        for k, share in enumerate(shares):
+            derivatives[:, :, k::count] = share.derivatives
+        return Response(shares[0].outputs, derivatives)
 
     def _prepared(
         self,

@@ -212,11 +212,13 @@ class Preparation:
             inside &= time >= self.start - slack
         if self.stop is not None:
             inside &= time <= self.stop + slack
-        time, values = np.asarray(time, dtype=float)[inside], np.asarray(values, dtype=float)[inside]
+        time, values = np.asarray(time, dtype=float), np.asarray(values, dtype=float)
+        if not np.all(inside):
+            time, values = time[inside], values[inside]
         if len(time) < 2:
             raise SignalError(f"fewer than two samples between start = {self.start} and stop = {self.stop} s")
         if self.low_pass_hz is None and self.decimate == 1 and self.edge is None:
-            return time, values
+            return time.copy(), values.copy()
         rate = 1.0 / _step(time)
         cutoff = self.cutoff(rate)
         edge = self.edge_samples(rate)
@@ -229,7 +231,7 @@ class Preparation:
                 f"{self.decimate} kept"
             )
         if cutoff is None:
-            return time[kept], values[kept]
+            return time[kept].copy(), values[kept].copy()
         if values.ndim == 2 and values.shape[1] > _MANY and self.decimate > 1 and len(time) <= _SHORT:
             parts = _decimation(len(time), round(2.0 * cutoff / rate, 12), edge, self.decimate)
             return time[kept], np.concatenate([weights @ values[rows] for rows, weights in parts])

@@ -38,6 +38,7 @@ def jacobian_along(
     p: np.ndarray,
     of: str,
     columns: np.ndarray | None = None,
+    in_lanes: bool | None = None,
 ) -> np.ndarray:
     """Return the Jacobian at every row; arguments as of `System.jacobian_along`."""
     function = system.rhs_tangent if of == "rhs" else system.outputs_tangent
@@ -45,7 +46,10 @@ def jacobian_along(
     chosen = np.arange(sizes[wrt]) if columns is None else np.asarray(columns, dtype=int)
     rows, m = len(system.states) if of == "rhs" else len(system.outputs), chosen.size
     driver, at = load_driver(_DRIVERS), _contiguous(times, states, inputs, p)
-    wide = along_directions(function, MANY_LANES) if worth_lanes(times.size, m) else None
+    wide = None
+    if worth_lanes(times.size, m) if in_lanes is None else in_lanes:
+        # what reads the states' directions alone does less
+        wide = system.rhs_columns if (wrt, of) == ("x", "rhs") else along_directions(function, MANY_LANES)
     if wide is None:
         seeds = {key: np.zeros((m, size)) for key, size in sizes.items()}
         seeds[wrt][np.arange(m), chosen] = 1.0
@@ -53,14 +57,11 @@ def jacobian_along(
         driver.tangents_along(function.address, *at, *seeds.values(), found)
         function.check()
         return found.transpose(0, 2, 1)
-    out = np.empty((times.size, rows, m))
-    some = np.empty((times.size, rows, MANY_LANES))
-    for first in range(0, m, MANY_LANES):
-        group = chosen[first : first + MANY_LANES]
-        lanes = {key: np.zeros((size, MANY_LANES)) for key, size in sizes.items()}
-        lanes[wrt][group, np.arange(group.size)] = 1.0
-        driver.lanes_along(wide.address, *at, *lanes.values(), some)
-        out[:, :, first : first + group.size] = some[:, :, : group.size]
+    room, out = np.empty((rows, wide.lanes)), np.empty((times.size, rows, m))
+    group, lane = np.divmod(np.arange(m), wide.lanes)
+    lanes = {key: np.zeros((-(-m // wide.lanes), size, wide.lanes)) for key, size in sizes.items()}
+    lanes[wrt][group, chosen, lane] = 1.0
+    driver.lanes_along(wide.address, *at, *lanes.values(), room, out)
     return out
 
 

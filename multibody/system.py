@@ -297,6 +297,7 @@ class System:
         *,
         of: str = "rhs",
         columns: np.ndarray | None = None,
+        in_lanes: bool | None = None,
     ) -> np.ndarray:
         """Return the exact Jacobian at every row of a trajectory.
 
@@ -310,6 +311,8 @@ class System:
             Parameters.
         columns : ndarray of int, optional
             Only these columns.
+        in_lanes : bool, optional
+            Whether several columns at once; default: where there are enough for what has to be compiled.
 
         Returns
         -------
@@ -317,7 +320,7 @@ class System:
         """
         from multibody.along import jacobian_along
 
-        return jacobian_along(self, wrt, times, states, inputs, p, of, columns)
+        return jacobian_along(self, wrt, times, states, inputs, p, of, columns, in_lanes)
 
     def outputs_along(
         self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray

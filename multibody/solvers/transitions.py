@@ -22,7 +22,7 @@ Jacobians = Callable[[np.ndarray], Callable[[slice], tuple[np.ndarray, np.ndarra
 
 CHUNK = 128  # intervals whose Jacobians are in memory at a time, in each thread
 NODES = 0.5 + np.sqrt(0.15) * np.array([-1.0, 0.0, 1.0])  # Gauss's, of order 6: where a piece's Jacobians are taken
-REACH = 1.5  # step times the largest eigenvalue's magnitude
+REACH = 2.0  # step times the largest eigenvalue's magnitude
 EXACT = 1e-7  # share of the fastest motion that the rest of a series may be
 PARABOLA = 1e-5  # what a Jacobian times the length of its piece may be off, by a parabola through three of them
 OFF = 0.024  # largest error of a parabola through the nodes, in differences of its bend to the next interval's
@@ -43,6 +43,7 @@ class Transitions:
     ----------
     phi : ndarray, shape (N - 1, n, n)
     gamma0, gamma1 : ndarray, shape (N - 1, n, m)
+        Of additions that stay what they are gamma1 is zero.
     """
 
     phi: np.ndarray
@@ -58,6 +59,7 @@ def transitions(
     jacobians: Jacobians,
     longest: float | np.ndarray = np.inf,
     breaks: np.ndarray | tuple[()] = (),
+    lasting: int = 0,
 ) -> Transitions:
     """Return the discrete transitions of δ' = A(t) δ + B(t) φ(t).
 
@@ -77,6 +79,8 @@ def transitions(
         Longest piece, of all intervals or of each, that jumps over no motion of the Jacobians.
     breaks : ndarray, s
         Where the Jacobians jump.
+    lasting : int
+        As many of the additions, the last, stay what they are: φ_{k+1} = φ_k.
 
     Returns
     -------
@@ -123,7 +127,7 @@ def transitions(
         whole = np.column_stack((length, np.zeros(length.size), np.ones(length.size)))
         few, first = (3 * smooth[:, None] + np.arange(3)).ravel(), np.arange(smooth.size + 1)
         if smooth.size:
-            _carry(found, a[few], b[few], fastest[smooth], whole[smooth], first, part.start + smooth)
+            _carry(found, a[few], b[few], fastest[smooth], whole[smooth], first, part.start + smooth, lasting)
         return fastest, pieces
 
     looks = side_by_side(first_look, _parts(h.size))
@@ -133,7 +137,7 @@ def transitions(
     stiff = np.flatnonzero((h * fastest > STIFF) & np.isfinite(fastest))
     rough = np.flatnonzero((pieces > 1.0) & (h * fastest <= STIFF))
     if stiff.size or rough.size:
-        _look_again(found, times, jacobians, rough, pieces[rough].astype(int), stiff, breaks)
+        _look_again(found, times, jacobians, rough, pieces[rough].astype(int), stiff, breaks, lasting)
     bad = ~np.all([np.isfinite(each).all(axis=(1, 2)) for each in found], axis=0)
     if np.any(bad):
         raise ProblemError(
@@ -188,6 +192,7 @@ def _look_again(
     pieces: np.ndarray,
     stiff: np.ndarray,
     breaks: np.ndarray,
+    lasting: int,
 ) -> None:
     """Fill the intervals in which the Jacobians are needed at more places: some in pieces, others frozen."""
     h = np.diff(times)
@@ -205,13 +210,16 @@ def _look_again(
         own = slice(int(first[part.start]), int(first[part.stop]))
         a, b = at(slice(3 * own.start, 3 * own.stop))
         fastest, _ = _look(a, length[own])
-        _carry(found, a, b, fastest, spans[own], first[part.start : part.stop + 1] - own.start, rough[part])
+        _carry(found, a, b, fastest, spans[own], first[part.start : part.stop + 1] - own.start, rough[part], lasting)
 
     def frozen(part: slice) -> None:
         a, b = at(slice(nodes.size + PIECES * part.start, nodes.size + PIECES * part.stop))
         some, (n, m) = stiff[part], b.shape[1:]
         a, b = a.reshape(some.size, PIECES, n, n), b.reshape(some.size, PIECES, n, m)
-        for whole, own in zip(found, frozen_transitions(a, b, h[some]), strict=True):
+        phi, gamma0, gamma1 = frozen_transitions(a, b, h[some])
+        gamma0[..., m - lasting :] += gamma1[..., m - lasting :]
+        gamma1[..., m - lasting :] = 0.0
+        for whole, own in zip(found, (phi, gamma0, gamma1), strict=True):
             whole[some] = own
 
     if rough.size:
@@ -246,8 +254,9 @@ def _carry(
     spans: np.ndarray,
     first: np.ndarray,
     which: np.ndarray,
+    lasting: int,
 ) -> None:
-    """Fill some intervals from the Jacobians at the nodes of their pieces; the last arguments are the driver's."""
+    """Fill some intervals from the Jacobians at the nodes of their pieces; ``spans`` to ``which`` are the driver's."""
     n, m = b.shape[1:]
     reach = np.where(np.isfinite(fastest), fastest, 0.0) * spans[:, 0]
     steps = np.maximum(np.ceil(reach / REACH), 1.0)
@@ -262,6 +271,7 @@ def _carry(
         where,
         row_of,
         column_of,
+        np.where(column_of < m - lasting, column_of + m, column_of),
         row_of * m + column_of,
         np.ascontiguousarray(first, dtype=np.int64),
         np.ascontiguousarray(spans),

@@ -17,7 +17,7 @@ from discrepancy.start_guess import follow, signal_bandwidth
 from discrepancy.study_file import StudyError
 from discrepancy.windows import WINDOW_FACTOR, cut_windows, growth_from
 from estimation.calibrate import UncertainParameter
-from estimation.experiment import Push
+from estimation.pushes import Push
 from estimation.record import Record, Signal
 from estimation.signals import Preparation, low_pass
 from multibody import Model

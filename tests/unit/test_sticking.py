@@ -11,8 +11,8 @@ import estimation.push_response as push_response
 from discrepancy.axis import axis_case
 from discrepancy.effects import Effect
 from discrepancy.effort import LEAST, TIMES, bounded_effort
-from estimation.experiment import Push
 from estimation.push_response import PushResponse
+from estimation.pushes import Push
 from multibody.errors import SimulationError
 
 

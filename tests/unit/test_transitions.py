@@ -56,6 +56,20 @@ def test_constant_coefficients_give_the_matrix_exponential(longest):
             np.testing.assert_allclose(block[k], exact, rtol=0, atol=3e-7)
 
 
+@pytest.mark.parametrize(("faster", "longest"), [(1.0, np.inf), (1.0, 0.007), (300.0, np.inf)])
+def test_an_addition_that_lasts_is_one_that_begins_and_ends_alike(faster, longest):
+    """In whole intervals, in pieces, and where the Jacobians are frozen."""
+    at = of_time(lambda t: faster * A, lambda t: B)
+    found, risen = transitions(UNEVEN, at, longest, lasting=1), transitions(UNEVEN, at, longest)
+    np.testing.assert_array_equal(found.phi, risen.phi)
+    np.testing.assert_array_equal(found.gamma1[:, :, 1], 0.0)
+    for k, step in enumerate(np.diff(UNEVEN)):
+        _, gamma0, gamma1 = exact_blocks(step, faster * A)
+        np.testing.assert_allclose(found.gamma0[k, :, 0], gamma0[:, 0], rtol=0, atol=3e-7)
+        np.testing.assert_allclose(found.gamma1[k, :, 0], gamma1[:, 0], rtol=0, atol=3e-7)
+        np.testing.assert_allclose(found.gamma0[k, :, 1], (gamma0 + gamma1)[:, 1], rtol=0, atol=3e-7)
+
+
 def test_turning_coordinates_are_followed():
     """In coordinates that turn at a rate w, A(t) = R A0 R' + w J where R(t)' = w J R has the closed form R e^{A0 t}."""
     a0, j = np.array([[-3.0, 40.0], [-50.0, -1.0]]), np.array([[0.0, -1.0], [1.0, 0.0]])

@@ -65,16 +65,34 @@ def observe_along(address, times, states, inputs, input_rates, p, p_dot, shape, 
 
 
 @entry
-def lanes_along(address, times, states, inputs, p, x_dot, u_dot, p_dot, out):
-    """Evaluate several directions at once at every row; x_dot (n, lanes), u_dot and p_dot likewise, out (nt, ·, lanes).
+def lanes_along(address, times, states, inputs, p, x_dot, u_dot, p_dot, room, out):
+    """Evaluate directions, as many at once as the tangent has lanes, at every row; out (nt, rows, directions).
 
-    The address is that of a tangent of as many directions (`multibody.directions`).
+    Seeds are x_dot (groups, n, lanes), u_dot and p_dot likewise; the address is that of a tangent of as many directions
+    (`multibody.directions`); ``room``, shape (rows, lanes), is for what it writes.
     """
-    n, n_u, row = states.shape[1], inputs.shape[1], out.shape[1] * out.shape[2]
-    x, u, values, y = pointer(states), pointer(inputs), pointer(p), pointer(out)
+    n, n_u, rows, count = states.shape[1], inputs.shape[1], out.shape[1], out.shape[2]
+    groups, lanes, n_p = x_dot.shape[0], x_dot.shape[2], p_dot.shape[1]
+    x, u, values, y, some = pointer(states), pointer(inputs), pointer(p), pointer(out), pointer(room)
     dx, du, dp = pointer(x_dot), pointer(u_dot), pointer(p_dot)
     for k in range(times.size):
-        call_tangent(address, times[k], shift(x, k * n), shift(u, k * n_u), values, dx, du, dp, shift(y, k * row))
+        of = shift(y, k * rows * count)
+        for g in range(groups):
+            call_tangent(
+                address,
+                times[k],
+                shift(x, k * n),
+                shift(u, k * n_u),
+                values,
+                shift(dx, g * n * lanes),
+                shift(du, g * n_u * lanes),
+                shift(dp, g * n_p * lanes),
+                some,
+            )
+            first = g * lanes
+            for i in range(rows):
+                for lane in range(min(lanes, count - first)):
+                    of[i * count + first + lane] = some[i * lanes + lane]
 
 
 @entry

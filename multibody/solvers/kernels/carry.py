@@ -30,7 +30,7 @@ def add_products(factors, rows, total):
         first += 1
 
 
-@njit(types.void(T, T, T, T, T, I, M, T), cache=True, fastmath={"contract"})
+@njit(types.void(T, T, T, T, T, I, M, T), cache=True, nogil=True, fastmath={"contract"})
 def carry(phi, gamma0, gamma1, c, d, channel, push, out):
     """Write the change of the outputs, out (nt, n_y, m), by additions push (nt, m) to the inputs ``channel`` (m,).
 

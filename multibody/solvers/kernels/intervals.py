@@ -68,21 +68,23 @@ def add(size, term, y):
 
 
 @inner
-def exponential(n, m, first, terms, tau, at, slope, begin, columns, a, count, row_of, column_of, b, y, now, then):
+def exponential(
+    n, first, terms, tau, at, slope, begin, columns, a, count, row_of, column_of, risen_of, b, y, now, then
+):
     """Carry columns y, the whole's from ``first`` on, over the time tau in which A and B stand still.
 
-    The risen share of the additions grows from ``at`` by slope.
+    The share of the additions that belongs to their end, ``risen_of``, grows from ``at`` by slope.
     """
     product(n, begin, columns, tau, a, y, now)
     push(count, row_of, column_of, b, tau * (1.0 - at), n - first, now)
-    push(count, row_of, column_of, b, tau * at, n + m - first, now)
+    push(count, row_of, risen_of, b, tau * at, n - first, now)
     add(n * WIDTH, now, y)
     for k in range(2, terms + 1):
         product(n, begin, columns, tau / k, a, now, then)
         if k == 2:
             share = 0.5 * tau * slope * tau
             push(count, row_of, column_of, b, -share, n - first, then)
-            push(count, row_of, column_of, b, share, n + m - first, then)
+            push(count, row_of, risen_of, b, share, n - first, then)
         add(n * WIDTH, then, y)
         now, then = then, now
 
@@ -100,25 +102,30 @@ def weights_of_half(half, s, steps):
 
 @entry
 def carry_intervals(
-    nodes_a, nodes_b, begin, columns, where, row_of, column_of, where_b, first, spans, counts, which, room,
+    nodes_a, nodes_b, begin, columns, where, row_of, column_of, risen_of, where_b, first, spans, counts, which, room,
     phi, gamma0, gamma1,
 ):  # fmt: skip
     """Write phi, gamma0 and gamma1 of the intervals ``which``.
 
     ``nodes_a`` (3 P, n n) and ``nodes_b`` (3 P, n m) are A and B at the nodes of P pieces; ``columns`` and ``where``
     (e,) the entries of A, those of row i from ``begin[i]`` on; ``row_of``, ``column_of`` and ``where_b`` (f,) those of
-    B; the pieces of interval which[k] begin with ``first[k]``; ``spans`` (P, 3) are the length of each and which share
-    of its interval is over at its begin and at its end; ``counts`` (P, 2) its steps and the terms of each series.
+    B; what an addition is at its interval's begin goes into column ``column_of`` behind phi's, what it is at the end
+    into ``risen_of``, which is the same where it lasts.  The pieces of interval which[k] begin with ``first[k]``; ``spans``
+    (P, 3) are the length of each and which share of its interval is over at its begin and at its end; ``counts`` (P, 2)
+    its steps and the terms of each series.
     ``room``, shape (3 n WIDTH + e + f,), is for as many columns at a time.
     """
     n, m, e, f = phi.shape[1], gamma0.shape[2], where.size, where_b.size
+    total = n + m
+    for k in range(f):
+        total = max(total, n + 1 + risen_of[k])
     y = pointer(room)
     now = shift(y, n * WIDTH)
     then = shift(now, n * WIDTH)
     a = shift(then, n * WIDTH)
     b = shift(a, e)
     for k in range(which.size):
-        for block in range(0, n + 2 * m, WIDTH):
+        for block in range(0, total, WIDTH):
             for i in range(n * WIDTH):
                 y[i] = 0.0
             for i in range(block, min(n, block + WIDTH)):
@@ -133,8 +140,8 @@ def carry_intervals(
                     tau, slope = 0.5 * spans[p, 0] / steps, risen / spans[p, 0]
                     at = spans[p, 1] + 0.5 * risen * h / steps
                     exponential(
-                        n, m, block, counts[p, 1], tau, at, slope, pointer(begin), pointer(columns), a,
-                        f, pointer(row_of), pointer(column_of), b, y, now, then,
+                        n, block, counts[p, 1], tau, at, slope, pointer(begin), pointer(columns), a,
+                        f, pointer(row_of), pointer(column_of), pointer(risen_of), b, y, now, then,
                     )  # fmt: skip
             c = which[k]
             for i in range(n):
