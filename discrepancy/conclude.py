@@ -69,6 +69,7 @@ def conclude(study: Study) -> Conclusion:
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
         verdict = verdict if accepted else ""
+    noisy = study.confronted.noisy if study.confronted is not None else ()
     paths = [str(setup.path)] if setup.path is not None else []
     paths += [str(e.record.path) for e in (*setup.identify, *setup.validate)]
     found = Conclusion(
@@ -90,13 +91,15 @@ def conclude(study: Study) -> Conclusion:
         extra={
             "separating_trips": [s.to_dict() for s in separating],
             **({"unknown": described.to_dict()} if described is not None else {}),
+            **({"noisy_inputs": [n.to_dict() for n in noisy]} if noisy else {}),
             **({"follows_inputs": {"p": still.p, "rejects": still.rejects, "most": still.leading}} if still else {}),
         },
     )
+    more = [n.sentence for n in noisy]
     if unknown is not None and not accepted:
-        return replace(found, sentence=unknown.statement + _far_off(stages[-1]))
+        return replace(found, sentence=" ".join([unknown.statement + _far_off(stages[-1]), *more]))
     sentence = _sentence(found, accepted) + _far_off(stages[-1])
-    return replace(found, sentence=f"{sentence} {still.sentence}" if still is not None else sentence)
+    return replace(found, sentence=" ".join([sentence, *([still.sentence] if still is not None else []), *more]))
 
 
 def _verdict(accepted: Sequence[Accepted]) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.free_turns import free_turns
+from discrepancy.noisy_inputs import NoisyInput, without_noise
 from discrepancy.setup import Setup
 from discrepancy.start_guess import Followed, follow
 from discrepancy.windows import (
@@ -50,11 +51,14 @@ class Confronted:
     mode : {"simulation", "prediction", "inverse"}
     reason : str
         One sentence.
+    noisy : tuple of NoisyInput
+        Recorded inputs that simulations use low-passed, because their noise matters.
     """
 
     setup: Setup
     mode: str
     reason: str
+    noisy: tuple[NoisyInput, ...] = ()
 
 
 def confront(setup: Setup, progress: Callable[[str], None] = silent) -> Confronted:
@@ -74,6 +78,16 @@ def confront(setup: Setup, progress: Callable[[str], None] = silent) -> Confront
     SimulationError
         If the machine cannot be simulated at all.
     """
+    found = _chosen(setup, progress)
+    # windows weigh the noise of inputs, and a given motion has its own low-pass
+    if found.mode != "simulation" or setup.inputs == "as recorded":
+        return found
+    quiet, noisy = without_noise(found.setup, progress)
+    return replace(found, setup=quiet, noisy=noisy)
+
+
+def _chosen(setup: Setup, progress: Callable[[str], None]) -> Confronted:
+    """Return the mode that the study asks for, or that suits the machine."""
     if setup.residual == "simulation":
         return Confronted(setup, "simulation", "asked for by the study")
     if setup.residual == "inverse":

@@ -35,7 +35,7 @@ def fingerprint(study: Study) -> str:
         setup.model.describe(),
         *(f"{q.name} {q.value!r} {q.std!r} {q.min!r} {q.max!r}" for q in setup.uncertain),
         *(f"{n} {v!r}" for n, v in sorted(setup.noise.items())),
-        repr((setup.include, setup.exclude, setup.level, setup.seed, setup.residual)),
+        repr((setup.include, setup.exclude, setup.level, setup.seed, setup.residual, setup.inputs)),
     ]
     for text in parts:
         digest.update(text.encode() + b"\0")

@@ -8,6 +8,7 @@ multiplied by the inverse square root of (output noise + that), relative to the 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Shaping", "shaping_of"]
 
-_KNOTS = 40
+_KNOTS, _MOST_KNOTS = 40, 400
+_A_PERIOD = 4.0  # knots to a period of the highest frequency that is weighed
 _SMALLEST = 0.1  # deviations below this share of the output's noise need no weighing
 
 
@@ -82,7 +84,8 @@ def shaping_of(
     noisy = {n: s for n, s in experiment.input_noise.items() if s > 0.0}
     if not noisy or time.size < 4 or not np.all(noise > 0.0):
         return none
-    knots = min(_KNOTS, time.size // 2)
+    wanted = max(_KNOTS, math.ceil(_A_PERIOD * experiment.noise_band * float(time[-1] - time[0])))
+    knots = min(wanted, _MOST_KNOTS, time.size // 2)
     place = (time - time[0]) / (time[-1] - time[0]) * (knots - 1)
     tents = np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(knots)))
     # White noise of deviation s at the sampling rate has the same low-frequency density as tents of this deviation.

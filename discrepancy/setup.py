@@ -47,6 +47,8 @@ class Setup:
     path : Path or None
         The study file.
     warnings : tuple of str
+    inputs : {"auto", "as recorded"}
+        ``"auto"`` takes noise out of recorded inputs where it matters (`discrepancy.noisy_inputs`).
     """
 
     name: str
@@ -63,6 +65,7 @@ class Setup:
     residual: str = "auto"
     path: Path | None = None
     warnings: tuple[str, ...] = ()
+    inputs: str = "auto"
 
 
 def experiments_of(
@@ -167,6 +170,7 @@ def from_file(path: str | Path, *, seed: int | None = None, max_effects: int | N
         study.study.residual,
         study.path,
         (*study.warnings, *dict.fromkeys(warned)),
+        study.study.inputs,
     )
 
 

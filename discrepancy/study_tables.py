@@ -91,6 +91,7 @@ class StudyTable(msgspec.Struct, frozen=True):
     """
 
     residual: Literal["auto", "simulation", "prediction", "inverse"] = "auto"
+    inputs: Literal["auto", "as recorded"] = "auto"
     seed: int = 0
     max_effects: int = 6
     level: float = 0.02

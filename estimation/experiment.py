@@ -95,6 +95,8 @@ class Experiment:
         Inputs that keep their value until the next sample; the others change in a straight line.
     input_noise : mapping of str to float
         Noise of recorded inputs that a scan has to reckon with, SI; empty where it does not matter.
+    noise_band : float, Hz
+        Up to which frequency it has to; 0 leaves that to the scan.
     max_evaluations : int, optional
         A simulation that needs more evaluations of the equations than this is given up.
     """
@@ -109,6 +111,7 @@ class Experiment:
     rtol: float = 1e-6
     held: tuple[str, ...] = ()
     input_noise: Mapping[str, float] = field(default_factory=dict)
+    noise_band: float = 0.0
     max_evaluations: int | None = None
     _cache: dict[str, object] = field(default_factory=dict, repr=False)
 

@@ -114,6 +114,8 @@ class LiftRig(Rig):
         Payloads that come in turn; only the 1D model takes a load as a signal.
     only_express : bool
         All trips from end to end, up and down in turn, as on the paper's bench.
+    sensor_noise : mapping of str to float
+        Standard deviation in place of the usual one, SI, by signal (`SENSED`).
     configuration : int
         Of the guides: another number is the same lift with other guides, other trips and other disturbances.
     """
@@ -128,6 +130,7 @@ class LiftRig(Rig):
     loads: tuple[float, ...] = ()
     only_express: bool = False
     configuration: int = 0
+    sensor_noise: Mapping[str, float] = field(default_factory=dict)
 
     machine: ClassVar[str] = "lift"
     prefer: ClassVar[tuple[str, ...]] = ("cabin.z", "F_c", "omega_ref")
@@ -152,6 +155,8 @@ class LiftRig(Rig):
                 f"loads of {', '.join(f'{m:g}' for m in self.loads)} kg: only the 1D model takes a load as a signal; "
                 "leave --loads out"
             )
+        if unknown := [n for n in self.sensor_noise if n not in _CHANNELS]:
+            found.append(f"sensor_noise names {', '.join(unknown)}: there are {', '.join(_CHANNELS)}")
         if self.duration < self.parameters.trip.duration - 0.5:
             found.append(
                 f"duration is {self.duration:g} s: a trip from end to end takes {self.parameters.trip.duration:g} s"
@@ -205,7 +210,7 @@ class LiftRig(Rig):
     @property
     def channels(self) -> tuple[Channel, ...]:
         """What is recorded: everything, whatever the model under test takes of it."""
-        return tuple(_CHANNELS.values())
+        return tuple(dataclasses.replace(c, noise=self.sensor_noise.get(n, c.noise)) for n, c in _CHANNELS.items())
 
     @property
     def uncertain(self) -> tuple[UncertainParameter, ...]:
@@ -338,13 +343,9 @@ class LiftRig(Rig):
         """Return the columns of a trip as they are written."""
         trip, rng = self.trip(number), self.stream(300 + number)
         columns = {}
-        for name, channel in _CHANNELS.items():
-            if name == "omega_ref":
-                values = np.interp(fine, trip.time, trip.omega)
-            elif name == "payload":
-                values = np.full_like(fine, trip.load)
-            else:
-                values = seen[name]
+        given = {"omega_ref": np.interp(fine, trip.time, trip.omega), "payload": np.full_like(fine, trip.load)}
+        for channel in self.channels:
+            values = given[channel.signal] if channel.signal in given else seen[channel.signal]
             columns[channel.column] = self.logger.read(channel, fine, values, stamps, rng, errors)
         return columns
 

@@ -110,9 +110,9 @@ def carry_intervals(
     ``nodes_a`` (3 P, n n) and ``nodes_b`` (3 P, n m) are A and B at the nodes of P pieces; ``columns`` and ``where``
     (e,) the entries of A, those of row i from ``begin[i]`` on; ``row_of``, ``column_of`` and ``where_b`` (f,) those of
     B; what an addition is at its interval's begin goes into column ``column_of`` behind phi's, what it is at the end
-    into ``risen_of``, which is the same where it lasts.  The pieces of interval which[k] begin with ``first[k]``; ``spans``
-    (P, 3) are the length of each and which share of its interval is over at its begin and at its end; ``counts`` (P, 2)
-    its steps and the terms of each series.
+    into ``risen_of``, which is the same where it lasts.  The pieces of interval which[k] begin with ``first[k]``;
+    ``spans`` (P, 3) are the length of each and which share of its interval is over at its begin and at its end;
+    ``counts`` (P, 2) its steps and the terms of each series.
     ``room``, shape (3 n WIDTH + e + f,), is for as many columns at a time.
     """
     n, m, e, f = phi.shape[1], gamma0.shape[2], where.size, where_b.size

@@ -1,0 +1,128 @@
+"""Noise of recorded inputs: seen in the record, weighed by what it makes of the outputs, taken out where it matters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from discrepancy.noisy_inputs import MATTERS, without_noise
+from discrepancy.setup import Setup, experiments_of
+from discrepancy.study import Study
+from estimation.calibration import UncertainParameter
+from estimation.record import Record, Signal
+from multibody import Model
+from multibody.library import Damper, ForceSource, Mass, Spring
+from multibody.silent import silent
+
+STEP, FLOOR = 6e-3, 2e-4
+
+
+@cache
+def oscillator() -> Model:
+    model = Model("oscillator")
+    body, force = model.add("body", Mass(m=2.0)), model.add("force", ForceSource())
+    spring, damper = model.add("spring", Spring(stiffness=400.0)), model.add("damper", Damper(damping=6.0))
+    model.connect(spring.b, damper.b, force.flange, body.flange)
+    model.connect(spring.a, damper.a, model.ground)
+    model.input("push", force.force)
+    return model
+
+
+def record(name: str, noise: float, seed: int, jitter: float = 0.0) -> Record:
+    """An oscillator pushed below 3.2 Hz, its push read with some noise."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(1000) * STEP
+    push = sum(60.0 * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.4, 1.1, 2.3, 3.1))
+    run = oscillator().build().simulate(float(time[-1]), inputs={"push": (time, push)}, times=time)
+    x = run["body.position"] + FLOOR * rng.standard_normal(time.size)
+    stamps = time + jitter * STEP * rng.uniform(-1.0, 1.0, time.size)
+    read = push + noise * rng.standard_normal(time.size)
+    return Record(
+        name, Path(f"{name}.csv"), stamps,
+        {"push": Signal(read, "N", "push", "N"), "body.position": Signal(x, "m", "x", "m")},
+    )  # fmt: skip
+
+
+def setup_of(noise: float, jitter: float = 0.0, **settings: object) -> Setup:
+    groups = [
+        experiments_of(oscillator(), [record(n, noise, k, jitter) for n, k in names], ["push"], ["body.position"])
+        for names in ([("a", 1), ("b", 2)], [("c", 3)])
+    ]
+    uncertain = (UncertainParameter("damper.damping", 6.0, 1.0, 0.0, 50.0, "N*s/m"),)
+    return Setup("pushed", oscillator(), uncertain, *groups, {"body.position": FLOOR}, **settings)  # type: ignore[arg-type]
+
+
+def test_noise_that_matters_is_taken_out_and_told() -> None:
+    setup = setup_of(20.0)
+    quiet, (found,) = without_noise(setup, silent)
+    assert found.noise == pytest.approx(20.0, rel=0.1)
+    assert 2 * 3.1 < found.cutoff < 10.0
+    assert found.low_passed
+    assert found.weighed
+    assert 0.9 * found.made < found.left < found.made
+    assert found.held_out
+    assert found.after < found.before
+    assert found.sentence.startswith("The recorded input push is noisy: ")
+    for before, after in zip((*setup.identify, *setup.validate), (*quiet.identify, *quiet.validate), strict=True):
+        assert "push: low-pass at" in after.record.log[-1]
+        assert np.std(np.diff(after.record.signals["push"].values, 2)) < 0.2 * np.std(
+            np.diff(before.record.signals["push"].values, 2)
+        )
+        np.testing.assert_array_equal(after.measured, before.measured)
+
+
+def test_what_the_noise_makes_is_what_simulations_show() -> None:
+    """The machine is linear: simulated from pushes with and without their noise it differs by as much."""
+    noisy, clean = setup_of(20.0), setup_of(0.0)
+    _, (found,) = without_noise(noisy, silent)
+    system = oscillator().build(outputs=["body.position"])
+    both = ([e.simulate(system, system.p) for e in s.identify] for s in (noisy, clean))
+    made = np.sqrt(np.mean([np.mean((a - b) ** 2) for a, b in zip(*both, strict=True)]))
+    assert found.made == pytest.approx(made, rel=0.3)  # of two draws of a resonance that rings for a second
+
+
+def test_noise_that_does_not_matter_stays() -> None:
+    setup = setup_of(20.0)
+    _, (found,) = without_noise(setup, silent)
+    for times, stays in ((0.9, False), (1.1, True)):
+        rough = replace(setup, noise={"body.position": times * found.made / MATTERS})
+        assert (without_noise(rough, silent) == (rough, ())) is stays
+
+
+@pytest.mark.parametrize("why", ["held", "uneven", "felt", "open"])
+def test_inputs_stay_as_recorded(why: str) -> None:
+    said: list[str] = []
+    setup = setup_of(0.1 if why == "open" else 20.0, jitter=0.4 if why == "uneven" else 0.0)
+    if why == "held":
+        setup = replace(setup, identify=tuple(replace(e, held=("push",), _cache={}) for e in setup.identify))
+    if why == "felt":  # the machine really feels what looks like noise
+        setup = replace(setup, identify=tuple(_felt(e) for e in setup.identify))
+    assert without_noise(setup, said.append) == (setup, ())
+    assert said == [] or (why == "uneven" and said[-1].startswith("the inputs stay as recorded: "))
+
+
+def _felt(experiment):
+    system = oscillator().build(outputs=["body.position"])
+    signals = dict(experiment.record.signals)
+    x = experiment.simulate(system, system.p)[:, 0]
+    signals["body.position"] = replace(signals["body.position"], values=x)
+    return replace(experiment, record=replace(experiment.record, signals=signals), _cache={})
+
+
+def test_a_study_does_it_by_itself_unless_told_not_to() -> None:
+    setup = setup_of(
+        20.0, residual="simulation", include=("coulomb_friction@*", "input_gain@*", "sensor_*"), max_effects=1
+    )
+    conclusion = Study(setup).diagnose()
+    assert conclusion.verdict == "nothing missing"
+    assert "The recorded input push is noisy" in conclusion.sentence
+    assert conclusion.extra["noisy_inputs"][0]["input"] == "push"
+    as_recorded = Study(replace(setup, inputs="as recorded"))
+    as_recorded.prepare()
+    assert as_recorded.confronted is not None
+    assert not as_recorded.confronted.noisy
+    assert as_recorded.setup.identify[0].record is setup.identify[0].record
