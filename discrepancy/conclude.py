@@ -16,6 +16,7 @@ from discrepancy.effects import unit_at
 from discrepancy.kinds import kind_named
 from discrepancy.nameless import nameless_force
 from discrepancy.next_measurement import next_measurements
+from discrepancy.noisy_inputs import told_in_short
 from discrepancy.stage import Accepted, Stage
 from discrepancy.stated import outside, told
 from discrepancy.verdict import Verdict
@@ -65,11 +66,11 @@ def conclude(study: Study) -> Conclusion:
     if not accepted and (far := outside(stages[-1].identify)):
         listed = " and ".join(told(q, value) for q, value in far)
         warnings = (*warnings, f"Calibration ends outside what was stated: {listed}. Check what was stated.")
-    warnings = (*warnings, *_not_lasting(stages), *dict.fromkeys(study.troubles))
+    noisy = study.confronted.noisy if study.confronted is not None else ()
+    warnings = (*warnings, *(n.sentence for n in noisy), *_not_lasting(stages), *dict.fromkeys(study.troubles))
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
         verdict = verdict if accepted else ""
-    noisy = study.confronted.noisy if study.confronted is not None else ()
     paths = [str(setup.path)] if setup.path is not None else []
     paths += [str(e.record.path) for e in (*setup.identify, *setup.validate)]
     found = Conclusion(
@@ -95,7 +96,7 @@ def conclude(study: Study) -> Conclusion:
             **({"follows_inputs": {"p": still.p, "rejects": still.rejects, "most": still.leading}} if still else {}),
         },
     )
-    more = [n.sentence for n in noisy]
+    more = [told_in_short(noisy)] if noisy else []
     if unknown is not None and not accepted:
         return replace(found, sentence=" ".join([unknown.statement + _far_off(stages[-1]), *more]))
     sentence = _sentence(found, accepted) + _far_off(stages[-1])

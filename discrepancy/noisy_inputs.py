@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from estimation.experiment import Experiment
     from multibody.system import System
 
-__all__ = ["NoisyInput", "without_noise"]
+__all__ = ["NoisyInput", "told_in_short", "without_noise"]
 
 MATTERS = 0.1
 """Root mean square in an output, over its noise floor, from which it is worth while to take it out of an input.
@@ -154,6 +154,15 @@ def without_noise(setup: Setup, progress: Callable[[str], None]) -> tuple[Setup,
         errors = float(before[c]), float(after[c]), bool(setup.validate)
         found.append(NoisyInput(n, noise[n], units[0], *done, output, *of_noise, units[1], *errors))
     return quiet, tuple(found)
+
+
+def told_in_short(noisy: Sequence[NoisyInput]) -> str:
+    """Say of which inputs the noise was reckoned with."""
+    names = " and ".join(n.input for n in noisy)
+    which = f"Noise of the recorded input{'s' * (len(noisy) > 1)} {names}"
+    ways = {"taken out": any(n.low_passed for n in noisy), "weighed down": any(n.weighed for n in noisy)}
+    done = " or ".join(way for way, used in ways.items() if used)
+    return f"{which} shakes the model and is no missing law; it was {done}."
 
 
 def _free_inputs(experiment: Experiment) -> list[str]:

@@ -11,6 +11,7 @@ from discrepancy.axis import axis_case
 from discrepancy.effects import Effect
 from estimation.push_response import response_of, worth_it
 from estimation.pushes import Change, Push
+from multibody.native import jit_enabled, load_driver
 
 
 @pytest.fixture(scope="module")
@@ -61,3 +62,10 @@ def test_parameters_and_start_values_do_not_go_with_changes(rubbing):
     experiment, system, p, friction = rubbing
     with pytest.raises(ValueError, match="Change"):
         experiment.respond(system, p, parameters=[next(iter(friction.parameters()))], pushes=[Change("guide.mass")])
+
+
+@pytest.mark.skipif(not jit_enabled(), reason="plain Python holds the interpreter's lock")
+def test_pushes_are_carried_side_by_side():
+    """The kernel leaves the interpreter to other threads: with the lock held a second core would be of no use."""
+    carry = load_driver("multibody.solvers.kernels.carry").carry
+    assert carry.targetoptions["nogil"]
