@@ -38,7 +38,7 @@ MATTERS = 0.1
 At that size the likelihood of 6000 samples gains 30 by an input gain that takes the noise away."""
 SURELY = 0.5
 """Share of what an input has above its cutoff that must be noise by two standard deviations."""
-DRAWS = 4
+DRAWS, ROUNDS = 4, 2
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def without_noise(setup: Setup, progress: Callable[[str], None]) -> tuple[Setup,
     floors = np.maximum(floors, 1e-300)
     every = {n: _cutoff(setup.identify, n) for n in _free_inputs(setup.identify[0])}
     try:
-        share = _noise_share(setup.identify, system, p, every)
+        share = _noise_share(setup, system, p, every)
         noise = {n: _noise_of(setup.identify, n, every[n]) * share[n] ** 0.5 for n in every if share[n] > 0.0}
         made, left = (_made_by_noise(setup, system, p, noise, c) for c in ({}, every))
     except SignalError as error:
@@ -181,13 +181,12 @@ def _noise_of(experiments: Sequence[Experiment], name: str, cutoff: float) -> fl
     return float(np.median(found))
 
 
-def _noise_share(
-    experiments: Sequence[Experiment], system: System, p: np.ndarray, cutoffs: Mapping[str, float]
-) -> dict[str, float]:
+def _noise_share(setup: Setup, system: System, p: np.ndarray, cutoffs: Mapping[str, float]) -> dict[str, float]:
     """Return how much of what each input has above its cutoff is noise, in terms of variance; 0 where that is open.
 
     What the machine did not feel is in the simulation and not in the record: the error then is minus what it makes, and
-    nothing of it where the machine felt it.  Both are compared above the cutoffs, by least squares over all inputs.
+    nothing of it where the machine felt it.  Both are compared above the cutoffs, by least squares over all inputs,
+    free of what parameters and each record's own start can make.
 
     Raises
     ------
@@ -197,34 +196,48 @@ def _noise_share(
     names, lowest = list(cutoffs), min(cutoffs.values(), default=0.0)
     if not names:
         return {}
+    parameters = [q.name for q in setup.uncertain if not q.name.startswith("sensor.")]
 
-    def above(e: Experiment) -> np.ndarray:
-        """Return the error above the lowest cutoff, and what each input's part above its own makes there."""
+    def above(e: Experiment) -> tuple[np.ndarray, np.ndarray]:
+        """Return error, inputs' and parameters' columns (n, n_y, ·), and those of the start, above the cutoff."""
         time = np.asarray(e.record.time)
         values = [np.asarray(e.record.signals[n].values) for n in names]
         pushes = [Push(n, v - low_pass(time, v, cutoffs[n])) for n, v in zip(names, values, strict=True)]
-        found = e.respond(system, p, pushes=pushes)
+        found = e.respond(system, p, parameters=parameters, states=e.free, pushes=pushes)
         stacked = np.concatenate([(e.measured - found.outputs)[:, :, None], found.derivatives], axis=2)
         flat = stacked.reshape(len(stacked), -1)
-        return np.asarray((flat - low_pass(e.time, flat, lowest)).reshape(stacked.shape))
+        high = (flat - low_pass(e.time, flat, lowest)).reshape(stacked.shape)
+        first, last = 1 + len(parameters), 1 + len(parameters) + len(e.free)
+        shared = [high[:, :, :1], high[:, :, last:], high[:, :, 1:first]]
+        return np.concatenate(shared, axis=2), high[:, :, first:last]
 
-    records = side_by_side(above, experiments)
-    errors, columns = [r[:, :, 0] for r in records], [r[:, :, 1:] for r in records]
-    error, made = np.concatenate(errors), np.concatenate(columns)
-    scale = np.maximum(np.std(error, axis=0), 1e-300)
-    memory = max(correlation_time(e[:, c]) for e in errors for c in range(len(scale)))
-    y, x = (error / scale).ravel(), (made / scale[:, None]).reshape(-1, len(names))
-    size = np.linalg.norm(x, axis=0)
-    seen = size > 0.0
-    share = np.zeros(len(names))
-    if np.any(seen):
-        unit = x[:, seen] / size[seen]
-        solved, *_ = np.linalg.lstsq(unit, y, rcond=None)
-        left = float(np.mean((y - unit @ solved) ** 2))
-        std = np.sqrt(left * max(1.0, memory) * np.diag(np.linalg.pinv(unit.T @ unit))) / size[seen]
-        felt = -solved / size[seen]
-        share[seen] = np.where(felt - 2.0 * std > SURELY, np.clip(felt, 0.0, 1.0), 0.0)
-    return dict(zip(names, share.tolist(), strict=True))
+    records = side_by_side(above, setup.identify)
+    scale = np.sqrt(np.mean(np.concatenate([shared[:, :, 0] for shared, _ in records]) ** 2, axis=0))
+    for _ in range(ROUNDS):  # each output is weighed by what is left of it
+        scale = np.maximum(scale, 1e-300)
+        free = [_without_own(shared / scale[:, None], own / scale[:, None]) for shared, own in records]
+        whole = np.concatenate(free).reshape(-1, free[0].shape[2])
+        size = np.linalg.norm(whole[:, 1:], axis=0)
+        unit = whole[:, 1:] / np.where(size > 0.0, size, 1.0)
+        solved = np.linalg.lstsq(unit, whole[:, 0], rcond=None)[0]
+        left = (whole[:, 0] - unit @ solved).reshape(-1, scale.size)
+        scale = scale * np.sqrt(np.mean(left**2, axis=0))
+    lengths = np.cumsum([len(shared) for shared, _ in records])[:-1]
+    memory = max(correlation_time(c) for part in np.split(left, lengths) for c in part.T)
+    spread = np.sqrt(np.mean(left**2) * memory * np.diag(np.linalg.pinv(unit.T @ unit)))
+    share = {}
+    for k, name in enumerate(names):
+        felt, std = (-solved[k] / size[k], spread[k] / size[k]) if size[k] > 0.0 else (0.0, np.inf)
+        share[name] = float(np.clip(felt, 0.0, 1.0)) if felt - 2.0 * std > SURELY else 0.0
+    return share
+
+
+def _without_own(block: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Return a block, shape (n, n_y, k), without what its record's own unknowns (n, n_y, q) can make."""
+    flat, basis = block.reshape(-1, block.shape[2]), own.reshape(-1, own.shape[2])
+    size = np.linalg.norm(basis, axis=0)
+    basis = basis[:, size > 0.0] / size[size > 0.0]
+    return np.asarray((flat - basis @ np.linalg.lstsq(basis, flat, rcond=None)[0]).reshape(block.shape))
 
 
 def _made_by_noise(
