@@ -71,6 +71,8 @@ def candidate_columns(
                 refused.append((entry, why))
                 continue
             plans.append((entry, entry.kind.shape_grid(motion), list(entry.kind.strengths)))
+        elif why := _calibrated(facts, entry):
+            refused.append((entry, why))
         elif entry.kind.component_shapes is not None:
             owner, ending = entry.kind.owner_of(entry.where)
             part = facts.system.model.components[owner]
@@ -145,6 +147,17 @@ def _no_model(facts: Confrontation, entry: Entry) -> str:
     except ModelError as error:
         return cannot_be_built(error)
     return ""
+
+
+def _calibrated(facts: Confrontation, entry: Entry) -> str:
+    """Return why a value of the model is no candidate where calibration moves it, or an empty text."""
+    if entry.kind.at != "parameter":
+        return ""
+    owner, ending = entry.kind.owner_of(entry.where)
+    names = [f"{owner}.{n}{ending}" for n in entry.kind.strengths]
+    calibration = facts.calibration
+    moved = {q.name for q in calibration.parameters} - set(calibration.not_excited)
+    return f"not identifiable: {' and '.join(names)} can imitate it entirely" if set(names) <= moved else ""
 
 
 def _record_columns(
