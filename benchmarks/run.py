@@ -26,6 +26,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "benchmarks" / "index.md"
 FEWEST_ROUNDS = 3
+LINEAR_ALGEBRA = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 TURN_SECONDS, MOST_CALLS = 0.02, 100  # what is shorter is called several times in a turn
 
 
@@ -224,7 +225,9 @@ def section(group: Group, clock: str) -> str:
     lines += [group.text, ""] if group.text else []
     lines += ["| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
     lines += ["| " + " | ".join(row) + " |" for row in rows(group)]
+    threads = os.environ.get(LINEAR_ALGEBRA[0])
     measured = f"Measured {date.today().isoformat()} on {machine()}"
+    measured += f", linear algebra on {threads} thread{'s' * (threads != '1')}" if threads else ""
     lines += ["", f"{measured}: {'memory' if group.unit == 'B' else what}."]
     return "\n".join(lines) + "\n"
 
@@ -249,6 +252,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", type=Path, help="write all single times into this file")
     parser.add_argument("--write-docs", action="store_true", help="write the sections into docs/benchmarks/index.md")
     options = parser.parse_args(arguments)
+    for name in LINEAR_ALGEBRA:  # as the vtsdt command does
+        os.environ.setdefault(name, "1")
     if options.rounds < FEWEST_ROUNDS:
         parser.error(f"--rounds must be at least {FEWEST_ROUNDS}: fewer have no quartiles")
     files = sorted(HERE.glob("bench_*.py"))

@@ -20,7 +20,7 @@ from discrepancy.effects import Effect
 from discrepancy.free_curves import curve_columns, free_curves
 from discrepancy.from_scan import DIFFERENCE, differs_from
 from discrepancy.kinds import MotionRange
-from discrepancy.law_force import MOTION, law_force
+from discrepancy.law_force import MOTION, law_forces
 from discrepancy.secants import far_away, secant_columns, takes_secants
 from estimation.experiment import Experiment
 from estimation.push_response import forget, response_of, worth_it
@@ -61,6 +61,7 @@ def candidate_columns(
     """
     refused: list[tuple[Entry, str]] = []
     plans: list[Plan] = []
+    facts.simulate()
     for entry in entries:
         if entry.kind.at == "connection":
             motion = facts.range_of(entry)
@@ -237,17 +238,16 @@ def _forces(
     }
     if entry.load:
         motion["load"] = run[entry.load]
-    found = []
-    for full in shapes:
-        group = []
-        shape = {k: v for k, v in full.items() if k != "secant"}
-        for name in strengths:
-            size = 1.0 if entry.kind.linear else full.get("secant", 0.0)
-            size = size or _small_strength(facts.range_of(entry))
-            strength = {n: (size if n == name else 0.0) for n in strengths}
-            group.append(law_force(entry.kind, time, motion, shape, strength) / size)
-        found.append(group)
-    return found
+    sizes = [1.0 if entry.kind.linear else full.get("secant", 0.0) for full in shapes]
+    sizes = [size or _small_strength(facts.range_of(entry)) for size in sizes]
+    every = [
+        ({k: v for k, v in full.items() if k != "secant"}, {n: (size if n == name else 0.0) for n in strengths})
+        for full, size in zip(shapes, sizes, strict=True)
+        for name in strengths
+    ]
+    found = law_forces(entry.kind, time, motion, [s for s, _ in every], [s for _, s in every])
+    grouped = found.reshape(len(shapes), len(strengths), time.size)
+    return [list(group / size) for group, size in zip(grouped, sizes, strict=True)]
 
 
 def _sensor_column(experiment: Experiment, run: dict[str, np.ndarray], time: np.ndarray, entry: Entry) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from discrepancy.blocks import Residual, Sensitivities
 from discrepancy.kinds import MotionRange
 from discrepancy.whitened import plain_projection
+from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from discrepancy.catalogue import Entry
@@ -114,6 +116,11 @@ class Confrontation:
             self._cache[key] = {n: run.outputs[:, k] for k, n in enumerate(self.system.output_names)}
         return self._cache[key]
 
+    def simulate(self) -> None:
+        """Run all experiments, side by side, for what the motions and the residual are asked about."""
+        runs: list[Callable[[], object]] = [partial(self.motions, i) for i in range(len(self.experiments))]
+        side_by_side(lambda run: run(), [self.residual, *runs])
+
     def residual(self) -> Residual:
         """Return measured minus modelled outputs at the calibrated values, prepared for the scan."""
         if "residual" in self._cache:
@@ -174,15 +181,13 @@ class Confrontation:
     def range_of(self, entry: Entry) -> MotionRange:
         """Return how far and fast a connection moved."""
         assert entry.place is not None
-        names = entry.place.motion_names()
-        runs = [self.motions(i) for i in range(len(self.experiments))]
-        x = np.concatenate([r[f"place.{entry.where}.{names[0][0]}"] for r in runs])
-        v = np.concatenate([r[f"place.{entry.where}.{names[1][0]}"] for r in runs])
+        key = f"range {entry.where}"
+        if key not in self._cache:
+            names = entry.place.motion_names()
+            runs = [self.motions(i) for i in range(len(self.experiments))]
+            x = np.concatenate([r[f"place.{entry.where}.{names[0][0]}"] for r in runs])
+            v = np.concatenate([r[f"place.{entry.where}.{names[1][0]}"] for r in runs])
+            self._cache[key] = float(x.min()), float(x.max()), float(np.quantile(np.abs(v), 0.95))
         scale = self.p[self.system.index("parameter", entry.stiffness)] if entry.stiffness else 0.0
-        return MotionRange(
-            float(x.min()),
-            float(x.max()),
-            float(np.quantile(np.abs(v), 0.95)),
-            entry.place.domain == "rotation",
-            float(scale),
-        )
+        low, high, speed = self._cache[key]
+        return MotionRange(low, high, speed, entry.place.domain == "rotation", float(scale))

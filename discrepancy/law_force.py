@@ -1,7 +1,8 @@
-"""The force of a law along a motion that is given, without a machine."""
+"""The forces of a law along a motion that is given, without a machine."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -9,11 +10,15 @@ import numpy as np
 
 from discrepancy.effects import law_class
 from discrepancy.kinds import Kind
+from multibody.inputs import InputTable
+from multibody.side_by_side import side_by_side
+from multibody.simulate import native_problem
+from multibody.solvers import integrate
 
 if TYPE_CHECKING:
     from multibody.system import System
 
-__all__ = ["MOTION", "law_force"]
+__all__ = ["MOTION", "law_forces"]
 
 MOTION = ("position", "velocity", "acceleration")
 
@@ -36,10 +41,14 @@ def _law_system(kind: Kind) -> System:
     return model.build(outputs=("effect.force",))
 
 
-def law_force(
-    kind: Kind, time: np.ndarray, motion: dict[str, np.ndarray], shape: dict[str, float], strength: dict[str, float]
+def law_forces(
+    kind: Kind,
+    time: np.ndarray,
+    motion: dict[str, np.ndarray],
+    shapes: Sequence[dict[str, float]],
+    strengths: Sequence[dict[str, float]],
 ) -> np.ndarray:
-    """Return the force of a law on side a along a motion, shape (nt,).
+    """Return the forces of a law on side a along a motion, shape (number of shapes, nt).
 
     Parameters
     ----------
@@ -47,25 +56,26 @@ def law_force(
     time : ndarray, shape (nt,), s
     motion : dict
         ``position``, ``velocity``, ``acceleration`` and, where the law asks for it, ``load``; each (nt,).
-    shape, strength : dict
-        The law's parameters.
+    shapes, strengths : sequence of dict
+        The law's parameters, as many of the one as of the other.
     """
     if kind.law == "AddedInertia":
-        return -strength["inertia"] * motion["acceleration"]
-    from multibody.inputs import InputTable
-    from multibody.simulate import native_problem
-    from multibody.solvers import integrate
-
+        return np.array([-s["inertia"] * motion["acceleration"] for s in strengths])
     system = _law_system(kind)
-    p = system.parameter_vector({f"effect.{k}": v for k, v in {**shape, **strength}.items()})
+    every = [
+        system.parameter_vector({f"effect.{k}": v for k, v in {**shape, **strength}.items()})
+        for shape, strength in zip(shapes, strengths, strict=True)
+    ]
     zeros = np.zeros_like(time)
     columns = {name: motion.get(name, zeros) for name in MOTION}
     if "load" in system.input_names:
         columns["load"] = motion["load"]
     inputs = np.column_stack([columns[n] for n in system.input_names])
-    states = np.zeros((time.size, len(system.states)))
-    if len(system.states):
-        table = InputTable(time, inputs, system.input_names)
+    if not system.states:
+        return system.outputs_along(time, np.zeros((time.size, 0)), inputs, np.array(every))[:, :, 0]
+    table = InputTable(time, inputs, system.input_names)
+
+    def force(p: np.ndarray) -> np.ndarray:
         solution = integrate(
             native_problem(system, p, table),
             (float(time[0]), float(time[-1])),
@@ -74,5 +84,6 @@ def law_force(
             rtol=1e-5,
             atol=1e-9,
         )
-        states = np.ascontiguousarray(solution.y.T)
-    return system.outputs_along(time, states, inputs, p)[:, 0]
+        return system.outputs_along(time, np.ascontiguousarray(solution.y.T), inputs, p)[:, 0]
+
+    return np.array(side_by_side(force, every))

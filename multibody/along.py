@@ -21,12 +21,19 @@ _DRIVERS = "multibody.solvers.kernels.along"
 def outputs_along(
     system: System, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray
 ) -> np.ndarray:
-    """Return the outputs at every row, shape (nt, n_y)."""
-    out = np.empty((times.size, len(system.outputs)))
-    at = _contiguous(times, states, inputs, p)
-    load_driver(_DRIVERS).rhs_along(system.outputs_function.address, *at, out)
+    """Return the outputs at every row; arguments and result as of `System.outputs_along`."""
+    shape = (times.size, len(system.outputs))
+    times, states, inputs, every = _contiguous(times, states, inputs, np.atleast_2d(p))
+    found, own, out = np.empty((len(every), *shape)), np.empty(every.shape[1]), np.empty(shape)
+    work = load_driver(_DRIVERS).rhs_along.bound(
+        system.outputs_function.address, times, states, inputs, own, out
+    )
+    for k, values in enumerate(every):
+        own[:] = values
+        work()
+        found[k] = out
     system.outputs_function.check()
-    return out
+    return found if p.ndim == 2 else found[0]
 
 
 def jacobian_along(

@@ -325,7 +325,10 @@ class System:
     def outputs_along(
         self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray
     ) -> np.ndarray:
-        """Return the outputs at every row of a trajectory, shape (nt, n_y)."""
+        """Return the outputs at every row of a trajectory, shape (nt, n_y).
+
+        Of several parameter vectors, p (k, n_p), they have the shape (k, nt, n_y).
+        """
         from multibody.along import outputs_along
 
         return outputs_along(self, times, states, inputs, p)
