@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from discrepancy.kinds import MotionRange, kind_named
 from discrepancy.law_force import law_forces
 
