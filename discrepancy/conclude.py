@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discrepancy.confrontation import Confrontation
 from discrepancy.describe_unknown import describe_unknown
 from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
 from discrepancy.effects import unit_at
@@ -17,6 +18,8 @@ from discrepancy.kinds import kind_named
 from discrepancy.nameless import nameless_force
 from discrepancy.next_measurement import next_measurements
 from discrepancy.noisy_inputs import told_in_short
+from discrepancy.reacting import reacting_inputs, told_reacting
+from discrepancy.search import scan_preparation
 from discrepancy.stage import Accepted, Stage
 from discrepancy.stated import outside, told
 from discrepancy.verdict import Verdict
@@ -67,7 +70,9 @@ def conclude(study: Study) -> Conclusion:
         listed = " and ".join(told(q, value) for q, value in far)
         warnings = (*warnings, f"Calibration ends outside what was stated: {listed}. Check what was stated.")
     noisy = study.confronted.noisy if study.confronted is not None else ()
-    warnings = (*warnings, *(n.sentence for n in noisy), *_not_lasting(stages), *dict.fromkeys(study.troubles))
+    reacting = _reacting(study)
+    warnings = (*warnings, *(n.sentence for n in noisy), *told_reacting(reacting))
+    warnings = (*warnings, *_not_lasting(stages), *dict.fromkeys(study.troubles))
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
         verdict = verdict if accepted else ""
@@ -93,6 +98,7 @@ def conclude(study: Study) -> Conclusion:
             "separating_trips": [s.to_dict() for s in separating],
             **({"unknown": described.to_dict()} if described is not None else {}),
             **({"noisy_inputs": [n.to_dict() for n in noisy]} if noisy else {}),
+            **({"reacting_inputs": reacting} if reacting else {}),
             **({"follows_inputs": {"p": still.p, "rejects": still.rejects, "most": still.leading}} if still else {}),
         },
     )
@@ -101,6 +107,14 @@ def conclude(study: Study) -> Conclusion:
         return replace(found, sentence=" ".join([unknown.statement + _far_off(stages[-1]), *more]))
     sentence = _sentence(found, accepted) + _far_off(stages[-1])
     return replace(found, sentence=" ".join([sentence, *([still.sentence] if still is not None else []), *more]))
+
+
+def _reacting(study: Study) -> dict[str, str]:
+    """Return the recorded inputs that answer to what is left, if a search has asked for that at all."""
+    if study.mode == "inverse" or not study.steps:  # where motion is given, it is an input
+        return {}
+    stage = study.stages[-1]
+    return reacting_inputs(Confrontation.of_stage(stage, scan_preparation(stage)))
 
 
 def _verdict(accepted: Sequence[Accepted]) -> str:

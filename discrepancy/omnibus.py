@@ -162,16 +162,21 @@ def generic_candidates(
 
 
 def omnibus_of_stage(stage: Stage, *, level: float, draws: int = 200, seed: int = 0) -> Omnibus | None:
-    """Test a stage of a study against its recorded inputs and their rates; None if the inputs do not change."""
+    """Test a stage of a study against its recorded inputs and their rates; None if the inputs do not change.
+
+    Not against those that answer to what is left (`discrepancy.reacting`): they go with it in any case.
+    """
     from discrepancy.confrontation import Confrontation
+    from discrepancy.reacting import reacting_inputs
     from discrepancy.search import scan_preparation
 
     facts = Confrontation.of_stage(stage, scan_preparation(stage))
+    reacting = reacting_inputs(facts)
     drivers: dict[str, list[Array]] = {}
     rates = set()
     for experiment in facts.experiments:
         time = np.asarray(experiment.record.time)
-        for name in experiment.inputs:
+        for name in (n for n in experiment.inputs if n not in reacting):
             u = np.asarray(experiment.record.signals[name].values)
             rates.add(rate := f"rate of {name}")
             for told, x in ((name, u), (rate, np.gradient(u, time))):

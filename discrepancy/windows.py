@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FACTOR",
     "LEAST_SAMPLES",
+    "NOISE_FACTOR",
     "WINDOW_FACTOR",
     "Growth",
     "crop",

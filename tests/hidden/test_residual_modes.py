@@ -28,6 +28,7 @@ from multibody.library import (
     ViscousFriction,
 )
 from multibody.library.spatial import Link
+from vtsdt.bench_rig import LiftRig
 
 DRY = ("coulomb_friction", "asymmetric_coulomb_friction")
 """With equal forces both ways the second is the first."""
@@ -239,3 +240,12 @@ def test_stribeck_friction_of_a_drive_is_found_by_the_inverse_residual():
 def test_nothing_is_invented_on_a_drive():
     _, conclusion, effects = found_in(drive_setup(3))
     assert (conclusion.verdict, effects) == ("nothing missing", [])
+
+
+def test_a_trip_that_ends_at_rest_does_not_speak_for_the_others():
+    """On its guides a cabin that stands feels its rope no more; in the other trips 3 N of noise throw it far."""
+    case = LiftRig(seed=9404, trips=4, under_test="cabin", sensor_noise={"F_c": 3.0}).case()
+    study = Study(case.setup(seed=9404))
+    study.prepare()
+    assert study.mode == "inverse"
+    assert "errors grow" in study.mode_reason

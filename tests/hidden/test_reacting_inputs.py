@@ -1,0 +1,106 @@
+"""A servo whose recorded voltage answers to what disturbs it, from plain equations, diagnosed by the command alone."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from plain_machines import RECORDS, diagnosed, low_passed
+
+from discrepancy.confrontation import Confrontation
+from discrepancy.reacting import reacting_inputs
+from discrepancy.search import scan_preparation
+from discrepancy.study import Study
+
+MODELS = '''
+from multibody import Model
+from multibody import library as lib
+
+
+def servo():
+    m = Model("servo")
+    drive = m.add("motor", lib.DCMotorDrive(R=1.2, L=2e-3, k_t=0.08, inductive=True))
+    rotor = m.add("rotor", lib.Inertia(J=4e-4))
+    bearing = m.add("bearing", lib.RotaryViscousFriction(viscous=2e-4))
+    m.connect(drive.flange, rotor.flange, bearing.b)
+    m.connect(bearing.a, m.ground)
+    m.input("supply.voltage", drive.voltage)
+    return m
+'''
+
+STUDY = """
+[model]
+build = "models.py:servo"
+[uncertain]
+"motor.k_t" = { std = 0.002 }
+"rotor.J" = { std = 2e-5 }
+"bearing.viscous" = { std = 5e-5, min = 0.0 }
+"motor.R" = { std = 0.03 }
+[inputs]
+"supply.voltage" = "voltage_V"
+[outputs]
+"motor.i" = "current_A"
+"rotor.speed" = "speed_rad_per_s"
+"rotor.angle" = "angle_rad"
+"""
+
+STEP = 2e-4
+
+
+def servo(rng: np.random.Generator, friction: float = 0.0, closed: bool = True) -> dict[str, np.ndarray]:
+    """Rotor on its way from place to place, shaken by a torque of 4 mN·m; not ``closed``, nobody corrects it."""
+    t = np.arange(0.0, 10.0, STEP)
+    way, at, here = np.zeros(t.size), 0.3, 0.0
+    while at < 9.0:
+        there, lasts = rng.uniform(-20.0, 20.0), rng.uniform(0.3, 0.9)
+        s = np.clip((t - at) / lasts, 0.0, 1.0)
+        way += (there - here) * s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+        here, at = there, at + lasts + rng.uniform(0.05, 0.3)
+    rate = np.gradient(way, STEP)
+    push = np.interp(t, t[::25], 4e-3 * low_passed(rng, t[::25], 40.0))
+    R, L, k, J, b = 1.2, 2e-3, 0.0795, 4.1e-4, 2e-4
+    i = w = a = 0.0
+    found = np.zeros((t.size, 4))
+    for n in range(t.size):
+        correction = 6.0 * (way[n] - a) + 0.25 * (rate[n] - w) if closed else 0.0
+        u = min(max(correction + k * rate[n], -40.0), 40.0)
+        found[n] = u, i, w, a
+        i += STEP * (u - R * i - k * w) / L
+        w += STEP * (k * i - b * w - friction * np.tanh(w / 0.05) + push[n]) / J
+        a += STEP * w
+    t, found = t[::25], found[::25]
+    noise = rng.standard_normal((3, t.size))
+    return {
+        "time_s": t, "voltage_V": found[:, 0], "current_A": np.round(found[:, 1] + 0.01 * noise[0], 3),
+        "speed_rad_per_s": np.round(found[:, 2] + 0.15 * noise[1], 2),
+        "angle_rad": np.round(found[:, 3] + 1e-3 * noise[2], 4),
+    }  # fmt: skip
+
+
+def test_an_answer_to_a_disturbance_is_no_missing_effect(tmp_path):
+    """Before inputs were asked whether they answer, this was an unknown force with p = 4e-12."""
+    diagnosis = diagnosed(tmp_path, MODELS, servo, STUDY + RECORDS, seed=2)
+    assert diagnosis["verdict"] == "nothing missing"
+    assert diagnosis["reacting_inputs"].keys() == {"supply.voltage"}
+    assert any("supply.voltage answers" in w for w in diagnosis["warnings"])
+
+
+def test_a_friction_is_found_beside_the_answer(tmp_path):
+    diagnosis = diagnosed(tmp_path, MODELS, partial(servo, friction=0.02), STUDY + RECORDS, seed=2)
+    assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["coulomb_friction@bearing"]
+    assert diagnosis["effects"][0]["parameters"]["coulomb"]["value"] == pytest.approx(0.02, rel=0.05)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.02])
+def test_what_nobody_corrects_does_not_answer(tmp_path, friction):
+    """Neither to a disturbance nor to a friction that the model lacks: that follows the input."""
+    for name, text in (("models.py", MODELS), ("study.toml", STUDY + RECORDS)):
+        (tmp_path / name).write_text(text)
+    for k in range(3):
+        columns = servo(np.random.default_rng([2, k]), friction, closed=False)
+        table = np.column_stack(list(columns.values()))
+        np.savetxt(tmp_path / f"run{k}.csv", table, delimiter=",", header=",".join(columns), comments="")
+    study = Study.from_file(tmp_path / "study.toml")
+    stage = study.stage
+    assert reacting_inputs(Confrontation.of_stage(stage, scan_preparation(stage))) == {}
