@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from discrepancy.shaping import Shaping
+
 Array = NDArray[np.float64]
 
 
@@ -46,6 +48,8 @@ class Residual:
         Sampling interval, s.
     channels : sequence of str
         Names of the outputs, one per column.
+    weighing : sequence of Shaping
+        How each block was weighed down, with the sensitivities and candidates beside it; empty: not at all.
 
     Raises
     ------
@@ -56,11 +60,15 @@ class Residual:
     blocks: tuple[Array, ...]
     dt: float
     channels: tuple[str, ...]
+    weighing: tuple[Shaping, ...] = ()
 
-    def __init__(self, blocks: Sequence[Array], dt: float, channels: Sequence[str]) -> None:
+    def __init__(
+        self, blocks: Sequence[Array], dt: float, channels: Sequence[str], weighing: Sequence[Shaping] = ()
+    ) -> None:
         object.__setattr__(self, "blocks", tuple(np.asarray(b, dtype=float) for b in blocks))
         object.__setattr__(self, "dt", float(dt))
         object.__setattr__(self, "channels", tuple(channels))
+        object.__setattr__(self, "weighing", tuple(weighing))
         faults = _check_blocks("residual", self.blocks, 2)
         if not self.blocks:
             faults.append("residual: no block given")

@@ -13,6 +13,7 @@ import numpy as np
 from discrepancy.confrontation import Confrontation
 from discrepancy.describe_unknown import describe_unknown
 from discrepancy.diagnosis import Conclusion, UnknownCurve, explained
+from discrepancy.disturbance import disturbance_of
 from discrepancy.effects import unit_at
 from discrepancy.kinds import kind_named
 from discrepancy.nameless import nameless_force
@@ -72,6 +73,8 @@ def conclude(study: Study) -> Conclusion:
     noisy = study.confronted.noisy if study.confronted is not None else ()
     reacting = _reacting(study)
     warnings = (*warnings, *(n.sentence for n in noisy), *told_reacting(reacting))
+    disturbance = disturbance_of(stages[-1])
+    warnings = (*warnings, *([disturbance.sentence] if disturbance is not None else []))
     warnings = (*warnings, *_not_lasting(stages), *dict.fromkeys(study.troubles))
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
@@ -99,6 +102,7 @@ def conclude(study: Study) -> Conclusion:
             **({"unknown": described.to_dict()} if described is not None else {}),
             **({"noisy_inputs": [n.to_dict() for n in noisy]} if noisy else {}),
             **({"reacting_inputs": reacting} if reacting else {}),
+            **({"disturbance": disturbance.to_dict()} if disturbance is not None else {}),
             **({"follows_inputs": {"p": still.p, "rejects": still.rejects, "most": still.leading}} if still else {}),
         },
     )

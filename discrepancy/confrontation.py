@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from discrepancy.catalogue import Entry
+    from discrepancy.shaping import Shaping
     from discrepancy.stage import Stage
     from estimation.calibrate import Calibration
     from estimation.experiment import Experiment, SensorError
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from multibody.system import System
 
 __all__ = ["Confrontation"]
+
+KEPT = ("experiments", "motion", "shaping", "left", "derivatives", "range")  # what no weighing changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,8 @@ class Confrontation:
         Parameter vector.
     noise : mapping of str to float
         Noise floor of each output, SI.
+    disturbance : tuple of Shaping
+        How each experiment's blocks are weighed down where an unknown force disturbs; empty: not at all.
     """
 
     system: System
@@ -54,6 +59,7 @@ class Confrontation:
     preparation: Preparation
     p: np.ndarray
     noise: Mapping[str, float] = field(default_factory=dict)
+    disturbance: tuple[Shaping, ...] = ()
     _cache: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -65,6 +71,11 @@ class Confrontation:
                 stage.system, stage.slim, stage.identify, stage.sensors, preparation, stage.p, stage.noise
             )
         return stage.worked_out[key]
+
+    def weighed_down(self, disturbance: Sequence[Shaping]) -> Confrontation:
+        """Return the same with its blocks weighed down; what was worked out of them before stays."""
+        kept = {k: v for k, v in self._cache.items() if k.startswith(KEPT)}
+        return replace(self, disturbance=tuple(disturbance), _cache=kept)
 
     @property
     def experiments(self) -> list[Experiment]:
@@ -84,7 +95,11 @@ class Confrontation:
         return x
 
     def shaped(self, index: int, block: np.ndarray) -> np.ndarray:
-        """Return a block of an experiment weighed down where the noise of its recorded inputs acts."""
+        """Return a block of an experiment weighed down where noise of its recorded inputs, or a disturbance, acts."""
+        block = self._without_input_noise(index, block)
+        return self.disturbance[index](block) if self.disturbance else block
+
+    def _without_input_noise(self, index: int, block: np.ndarray) -> np.ndarray:
         from discrepancy.input_noise import shaping_of
 
         experiment = self.experiments[index]
@@ -123,48 +138,60 @@ class Confrontation:
 
     def residual(self) -> Residual:
         """Return measured minus modelled outputs at the calibrated values, prepared for the scan."""
-        if "residual" in self._cache:
-            return self._cache["residual"]
-        blocks = []
-        for i, experiment in enumerate(self.experiments):
-            y = experiment.simulate(self.slim, self.p, self.start(i), self.sensors)
-            own = self.calibration.fits[i].own
-            for c, name in enumerate(experiment.outputs):
-                y[:, c] += own.get(f"offset of {name}", 0.0)
-            blocks.append(self.shaped(i, experiment.measured - y))
-        time = self.experiments[0].time
-        self._cache["residual"] = Residual(blocks, float(np.median(np.diff(time))), self.experiments[0].outputs)
+        if "residual" not in self._cache:
+            blocks = [self.shaped(i, block) for i, block in enumerate(self._left())]
+            step = float(np.median(np.diff(self.experiments[0].time)))
+            self._cache["residual"] = Residual(blocks, step, self.experiments[0].outputs, self.disturbance)
         return self._cache["residual"]
+
+    def _left(self) -> list[np.ndarray]:
+        if "left" not in self._cache:
+            blocks = []
+            for i, experiment in enumerate(self.experiments):
+                y = experiment.simulate(self.slim, self.p, self.start(i), self.sensors)
+                own = self.calibration.fits[i].own
+                for c, name in enumerate(experiment.outputs):
+                    y[:, c] += own.get(f"offset of {name}", 0.0)
+                blocks.append(experiment.measured - y)
+            self._cache["left"] = blocks
+        return self._cache["left"]
 
     def sensitivities(self) -> Sensitivities:
         """Return the derivatives by what calibration may move, and by each record's own unknowns."""
         if "sensitivities" in self._cache:
             return self._cache["sensitivities"]
         parameters = [p for p in self.calibration.parameters if p.name not in self.calibration.not_excited]
-        blocks, nuisance = [], []
         k = len(parameters)
-        for i, experiment in enumerate(self.experiments):
-            dy = experiment.respond(
-                self.slim,
-                self.p,
-                self.start(i),
-                parameters=[p.name for p in parameters],
-                states=experiment.free,
-                sensors=self.sensors,
-            ).derivatives
-            blocks.append(self.shaped(i, dy[:, :, :k]))
-            own = [dy[:, :, k:]]
-            for name in experiment.offsets:
-                one = np.zeros((dy.shape[0], dy.shape[1], 1))
-                one[:, experiment.outputs.index(name)] = 1.0
-                own.append(one)
-            stacked = np.concatenate(own, axis=2)
-            nuisance.append(self.shaped(i, stacked) if stacked.shape[2] else None)
+        every = self._derivatives([p.name for p in parameters])
+        blocks = [self.shaped(i, dy[:, :, :k]) for i, dy in enumerate(every)]
+        nuisance = [self.shaped(i, dy[:, :, k:]) if dy.shape[2] > k else None for i, dy in enumerate(every)]
         values = np.array([self.calibration[p.name] for p in parameters])
         prior = np.array([p.std for p in parameters])
         offset = np.where(np.isfinite(prior), np.array([p.value for p in parameters]) - values, 0.0)
         self._cache["sensitivities"] = Sensitivities([p.name for p in parameters], blocks, prior, offset, nuisance)
         return self._cache["sensitivities"]
+
+    def _derivatives(self, parameters: Sequence[str]) -> list[np.ndarray]:
+        """Return the derivatives by parameters, free states of the start and offsets, of each experiment."""
+        if "derivatives" not in self._cache:
+            found = []
+            for i, experiment in enumerate(self.experiments):
+                dy = experiment.respond(
+                    self.slim,
+                    self.p,
+                    self.start(i),
+                    parameters=parameters,
+                    states=experiment.free,
+                    sensors=self.sensors,
+                ).derivatives
+                own = [dy]
+                for name in experiment.offsets:
+                    one = np.zeros((dy.shape[0], dy.shape[1], 1))
+                    one[:, experiment.outputs.index(name)] = 1.0
+                    own.append(one)
+                found.append(np.concatenate(own, axis=2))
+            self._cache["derivatives"] = found
+        return self._cache["derivatives"]
 
     def direction(self, blocks: Sequence[np.ndarray]) -> np.ndarray | None:
         """Return where a column, (n, n_channels, 1) of each record, points once it is free of calibration.

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from discrepancy.stage import Stage
     from multibody.places import Place
 
-__all__ = ["ForceEstimate", "estimate_force"]
+__all__ = ["ForceEstimate", "correlated", "estimate_force", "force_posterior", "force_responses"]
 
 #: Values of the force in a record, and in all records together.
 MOST, MOST_TOGETHER = 120, 720
@@ -45,6 +45,8 @@ class ForceEstimate:
     motion : dict of str to ndarray, shape (n,)
         ``position`` and ``speed`` of the connection, ``time``, and ``load`` where a force passes through.
     units : dict of str to str
+    size : float
+        Its standard deviation before the records are asked.
     memory : float, s
     known : float
         Share of the force's variance that the records determine, 0 to 1.
@@ -60,6 +62,7 @@ class ForceEstimate:
     record: np.ndarray
     motion: dict[str, np.ndarray]
     units: dict[str, str]
+    size: float
     memory: float
     known: float
     log_likelihood: float
@@ -78,6 +81,29 @@ def _knots(time: np.ndarray, records: int) -> np.ndarray:
 def _between(time: np.ndarray, knots: np.ndarray) -> np.ndarray:
     s = np.clip((time - knots[0]) / (knots[1] - knots[0]), 0.0, len(knots) - 1.0)
     return np.maximum(0.0, 1.0 - np.abs(s[:, None] - np.arange(len(knots))))
+
+
+def force_responses(facts: Confrontation, place: Place, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the times of a record at which a force at a place has a value, and what each value makes of the outputs.
+
+    Returns
+    -------
+    knots : ndarray, shape (k,), s
+    responses : ndarray, shape (n, n_channels, k), SI per newton or newton metre
+    """
+    experiment = facts.experiments[index]
+    time = np.array(experiment.record.time)
+    knots = _knots(time, len(facts.experiments))
+    pushes = [Push(f"probe.{place.name}", np.ascontiguousarray(column)) for column in _between(time, knots).T]
+    found = experiment.respond(
+        facts.slim, facts.p, facts.start(index), pushes=pushes, sensors=facts.sensors, batch=96
+    ).derivatives
+    return knots, found
+
+
+def correlated(times: np.ndarray, memory: float) -> np.ndarray:
+    """Return the correlation matrix of a force with an exponential memory, s, at some times."""
+    return np.exp(-np.abs(times[:, None] - times) / memory)
 
 
 def estimate_force(
@@ -120,12 +146,7 @@ def estimate_force(
     motion: dict[str, list[np.ndarray]] = {}
     for i, experiment in enumerate(facts.experiments):
         time = np.array(experiment.record.time)
-        knots = _knots(time, len(facts.experiments))
-        basis = _between(time, knots)
-        pushes = [Push(f"probe.{place.name}", np.ascontiguousarray(column)) for column in basis.T]
-        response = experiment.respond(
-            facts.slim, facts.p, facts.start(i), pushes=pushes, sensors=facts.sensors, batch=96
-        ).derivatives
+        knots, response = force_responses(facts, place, i)
         Z = (facts.shaped(i, response) * weight[:, None]).reshape(-1, len(knots))
         F = (sens.blocks[i] * weight[:, None]).reshape(Z.shape[0], k)
         e = (residual.blocks[i] * weight).reshape(-1)
@@ -156,7 +177,7 @@ def estimate_force(
     if k:
         solved = np.linalg.lstsq(G, np.column_stack([C.T, g]), rcond=1e-12)[0]
         A, b = A - C @ solved[:, :-1], b - C @ solved[:, -1]
-    mean, std, step, known, likelihood = _posterior(A, b, times)
+    mean, std, size, step, known, likelihood = force_posterior(A, b, times)
     turns = place.domain == "rotation"
     units = {
         "position": "rad" if turns else "m",
@@ -174,6 +195,7 @@ def estimate_force(
         np.concatenate(records),
         stacked,
         {n: units[n] for n in stacked},
+        size,
         step,
         known,
         likelihood,
@@ -188,10 +210,10 @@ def _load(stage: Stage, place: Place) -> str:
     return next((e.load for e in entries if e.load), "")
 
 
-def _posterior(
+def force_posterior(
     A: np.ndarray, b: np.ndarray, times: list[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray, float, float, float]:
-    """Return mean, deviation, memory, share known and marginal likelihood of the best memory and size."""
+) -> tuple[np.ndarray, np.ndarray, float, float, float, float]:
+    """Return mean, deviation, size, memory, share known and marginal likelihood of the best memory and size."""
     step = float(np.median([t[1] - t[0] for t in times]))
     # b is A times the force: its root mean square, were all values determined equally well
     usual = np.sqrt(max(float(b @ b), 1e-300)) / max(float(np.trace(A @ A)) ** 0.5, 1e-300)
@@ -200,7 +222,7 @@ def _posterior(
         K = np.zeros_like(A)
         at = 0
         for t in times:
-            K[at : at + len(t), at : at + len(t)] = np.exp(-np.abs(t[:, None] - t) / (memory * step))
+            K[at : at + len(t), at : at + len(t)] = correlated(t, memory * step)
             at += len(t)
         L = np.linalg.cholesky(K + 1e-9 * np.eye(len(K)))
         values, vectors = np.linalg.eigh(L.T @ A @ L)
@@ -215,4 +237,4 @@ def _posterior(
     gain, memory, root, s2 = best
     mean = root @ (root.T @ b)
     variance = np.sum(root**2, axis=1)
-    return mean, np.sqrt(variance), memory * step, float(1.0 - np.mean(variance) / s2), gain
+    return mean, np.sqrt(variance), float(np.sqrt(s2)), memory * step, float(1.0 - np.mean(variance) / s2), gain

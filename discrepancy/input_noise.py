@@ -9,11 +9,11 @@ multiplied by the inverse square root of (output noise + that), relative to the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discrepancy.shaping import Shaping, shaping_along
 from estimation.experiment import Experiment
 from estimation.pushes import Push
 
@@ -23,39 +23,10 @@ if TYPE_CHECKING:
     from estimation.experiment import SensorError
     from multibody.system import System
 
-__all__ = ["Shaping", "shaping_of"]
+__all__ = ["shaping_of"]
 
 _KNOTS, _MOST_KNOTS = 40, 400
 _A_PERIOD = 4.0  # knots to a period of the highest frequency that is weighed
-_SMALLEST = 0.1  # deviations below this share of the output's noise need no weighing
-
-
-@dataclass(frozen=True, eq=False)
-class Shaping:
-    """Multiplication by ``(I + B Bᵀ)^(−1/2)`` in units of each output's noise, with ``B`` of low rank.
-
-    Parameters
-    ----------
-    noise : ndarray, shape (n_channels,)
-    basis : ndarray, shape (n · n_channels, r)
-        Orthonormal.
-    factor : ndarray, shape (r,)
-        What a direction of the basis is multiplied by.
-    """
-
-    noise: np.ndarray
-    basis: np.ndarray
-    factor: np.ndarray
-
-    def __call__(self, block: np.ndarray) -> np.ndarray:
-        """Return a block, shape (n, n_channels) or (n, n_channels, k), weighed down where inputs are noisy."""
-        n, c = block.shape[:2]
-        if not self.basis.shape[1]:
-            return block
-        scale = self.noise[:, None]
-        flat = (block.reshape(n, c, -1) / scale).reshape(n * c, -1)
-        flat = flat + self.basis @ ((self.factor - 1.0)[:, None] * (self.basis.T @ flat))
-        return (flat.reshape(n, c, -1) * scale).reshape(block.shape)
 
 
 def shaping_of(
@@ -92,9 +63,4 @@ def shaping_of(
     share = np.sqrt((knots - 1) / (time.size - 1))
     pushes = [Push(n, s * share * tents[:, k]) for n, s in noisy.items() for k in range(knots)]
     found = experiment.respond(system, p, x0, pushes=pushes, sensors=sensors).derivatives
-    b = (found / noise[:, None]).reshape(-1, len(pushes))
-    if not np.all(np.isfinite(b)):
-        return none
-    u, s, _ = np.linalg.svd(b, full_matrices=False)
-    kept = s > _SMALLEST
-    return Shaping(noise, u[:, kept], 1.0 / np.sqrt(1.0 + s[kept] ** 2))
+    return shaping_along(found, noise)

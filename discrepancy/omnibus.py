@@ -120,10 +120,10 @@ def generic_candidates(
     out = []
     C = len(residual.channels)
 
-    def place(column: Array, c: int) -> Array:
+    def place(column: Array, c: int, b: int) -> Array:
         z = np.zeros((len(column), C, column.shape[1]))
         z[:, c] = column
-        return z
+        return residual.weighing[b](z) if residual.weighing else z
 
     for name, blocks in drivers.items():
         signal = [np.asarray(b, dtype=float) for b in blocks]
@@ -144,8 +144,9 @@ def generic_candidates(
                             np.concatenate([np.full(min(lag, len(s)), s[0]), s[: max(len(s) - lag, 0)]])[:, None]
                             - mean,
                             c,
+                            b,
                         )
-                        for s in signal
+                        for b, s in enumerate(signal)
                     )
                 )
             out.append(
@@ -156,7 +157,7 @@ def generic_candidates(
             for kind, knots in curves.items():
                 if len(knots):
                     # One tent is left out: their sum is an offset, which the catalogue holds.
-                    cols = tuple(place(tents(s, knots)[:, 1:], c) for s in signal)
+                    cols = tuple(place(tents(s, knots)[:, 1:], c, b) for b, s in enumerate(signal))
                     out.append(Candidate(f"{kind} of {name}", channel, (cols,)))
     return out
 
@@ -167,11 +168,13 @@ def omnibus_of_stage(stage: Stage, *, level: float, draws: int = 200, seed: int 
     Not against those that answer to what is left (`discrepancy.reacting`): they go with it in any case.
     """
     from discrepancy.confrontation import Confrontation
+    from discrepancy.disturbance import facts_of
     from discrepancy.reacting import reacting_inputs
     from discrepancy.search import scan_preparation
 
-    facts = Confrontation.of_stage(stage, scan_preparation(stage))
-    reacting = reacting_inputs(facts)
+    preparation = scan_preparation(stage)
+    facts = facts_of(stage, preparation)
+    reacting = reacting_inputs(Confrontation.of_stage(stage, preparation))
     drivers: dict[str, list[Array]] = {}
     rates = set()
     for experiment in facts.experiments:

@@ -78,6 +78,9 @@ def best_of(
 ) -> Stage | ModelError | None:
     """Return the best of some fits; None if none can be simulated, the error if the model cannot be built.
 
+    A fit that puts every strength of its effect to nothing explains nothing: the law would have to act the other way
+    round than it can, as a sensor that is early.
+
     Parameters
     ----------
     fits : sequence of callable
@@ -94,4 +97,5 @@ def best_of(
             progress(f"it could not be simulated: {error}")
         except ModelError as error:  # say an algebraic loop: these records cannot speak about it in this model
             return error
-    return min(found, key=lambda s: bic_difference(s, stage), default=None)
+    there = [s for s in found if not s.effects or any(s.effects[-1].strengths.values())]
+    return min(there, key=lambda s: bic_difference(s, stage), default=None)

@@ -157,7 +157,7 @@ def judge(
     most[list(best)] = [surprise_of(scorer, s, c) for c in best]
     p_values, least = null.p_value(most), null.critical(level)
     rows = [
-        _row(candidates[c], g, w, s, null, level, lam_bar, n_eff, floor, most[c], p_values[c], least[c], sens)
+        _row(candidates[c], g, w, s, null, level, lam_bar, n_eff, floor, most[c], p_values[c], least[c], sens, residual)
         for c, g in best.items()
     ]
     rows.sort(key=lambda r: (-(r.p < level), r.delta_bic))
@@ -244,6 +244,7 @@ def _row(
     p: float,
     u_crit: float,
     sens: Sensitivities,
+    residual: Residual,
 ) -> Row:
     scorer = w.scorer
     assert scorer is not None
@@ -258,7 +259,10 @@ def _row(
     mde = MDE_MARGIN * smallest_visible(crit, float(np.max(np.diag(cov)) * lam))
     delta = c.delta
     if delta is None:
-        peak = np.max([np.max(np.abs(b), axis=(0, 2)) for b in c.columns[group.shape]], axis=0)
+        blocks = c.columns[group.shape]
+        if residual.weighing:  # what the outputs themselves would do
+            blocks = tuple(shaping.undone(b) for shaping, b in zip(residual.weighing, blocks, strict=True))
+        peak = np.max([np.max(np.abs(b), axis=(0, 2)) for b in blocks], axis=0)
         ok = floor > 0
         delta = float(1.0 / np.max(peak[ok] / floor[ok])) if np.any(peak[ok] > 0) else float("inf")
     p_single = (1.0 + float(np.sum(null.single[group.candidate] >= u))) / (null.single.shape[1] + 1.0)

@@ -12,7 +12,7 @@ import numpy as np
 from discrepancy.blocks import Candidate, Residual, Sensitivities
 from discrepancy.catalogue import Entry, catalogue
 from discrepancy.columns import candidate_columns, cannot_be_built
-from discrepancy.confrontation import Confrontation
+from discrepancy.disturbance import facts_of
 from discrepancy.effects import Effect
 from discrepancy.from_scan import effect_of, simpler_in
 from discrepancy.kinds import kind_named
@@ -109,7 +109,7 @@ def search_step(
     seed : int
     progress : callable
     """
-    facts = Confrontation.of_stage(stage, scan_preparation(stage))
+    facts = facts_of(stage, scan_preparation(stage))
     experiment = stage.identify.fits[0].experiment
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
     candidates, refused = candidate_columns(facts, entries, progress, stage.effects, curves=not stage.effects)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from discrepancy.confrontation import Confrontation
+from discrepancy.disturbance import facts_of
 from discrepancy.effects import Effect
 from discrepancy.left_out import left_out_difference
 from discrepancy.search import LOOKS, scan_preparation
@@ -125,7 +125,7 @@ def _since(before: Stage, last: Stage) -> list[Effect]:
 def _offered(
     before: Stage, level: float, seed: int, progress: Callable[[str], None], where: Sequence[str] | None = None
 ) -> CurveOffer:
-    facts = Confrontation.of_stage(before, scan_preparation(before))
+    facts = facts_of(before, scan_preparation(before))
     return offer_curves(before, facts, level=level, seed=seed, where=where, progress=progress)
 
 

@@ -44,7 +44,7 @@ def whiten_all(
 ) -> Whitened:
     """Whiten and project residual, sensitivities and candidates; on request keep only those that explain most."""
     has_prior = np.isfinite(sens.prior_std)
-    proj = _projection(whitener, residual, sens)
+    proj = projection_in(whitener, residual, sens)
     layout = proj.layout
     e_raw = layout.stack(whitener, residual.blocks, sens.prior_offset[has_prior] / sens.prior_std[has_prior])
     e = proj.remove(e_raw.copy())
@@ -56,14 +56,15 @@ def whiten_all(
     return Whitened(whitener, proj, e_raw, e, columns, scorer)
 
 
-def _projection(whitener: Whitener, residual: Residual, sens: Sensitivities) -> Projection:
+def projection_in(whitener: Whitener, residual: Residual, sens: Sensitivities) -> Projection:
+    """Return what frees columns of calibration in the metric of a whitener."""
     known = int(np.isfinite(sens.prior_std).sum())
     return project(whitener, sens, Layout(tuple(len(b) for b in residual.blocks), len(residual.channels), known))
 
 
 def plain_projection(residual: Residual, sens: Sensitivities) -> Projection:
     """Return what frees columns of calibration, each channel being weighed by its root mean square alone."""
-    return _projection(plain_weights(residual), residual, sens)
+    return projection_in(plain_weights(residual), residual, sens)
 
 
 def _stacked(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from discrepancy.disturbance import residuals_beside
 from discrepancy.stage import Stage
 from discrepancy.stated import pull
 from estimation.correlation import correlation_time
@@ -18,12 +19,13 @@ def bic_difference(richer: Stage, poorer: Stage) -> float:
 
     Residuals are coloured, so the number of samples of an output is divided by how long the richer model's residual
     remembers: BIC = Σ_c N_c·ln(SSE_c) + k·ln(Σ_c N_c) + Σ (θ − θ₀)²/s² with N_c the effective number and the last sum
-    what the stated uncertainty says about the parameters (`discrepancy.stated.pull`).
+    what the stated uncertainty says about the parameters (`discrepancy.stated.pull`).  Where a disturbance adds up
+    along the records, the residuals are those that `discrepancy.disturbance` weighs down.
     """
     total, samples = 0.0, 0.0
+    all_a, all_b = residuals_beside(richer, poorer)
     for c, name in enumerate(richer.outputs):
-        a = [f.residual[:, c] for f in richer.identify.fits]
-        b = [f.residual[:, c] for f in poorer.identify.fits]
+        a, b = [e[:, c] for e in all_a], [e[:, c] for e in all_b]
         n = sum(e.size / correlation_time(e) for e in a)
         floor = sum(e.size for e in a) * (1e-3 * richer.noise.get(name, 0.0)) ** 2
         sse_a, sse_b = (sum(float(e @ e) for e in group) + floor for group in (a, b))

@@ -1,0 +1,242 @@
+"""A force that disturbs the machine and is in no model: how to weigh down what it makes of the residual.
+
+Where nothing holds a machine, what disturbs it adds up along the record: the residual wanders, remembers as long as
+the record is, and shuffling it shows little of what luck can do.  What kind of wandering that is, the machine's own
+equations say.  The force is a Gaussian process with an exponential memory at one connection, sent through the exact
+linearisation; residual, sensitivities and candidates are multiplied by the inverse square root of what it and the
+noise make together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from discrepancy.confrontation import Confrontation
+from discrepancy.force_estimate import correlated, force_posterior, force_responses
+from discrepancy.null import WHOLE_RECORDS, cut
+from discrepancy.shaping import Shaping, shaping_along
+from discrepancy.whitened import plain_projection, projection_in
+from discrepancy.whitening import identity
+from discrepancy.wording import quantity
+
+if TYPE_CHECKING:
+    from discrepancy.stage import Stage
+    from estimation.signals import Preparation
+    from multibody.places import Place
+
+__all__ = ["Disturbance", "disturbance_of", "facts_of", "residuals_beside"]
+
+ROUNDS = 5  # of size and memory against noise, each told by the other; the last changes the noise by a few per cent
+_KEY = "disturbance"
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """A random force that adds up along the records.
+
+    Parameters
+    ----------
+    where, unit : str
+        The connection at which it explains the residual best, and N or N*m.
+    size : float
+        Standard deviation.
+    memory : float, s
+        Of its exponential correlation.
+    preparation : Preparation
+        Of the residual that tells it.
+    weighing : tuple of Shaping
+        What weighs each record's residual down for it.
+    """
+
+    where: str
+    unit: str
+    size: float
+    memory: float
+    preparation: Preparation
+    weighing: tuple[Shaping, ...]
+
+    @property
+    def sentence(self) -> str:
+        """What it is and what was done."""
+        return (
+            f"What is left wanders as if a random {'torque' if self.unit == 'N*m' else 'force'} of "
+            f"{quantity(self.size, self.unit, 2)} that changes within about {self.memory:.2g} s acted at {self.where}: "
+            "nothing holds the machine against it, so it adds up along the records. Effects were judged beside it."
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as it stands in diagnosis.json."""
+        return {"where": self.where, "size": self.size, "unit": self.unit, "memory_s": self.memory}
+
+
+def disturbance_of(stage: Stage) -> Disturbance | None:
+    """Return the disturbance that a stage's residual was weighed down for, or None."""
+    return stage.worked_out.get(_KEY)
+
+
+def facts_of(stage: Stage, preparation: Preparation) -> Confrontation:
+    """Return a stage's machine beside its records, weighed down where a disturbance adds up along them.
+
+    Parameters
+    ----------
+    stage : Stage
+    preparation : Preparation
+        For the scan.
+    """
+    key = ("weighed facts", preparation)
+    if key not in stage.worked_out:
+        facts = Confrontation.of_stage(stage, preparation)
+        stage.worked_out[_KEY] = found = _found(stage, facts) if _adds_up(facts) else None
+        stage.worked_out[key] = facts.weighed_down(found.weighing) if found is not None else facts
+    return stage.worked_out[key]
+
+
+def residuals_beside(one: Stage, other: Stage) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return the residuals of two stages on the identification records, each a list of (n, n_channels).
+
+    Where a disturbance adds up along the records of either they are weighed down alike, and free of what calibration
+    could still change, since a fit weighs outputs and not what they remember.
+    """
+    known = disturbance_of(other) or disturbance_of(one)
+    if known is None:
+        return [f.residual for f in one.identify.fits], [f.residual for f in other.identify.fits]
+    return _weighed(one, known), _weighed(other, known)
+
+
+def _weighed(stage: Stage, beside: Disturbance) -> list[np.ndarray]:
+    key = ("weighed residuals", beside)
+    if key not in stage.worked_out:
+        facts = Confrontation.of_stage(stage, beside.preparation).weighed_down(beside.weighing)
+        residual = facts.residual()
+        noise = beside.weighing[0].noise
+        scale = identity(list(noise), residual.channels, residual.dt)
+        projection = projection_in(scale, residual, facts.sensitivities())
+        layout = projection.layout
+        e = projection.remove(layout.stack(projection.whitener, residual.blocks))
+        stage.worked_out[key] = [layout.view(e, b) * noise for b in range(len(residual.blocks))]
+    return stage.worked_out[key]
+
+
+def _adds_up(facts: Confrontation) -> bool:
+    """Tell whether the residual remembers so long that the records hold few independent pieces of it."""
+    if len(facts.experiments) >= WHOLE_RECORDS:
+        return False
+    residual = facts.residual()
+    if not all(facts.noise.get(n, 0.0) > 0.0 for n in residual.channels):
+        return False
+    projection = plain_projection(residual, facts.sensitivities())
+    e = projection.layout.stack(projection.whitener, residual.blocks)
+    return cut(projection.layout, residual.dt, projection.remove(e)).few
+
+
+def _found(stage: Stage, facts: Confrontation) -> Disturbance | None:
+    """Return the force that explains a residual best; None if none does."""
+    tried = [(place, _Force.at(facts, place)) for place in stage.system.places]
+    place, best = max(tried, key=lambda t: t[1].log_likelihood, default=(None, None))
+    if place is None or best is None or not best.log_likelihood > 0.0:
+        return None
+    unit = "N*m" if place.domain == "rotation" else "N"
+    return Disturbance(place.name, unit, best.size, best.memory, facts.preparation, best.weighing())
+
+
+@dataclass(frozen=True, eq=False)
+class _Force:
+    """A random force at a connection on trial.
+
+    Parameters
+    ----------
+    times : list of ndarray, shape (k,), s
+        At which the force has a value, in each record.
+    responses : list of ndarray, shape (n, n_channels, k)
+        What each value makes of the outputs.
+    size, memory : float
+        Standard deviation, N or N·m, and memory, s.
+    noise : ndarray, shape (n_channels,)
+        What it leaves of each output, not below the noise floor.
+    log_likelihood : float
+        Above that of no force.
+    """
+
+    times: list[np.ndarray]
+    responses: list[np.ndarray]
+    size: float
+    memory: float
+    noise: np.ndarray
+    log_likelihood: float
+
+    @classmethod
+    def at(cls, facts: Confrontation, place: Place) -> _Force:
+        """Estimate the force at a place, and the noise beside it, which each tell what the other is."""
+        residual = facts.residual()
+        given = [force_responses(facts, place, i) for i in range(len(facts.experiments))]
+        times, responses = [t for t, _ in given], [r for _, r in given]
+        floor = np.array([facts.noise[n] for n in residual.channels])
+        noise = _rms(residual.blocks)
+        without = -np.inf
+        best = cls(times, responses, 0.0, 1.0, noise, -np.inf)
+        for _ in range(ROUNDS):
+            fit = _fit(facts, times, responses, noise)
+            if not np.isfinite(without):
+                without = fit.without
+            best = cls(times, responses, fit.size, fit.memory, noise, fit.likelihood - without)
+            noise = np.maximum(floor, np.minimum(fit.left, noise))
+        return best
+
+    def weighing(self) -> tuple[Shaping, ...]:
+        """Return how to weigh each record."""
+        found = []
+        for times, response in zip(self.times, self.responses, strict=True):
+            root = np.linalg.cholesky(correlated(times, self.memory) + 1e-9 * np.eye(times.size))
+            found.append(shaping_along(self.size * response @ root, self.noise))
+        return tuple(found)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    size: float
+    memory: float
+    left: np.ndarray
+    likelihood: float
+    without: float
+
+
+def _fit(facts: Confrontation, times: list[np.ndarray], responses: list[np.ndarray], noise: np.ndarray) -> _Fit:
+    """Fit size and memory of a force with the outputs' noise given, calibration and each record's own being free."""
+    residual, sens = facts.residual(), facts.sensitivities()
+    k = len(sens.names)
+    given = np.isfinite(sens.prior_std)
+    weight = np.where(given, 1.0 / np.where(given, sens.prior_std, 1.0) ** 2, 0.0)
+    G, g = np.diag(weight), weight * sens.prior_offset
+    rows = []
+    for block, response, F, own in zip(residual.blocks, responses, sens.blocks, sens.nuisance, strict=True):
+        e, Z, F = (
+            (m.reshape(*block.shape, -1) / noise[:, None]).reshape(block.size, -1) for m in (block, response, F)
+        )
+        if own is not None:
+            q, _ = np.linalg.qr((own / noise[:, None]).reshape(block.size, -1))
+            e, Z, F = (m - q @ (q.T @ m) for m in (e, Z, F))
+        rows.append((e[:, 0], Z, F))
+        G += F.T @ F
+        g += F.T @ e[:, 0]
+    A = block_diag(*(Z.T @ Z for _, Z, _ in rows))
+    b = np.concatenate([Z.T @ e for e, Z, _ in rows])
+    C = np.concatenate([Z.T @ F for _, Z, F in rows])
+    solved = np.linalg.lstsq(G, np.column_stack([C.T, g]), rcond=1e-12)[0] if k else np.zeros((0, b.size + 1))
+    force, _, size, memory, _, gain = force_posterior(A - C @ solved[:, :-1], b - C @ solved[:, -1], times)
+    theta = solved[:, -1] - solved[:, :-1] @ force
+    ends = np.cumsum([t.size for t in times])[:-1]
+    left = [e - Z @ f - F @ theta for (e, Z, F), f in zip(rows, np.split(force, ends), strict=True)]
+    count = sum(len(block) for block in residual.blocks)
+    energy = sum(float(e @ e) for e, _, _ in rows) - float(g @ solved[:, -1])
+    without = -0.5 * energy - count * float(np.sum(np.log(noise)))
+    blocks = [x.reshape(-1, noise.size) for x in left]
+    return _Fit(size, memory, noise * _rms(blocks), gain + without, without)
+
+
+def _rms(blocks: Sequence[np.ndarray]) -> np.ndarray:
+    return np.maximum(np.sqrt(np.mean(np.concatenate(blocks) ** 2, axis=0)), 1e-300)
