@@ -22,7 +22,9 @@ from discrepancy.null import WHOLE_RECORDS, cut
 from discrepancy.shaping import Shaping, shaping_along
 from discrepancy.whitened import plain_projection, projection_in
 from discrepancy.whitening import identity
+from discrepancy.windows import keeps_growing
 from discrepancy.wording import quantity
+from estimation.pushes import Push
 
 if TYPE_CHECKING:
     from discrepancy.stage import Stage
@@ -123,7 +125,10 @@ def _weighed(stage: Stage, beside: Disturbance) -> list[np.ndarray]:
 
 
 def _adds_up(facts: Confrontation) -> bool:
-    """Tell whether the residual remembers so long that the records hold few independent pieces of it."""
+    """Tell whether a force would add up, and the residual remembers so long that there are few pieces of it.
+
+    An effect that is missing makes a residual remember as well; where the machine is held, that is all there is to it.
+    """
     if len(facts.experiments) >= WHOLE_RECORDS:
         return False
     residual = facts.residual()
@@ -131,7 +136,18 @@ def _adds_up(facts: Confrontation) -> bool:
         return False
     projection = plain_projection(residual, facts.sensitivities())
     e = projection.layout.stack(projection.whitener, residual.blocks)
-    return cut(projection.layout, residual.dt, projection.remove(e)).few
+    if not cut(projection.layout, residual.dt, projection.remove(e)).few:
+        return False
+    longest = int(np.argmax([x.record.duration for x in facts.experiments]))
+    experiment = facts.experiments[longest]
+    steady = np.ones_like(np.asarray(experiment.record.time))
+    pushes = [Push(f"probe.{place.name}", steady) for place in facts.system.places]
+    if not pushes:
+        return False
+    moved = experiment.respond(
+        facts.slim, facts.p, facts.start(longest), pushes=pushes, sensors=facts.sensors
+    ).derivatives
+    return any(keeps_growing(np.abs(moved[:, c, k])) for c in range(moved.shape[1]) for k in range(moved.shape[2]))
 
 
 def _found(stage: Stage, facts: Confrontation) -> Disturbance | None:
@@ -179,6 +195,8 @@ class _Force:
         noise = _rms(residual.blocks)
         without = -np.inf
         best = cls(times, responses, 0.0, 1.0, noise, -np.inf)
+        if not all(np.all(np.isfinite(r)) for r in responses):  # the machine runs away from it
+            return best
         for _ in range(ROUNDS):
             fit = _fit(facts, times, responses, noise)
             if not np.isfinite(without):
