@@ -9,10 +9,12 @@ likelihood (Rasmussen and Williams: Gaussian Processes for Machine Learning, 200
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from discrepancy.confrontation import Confrontation
 from discrepancy.law_force import MOTION
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from discrepancy.stage import Stage
     from multibody.places import Place
 
-__all__ = ["ForceEstimate", "correlated", "estimate_force", "force_posterior", "force_responses"]
+__all__ = ["ForceEquations", "ForceEstimate", "correlated", "estimate_force", "force_posterior", "force_responses"]
 
 #: Values of the force in a record, and in all records together.
 MOST, MOST_TOGETHER = 120, 720
@@ -45,8 +47,6 @@ class ForceEstimate:
     motion : dict of str to ndarray, shape (n,)
         ``position`` and ``speed`` of the connection, ``time``, and ``load`` where a force passes through.
     units : dict of str to str
-    size : float
-        Its standard deviation before the records are asked.
     memory : float, s
     known : float
         Share of the force's variance that the records determine, 0 to 1.
@@ -62,7 +62,6 @@ class ForceEstimate:
     record: np.ndarray
     motion: dict[str, np.ndarray]
     units: dict[str, str]
-    size: float
     memory: float
     known: float
     log_likelihood: float
@@ -84,7 +83,7 @@ def _between(time: np.ndarray, knots: np.ndarray) -> np.ndarray:
 
 
 def force_responses(facts: Confrontation, place: Place, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times of a record at which a force at a place has a value, and what each value makes of the outputs.
+    """Return the times of a record at which a force at a place has a value, and what each value makes of the residual.
 
     Returns
     -------
@@ -98,7 +97,65 @@ def force_responses(facts: Confrontation, place: Place, index: int) -> tuple[np.
     found = experiment.respond(
         facts.slim, facts.p, facts.start(index), pushes=pushes, sensors=facts.sensors, batch=96
     ).derivatives
-    return knots, found
+    return knots, facts.shaped(index, found)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceEquations:
+    """Least squares for the values of a force, each record's own unknowns and what calibration may move taken out.
+
+    Parameters
+    ----------
+    A : ndarray, shape (n, n)
+    b : ndarray, shape (n,)
+        Normal equations A·force = b of all records together.
+    rows : list of (ndarray, ndarray, ndarray)
+        Residual, derivatives by the force and by the parameters, of each record, in deviations of the outputs.
+    at_rest, with_force : ndarray
+        Change of the parameters without a force, and for each value of it what it takes from that.
+    energy : float
+        Sum of squares that is left without a force.
+    """
+
+    A: np.ndarray
+    b: np.ndarray
+    rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    at_rest: np.ndarray
+    with_force: np.ndarray
+    energy: float
+
+    @classmethod
+    def of(cls, facts: Confrontation, responses: Sequence[np.ndarray], noise: np.ndarray) -> ForceEquations:
+        """Set up the equations from the responses of every record, (n, n_channels, k), and the outputs' noise."""
+        residual, sens = facts.residual(), facts.sensitivities()
+        given = np.isfinite(sens.prior_std)
+        held = np.where(given, 1.0 / np.where(given, sens.prior_std, 1.0) ** 2, 0.0)
+        G, g = np.diag(held), held * sens.prior_offset
+        rows = []
+        for block, response, slopes, own in zip(residual.blocks, responses, sens.blocks, sens.nuisance, strict=True):
+            parts = [block[:, :, None], response, slopes]
+            e, Z, F = ((m / noise[:, None]).reshape(block.size, m.shape[2]) for m in parts)
+            if own is not None:
+                q, _ = np.linalg.qr((own / noise[:, None]).reshape(block.size, -1))
+                e, Z, F = (m - q @ (q.T @ m) for m in (e, Z, F))
+            rows.append((e[:, 0], Z, F))
+            G += F.T @ F
+            g += F.T @ e[:, 0]
+        A = block_diag(*(Z.T @ Z for _, Z, _ in rows))
+        b = np.concatenate([Z.T @ e for e, Z, _ in rows])
+        C = np.concatenate([Z.T @ F for _, Z, F in rows])
+        energy = sum(float(e @ e) for e, _, _ in rows)
+        if not g.size:
+            return cls(A, b, rows, g, np.zeros((0, b.size)), energy)
+        solved = np.linalg.lstsq(G, np.column_stack([C.T, g]), rcond=1e-12)[0]
+        with_force, at_rest = solved[:, :-1], solved[:, -1]
+        return cls(A - C @ with_force, b - C @ at_rest, rows, at_rest, with_force, energy - float(g @ at_rest))
+
+    def left(self, force: np.ndarray) -> list[np.ndarray]:
+        """Return what a force leaves of every record, in deviations, the parameters moved as is best beside it."""
+        theta = self.at_rest - self.with_force @ force
+        ends = np.cumsum([Z.shape[1] for _, Z, _ in self.rows])[:-1]
+        return [e - Z @ f - F @ theta for (e, Z, F), f in zip(self.rows, np.split(force, ends), strict=True)]
 
 
 def correlated(times: np.ndarray, memory: float) -> np.ndarray:
@@ -134,31 +191,14 @@ def estimate_force(
         memory = float(np.mean([correlation_time(p) for p in parts]))
         coarser = parts[0].size / max(len(facts.experiments[0].time), 1)
         scale.append(max(rms, noisy.noise.get(name, 0.0), 1e-300) * np.sqrt(max(1.0, memory / coarser)))
-    weight = 1.0 / np.array(scale)
-    residual, sens = facts.residual(), facts.sensitivities()
     names = [n for n, _ in place.motion_names()]
     load = _load(stage, place)
-    k = len(sens.names)
-    given = np.isfinite(sens.prior_std)
-    G = np.diag(np.where(given, 1.0 / np.where(given, sens.prior_std, 1.0) ** 2, 0.0))
-    g = np.where(given, sens.prior_offset / np.where(given, sens.prior_std, 1.0) ** 2, 0.0)
-    parts_A, parts_b, parts_C, times, records = [], [], [], [], []
+    times, responses, records = [], [], []
     motion: dict[str, list[np.ndarray]] = {}
     for i, experiment in enumerate(facts.experiments):
         time = np.array(experiment.record.time)
         knots, response = force_responses(facts, place, i)
-        Z = (facts.shaped(i, response) * weight[:, None]).reshape(-1, len(knots))
-        F = (sens.blocks[i] * weight[:, None]).reshape(Z.shape[0], k)
-        e = (residual.blocks[i] * weight).reshape(-1)
-        own = sens.nuisance[i]
-        if own is not None:
-            q, _ = np.linalg.qr((own * weight[:, None]).reshape(Z.shape[0], -1))
-            Z, F, e = (m - q @ (q.T @ m) for m in (Z, F, e))
-        G += F.T @ F
-        g += F.T @ e
-        parts_A.append(Z.T @ Z)
-        parts_b.append(Z.T @ e)
-        parts_C.append(Z.T @ F)
+        responses.append(response)
         times.append(knots)
         records.append(np.full(len(knots), i))
         run = facts.motions(i)
@@ -168,16 +208,8 @@ def estimate_force(
         motion.setdefault("time", []).append(knots - knots[0])
         if load:
             motion.setdefault("load", []).append(np.interp(knots, time, run[load]))
-    n = sum(len(t) for t in times)
-    A, C, b = np.zeros((n, n)), np.concatenate(parts_C), np.concatenate(parts_b)
-    at = 0
-    for part in parts_A:
-        A[at : at + len(part), at : at + len(part)] = part
-        at += len(part)
-    if k:
-        solved = np.linalg.lstsq(G, np.column_stack([C.T, g]), rcond=1e-12)[0]
-        A, b = A - C @ solved[:, :-1], b - C @ solved[:, -1]
-    mean, std, size, step, known, likelihood = force_posterior(A, b, times)
+    equations = ForceEquations.of(facts, responses, np.array(scale))
+    mean, std, _, step, known, likelihood = force_posterior(equations.A, equations.b, times)
     turns = place.domain == "rotation"
     units = {
         "position": "rad" if turns else "m",
@@ -195,7 +227,6 @@ def estimate_force(
         np.concatenate(records),
         stacked,
         {n: units[n] for n in stacked},
-        size,
         step,
         known,
         likelihood,

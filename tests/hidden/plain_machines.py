@@ -18,6 +18,22 @@ identify = ["run0.csv", "run1.csv"]
 validate = ["run2.csv"]
 """
 
+MOTOR = '''
+from multibody import Model
+from multibody import library as lib
+
+
+def motor():
+    m = Model("motor")
+    drive = m.add("motor", lib.DCMotorDrive(R=1.2, L=2e-3, k_t=0.08, inductive=True))
+    rotor = m.add("rotor", lib.Inertia(J=4e-4))
+    bearing = m.add("bearing", lib.RotaryViscousFriction(viscous=2e-4))
+    m.connect(drive.flange, rotor.flange, bearing.b)
+    m.connect(bearing.a, m.ground)
+    m.input("supply.voltage", drive.voltage)
+    return m
+'''
+
 Machine = Callable[[np.random.Generator], dict[str, np.ndarray]]
 
 
@@ -27,13 +43,19 @@ def low_passed(rng: np.random.Generator, t: np.ndarray, corner: float) -> np.nda
     return x / x.std()
 
 
-def diagnosed(folder: Path, models: str, machine: Machine, study: str, seed: int) -> dict:
-    """Write three recordings of a machine, the models and a study; run the command; return diagnosis.json."""
+def written(folder: Path, models: str, machine: Machine, study: str, seed: int) -> Path:
+    """Write three recordings of a machine, the models and a study; return the study's file."""
     for k in range(3):
         columns = machine(np.random.default_rng([seed, k]))
         table = np.column_stack(list(columns.values()))
         np.savetxt(folder / f"run{k}.csv", table, fmt="%.7g", delimiter=",", header=",".join(columns), comments="")
     (folder / "models.py").write_text(models)
     (folder / "study.toml").write_text(study)
-    assert main(["diagnose", str(folder / "study.toml"), "--out", str(folder / "out"), "--quiet"]) == 0
+    return folder / "study.toml"
+
+
+def diagnosed(folder: Path, models: str, machine: Machine, study: str, seed: int) -> dict:
+    """Write recordings, models and a study; run the command; return diagnosis.json."""
+    file = written(folder, models, machine, study, seed)
+    assert main(["diagnose", str(file), "--out", str(folder / "out"), "--quiet"]) == 0
     return json.loads((folder / "out" / "diagnosis.json").read_text())

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from plain_machines import RECORDS, diagnosed, low_passed
+from plain_machines import RECORDS, diagnosed, low_passed, written
 
 from discrepancy.disturbance import disturbance_of, facts_of
 from discrepancy.search import scan_preparation
@@ -88,8 +88,12 @@ def drive(rng: np.random.Generator, unbalance: float = 0.0) -> dict[str, np.ndar
     }
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+OFTEN = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 13) if seed not in (1, 5)]
+
+
+@pytest.mark.parametrize("seed", [1, 5, *OFTEN])
 def test_what_adds_up_is_no_missing_effect(tmp_path, seed):
+    """Before the disturbance was estimated, six of these twelve were given an effect, 1 and 5 among them."""
     diagnosis = diagnosed(tmp_path, MODELS, drive, STUDY + RECORDS, seed=seed)
     assert diagnosis["verdict"] == "nothing missing"
     assert any("random torque" in w for w in diagnosis["warnings"])
@@ -105,13 +109,7 @@ def test_an_unbalance_is_found_beside_it(tmp_path):
 
 def test_the_disturbance_is_told_by_the_machine_itself(tmp_path):
     """Size and place of the torque that shook the load, and the noise beside it, come out of the residual."""
-    for name, text in (("models.py", MODELS), ("study.toml", STUDY + RECORDS)):
-        (tmp_path / name).write_text(text)
-    for k in range(3):
-        columns = drive(np.random.default_rng([1, k]))
-        table = np.column_stack(list(columns.values()))
-        np.savetxt(tmp_path / f"run{k}.csv", table, delimiter=",", header=",".join(columns), comments="")
-    study = Study.from_file(tmp_path / "study.toml")
+    study = Study.from_file(written(tmp_path, MODELS, drive, STUDY + RECORDS, seed=1))
     facts = facts_of(study.stage, scan_preparation(study.stage))
     found = disturbance_of(study.stage)
     assert found is not None

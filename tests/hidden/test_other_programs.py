@@ -6,24 +6,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from plain_machines import RECORDS, diagnosed, low_passed
+from plain_machines import MOTOR, RECORDS, diagnosed, low_passed
 from scipy.integrate import solve_ivp
 
-MODELS = '''
-from multibody import Model
-from multibody import library as lib
-
-
-def fan():
-    m = Model("fan")
-    drive = m.add("motor", lib.DCMotorDrive(R=1.2, L=2e-3, k_t=0.08, inductive=True))
-    rotor = m.add("rotor", lib.Inertia(J=4e-4))
-    bearing = m.add("bearing", lib.RotaryViscousFriction(viscous=2e-4))
-    m.connect(drive.flange, rotor.flange, bearing.b)
-    m.connect(bearing.a, m.ground)
-    m.input("supply.voltage", drive.voltage)
-    return m
-
+MODELS = MOTOR + '''
 
 def car():
     m = Model("quarter_car")
@@ -43,7 +29,7 @@ def car():
 
 FAN = """
 [model]
-build = "models.py:fan"
+build = "models.py:motor"
 [uncertain]
 "motor.k_t" = { std = 0.002 }
 "rotor.J" = { std = 2e-5 }

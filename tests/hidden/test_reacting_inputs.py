@@ -6,32 +6,16 @@ from functools import partial
 
 import numpy as np
 import pytest
-from plain_machines import RECORDS, diagnosed, low_passed
+from plain_machines import MOTOR, RECORDS, diagnosed, low_passed, written
 
 from discrepancy.confrontation import Confrontation
 from discrepancy.reacting import reacting_inputs
 from discrepancy.search import scan_preparation
 from discrepancy.study import Study
 
-MODELS = '''
-from multibody import Model
-from multibody import library as lib
-
-
-def servo():
-    m = Model("servo")
-    drive = m.add("motor", lib.DCMotorDrive(R=1.2, L=2e-3, k_t=0.08, inductive=True))
-    rotor = m.add("rotor", lib.Inertia(J=4e-4))
-    bearing = m.add("bearing", lib.RotaryViscousFriction(viscous=2e-4))
-    m.connect(drive.flange, rotor.flange, bearing.b)
-    m.connect(bearing.a, m.ground)
-    m.input("supply.voltage", drive.voltage)
-    return m
-'''
-
 STUDY = """
 [model]
-build = "models.py:servo"
+build = "models.py:motor"
 [uncertain]
 "motor.k_t" = { std = 0.002 }
 "rotor.J" = { std = 2e-5 }
@@ -80,14 +64,14 @@ def servo(rng: np.random.Generator, friction: float = 0.0, closed: bool = True) 
 
 def test_an_answer_to_a_disturbance_is_no_missing_effect(tmp_path):
     """Before inputs were asked whether they answer, this was an unknown force with p = 4e-12."""
-    diagnosis = diagnosed(tmp_path, MODELS, servo, STUDY + RECORDS, seed=2)
+    diagnosis = diagnosed(tmp_path, MOTOR, servo, STUDY + RECORDS, seed=2)
     assert diagnosis["verdict"] == "nothing missing"
     assert diagnosis["reacting_inputs"].keys() == {"supply.voltage"}
     assert any("supply.voltage answers" in w for w in diagnosis["warnings"])
 
 
 def test_a_friction_is_found_beside_the_answer(tmp_path):
-    diagnosis = diagnosed(tmp_path, MODELS, partial(servo, friction=0.02), STUDY + RECORDS, seed=2)
+    diagnosis = diagnosed(tmp_path, MOTOR, partial(servo, friction=0.02), STUDY + RECORDS, seed=2)
     assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["coulomb_friction@bearing"]
     assert diagnosis["effects"][0]["parameters"]["coulomb"]["value"] == pytest.approx(0.02, rel=0.05)
 
@@ -95,12 +79,7 @@ def test_a_friction_is_found_beside_the_answer(tmp_path):
 @pytest.mark.parametrize("friction", [0.0, 0.02])
 def test_what_nobody_corrects_does_not_answer(tmp_path, friction):
     """Neither to a disturbance nor to a friction that the model lacks: that follows the input."""
-    for name, text in (("models.py", MODELS), ("study.toml", STUDY + RECORDS)):
-        (tmp_path / name).write_text(text)
-    for k in range(3):
-        columns = servo(np.random.default_rng([2, k]), friction, closed=False)
-        table = np.column_stack(list(columns.values()))
-        np.savetxt(tmp_path / f"run{k}.csv", table, delimiter=",", header=",".join(columns), comments="")
-    study = Study.from_file(tmp_path / "study.toml")
+    machine = partial(servo, friction=friction, closed=False)
+    study = Study.from_file(written(tmp_path, MOTOR, machine, STUDY + RECORDS, seed=2))
     stage = study.stage
     assert reacting_inputs(Confrontation.of_stage(stage, scan_preparation(stage))) == {}
