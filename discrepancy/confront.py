@@ -28,6 +28,7 @@ from discrepancy.windows import (
     keeps_growing,
     samples_needed,
 )
+from multibody.side_by_side import side_by_side
 from multibody.silent import silent
 
 if TYPE_CHECKING:
@@ -200,7 +201,7 @@ class _Look:
             wide = [float(np.max(np.ptp(e.record.values(*e.outputs), axis=0) / spread)) for e in experiments]
             longest = int(np.argmax([e.record.duration for e in experiments]))
             experiments = tuple(experiments[i] for i in dict.fromkeys((longest, int(np.argmax(wide)))))
-        followed = tuple(follow(e, system, p) for e in experiments)
+        followed = tuple(side_by_side(lambda e: follow(e, system, p), experiments))
         scale = np.std(np.concatenate([f.states for f in followed]), axis=0)
         # A turn more makes no angle less exact, unless it is one of those that only count turns.
         turns, counted = free_turns(system, p, experiments, followed)
@@ -211,7 +212,7 @@ class _Look:
 
     def whole(self) -> Growth:
         """Return how errors grow over the record in which they grow the soonest, or the farthest."""
-        found = [self._over(i) for i in range(len(self.identify))]
+        found = side_by_side(self._over, range(len(self.identify)))
         return min(found, key=lambda g: (g.within, -float(np.max(g.start))))
 
     def _over(self, i: int) -> Growth:

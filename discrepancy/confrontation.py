@@ -174,23 +174,26 @@ class Confrontation:
     def _derivatives(self, parameters: Sequence[str]) -> list[np.ndarray]:
         """Return the derivatives by parameters, free states of the start and offsets, of each experiment."""
         if "derivatives" not in self._cache:
-            found = []
-            for i, experiment in enumerate(self.experiments):
-                dy = experiment.respond(
-                    self.slim,
-                    self.p,
-                    self.start(i),
-                    parameters=parameters,
-                    states=experiment.free,
-                    sensors=self.sensors,
-                ).derivatives
-                own = [dy]
+
+            def of(i: int) -> np.ndarray:
+                experiment = self.experiments[i]
+                own = [
+                    experiment.respond(
+                        self.slim,
+                        self.p,
+                        self.start(i),
+                        parameters=parameters,
+                        states=experiment.free,
+                        sensors=self.sensors,
+                    ).derivatives
+                ]
                 for name in experiment.offsets:
-                    one = np.zeros((dy.shape[0], dy.shape[1], 1))
+                    one = np.zeros((*own[0].shape[:2], 1))
                     one[:, experiment.outputs.index(name)] = 1.0
                     own.append(one)
-                found.append(np.concatenate(own, axis=2))
-            self._cache["derivatives"] = found
+                return np.concatenate(own, axis=2)
+
+            self._cache["derivatives"] = side_by_side(of, range(len(self.experiments)))
         return self._cache["derivatives"]
 
     def direction(self, blocks: Sequence[np.ndarray]) -> np.ndarray | None:

@@ -7,18 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from discrepancy.curve_promise import promised
 from discrepancy.disturbance import facts_of
 from discrepancy.effects import Effect
 from discrepancy.left_out import left_out_difference
 from discrepancy.search import LOOKS, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.unknown import CurveOffer, offer_curves
-from discrepancy.worth import bic_difference, matters, taken
+from discrepancy.worth import above_floor, bic_difference, matters, taken
 from multibody.errors import ModelError
 
 __all__ = ["curve_instead", "drop_idle", "free_curve", "lasts", "replace_by_curve"]
 
 CLEARLY = 10.0  # difference of BIC that counts as strong evidence (Kass and Raftery 1995)
+BENT = 3.0  # times what the linear model promises that a refit may take away: up to 2.8 seen (docs/method/which-law.md)
 SHARE = 0.03  # a curve must take this share more of the error away before a law is given up for it; chosen
 REPEATS = 2.0  # periods within the motion from which a wave is seen to repeat; chosen
 AS_MUCH = 0.9  # share of what several waves take away that a curve in their place must take; chosen
@@ -80,9 +82,14 @@ def replace_by_curve(
         new = _since(before, last)
         if any(e.where != where for e in new):
             continue  # effects at several connections: a curve at one of them is no simpler story
-        offer = _offered(before, level, seed, progress, [where])
         several = last_word and len(new) > 1
-        curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress, 0.0 if several else CLEARLY)
+        promise = None if several else _promise(before, last, where)
+        if promise or several or _waves(new):
+            offer = _offered(before, level, seed, progress, [where])
+        else:
+            continue
+        least = 0.0 if several else CLEARLY
+        curve = _best_curve(before, last, *_two_of(offer, promise), fit, progress, least)
         if curve is not None and (several or (_takes_more(curve, last, before) and lasts(curve, last, new))):
             return first, curve
         curve = _instead_of_waves(before, last, new, offer, fit, progress)
@@ -108,8 +115,11 @@ def curve_instead(
     new = _since(before, last)
     if not new or any(e.definition.free_form for e in new):
         return None
+    promise = _promise(before, last)
+    if not promise:
+        return None
     offer = _offered(before, level, seed, progress)
-    curve = _best_curve(before, last, offer.effects[:2], offer.p_values, fit, progress)
+    curve = _best_curve(before, last, *_two_of(offer, promise), fit, progress)
     if curve is None or not _takes_more(curve, last, before):
         return None
     here = {e.where for e in new} == {curve.effects[-1].where}  # as `replace_by_curve` asks
@@ -129,6 +139,23 @@ def _offered(
     return offer_curves(before, facts, level=level, seed=seed, where=where, progress=progress)
 
 
+def _promise(before: Stage, last: Stage, where: str | None = None) -> set[tuple[str, str]]:
+    """Return place and regressor of the curves that may take clearly more of the error away than what was found."""
+    shares = promised(before, last)
+    return {curve for curve, share in shares.items() if BENT * share > SHARE and where in (None, curve[0])}
+
+
+def _two_of(offer: CurveOffer, promise: set[tuple[str, str]] | None) -> tuple[list[Effect], list[float]]:
+    """Return the two best curves of an offer, with their p-values; of these only the promising ones, if asked."""
+    two = list(zip(offer.effects, offer.p_values, strict=True))[:2]
+    kept = [(e, p) for e, p in two if promise is None or (e.where, e.over) in promise]
+    return [e for e, _ in kept], [p for _, p in kept]
+
+
+def _waves(laws: Sequence[Effect]) -> bool:
+    return len(laws) > 1 and all(e.kind == "angle_harmonic" for e in laws)
+
+
 def _instead_of_waves(
     before: Stage, last: Stage, waves: Sequence[Effect], offer: CurveOffer, fit: Fit, progress: Callable[[str], None]
 ) -> Stage | None:
@@ -137,7 +164,7 @@ def _instead_of_waves(
     Waves along the way can add up to any curve.  Where one of them passes fewer than twice through its period, nothing
     shows that it repeats, and the curve is what is known.
     """
-    if len(waves) < 2 or any(e.kind != "angle_harmonic" for e in waves):
+    if not _waves(waves):
         return None
     k = next((k for k, e in enumerate(offer.effects) if e.over == "position"), None)
     if k is None:
@@ -202,11 +229,6 @@ def lasts(curve: Stage, last: Stage, laws: Sequence[Effect]) -> bool:
 
 def _takes_more(curve: Stage, laws: Stage, before: Stage) -> bool:
     """Tell whether a curve removes clearly more of the error above the noise floor than the laws do."""
-    shares = []
-    for name in curve.outputs:
-        floor = curve.noise.get(name, 0.0) ** 2
-        start = before.rmse("identify")[name] ** 2 - floor
-        if start <= 0.0:
-            continue
-        shares.append((laws.rmse("identify")[name] ** 2 - curve.rmse("identify")[name] ** 2) / start)
-    return bool(shares) and float(np.max(shares)) > SHARE
+    with_laws, with_curve = laws.rmse("identify"), curve.rmse("identify")
+    shares = [(with_laws[n] ** 2 - with_curve[n] ** 2) / start for n, start in above_floor(before).items()]
+    return max(shares, default=0.0) > SHARE

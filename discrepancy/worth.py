@@ -9,7 +9,7 @@ from discrepancy.stage import Stage
 from discrepancy.stated import pull
 from estimation.correlation import correlation_time
 
-__all__ = ["bic_difference", "loud", "matters", "taken"]
+__all__ = ["above_floor", "bic_difference", "loud", "matters", "taken"]
 
 LOUD = 2.0  # times its noise floor from which what is left of an output asks for an answer; chosen, not measured
 
@@ -41,6 +41,21 @@ def taken(richer: Stage, poorer: Stage) -> float:
     before, after = poorer.rmse("identify"), richer.rmse("identify")
     shares = [1.0 - (after[n] / before[n]) ** 2 for n in richer.outputs if before[n] > 0.0]
     return float(np.mean(shares)) if shares else 0.0
+
+
+def above_floor(stage: Stage) -> dict[str, float]:
+    """Return by how much the mean square error of each output is above its noise floor; others are left out.
+
+    What is above it by less than the floor itself counts as much as the floor: of next to nothing, luck is a large
+    share.
+    """
+    error = stage.rmse("identify")
+    found = {}
+    for name in stage.outputs:
+        floor = stage.noise.get(name, 0.0) ** 2
+        if error[name] ** 2 > floor:
+            found[name] = max(error[name] ** 2 - floor, floor)
+    return found
 
 
 def matters(richer: Stage, poorer: Stage) -> bool:
