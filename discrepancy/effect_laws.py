@@ -26,6 +26,8 @@ class Law(Component):
     force = Output("F", "what the effect exerts on the first side")
     speed = Output("V", "speed of the first side relative to the second")
     loss = Power(kind="loss", meaning="power that the effect takes from the motion")
+    #: States that stay where they are while nothing moves: not what balances a machine at rest, but what came before.
+    memory: ClassVar[tuple[str, ...]] = ()
 
     def equations(self):
         self.speed = self.a.velocity - self.b.velocity
@@ -185,6 +187,7 @@ class _Hysteresis(Law):
     level = Parameter(0.0, "F", "friction level when sliding")
     x_s = Parameter(1e-4, "X", "displacement before sliding", min=1e-300)
     z = State("", "deflection of the asperities relative to sliding")
+    memory: ClassVar[tuple[str, ...]] = ("z",)
 
     def equations(self):
         super().equations()

@@ -105,6 +105,14 @@ class Hidden:
         other.connect(part.b, self.ports[1])
         return other
 
+    @property
+    def memory(self) -> tuple[str, ...]:
+        """States of the machine with the effect in it that keep what was before: at rest nothing says what they are."""
+        if self.effect is None or self.effect.definition.at != "connection":
+            return ()
+        law = law_class(self.effect.definition, self.effect.domain)
+        return tuple(f"{self.effect.component_name}.{n}" for n in getattr(law, "memory", ()))
+
     def truth(self, units: Mapping[str, str]) -> dict[str, Any]:
         """Return kind, place and parameters as ``truth.json`` holds them, given the units of signals."""
         if self.effect is None:

@@ -320,7 +320,8 @@ class LiftRig(Rig):
         lift.payload = (trip.load, 0.0, 0.0, 0.0)
         resting = {"omega_ref": _standstill(hidden), "disturbance.force": 0.0}
         resting |= {n: float(v[1][0]) for n, v in inputs.items()}
-        start = lift.equilibrium(trip.height, system=system, inputs=resting, parameters=p)
+        memory = [n for h in hidden for n in h.memory]
+        start = lift.equilibrium(trip.height, system=system, inputs=resting, parameters=p, hold=memory)
         return system.simulate(
             (float(fine[0]), float(fine[-1])),
             inputs={"omega_ref": (trip.time, trip.omega), "disturbance.force": self._pushed(number), **inputs},

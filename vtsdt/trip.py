@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +23,14 @@ _SETTLING, _SETTLINGS = 2.0, 3  # s of standstill, and how often, in which shoes
 _SLACK = 0.02  # m by which a reference may pass the ends of the travel
 
 
-def rest(lift: Lift, height: float | None = None, *, system: System | None = None, **options: Any) -> Equilibrium:
+def rest(
+    lift: Lift,
+    height: float | None = None,
+    *,
+    system: System | None = None,
+    hold: Sequence[str] = (),
+    **options: Any,
+) -> Equilibrium:
     """Return the state at rest with the cabin at a height.
 
     Every model starts from its own equilibrium: the brake's place is that of the pulley, whose angle is held;
@@ -38,6 +45,9 @@ def rest(lift: Lift, height: float | None = None, *, system: System | None = Non
         Of the cabin's floor, without the ropes' stretch; default: the lift's start.
     system : System, optional
         The lift built with other options; default: ``lift.system``.
+    hold : sequence of str
+        Further states that keep their guess, such as the deflection of a friction with elastic displacement: any value
+        of it is one at rest, and the motor's current shall balance the lift.
     options
         Further arguments of `multibody.equilibrium.equilibrium`, such as ``parameters``.
 
@@ -60,13 +70,13 @@ def rest(lift: Lift, height: float | None = None, *, system: System | None = Non
         # a tension that is a little off must not be balanced by tilting the cabin: its fall is left free
         inputs.setdefault("F_c", load * _G)
         guess.setdefault("cabin.z", height - drop_c - sunk)
-        return _still(system, guess, inputs, ("cabin.z", "cabin.v_z"), options)
+        return _still(system, guess, inputs, ("cabin.z", "cabin.v_z", *hold), options)
     guesses = {
         "cabin.z": height - drop_c - sunk, "counterweight.z": p.hoistway.travel - height - drop_cw - sunk,
         "pulley.angle": -moved / p.pulley.R_p, "support.plate_position": -sunk, "support.position": -sunk,
     }
     guess = {**{k: v for k, v in guesses.items() if k in system.state_names}, **guess}
-    return _still(system, guess, inputs, ("pulley.angle",), options)
+    return _still(system, guess, inputs, ("pulley.angle", *hold), options)
 
 
 def _still(
