@@ -1,6 +1,6 @@
 """Other ways to find what is missing, on the same data as ours: `vtsdt validate discrepancy peers`.
 
-For each seed the virtual axis is run twice: with nothing hidden, and with one effect drawn from everything that can be
+For each seed a virtual machine is run twice: with nothing hidden, and with one effect drawn from everything that can be
 hidden, at its usual size.  Each method is asked what is missing.  A line of ``peers.jsonl`` is one case with all
 answers, so that an interrupted run goes on.
 """
@@ -11,13 +11,17 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
+
+from discrepancy.trials import file_name
 
 __all__ = ["OURS", "PeerTrial", "peer_page", "peer_trial", "read_peers", "run_peers"]
 
 OURS = "this program"
 TRUE = "the true effect, fitted"
+AXIS = "discrepancy.suite_axis"
 NEEDED = ("pysindy", "sklearn")
 
 
@@ -47,10 +51,10 @@ class PeerTrial:
 
 INTRODUCTION = (
     "None of these methods can work out by itself how a candidate would change the outputs of a closed loop, or free "
-    "the residual of what recalibration explains. Both were given to them (the exception is PySINDy on states, which "
-    "builds its own regression from measured speed, torque and place), so that only the decision is compared: what to "
-    "name, and when to be silent. Each candidate came at the shape that fits best. Strengths with a sign that physics "
-    "forbids were struck off before counting. Settings were chosen by error on trips left out.",
+    "the residual of what recalibration explains. Both were given to them (the exception is PySINDy on states, on the "
+    "axis, which builds its own regression from measured speed, torque and place), so that only the decision is "
+    "compared: what to name, and when to be silent. Each candidate came at the shape that fits best. Strengths with a "
+    "sign that physics forbids were struck off before counting. Settings were chosen by error on trips left out.",
     "",
     "How often the same methods name something on the residual of a real machine, where nothing is missing, stands "
     "[there](real-residual.md#other-methods-on-the-same-residuals).",
@@ -64,16 +68,15 @@ def missing_peers() -> list[str]:
     return [n for n in NEEDED if find_spec(n) is None]
 
 
-def peer_trial(seed: int, hidden: Sequence[str]) -> PeerTrial:
-    """Ask every method, and the study's own search, about one case."""
+def peer_trial(seed: int, hidden: Sequence[str], module: str = AXIS) -> PeerTrial:
+    """Ask every method, and the study's own search, about one case of a virtual machine, given by its module."""
     import time
 
-    from discrepancy.axis import axis_case
     from discrepancy.peers_case import peer_case
-    from discrepancy.peers_methods import METHODS
+    from discrepancy.peers_methods import methods_on
     from discrepancy.study import Study
 
-    case = axis_case(seed, list(hidden))
+    case = import_module(module).case(seed, list(hidden))
     study = Study(case.setup(seed=seed))
     begun = time.perf_counter()
     stage = study.stage
@@ -83,7 +86,7 @@ def peer_trial(seed: int, hidden: Sequence[str]) -> PeerTrial:
     if any(h in given.dropped for h in hidden):
         return PeerTrial(seed, tuple(hidden), note="not identifiable: recalibration imitates it entirely")
     answers: dict[str, dict[str, Any]] = {}
-    for name, method in METHODS.items():
+    for name, method in methods_on(given).items():
         start = time.perf_counter()
         try:
             answer: dict[str, Any] = asdict(method(given))
@@ -117,21 +120,19 @@ def peer_trial(seed: int, hidden: Sequence[str]) -> PeerTrial:
 # -------------------------------------------------------------------- the run
 
 
-def _plan(trials: int, first: int) -> list[tuple[int, tuple[str, ...]]]:
+def _plan(trials: int, first: int, module: str) -> list[tuple[int, tuple[str, ...], str]]:
     import numpy as np
 
-    from discrepancy.axis import list_axis
-
-    names = [f"{e['kind']}@{e['where']}" for e in list_axis() if e["kind"] != "unknown_force"]
+    names = [n for n in import_module(module).names() if n.partition("@")[0] != "unknown_force"]
     rng = np.random.default_rng(first)
     drawn = [str(n) for n in rng.choice(names, trials)]
-    return [case for k in range(trials) for case in ((first + k, ()), (first + k, (drawn[k],)))]
+    return [(first + k, hidden, module) for k in range(trials) for hidden in ((), (drawn[k],))]
 
 
-def _run(task: tuple[int, tuple[str, ...]]) -> PeerTrial:
-    seed, hidden = task
+def _run(task: tuple[int, tuple[str, ...], str]) -> PeerTrial:
+    seed, hidden, _ = task
     try:
-        return peer_trial(seed, hidden)
+        return peer_trial(*task)
     except Exception as error:  # one case that fails must not lose the others
         return PeerTrial(seed, hidden, note=f"failed: {type(error).__name__}: {error}"[:300])
 
@@ -150,6 +151,8 @@ def run_peers(
     *,
     first: int = 1000,
     workers: int = 2,
+    machine: str = "axis",
+    module: str = AXIS,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[PeerTrial]:
     """Run the comparison, or what is left of it, and return all its cases.
@@ -159,11 +162,13 @@ def run_peers(
     trials : int
         Seeds; each gives a case with nothing hidden and one with one effect hidden.
     out : Path
-        Folder of ``peers.jsonl``.
+        Folder of ``peers.jsonl``; of other machines than the axis their name stands before it.
     first : int
         First seed.
     workers : int
         Processes.
+    machine, module : str
+        Name of the virtual machine, and the module where it is.
 
     Raises
     ------
@@ -178,10 +183,10 @@ def run_peers(
             f"{' and '.join(lacking)} not installed: the comparison needs the extra, pip install 'vtsdt[peers]'"
         )
     out.mkdir(parents=True, exist_ok=True)
-    path = out / "peers.jsonl"
+    path = out / file_name(machine, "peers")
     done = read_peers(path)
     known = {(t.seed, t.hidden) for t in done}
-    left = [task for task in _plan(trials, first) if task not in known]
+    left = [task for task in _plan(trials, first, module) if task[:2] not in known]
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool, path.open("a") as stream:
         for count, ready in enumerate(as_completed([pool.submit(_run, task) for task in left]), 1):
             trial = ready.result()
@@ -247,8 +252,8 @@ def peer_rates(trials: Sequence[PeerTrial]) -> list[dict[str, Any]]:
     return rows
 
 
-def peer_page(trials: Sequence[PeerTrial], date: str) -> str:
-    """Return the comparison as a page (Markdown)."""
+def peer_page(trials: Sequence[PeerTrial], date: str, machine: str = "axis") -> str:
+    """Return the comparison on a virtual machine as a page (Markdown)."""
     from discrepancy.peers_methods import versions
     from discrepancy.trials import wilson
 
@@ -266,15 +271,17 @@ def peer_page(trials: Sequence[PeerTrial], date: str) -> str:
 
     from discrepancy.peers_methods import METHODS
 
+    asked = {n for t in counted for n in t.answers}
     lines = ["# Other methods on the same data", "", *INTRODUCTION, "", "What was run:", ""]
-    lines += [f"- **{n}**: {(f.__doc__ or '').split(chr(10))[0]}" for n, f in METHODS.items()]
+    lines += [f"- **{n}**: {(f.__doc__ or '').split(chr(10))[0]}" for n, f in METHODS.items() if n in asked]
+    option = "" if machine == "axis" else f" --machine {machine}"
     lines += [
         "",
         "## Rates",
         "",
-        f"Made by `vtsdt validate discrepancy peers` on {date}: virtual axis, seeds {seeds[0]} to {seeds[-1]}, "
-        f"{sum(not t.hidden for t in counted)} cases with nothing hidden and {sum(bool(t.hidden) for t in counted)} "
-        f"with one effect at its usual size. {told}.",
+        f"Made by `vtsdt validate discrepancy peers{option}` on {date}: virtual {machine}, "
+        f"seeds {seeds[0]} to {seeds[-1]}, {sum(not t.hidden for t in counted)} cases with nothing hidden and "
+        f"{sum(bool(t.hidden) for t in counted)} with one effect at its usual size. {told}.",
         "",
         "| method | false alarms | alarm where one is hidden | truth named first | first or in its tie | "
         "among those named | effects named | held-out error, hidden | held-out error, nothing hidden | time, s |",

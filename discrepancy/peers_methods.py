@@ -17,7 +17,7 @@ import numpy as np
 from discrepancy.blocks import Array
 from discrepancy.peers_case import OnColumns, PeerCase, Seen
 
-__all__ = ["METHODS", "ON_COLUMNS", "THRESHOLDS", "Answer", "stlsq_at", "versions"]
+__all__ = ["METHODS", "ON_COLUMNS", "THRESHOLDS", "Answer", "methods_on", "stlsq_at", "versions"]
 
 THRESHOLDS = (0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.45, 0.7)
 RIDGES = (1e-6, 1e-3, 1e-2, 1e-1)
@@ -224,13 +224,21 @@ def every_bic_white(case: OnColumns) -> Answer:
 
 
 def _features(case: PeerCase, part: str) -> list[Array]:
-    """Return place, speed and acceleration of the reference at the residual's instants, for each record."""
+    """Return place, speed and acceleration of the reference at the residual's instants, for each record.
+
+    The reference is the first input, a place or a speed.
+    """
     blocks = case.residual.blocks if part == "identify" else case.held.blocks
     found = []
     for fit, block in zip(case.stage.fits(part), blocks, strict=True):
         record = fit.experiment.record
-        place = record.signals[fit.experiment.inputs[0]].values
-        speed = np.gradient(place, record.time)
+        reference = record.signals[fit.experiment.inputs[0]]
+        if reference.unit in ("m/s", "rad/s"):
+            speed = reference.values
+            place = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(record.time))])
+        else:
+            place = reference.values
+            speed = np.gradient(place, record.time)
         rate = np.gradient(speed, record.time)
         pick = np.linspace(0, len(place) - 1, len(block)).round().astype(int)
         found.append(np.column_stack([place, speed, rate])[pick])
@@ -355,3 +363,9 @@ METHODS: dict[str, Callable[[PeerCase], Answer]] = {
     "PySINDy on states": sindy_states,
     "Gaussian process": gaussian_process,
 }
+
+
+def methods_on(case: PeerCase) -> dict[str, Callable[[PeerCase], Answer]]:
+    """Return the methods that a case can be given to: regression on states knows the axis only."""
+    axis = {"motor.speed", "carriage.position", "motor.torque"} <= set(case.residual.channels)
+    return {n: f for n, f in METHODS.items() if axis or f is not sindy_states}

@@ -299,7 +299,7 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
     if "resampled" in args.suites and args.study is None:
         parser.error("'resampled' needs --study STUDY.toml: whose residual is to be resampled")
     if args.peers and "resampled" not in args.suites:
-        parser.error("--peers goes with 'resampled'; the comparison on the virtual axis is the suite 'peers'")
+        parser.error("--peers goes with 'resampled'; the comparison on a virtual machine is the suite 'peers'")
     if args.peers or "peers" in args.suites:
         from discrepancy.peers import missing_peers
 
@@ -307,7 +307,10 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
             parser.error(f"{' and '.join(lacking)} not installed: the comparison needs pip install 'vtsdt[peers]'")
     for suite in args.suites:
         if suite in BESIDES:
-            (_peers if suite == "peers" else _resampled)(args)
+            if suite == "peers":
+                _peers(args, known[args.machine])
+            else:
+                _resampled(args)
             continue
         run_suite(
             suite,
@@ -335,7 +338,7 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
     return 0
 
 
-def _peers(args: Any) -> None:
+def _peers(args: Any, module: str) -> None:
     """Run the comparison with other methods and write and show its page."""
     from datetime import date
 
@@ -349,10 +352,12 @@ def _peers(args: Any) -> None:
         args.out,
         first=args.seed,
         workers=args.workers,
+        machine=args.machine,
+        module=module,
         progress=(lambda text: None) if args.quiet else _tell,
     )
-    text = peer_page(trials, date.today().isoformat())
-    (args.out / "peers.md").write_text(text + "\n")
+    text = peer_page(trials, date.today().isoformat(), args.machine)
+    (args.out / file_name(args.machine, "peers")).with_suffix(".md").write_text(text + "\n")
     Console().print(Markdown(text))
 
 

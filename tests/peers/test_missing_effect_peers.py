@@ -10,7 +10,7 @@ pytest.importorskip("sklearn")
 from discrepancy.axis import axis_case
 from discrepancy.peers import PeerTrial, peer_page
 from discrepancy.peers_case import peer_case
-from discrepancy.peers_methods import METHODS
+from discrepancy.peers_methods import METHODS, methods_on
 from discrepancy.study import Study
 
 
@@ -39,3 +39,11 @@ def test_page_has_a_row_for_each(given):
     trials = [PeerTrial(1, ("a@b",), {**{n: answer for n in METHODS}, "this program": answer}, 2.0)]
     text = peer_page(trials, "today")
     assert all(f"| {n} |" in text for n in METHODS)
+
+
+def test_other_machines_get_what_does_not_know_the_axis(given):
+    from types import SimpleNamespace
+
+    lift = SimpleNamespace(residual=SimpleNamespace(channels=("omega", "cabin.z")))
+    assert methods_on(given) == METHODS
+    assert set(METHODS) - set(methods_on(lift)) == {"PySINDy on states"}

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from discrepancy.bench import BenchError
+from discrepancy.effects import Effect
+from discrepancy.hidden import Hidden
 from discrepancy.kinds import kinds
 from discrepancy.study_file import read_study
 from discrepancy.study_model import load_model
@@ -224,3 +226,19 @@ def test_a_hidden_offset_of_the_speed_reference_moves_the_lift_that_is_asked_to_
     signals = case.setup(seed=4).identify[0].record.signals
     assert not signals["omega_ref"].values[:10].any()
     assert np.mean(signals["omega"].values[:10]) == pytest.approx(offset, rel=0.2)
+
+
+def test_a_lift_rests_with_its_hysteresis_relaxed() -> None:
+    """At rest any deflection of it is an equilibrium, also one at which it holds more than it can."""
+    lift = Lift.one_dimensional()
+    place = next(p for p in lift.system.places if p.name == "pulley.axis")
+    effect = Effect.at_place("hysteresis", place, strengths={"level": 0.3}, shape={"x_s": 0.3})
+    hidden = Hidden(effect)
+    (state,) = hidden.memory
+    system = hidden.added_to(lift.copy()).build()
+    anywhere = lift.equilibrium(system=system)
+    relaxed = lift.equilibrium(system=system, hold=hidden.memory)
+    assert abs(anywhere[state]) > 1.0
+    assert relaxed[state] == 0.0
+    assert relaxed["machine.i_q"] == pytest.approx(lift.equilibrium()["machine.i_q"], rel=1e-9)
+    assert Hidden(Effect.at_place("coulomb_friction", place)).memory == ()
