@@ -15,7 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from discrepancy.trials import SUITES, Trial, file_name, page, rates, read_trials, with_section
+from discrepancy.trials import SUITES, Trial, file_name, page, rates, read_trials, told_as_slight, with_section
 
 #: Machine, suite, seed and what is hidden.
 Task = tuple[str, str, int, tuple[str, ...]]
@@ -71,6 +71,7 @@ def _diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axi
         tuple(tied[0]) if tied else (),
         ratio,
         time.perf_counter() - begun,
+        told_as_slight(conclusion.slight, hidden),
         over=str((truth or {}).get("over", "")),
         curve_over=conclusion.unknown.regressor if conclusion.unknown is not None else "",
         depends_on=str(unknown.get("depends_on") or ""),

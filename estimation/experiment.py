@@ -148,9 +148,7 @@ class Experiment:
         """Return the recorded inputs as the system's input table; inputs that are not recorded keep their default."""
         from multibody.simulate import input_table
 
-        # systems of the same inputs share a table: one with more outputs, one with an effect in it
-        of = (system.input_names, tuple(sorted(system.input_delays.items())), tuple(q.value for q in system.inputs))
-        key = f"table {of}"
+        key = self._table_key(system)
         if key not in self._cache:
             driven = {n: (self.record.time, self.record.signals[n].values) for n in self.inputs}
             table = input_table(system, driven)
@@ -159,6 +157,24 @@ class Experiment:
                 table = replace(table, interpolation=kinds)
             self._cache[key] = table
         return self._cache[key]  # type: ignore[return-value]
+
+    def _table_key(self, system: System) -> str:
+        # systems of the same inputs share a table: one with more outputs, one with an effect in it
+        of = (system.input_names, tuple(sorted(system.input_delays.items())), tuple(q.value for q in system.inputs))
+        return f"table {of}"
+
+    def _inputs_along(self, system: System, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return inputs and their rates at the record's samples, each (nt, n_u); kept where no parameter delays one."""
+        table, key = self.table(system), f"{self._table_key(system)} along"
+        if key in self._cache:
+            return self._cache[key]  # type: ignore[return-value]
+        time = np.array(self.record.time)
+        inputs, rates = (
+            np.ascontiguousarray(of(time, p).reshape(time.size, -1)) for of in (table, table.derivative)
+        )
+        if np.all(np.asarray(table.delay_parameter) < 0):
+            self._cache[key] = inputs, rates
+        return inputs, rates
 
     def start_vector(self, system: System) -> np.ndarray:
         """Return the start state: the study's values, what the sensors read first, else the model's own."""
@@ -318,13 +334,12 @@ def _integrate(
     table = experiment.table(system)
     wide = directions is not None and worth_lanes(time.size, directions.count)
     problem = native_problem(system, p, table, directions, in_lanes=wide)
-    inputs, n, m = table(time, p), len(system.states), problem.n_directions
-    inputs = np.ascontiguousarray(inputs.reshape(time.size, -1))
+    inputs, rates = experiment._inputs_along(system, p)
+    n, m = len(system.states), problem.n_directions
     y = np.empty((time.size, pick.size))
     dy = np.empty((time.size, pick.size, m))
     n_y = len(system.outputs)
     if directions is not None:
-        rates = np.ascontiguousarray(table.derivative(time, p).reshape(time.size, -1))
         delays = np.zeros((m, inputs.shape[1]))
         for name, k in system.input_delays.items():
             delays[:, system.index("input", name)] = -directions.p_dot[:, k]
@@ -361,6 +376,8 @@ def _apply_sensors(
     wanted: Sequence[str],
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Send outputs and derivatives through the sensors, and differentiate by the sensors' own parameters."""
+    if not sensors and not wanted:
+        return y, dy, {}
     y, dy = y.copy(), dy if not sensors else dy.copy()
     value = {s.name: s.value for s in sensors}
     own = {name: np.zeros_like(y) for name in wanted}
