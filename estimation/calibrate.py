@@ -171,16 +171,17 @@ def _result(
     trial: bool,
 ) -> Calibration:
     k = problem.k
-    fits, rows, errors = [], [], []
+    fits, errors, first = [], [], 0
+    lengths = [e.measured.size for e in problem.experiments]
+    jacobian = np.zeros((0 if trial else sum(lengths), moving.size))
     for i, (e, response) in enumerate(zip(problem.experiments, problem.respond_all(theta, not trial), strict=True)):
         names = [*e.free, *(f"offset of {n}" for n in e.offsets)]
         own = dict(zip(names, map(float, theta[problem.first[i] : problem.first[i + 1]]), strict=True))
         fits.append(Fit(e, Response(response.outputs, np.empty((*response.outputs.shape, 0))), own))
         if not trial:
             part, columns = problem.weighted(response, i, moving)
-            whole = np.zeros((len(part), moving.size))
-            whole[:, columns] = part
-            rows.append(whole)
+            jacobian[first : first + len(part), columns] = part
+            first += len(part)
         errors.append(((e.measured - response.outputs) / problem.scale).ravel())
     std = np.full(k, np.nan if trial else np.inf)
     degrees = 1
@@ -194,13 +195,15 @@ def _result(
     loose = np.array([j for j in moving if j >= k or problem.parameters[j].name not in at_bound], dtype=int)
     if loose.size and not trial:
         n_channels = len(problem.experiments[0].outputs)
-        lengths = [r.shape[0] for r in rows]
         memory = max(correlation_time(f.residual[:, c]) for f in fits for c in range(n_channels))
         longest = max(lengths) // 2  # the sandwich needs two blocks, however long the residual remembers
         blocks = cut_rows(lengths, min(int(3 * memory) * n_channels, longest))
         prior = np.array([1.0 / problem.parameters[j].std ** 2 if j < k else 0.0 for j in loose])
-        jacobian, error = np.vstack(rows)[:, np.searchsorted(moving, loose)], np.concatenate(errors)
-        interval = block_sandwich([jacobian[b] for b in blocks], [error[b] for b in blocks], np.diag(prior))
+        error = np.concatenate(errors)
+        if loose.size < moving.size:
+            jacobian = jacobian[:, np.searchsorted(moving, loose)]
+        parts = [slice(int(b[0]), int(b[-1]) + 1) for b in blocks]  # of rows that follow one another
+        interval = block_sandwich([jacobian[b] for b in parts], [error[b] for b in parts], np.diag(prior))
         degrees = int(interval.dof)
         globals_ = loose[loose < k]
         std[globals_] = interval.std[: globals_.size]
