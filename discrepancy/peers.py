@@ -272,7 +272,8 @@ def peer_page(trials: Sequence[PeerTrial], date: str, machine: str = "axis") -> 
     from discrepancy.peers_methods import METHODS
 
     asked = {n for t in counted for n in t.answers}
-    lines = ["# Other methods on the same data", "", *INTRODUCTION, "", "What was run:", ""]
+    where = "" if machine == "axis" else f": virtual {machine}"
+    lines = [f"# Other methods on the same data{where}", "", *INTRODUCTION, "", "What was run:", ""]
     lines += [f"- **{n}**: {(f.__doc__ or '').split(chr(10))[0]}" for n, f in METHODS.items() if n in asked]
     option = "" if machine == "axis" else f" --machine {machine}"
     lines += [
