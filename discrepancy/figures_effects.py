@@ -15,23 +15,14 @@ if TYPE_CHECKING:
 
     from discrepancy.diagnosis import Conclusion, UnknownCurve
     from discrepancy.scan import ScanResult
-    from discrepancy.verdict import Row
 
 __all__ = ["candidate_scores", "parameter_shifts", "unknown_curve"]
-
-_Z80 = 0.8416212335729143
 
 
 def _short(kind: str) -> str:
     """Kind in words, without what stands in brackets."""
     known = kinds().get(kind)
     return known.text.title.partition(" (more")[0] if known else kind
-
-
-def _threshold(row: Row) -> float:
-    """Standard errors that this candidate needs; its smallest visible amplitude has 80 % power on top."""
-    largest = float(np.max(row.std))
-    return row.mde / largest - _Z80 if largest > 0.0 and np.isfinite(row.mde) else float("nan")
 
 
 @drawing
@@ -43,7 +34,7 @@ def candidate_scores(scan: ScanResult, most: int = 14, title: str = "") -> Figur
     figure, axes = new_figure(1, height=1.0 + 0.3 * max(len(rows), 2))
     a = axes[0, 0]
     score = np.sqrt([max(r.lm / r.lam, 0.0) for r in rows])
-    need = np.array([_threshold(r) for r in rows])
+    need = np.array([r.needed for r in rows])
     sure = np.array([r.p < scan.level for r in rows], dtype=bool)
     y = np.arange(len(rows))[::-1]
     for chosen, colour, hatch, word in (

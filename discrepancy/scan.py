@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -156,10 +157,15 @@ def judge(
     most = np.zeros(len(candidates))
     most[list(best)] = [surprise_of(scorer, s, c) for c in best]
     p_values, least = null.p_value(most), null.critical(level)
-    rows = [
-        _row(candidates[c], g, w, s, null, level, lam_bar, n_eff, floor, most[c], p_values[c], least[c], sens, residual)
-        for c, g in best.items()
-    ]
+    shapes: dict[int, list[int]] = {c: [] for c in best}
+    for g, group in enumerate(scorer.columns.groups):
+        shapes[group.candidate].append(g)
+    rows = []
+    for c, g in best.items():
+        visible = _Visible(candidates[c], w, s, least[c], floor, residual)
+        rows.append(
+            _row(candidates[c], g, shapes[c], visible, w, s, null, level, lam_bar, n_eff, most[c], p_values[c], sens)
+        )
     rows.sort(key=lambda r: (-(r.p < level), r.delta_bic))
     significant = [r for r in rows if r.verdict is Verdict.MISSING]
     top = significant[0] if significant else None
@@ -230,21 +236,63 @@ def _refused(candidates: Sequence[Candidate], columns: Columns) -> dict[str, str
     return out
 
 
+@dataclass(frozen=True)
+class _Visible:
+    """What these records would show of a candidate, shape by shape."""
+
+    candidate: Candidate
+    w: Whitened
+    s: Scores
+    u_crit: float
+    floor: Array
+    residual: Residual
+
+    def needed(self, g: int) -> float:
+        """Return √(LM/λ) that the family-wise test requires of a group."""
+        from scipy.special import fdtri
+
+        assert self.w.scorer is not None
+        k, nu = float(self.w.scorer.kdim[g]), float(self.w.scorer.dof[g])
+        return float(np.sqrt(k * fdtri(k, nu, 1.0 - np.exp(-max(self.u_crit, 1e-9)))))
+
+    def at(self, g: int) -> tuple[float, float]:
+        """Return the smallest amplitude that would be seen at a group's shape, and that which would matter there."""
+        assert self.w.scorer is not None
+        group = self.w.scorer.columns.groups[g]
+        _, cov = self.w.scorer.raw_amplitude(g, self.s.amplitude[group.cols, 0])
+        variance = float(np.max(np.diag(cov)) * self.s.lam[g, 0])
+        return MDE_MARGIN * smallest_visible(self.needed(g), variance), self._matters(group.shape)
+
+    def least(self, groups: Sequence[int]) -> tuple[float, float]:
+        """Return the same at the shape at which an amplitude that matters shows least."""
+        every = [(mde, delta) for mde, delta in map(self.at, groups) if np.isfinite(delta)]
+        return max(every, key=lambda t: t[0] / t[1], default=self.at(groups[0]))
+
+    def _matters(self, shape: int) -> float:
+        if self.candidate.delta is not None:
+            return self.candidate.delta
+        blocks = self.candidate.columns[shape]
+        if self.residual.weighing:  # what the outputs themselves would do
+            blocks = tuple(shaping.undone(b) for shaping, b in zip(self.residual.weighing, blocks, strict=True))
+        peak = np.max([np.max(np.abs(b), axis=(0, 2)) for b in blocks], axis=0)
+        ok = self.floor > 0
+        return float(1.0 / np.max(peak[ok] / self.floor[ok])) if np.any(peak[ok] > 0) else float("inf")
+
+
 def _row(
     c: Candidate,
     g: int,
+    shapes: Sequence[int],
+    visible: _Visible,
     w: Whitened,
     s: Scores,
     null: Null,
     level: float,
     lam_bar: float,
     n_eff: float,
-    floor: Array,
     u: float,
     p: float,
-    u_crit: float,
     sens: Sensitivities,
-    residual: Residual,
 ) -> Row:
     scorer = w.scorer
     assert scorer is not None
@@ -252,22 +300,14 @@ def _row(
     lm, lam = float(s.lm[g, 0]), float(s.lam[g, 0])
     amp, cov = scorer.raw_amplitude(g, s.amplitude[group.cols, 0])
     std = np.sqrt(np.diag(cov) * lam)
-    k, nu = float(scorer.kdim[g]), float(scorer.dof[g])
-    from scipy.special import fdtri
-
-    crit = float(np.sqrt(k * fdtri(k, nu, 1.0 - np.exp(-max(u_crit, 1e-9)))))
-    mde = MDE_MARGIN * smallest_visible(crit, float(np.max(np.diag(cov)) * lam))
-    delta = c.delta
-    if delta is None:
-        blocks = c.columns[group.shape]
-        if residual.weighing:  # what the outputs themselves would do
-            blocks = tuple(shaping.undone(b) for shaping, b in zip(residual.weighing, blocks, strict=True))
-        peak = np.max([np.max(np.abs(b), axis=(0, 2)) for b in blocks], axis=0)
-        ok = floor > 0
-        delta = float(1.0 / np.max(peak[ok] / floor[ok])) if np.any(peak[ok] > 0) else float("inf")
+    nu = float(scorer.dof[g])
+    mde, delta = visible.at(g)
     p_single = (1.0 + float(np.sum(null.single[group.candidate] >= u))) / (null.single.shape[1] + 1.0)
-    size = float(np.max(np.abs(amp)))
-    verdict, reason = decide(p=float(p), level=level, size=size, mde=mde, delta=delta, dof=nu, few=null.pieces.few)
+    judged = partial(decide, p=float(p), level=level, size=float(np.max(np.abs(amp))), dof=nu, few=null.pieces.few)
+    verdict, reason = judged(mde=mde, delta=delta)
+    if verdict is Verdict.ABSENT and len(shapes) > 1:  # absent is what would have been seen whatever its shape
+        mde, delta = visible.least(shapes)
+        verdict, reason = judged(mde=mde, delta=delta)
     free = c.k + c.n_shape
     theta = -scorer.columns.absorbed[g] @ amp
     return Row(
@@ -293,6 +333,7 @@ def _row(
         held_out_gain(w.columns.Z[:, group.cols], w.e, w.projection.layout, lam),
         c.unit,
         g,
+        visible.needed(g),
     )
 
 

@@ -47,9 +47,10 @@ class Row:
     kappa : float
         Share of the effect that calibration can absorb.
     mde : float
-        Smallest amplitude that this scan would have declared with a chance of 80 %.
+        Smallest amplitude that this scan would have declared with a chance of 80 %, at the shape that fits best; where
+        that is one that matters, at the shape of the grid at which what matters shows least.
     delta : float
-        Amplitude that would matter.
+        Amplitude that would matter, at the same shape.
     error_drop : float
         Predicted relative drop of the whitened residual's energy.
     absorbed : dict
@@ -58,6 +59,10 @@ class Row:
         Log-likelihood gain predicted for a block from the amplitude of the others, summed over blocks.
     reason : str
         Why the verdict is what it is.
+    group : int
+        Of the scorer, for the shape that fits best.
+    needed : float
+        Standard errors at which this candidate would be declared.
     """
 
     kind: str
@@ -82,6 +87,7 @@ class Row:
     held_out_gain: float
     unit: str = ""
     group: int = -1
+    needed: float = float("nan")
 
     @property
     def carries_over(self) -> bool:
