@@ -1,7 +1,7 @@
 """The search in ten 6 s trips of the lift with 17 states: the whole of it.
 
 Eight trips are for choosing and two are held out; some 150 candidates, free curves at every connection, and the
-question whether what is left follows the inputs.  The aim is 30 s on two processors where nothing is missing.
+question whether what is left follows the inputs.  The aim is 30 s on two processors.
 """
 
 from __future__ import annotations

@@ -23,6 +23,7 @@ from discrepancy.reacting import reacting_inputs, told_reacting
 from discrepancy.search import scan_preparation
 from discrepancy.stage import Accepted, Stage
 from discrepancy.stated import outside, told
+from discrepancy.trend import Trend, parameter_trends
 from discrepancy.verdict import Verdict
 from discrepancy.wording import quantity
 
@@ -75,6 +76,8 @@ def conclude(study: Study) -> Conclusion:
     warnings = (*warnings, *(n.sentence for n in noisy), *told_reacting(reacting))
     disturbance = disturbance_of(stages[-1])
     warnings = (*warnings, *([disturbance.sentence] if disturbance is not None else []))
+    trends = study.unless_it_fails("whether parameters change along the records", lambda: _trends(study)) or ()
+    warnings = (*warnings, *(t.sentence for t in trends))
     warnings = (*warnings, *_not_lasting(stages), *dict.fromkeys(study.troubles))
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
@@ -103,6 +106,7 @@ def conclude(study: Study) -> Conclusion:
             **({"noisy_inputs": [n.to_dict() for n in noisy]} if noisy else {}),
             **({"reacting_inputs": reacting} if reacting else {}),
             **({"disturbance": disturbance.to_dict()} if disturbance is not None else {}),
+            **({"parameter_trends": [t.to_dict() for t in trends]} if trends else {}),
             **({"follows_inputs": {"p": still.p, "rejects": still.rejects, "most": still.leading}} if still else {}),
         },
     )
@@ -119,6 +123,13 @@ def _reacting(study: Study) -> dict[str, str]:
         return {}
     stage = study.stages[-1]
     return reacting_inputs(Confrontation.of_stage(stage, scan_preparation(stage)))
+
+
+def _trends(study: Study) -> tuple[Trend, ...]:
+    """Return the parameters that change along the records, if a search has asked for anything at all."""
+    if not study.steps:
+        return ()
+    return parameter_trends(study.stages[-1], study.setup.level, study.setup.seed)
 
 
 def _verdict(accepted: Sequence[Accepted]) -> str:

@@ -1,0 +1,55 @@
+"""A parameter that changes from record to record is told, and no physics is invented for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from discrepancy.axis import axis_case
+from discrepancy.diagnosis import to_diagnosis
+from discrepancy.study import Study
+from discrepancy.trend import parameter_trends
+
+NAME, CHANGE = "guide.viscous", 20.0
+
+
+def growing(setup):
+    """Return the setup with recordings of an axis whose friction grows from trip to trip."""
+    system = setup.model.build(outputs=setup.identify[0].outputs)
+    nominal = system.parameter_vector({q.name: q.value for q in setup.uncertain})
+    found = []
+    for experiment, along in zip(setup.identify, np.linspace(-0.5, 0.5, len(setup.identify)), strict=True):
+        changed = nominal.copy()
+        changed[system.index("parameter", NAME)] += CHANGE * along
+        raw = replace(experiment, preparation=type(experiment.preparation)(), _cache={})
+        more = raw.simulate(system, changed) - raw.simulate(system, nominal)
+        record = experiment.record
+        signals = dict(record.signals)
+        for c, name in enumerate(experiment.outputs):
+            signals[name] = replace(signals[name], values=signals[name].values + more[:, c])
+        found.append(replace(experiment, record=replace(record, signals=signals), _cache={}))
+    return replace(setup, identify=tuple(found))
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return axis_case(3, [], trips=8).setup(seed=3)
+
+
+def test_friction_that_grows_from_trip_to_trip_is_told_and_nothing_is_named(setup):
+    study = Study(growing(setup))
+    conclusion = study.diagnose()
+    assert not conclusion.accepted
+    (trend,) = to_diagnosis(conclusion)["parameter_trends"]
+    assert trend["parameter"] == NAME
+    assert trend["change"] == pytest.approx(CHANGE, abs=3.0 * trend["std"])
+    assert trend["std"] < 0.25 * CHANGE
+    assert any(w.startswith(f"{NAME} changes from record to record") for w in conclusion.warnings)
+
+
+def test_where_nothing_changes_nothing_is_told(setup):
+    study = Study(setup)
+    study.compare()
+    assert parameter_trends(study.stage, setup.level, setup.seed) == ()
