@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["promised"]
 
 _KEY = "promised by curves"
-DEPENDENT = 1e-9  # share of the largest eigenvalue below which points of a curve say what others, or a law, say
 
 
 def promised(before: Stage, last: Stage) -> dict[tuple[str, str], float]:
@@ -86,8 +85,5 @@ def _fitted(candidate: Candidate, projection: Projection, e: Array) -> Array:
     columns = projection.remove(projection.layout.stack(projection.whitener, candidate.columns[0]))
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0.0] / size[size > 0.0]
-    values, vectors = np.linalg.eigh(columns.T @ columns)
-    kept = values > DEPENDENT * values[-1] if values.size else values > 0.0
-    across = vectors[:, kept] / np.sqrt(values[kept])
-    out: Array = columns @ (across @ (across.T @ (columns.T @ e)))
+    out: Array = columns @ np.linalg.lstsq(columns, e, rcond=1e-10)[0]
     return out

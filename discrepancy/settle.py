@@ -67,7 +67,7 @@ def replace_by_curve(
     law found at its connection by strong evidence, takes clearly more of the error away and clearly says more of
     records left out, the honest answer is the curve; against several laws at one connection it is enough that the curve
     is the better model.  While the search goes on (without ``last_word``) it is not enough: the next law may be what
-    they lack.
+    they lack.  Against one law only curves are fitted of which that can be expected (`discrepancy.curve_promise`).
 
     Returns
     -------

@@ -1,8 +1,9 @@
-"""Parameters that change from record to record: wear, warming, another tool, which no effect in the machine explains.
+"""Parameters that change along the records: wear, warming, another tool, which no effect in the machine explains.
 
 A calibrated value is that of all records together.  Where it was smaller in the first and larger in the last, what is
-left of both has the same fingerprint with opposite signs: the parameter's own sensitivity, times the record's place in
-the order of the study.  It is judged by the same scan as effects, against the same luck, and told, not added.
+left of both has the same fingerprint with opposite signs: the parameter's own sensitivity, times the place of the
+record, or of the window of one, in the order of the study.  It is judged by the same scan as effects, against the same
+luck, and told, not added.
 """
 
 from __future__ import annotations
@@ -52,9 +53,9 @@ class Trend:
     def sentence(self) -> str:
         """What changes, and what to do."""
         return (
-            f"{self.parameter} changes from record to record, by {quantity(self.change, self.unit, 2)} ± "
-            f"{quantity(self.std, self.unit, 1)} from the first to the last (p = {self.p:.1g}): something wears, warms "
-            "up or was changed. Fit the first and the last records apart; an effect in the machine would not."
+            f"{self.parameter} changes along the records, by {quantity(self.change, self.unit, 2)} ± "
+            f"{quantity(self.std, self.unit, 1)} from the first to the last (p = {self.p:.1g}): something may wear, "
+            "warm up or have been changed. Fit the first and the last records apart to see it."
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -70,7 +71,7 @@ def parameter_trends(stage: Stage, level: float, seed: int) -> tuple[Trend, ...]
     stage : Stage
         With its parameters fitted.
     level : float
-        Family-wise level of all that a study claims; a trend gets the share of one look.
+        Family-wise level of what a study names; trends are told at the share of one look, beside it.
     seed : int
     """
     from discrepancy.scan import scan

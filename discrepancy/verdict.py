@@ -48,7 +48,7 @@ class Row:
         Share of the effect that calibration can absorb.
     mde : float
         Smallest amplitude that this scan would have declared with a chance of 80 %, at the shape that fits best; where
-        that is one that matters, at the shape of the grid at which what matters shows least.
+        the verdict there is "absent", at the shape of the grid at which what matters shows least.
     delta : float
         Amplitude that would matter, at the same shape.
     error_drop : float

@@ -216,3 +216,14 @@ def evidence(conclusion):
     from discrepancy.diagnosis import evidence_of
 
     return evidence_of(conclusion)
+
+
+@pytest.fixture(scope="module")
+def sticking():
+    """Return a study of four trips of the axis, three of them fitted, that lack dry friction at the guide."""
+    from discrepancy.axis import axis_case
+    from discrepancy.study import Study
+
+    found = Study(axis_case(3, ["coulomb_friction@guide"], trips=4).setup(seed=3))
+    found.compare()
+    return found

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.axis import axis_case
 from discrepancy.left_out import left_out_difference, left_out_residuals
 from discrepancy.search import scan_preparation
 from discrepancy.settle import lasts
@@ -16,25 +15,17 @@ from discrepancy.unknown import offer_curves
 
 
 @pytest.fixture(scope="module")
-def study():
-    """Four trips of the axis, three of them fitted, that lack dry friction at the guide."""
-    found = Study(axis_case(3, ["coulomb_friction@guide"], trips=4).setup(seed=3))
-    found.compare()
-    return found
-
-
-@pytest.fixture(scope="module")
-def with_law(study):
-    step = study.explain()
+def with_law(sticking):
+    step = sticking.explain()
     assert str(step.accepted.effect) == "coulomb_friction@guide"
-    return study.fitted("law", (step.accepted.effect,), step.stage, step.stage.noise)
+    return sticking.fitted("law", (step.accepted.effect,), step.stage, step.stage.noise)
 
 
-def test_a_residual_left_out_is_that_of_a_fit_to_the_others(study, with_law):
-    setup, weights = study.setup, with_law.identify.scale
+def test_a_residual_left_out_is_that_of_a_fit_to_the_others(sticking, with_law):
+    setup, weights = sticking.setup, with_law.identify.scale
     found = left_out_residuals(with_law, setup.identify[0].preparation, weights)
     others = Study(replace(setup, identify=setup.identify[1:], validate=setup.identify[:1]))
-    others.confronted = study.confronted
+    others.confronted = sticking.confronted
     fitted = others.fitted("law", with_law.effects, None, with_law.noise)
     first = setup.identify[0]
     rows = len(first.measured)
@@ -48,11 +39,11 @@ def test_a_residual_left_out_is_that_of_a_fit_to_the_others(study, with_law):
         assert size["found"] > 0.999 * size["inside"]
 
 
-def test_a_law_says_more_of_records_left_out_than_the_curve_that_can_be_it(study, with_law):
-    recalibrated = study.stage
+def test_a_law_says_more_of_records_left_out_than_the_curve_that_can_be_it(sticking, with_law):
+    recalibrated = sticking.stage
     offer = offer_curves(recalibrated, _facts(recalibrated), level=0.02, seed=1, where=["guide"])
     curve = next(e for e in offer.effects if e.over == "speed")
-    fitted = study.fitted("curve", (curve,), recalibrated, recalibrated.noise)
+    fitted = sticking.fitted("curve", (curve,), recalibrated, recalibrated.noise)
     preparation = scan_preparation(with_law)
     assert left_out_difference(fitted, with_law, preparation) > 0.0
     assert left_out_difference(with_law, fitted, preparation) < 0.0
@@ -60,12 +51,12 @@ def test_a_law_says_more_of_records_left_out_than_the_curve_that_can_be_it(study
     assert left_out_difference(with_law, with_law, preparation) == 0.0
 
 
-def test_friction_over_position_does_not_take_the_place_of_a_true_law(study, with_law):
+def test_friction_over_position_does_not_take_the_place_of_a_true_law(sticking, with_law):
     """Its level at 17 places follows what is slow in the disturbance, as a force over position does."""
-    recalibrated = study.stage
+    recalibrated = sticking.stage
     offer = offer_curves(recalibrated, _facts(recalibrated), level=0.02, seed=1, where=["guide"])
     for curve in (e for e in offer.effects if e.over in ("position", "friction")):
-        fitted = study.fitted("curve", (curve,), recalibrated, recalibrated.noise)
+        fitted = sticking.fitted("curve", (curve,), recalibrated, recalibrated.noise)
         assert not lasts(fitted, with_law, with_law.effects), curve.over
     assert "friction" in [e.over for e in offer.effects]
 
