@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +29,7 @@ from discrepancy.plotting import (
 from discrepancy.wording import scaled
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -161,9 +162,14 @@ def over_time(conclusion: Conclusion, evidence: Evidence, output: str) -> Figure
     handles |= {
         k: v for k, v in zip(*reversed(middle.get_legend_handles_labels()), strict=True) if k not in handles
     }
+    _legend_below(figure, handles)
+    return figure
+
+
+def _legend_below(figure: Figure, handles: Mapping[str, Artist]) -> None:
+    """Draw a legend below a figure; names that are long, as those of effects are, go on in a second line."""
     names = [wrapped(name, LEGEND) for name in handles]
     figure.legend(handles.values(), names, loc="outside lower center", ncols=2)
-    return figure
 
 
 _Models = list[tuple[SignalComparison, dict[str, Any], str]]
@@ -279,7 +285,7 @@ def spectra(conclusion: Conclusion, evidence: Evidence, outputs: Sequence[str]) 
         a.set_title(f"{output} on '{first.record}'")
         a.set_ylabel(f"error [{unit_text(first.unit)}/√Hz]")
     axes[-1, 0].set_xlabel("frequency [Hz]")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8.5)
+    _legend_below(figure, dict(zip(*reversed(axes[0, 0].get_legend_handles_labels()), strict=True)))
     return figure
 
 

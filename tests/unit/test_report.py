@@ -199,6 +199,23 @@ def test_axes_have_names_and_units(conclusion, evidence) -> None:
     assert bars.axes[0].get_xlabel() == "size of the effect in standard errors"
 
 
+def test_legends_of_long_names_stay_on_the_figure(conclusion, evidence, monkeypatch) -> None:
+    from discrepancy import figures
+
+    name = "+ Stribeck friction (more friction at low speed) at guide"
+    monkeypatch.setattr(figures, "stage_title", lambda stage: stage.name if stage.accepted is None else name)
+    for figure in (
+        figures.over_time(conclusion, evidence, "carriage.position"),
+        figures.spectra(conclusion, evidence, ["drive.force"]),
+    ):
+        _drawn(figure)
+        (legend,) = figure.legends
+        assert "Stribeck" in " ".join(text.get_text() for text in legend.get_texts())
+        box = legend.get_window_extent()
+        assert box.x0 >= 0.0
+        assert box.x1 <= figure.bbox.x1
+
+
 def test_numbers_read_as_an_engineer_writes_them() -> None:
     assert quantity(9.996, "N") == "10.0 N"
     assert quantity(-0.0005, "m") == "−500 µm"
