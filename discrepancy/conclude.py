@@ -159,6 +159,9 @@ def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
     text = f"The model lacks {count}: {'; '.join(names)}."
     part = "validate" if stages[-1].validate is not None else "identify"
     text += _fall(stages[1], stages[-1], part) + _instead(stages[1], stages[-1])
+    for first, second in pairwise(zip(accepted, names, strict=True)):
+        if first[0].hidden_by == str(second[0].effect):
+            text += f" {first[1].capitalize()} and {second[1]} hide each other: either alone changes little."
     text += f" {100 * explained(found)[0]:.0f} % of the mean square error above the noise floor is gone."
     if accepted[-1].ambiguous:
         rivals = [r for r in accepted[-1].rivals if r.indistinguishable and r.kind != accepted[-1].effect.kind]
@@ -193,6 +196,8 @@ def _not_lasting(stages: Sequence[Stage]) -> list[str]:
     for before, after in pairwise(stages):
         if after.accepted is None or after.validate is None:
             continue
+        if after.accepted.hidden_by and after.accepted.hidden_by not in map(str, after.effects):
+            continue  # what the next effect hides
         a, b = before.rmse("validate"), after.rmse("validate")
         if all(b[n] >= a[n] for n in b):
             name = f"{_title(after.accepted.effect.kind)} at {after.accepted.effect.where}"

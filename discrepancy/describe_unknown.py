@@ -189,10 +189,9 @@ def described(
 def _alike(study: Study, effect: Effect, index: int) -> tuple[tuple[str, float], ...]:
     """Return kinds at the same place by the share of the curve's work that the scan before it expects of them."""
     stages = study.stages
-    first = index - 2  # the first step was made on "recalibrated", which is stage 1
-    if not 0 <= first < len(study.steps):
+    scan = stages[index - 1].scan
+    if scan is None:  # a stage that was built again from a history
         return ()
-    step = study.steps[first]
     gone = []
     for name in stages[index].outputs:
         a, b = (s.rmse("identify")[name] for s in (stages[index], stages[index - 1]))
@@ -200,6 +199,6 @@ def _alike(study: Study, effect: Effect, index: int) -> tuple[tuple[str, float],
     whole = float(np.mean(gone))
     if whole <= 0.0:
         return ()
-    rows = [r for r in step.scan.rows if r.where == effect.where and r.error_drop > 0.0]
+    rows = [r for r in scan.rows if r.where == effect.where and r.error_drop > 0.0]
     shares = [(r.kind, min(1.0, float(r.error_drop) / whole)) for r in rows]
     return tuple(sorted((s for s in shares if s[1] >= ALIKE), key=lambda s: -s[1])[:3])

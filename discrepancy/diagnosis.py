@@ -261,6 +261,7 @@ def _effect_entry(accepted: Accepted, conclusion: Conclusion) -> dict[str, Any]:
         "runners_up": [told(r) for r in accepted.rivals if not r.indistinguishable],
         "title": effect.definition.text.title,
         "fixed": fixed,
+        **({"hidden_by": accepted.hidden_by} if accepted.hidden_by else {}),
     }
 
 

@@ -59,6 +59,7 @@ def _entry(stage: Stage) -> dict[str, Any]:
             "p_value": accepted.p_value,
             "delta_bic": accepted.delta_bic,
             "rivals": [dataclasses.asdict(r) for r in accepted.rivals],
+            "hidden_by": accepted.hidden_by,
         },
         "values": stage.identify.to_dict(),
         "own": [{k: float(v) for k, v in f.own.items()} for f in stage.identify.fits],
@@ -156,4 +157,5 @@ def _accepted(entry: dict[str, Any] | None) -> Accepted | None:
     if entry is None:
         return None
     rivals = tuple(Rival(**r) for r in entry["rivals"])
-    return Accepted(_effect(entry["effect"]), entry["p_value"], entry["delta_bic"], rivals)
+    effect = _effect(entry["effect"])
+    return Accepted(effect, entry["p_value"], entry["delta_bic"], rivals, entry.get("hidden_by", ""))

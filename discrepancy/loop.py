@@ -59,6 +59,9 @@ class Search:
             if self._recalibrated(step.stage):
                 study.steps.remove(step)
                 continue
+            if step.first is not None:
+                study.progress(f"add {step.first[0].effect}, which the next effect hides")
+                self.accept(*step.first)
             study.progress(f"add {step.accepted.effect}")
             self._add(step.accepted, step.stage)
 

@@ -282,8 +282,7 @@ def _rival_effect(study: Study, accepted: Accepted, rival: Rival) -> Effect | No
         (
             s
             for s in study.steps
-            if s.accepted is not None
-            and str(s.accepted.effect) == str(accepted.effect)
+            if str(accepted.effect) in [str(a.effect) for a in s.added]
             and any(r.name == name for r in s.scan.rows)
         ),
         None,

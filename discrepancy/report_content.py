@@ -181,10 +181,20 @@ def _effect(conclusion: Conclusion, accepted: Accepted) -> Entry:
         "luck": luck_words(accepted.p_value),
         "p_value": f"{accepted.p_value:.2g}",
         "delta_bic": f"{accepted.delta_bic:.0f}",
+        "hidden_by": _hidden_by(conclusion, accepted),
         "falls": _falls(conclusion, before, stage),
         "ambiguous": accepted.ambiguous,
         "tied": [f"{kind_text(r.kind).title} at {r.where}" for r in accepted.rivals if r.indistinguishable],
     }
+
+
+def _hidden_by(conclusion: Conclusion, accepted: Accepted) -> Entry | None:
+    """Return the other of two effects that hide each other, and what both together improve."""
+    other = next((a for a in conclusion.accepted if str(a.effect) == accepted.hidden_by), None)
+    if other is None:
+        return None
+    title = f"{kind_text(other.effect.kind).title} at {other.effect.where}"
+    return {"title": title, "delta_bic": f"{accepted.delta_bic + other.delta_bic:.0f}"}
 
 
 def _words(name: str) -> str:

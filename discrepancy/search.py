@@ -32,7 +32,7 @@ __all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scan_preparation", "search_step
 
 SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 FINALISTS = 3
-LOOKS = 4  # plain scan, whitened scan, free curves, omnibus test: each may raise a false alarm and gets its share
+LOOKS = 5  # plain scan, whitened scan, pairs, free curves, omnibus test: each may raise a false alarm: its share
 TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
 ALIKE = 0.98  # correlation of what two effects change from which the scan alone can say that they are a tie; chosen
 TWINS = 0.999  # the same from which twice as much as `TIE` does not tell fits on trial apart; chosen
@@ -46,8 +46,8 @@ class Step:
 
     Parameters
     ----------
-    scan : ScanResult
-        Scores of all candidates.
+    scans : tuple of ScanResult
+        Scores of all candidates, plainly weighed; then whitened, where that was asked as well.
     accepted : Accepted or None
     stage : Stage or None
         With the accepted effect in it.
@@ -55,13 +55,28 @@ class Step:
         Candidates that these records cannot speak about.
     slight : tuple of Row
         Candidates with which the refitted model is the better one, by too little to matter.
+    first : tuple of (Accepted, Stage), optional
+        Of two effects that hide each other the one that is added first, and the stage with it alone; the accepted one
+        comes after it (`discrepancy.look_ahead`).
     """
 
-    scan: ScanResult
+    scans: tuple[ScanResult, ...]
     accepted: Accepted | None
     stage: Stage | None
     refused: tuple[tuple[Entry, str], ...]
     slight: tuple[Row, ...] = ()
+    first: tuple[Accepted, Stage] | None = None
+
+    @property
+    def scan(self) -> ScanResult:
+        """The first of the scans."""
+        return self.scans[0]
+
+    @property
+    def added(self) -> tuple[Accepted, ...]:
+        """What the step adds, in that order."""
+        last = () if self.accepted is None else (self.accepted,)
+        return last if self.first is None else (self.first[0], *last)
 
 
 def scan_preparation(stage: Stage) -> Preparation:
@@ -118,7 +133,7 @@ def search_step(
     scans = _scans(residual, sensitivities, candidates, level, seed, stage.noise)
     rows = _finalists(scans, [c.name for c in candidates], stage.effects)
     if not rows:
-        return Step(scans[0], None, None, tuple(refused))
+        return Step(tuple(scans), None, None, tuple(refused))
     by_name = {c.name: c for c in candidates}
 
     def trial(row: Row) -> Stage | ModelError | None:
@@ -149,7 +164,7 @@ def search_step(
 
     look_at(rows)
     if not tried:
-        return Step(scans[0], None, None, tuple(refused), tuple(slight))
+        return Step(tuple(scans), None, None, tuple(refused), tuple(slight))
     p_value = min(1.0, LOOKS * tried[0][1].p)
     if taken(tried[0][0], stage) < MOST:
         look_at(_bent(scans[-1], tried[0][1].where, [r.name for r in rows]))
@@ -158,7 +173,7 @@ def search_step(
     p_value = min(p_value, LOOKS * row.p)
     rivals = _rivals(best, stage, tried[1:], scans, row.name)
     accepted = Accepted(best.effects[-1], p_value, bic_difference(best, stage), rivals)
-    return Step(scans[0], accepted, best, tuple(refused), tuple(slight))
+    return Step(tuple(scans), accepted, best, tuple(refused), tuple(slight))
 
 
 def _scans(

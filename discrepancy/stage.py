@@ -55,12 +55,15 @@ class Accepted:
         Change of BIC by adding it, with the effective number of observations.
     rivals : tuple of Rival
         In the order of their BIC.
+    hidden_by : str
+        ``kind@where`` of the other effect, of two that hide each other and were added together.
     """
 
     effect: Effect
     p_value: float
     delta_bic: float
     rivals: tuple[Rival, ...] = ()
+    hidden_by: str = ""
 
     @property
     def ambiguous(self) -> bool:

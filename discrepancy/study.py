@@ -11,6 +11,7 @@ import numpy as np
 
 from discrepancy.effects import Effect
 from discrepancy.fitted import fitted_stage
+from discrepancy.look_ahead import look_ahead
 from discrepancy.search import Step, search_step
 from discrepancy.setup import Setup, from_file, noise_floors
 from discrepancy.stage import Accepted, Stage
@@ -261,6 +262,12 @@ class Study:
             include=self.setup.include, exclude=self.setup.exclude, level=self.setup.level,
             seed=self.setup.seed + len(self.stages), progress=self.progress,
         )  # fmt: skip
+        if self.setup.max_effects - len(self.stage.effects) > 1:
+            step = look_ahead(
+                step, self.stage, self.refit,
+                include=self.setup.include, exclude=self.setup.exclude, level=self.setup.level,
+                seed=self.setup.seed + len(self.stages), progress=self.progress,
+            )  # fmt: skip
         step = standing(step, self.stage, lambda trial: self.fitted(trial.name, trial.effects, trial, trial.noise))
         self.steps.append(step)
         self.stages[-1] = replace(self.stages[-1], scan=step.scan)

@@ -1,0 +1,169 @@
+"""A step of the search, two effects ahead: would two together explain what one by one they hide of each other?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from discrepancy.catalogue import catalogue
+from discrepancy.effects import Effect
+from discrepancy.from_scan import effect_of, simpler_in
+from discrepancy.kinds import kind_named
+from discrepancy.pairs import Pair, PairScores
+from discrepancy.search import FINALISTS, LOOKS, TIE, Step
+from discrepancy.settle import CLEARLY
+from discrepancy.stage import Accepted, Rival, Stage
+from discrepancy.worth import bic_difference, matters
+from multibody.errors import ModelError
+from multibody.side_by_side import side_by_side
+
+if TYPE_CHECKING:
+    from discrepancy.verdict import Row
+
+__all__ = ["look_ahead"]
+
+Fit = Callable[[str, tuple[Effect, ...], Stage], Stage]
+
+
+def look_ahead(
+    step: Step,
+    stage: Stage,
+    fit: Fit,
+    *,
+    include: Sequence[str],
+    exclude: Sequence[str],
+    level: float,
+    seed: int,
+    progress: Callable[[str], None],
+) -> Step:
+    """Return a step with two effects that hide each other in the place of its own, where they clearly explain more.
+
+    One effect by itself is what a search step finds.  Of two that do nearly opposite things neither points along what
+    is left, and the step finds nothing, or a third effect that resembles the difference.  So two are kept where both
+    together clearly beat that third one, and that one beside the best partner it has.
+
+    Parameters
+    ----------
+    step : Step
+        What was found one effect at a time.
+    stage : Stage
+        That it begins from.
+    fit : callable
+        Fits a stage on trial, given its name, its effects, and the stage from where it begins.
+    include, exclude : sequence of str
+        Of the catalogue.
+    level : float
+        Family-wise level of the study, of which this look has its share.
+    seed : int
+    progress : callable
+    """
+    scan = step.scans[-1]
+    if scan.null.pieces.few or scan.scorer is None:
+        return step
+    experiment = stage.identify.fits[0].experiment
+    found = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
+    entries = {e.name: e for e in found}
+    refused = {e.name for e, _ in step.refused}
+
+    def excluded(a: Row, b: Row) -> bool:
+        known = any(r.name in refused or simpler_in(stage.effects, r.kind, r.where) for r in (a, b))
+        inside = a.kind in kind_named(b.kind).contains or b.kind in kind_named(a.kind).contains
+        return known or (inside and a.where == b.where)
+
+    scores = PairScores(scan, excluded)
+    pairs = scores.masking()
+    singly = str(step.accepted.effect) if step.accepted is not None else ""
+    beside = scores.beside(singly)[:1] if any(r.name == singly for r in scan.rows) else []
+    reached = beside[0].gain if beside else max((r.lm for r in scan.rows), default=0.0) / scan.lam_bar
+    if not pairs or pairs[0].gain - reached < CLEARLY:
+        return step
+    p_value = scores.p_value(pairs[0].gain, seed)
+    if p_value >= level / LOOKS:
+        return step
+
+    def together(pair: Pair) -> Stage | None:
+        progress(f"refit with {' and '.join(pair.names)} together: they hide each other")
+        new = [effect_of(entries[r.name], r, stage.effects) for r in pair.rows]
+        return _fitted(fit, (*stage.effects, *new), 2, stage, progress)
+
+    worth = [p for p in pairs if p.gain > 0.5 * pairs[0].gain][:FINALISTS]
+    tried = [(s, p) for s, p in zip(side_by_side(together, worth), worth, strict=True) if s is not None]
+    tried = [t for t in tried if bic_difference(t[0], stage) < -TIE and matters(t[0], stage)]
+    if not tried:
+        return step
+    tried.sort(key=lambda t: bic_difference(t[0], stage))
+    best = tried[0][0]
+    if step.stage is not None and bic_difference(best, step.stage) > -CLEARLY:
+        return step
+    if step.stage is not None and beside:
+        other = next(r for r in beside[0].rows if r.name != singly)
+        progress(f"refit with {singly} and {other.name}")
+        partner = effect_of(entries[other.name], other, step.stage.effects)
+        rival = _fitted(fit, (*step.stage.effects, partner), 1, step.stage, progress)
+        if rival is not None and bic_difference(best, rival) > -CLEARLY:
+            return step
+    return _both(step, stage, tried, min(1.0, LOOKS * p_value), fit, progress)
+
+
+def _fitted(
+    fit: Fit, effects: tuple[Effect, ...], new: int, start: Stage, progress: Callable[[str], None]
+) -> Stage | None:
+    """Return a stage fitted on trial; None if it cannot be simulated, or puts one of the last ``new`` to nothing."""
+    try:
+        stage = fit(f"+ {effects[-1]}", effects, start)
+    except (RuntimeError, ModelError) as error:
+        progress(f"{' and '.join(map(str, effects[-new:]))} could not be simulated: {error}")
+        return None
+    return stage if all(any(e.strengths.values()) for e in stage.effects[-new:]) else None
+
+
+def _both(
+    step: Step,
+    stage: Stage,
+    tried: Sequence[tuple[Stage, Pair]],
+    p_value: float,
+    fit: Fit,
+    progress: Callable[[str], None],
+) -> Step:
+    """Return the step with both effects of the best pair, that first which by itself is the better one."""
+    best = tried[0][0]
+    two = best.effects[-2:]
+    alone: list[tuple[float, Stage, Effect]] = []
+    for effect, other in (two, two[::-1]):
+        progress(f"refit with {effect} alone")
+        try:
+            by_itself = fit(f"+ {effect}", (*stage.effects, effect), stage)
+        except (RuntimeError, ModelError) as error:
+            progress(f"{effect} alone could not be simulated: {error}")
+            continue
+        alone.append((bic_difference(by_itself, stage), by_itself, other))
+    if not alone:
+        return step
+    difference, first, second = min(alone, key=lambda t: t[0])
+    ordered = (*best.effects[:-2], next(e for e in two if e is not second), second)
+    both = replace(best, name=f"+ {second}", effects=ordered)
+    rivals = _rivals(tried, stage, (str(ordered[-2]), str(second)))
+    accepted = [
+        Accepted(effect, p_value, change, rivals[str(effect)], hidden_by=str(other))
+        for effect, other, change in (
+            (ordered[-2], second, difference),
+            (second, ordered[-2], bic_difference(both, first)),
+        )
+    ]
+    return replace(step, first=(accepted[0], first), accepted=accepted[1], stage=both)
+
+
+def _rivals(
+    tried: Sequence[tuple[Stage, Pair]], stage: Stage, names: tuple[str, str]
+) -> Mapping[str, tuple[Rival, ...]]:
+    """Return for each effect of the best pair what stands in its place in the other pairs."""
+    least = bic_difference(tried[0][0], stage)
+    found: dict[str, list[Rival]] = {n: [] for n in names}
+    for other, pair in tried[1:]:
+        difference = bic_difference(other, stage) - least
+        new = [r for r in pair.rows if r.name not in names]
+        gone = next((n for n in names if n not in pair.names), names[-1])
+        kind = new[0].kind if len(new) == 1 else f"{new[0].kind} with {new[1].name}"
+        found[gone].append(Rival(kind, new[0].where, difference, True, difference < TIE))
+    return {n: tuple(r) for n, r in found.items()}
