@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -74,6 +74,8 @@ class Rig:
         Of a record.
     method, rtol
         Integrator of the rig; the model under test is run with another.
+    strengths : mapping of str to mapping of str to float
+        Of what is hidden, by ``kind@where`` and name, SI, in the place of those that are drawn.
     """
 
     seed: int = 0
@@ -86,6 +88,7 @@ class Rig:
     duration: float = 6.0
     method: str = "Rodas5P"
     rtol: float = 1e-8
+    strengths: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     #: Name of the machine, for messages and the truth.
     machine: ClassVar[str]
@@ -272,7 +275,17 @@ class Rig:
                     spread=spread,
                 )
                 found.append(Hidden(effect, where))
-        return found
+        return [self._as_given(h) for h in found]
+
+    def _as_given(self, hidden: Hidden) -> Hidden:
+        """Return an effect with the strengths that were given for it, if any."""
+        effect = hidden.effect
+        if effect is None or str(effect) not in self.strengths:
+            return hidden
+        given = self.strengths[str(effect)]
+        if unknown := set(given) - set(effect.strengths):
+            raise BenchError([f"strengths of {effect}: there is no '{n}'" for n in sorted(unknown)])
+        return replace(hidden, effect=replace(effect, strengths={**effect.strengths, **given}))
 
     def list(self) -> list[dict[str, Any]]:
         """Return everything that can be hidden, as ``truth.json`` would hold it, at its usual size."""

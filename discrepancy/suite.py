@@ -8,167 +8,33 @@ JSON-lines file, so that a run that was interrupted goes on where it stopped.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from discrepancy.trials import SUITES, Trial, file_name, page, rates, read_trials, told_as_slight, with_section
+from discrepancy.suite_cases import MACHINES, diagnosed, hidden_trial, machine_module, null_trial
+from discrepancy.suite_masking import masking_trial
+from discrepancy.trials import SUITES, Trial, file_name, page, rates, read_trials, with_section
 
 #: Machine, suite, seed and what is hidden.
 Task = tuple[str, str, int, tuple[str, ...]]
 
-__all__ = ["hidden_trial", "main", "null_trial", "run_suite"]
+__all__ = ["main", "run_suite"]
 
-TIMES_VISIBLE = 3.0
 TRIALS = 100
 NOT_FOUND_ALONE = ("unknown_force",)
-MACHINES = {"axis": "discrepancy.suite_axis"}
 BESIDES = ("peers", "resampled")  # comparisons, which have pages of their own
-
-
-def _module(machine: str) -> Any:
-    """Return the module of a virtual machine, with `case`, `sizes`, `names` and ``UNKNOWN`` as in the axis's.
-
-    It may say how many ``TRIALS`` are usual, and by ``SCALED = False`` that effects are hidden at their usual size.
-    """
-    import importlib
-
-    return importlib.import_module(MACHINES.get(machine, machine))
-
-
-def _diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axis", **rig: Any) -> Trial:
-    import time
-
-    from discrepancy.coverage import coverage
-    from discrepancy.study import Study
-
-    begun = time.perf_counter()
-    case = _module(machine).case(seed, list(hidden), **rig)
-    study = Study(case.setup(seed=seed))
-    conclusion = study.diagnose()
-    found = [s.accepted for s in study.stages if s.accepted is not None]
-    names = tuple(str(a.effect) for a in found)
-    tied = [[f"{r.kind}@{r.where}" for r in a.rivals if r.indistinguishable] for a in found]
-    truth = case.truth["effects"][0] if case.truth["effects"] else None
-    ratio = math.nan
-    if truth is not None and found and names[0] == f"{truth['kind']}@{truth['where']}":
-        last = next((e for e in study.stages[-1].effects if str(e) == names[0]), None)
-        if last is not None:
-            given = {k: v.get("stated", 0.0) for k, v in truth["parameters"].items() if k in last.strengths}
-            size = _size(truth)
-            ratio = math.hypot(*(last.strengths[k] - v for k, v in given.items())) / size if size else math.nan
-    unknown = conclusion.extra.get("unknown", {})
-    inside, outside = coverage(study.stages[-1], case.truth) if sorted(names) == sorted(hidden) else (0, ())
-    return Trial(
-        suite,
-        seed,
-        tuple(hidden),
-        conclusion.verdict,
-        names,
-        tuple(tied[0]) if tied else (),
-        ratio,
-        time.perf_counter() - begun,
-        told_as_slight(conclusion.slight, hidden),
-        over=str((truth or {}).get("over", "")),
-        curve_over=conclusion.unknown.regressor if conclusion.unknown is not None else "",
-        depends_on=str(unknown.get("depends_on") or ""),
-        tied=tuple(dict.fromkeys(name for group in tied for name in group)),
-        held_out=_beside_truth(study, hidden, names, case.truth["effects"]),
-        inside=inside,
-        outside=outside,
-    )
-
-
-def _beside_truth(study: Any, hidden: Sequence[str], named: Sequence[str], truth: Sequence[Mapping[str, Any]]) -> float:
-    """Return the error held out over that of the model with exactly what was hidden; nan where that cannot be had."""
-    import numpy as np
-
-    from discrepancy.catalogue import catalogue
-    from discrepancy.effects import Effect
-    from multibody.errors import ModelError
-
-    if not hidden or len(study.stages) < 2:
-        return math.nan
-    if set(hidden) == set(named):
-        return 1.0
-    start, experiment = study.stages[1], study.setup.identify[0]
-    entries = {e.name: e for e in catalogue(start.system, experiment.outputs, experiment.inputs)}
-    effects, bent = [], False
-    for each in truth:
-        entry = entries.get(f"{each['kind']}@{each['where']}")
-        if entry is None:
-            return math.nan
-        true = {k: float(v["value"]) for k, v in each["parameters"].items()}
-        strengths = {k: true.pop(k) for k in entry.kind.strengths}
-        bent |= not entry.kind.linear  # no short way leads to it from parameters that stand in its place
-        if entry.place is None:
-            effects.append(Effect(entry.kind.name, entry.where, strengths, true))
-        else:
-            parts = {"strengths": strengths, "shape": true, "load": entry.load}
-            effects.append(Effect.at_place(entry.kind.name, entry.place, **parts))
-    try:
-        best = study.fitted("truth", tuple(effects), start, start.noise, stated=bent).rmse("validate")
-    except (RuntimeError, ModelError):
-        return math.nan
-    last = study.stages[-1].rmse("validate")
-    return float(np.mean([last[n] / best[n] for n in last if best.get(n, 0.0) > 0.0]))
-
-
-def null_trial(seed: int, machine: str = "axis") -> Trial:
-    """Diagnose a correct model: whatever is named is a false alarm."""
-    return _diagnosed("null", seed, (), machine)
-
-
-@lru_cache(maxsize=8)
-def _visible(seed: int, machine: str = "axis") -> dict[str, float]:
-    """Return the smallest visible strength of every candidate on the records of a seed, nothing being hidden."""
-    from discrepancy.study import Study
-
-    study = Study(_module(machine).case(seed).setup(seed=seed))
-    scan = study.explain().scan
-    return {r.name: float(r.mde) for r in scan.rows}
-
-
-def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds", machine: str = "axis") -> Trial:
-    """Hide effects at three times their smallest visible strength, or at their usual size, and diagnose."""
-    if not getattr(_module(machine), "SCALED", True):
-        return _diagnosed(suite, seed, hidden, machine)
-    from discrepancy.from_scan import FURTHEST
-
-    visible = _visible(seed, machine)
-    usual = _module(machine).sizes(seed, list(hidden))
-    factors = []
-    for effect in usual:
-        name = f"{effect['kind']}@{effect['where']}"
-        size = _size(effect)
-        if name not in visible or not math.isfinite(visible[name]) or size == 0.0:
-            note = "no smallest visible strength: the effect is refused on these records"
-            return Trial(suite, seed, tuple(hidden), "refused", (), note=note)
-        stated = max((abs(v["stated"]) for v in effect["parameters"].values() if "stated" in v), default=math.inf)
-        if TIMES_VISIBLE * visible[name] > FURTHEST * stated:
-            note = f"these records would not show {FURTHEST:g} times the stated value"
-            return Trial(suite, seed, tuple(hidden), "refused", (), note=note)
-        factors.append(TIMES_VISIBLE * visible[name] / size)
-    return _diagnosed(suite, seed, hidden, machine, strength=max(factors))
-
-
-def _size(effect: Mapping[str, Any]) -> float:
-    """Return how strong an effect is, as ``truth.json`` holds it: what its strengths are beside what was stated."""
-    from discrepancy.kinds import kind_named
-
-    own = {k: v for k, v in effect["parameters"].items() if k in kind_named(effect["kind"]).strengths}
-    return math.hypot(*(v["value"] - v.get("stated", 0.0) for v in own.values()))
 
 
 def _plan(suite: str, trials: int, first: int, machine: str, sample: int = 0) -> list[Task]:
     import numpy as np
 
-    module, rng = _module(machine), np.random.default_rng(first)
+    module, rng = machine_module(machine), np.random.default_rng(first)
     if suite == "null":
         return [(machine, "null", first + k, ()) for k in range(trials)]
+    if suite == "masking":  # which effects hide each other, the records say
+        return [(machine, "masking", first + k, ()) for k in range(trials)]
     if suite == "unknown":
         return [(machine, "unknown", first + k, (module.UNKNOWN,)) for k in range(trials)]
     names = [n for n in module.names() if n.partition("@")[0] not in NOT_FOUND_ALONE]
@@ -187,10 +53,12 @@ def _run(task: Task) -> Trial:
     try:
         if suite == "null":
             return null_trial(seed, machine)
+        if suite == "masking":
+            return masking_trial(seed, machine)
         if suite == "unknown":
             from discrepancy.unknown_laws import OVER
 
-            return _diagnosed("unknown", seed, hidden, machine, over=OVER[seed % len(OVER)])
+            return diagnosed("unknown", seed, hidden, machine, over=OVER[seed % len(OVER)])
         return hidden_trial(seed, hidden, suite, machine)
     except Exception as error:  # one case that fails is a result too, and must not lose the others
         return Trial(suite, seed, hidden, "failed", (), note=f"{type(error).__name__}: {error}"[:300])
@@ -212,7 +80,7 @@ def run_suite(
 
     Parameters
     ----------
-    suite : {"null", "kinds", "pairs", "triples", "unknown"}
+    suite : {"null", "kinds", "pairs", "triples", "masking", "unknown"}
     trials : int
         Number of seeds (of each kind, for ``"kinds"``).
     out : Path
@@ -234,7 +102,7 @@ def run_suite(
     out.mkdir(parents=True, exist_ok=True)
     path = out / file_name(machine, suite)
     done = read_trials(path)
-    known = {(t.seed, t.hidden) for t in done}
+    known = {(t.seed, () if suite == "masking" else t.hidden) for t in done}
     left = [task for task in _plan(suite, trials, first, module or machine, sample) if (task[2], task[3]) not in known]
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool, path.open("a") as stream:
         for count, trial in enumerate(pool.map(_run, left), 1):
@@ -285,7 +153,7 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
     parser.add_argument("--quiet", action="store_true", help="no progress")
     args = parser.parse_args(list(arguments))
     if args.trials is None:
-        args.trials = getattr(_module(known[args.machine]), "TRIALS", TRIALS)
+        args.trials = getattr(machine_module(known[args.machine]), "TRIALS", TRIALS)
     unknown = [s for s in args.suites if s not in (*SUITES, *BESIDES)]
     if unknown or args.trials < 1:
         parser.error(
@@ -293,7 +161,7 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
             if unknown
             else "--trials must be at least 1"
         )
-    if "unknown" in args.suites and not _module(known[args.machine]).UNKNOWN:
+    if "unknown" in args.suites and not machine_module(known[args.machine]).UNKNOWN:
         parser.error(f"the virtual {args.machine} hides no unknown force: leave the suite 'unknown' out")
     if args.page is not None and not args.page.is_file():
         parser.error(f"--page {args.page}: there is no such file")

@@ -11,7 +11,8 @@ from typing import Any
 
 __all__ = ["SUITES", "Trial", "file_name", "page", "rates", "read_trials", "told_as_slight", "wilson", "with_section"]
 
-SUITES = ("null", "kinds", "pairs", "triples", "unknown")
+SUITES = ("null", "kinds", "pairs", "triples", "masking", "unknown")
+SEVERAL = ("pairs", "triples", "masking")  # suites in which everything that is hidden is to be named
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class Trial:
 
     Parameters
     ----------
-    suite : {"null", "kinds", "pairs", "triples", "unknown"}
+    suite : {"null", "kinds", "pairs", "triples", "masking", "unknown"}
     seed : int
     hidden : tuple of str
         ``kind@where``.
@@ -90,7 +91,7 @@ class Trial:
             return bool(self.found) or self.verdict == "unknown effect"
         if self.suite == "unknown":
             return self.verdict != "unknown effect" or self.over not in (self.curve_over, self.depends_on)
-        return not (self.all_found if self.suite in ("pairs", "triples") else self.in_tie)
+        return not (self.all_found if self.suite in SEVERAL else self.in_tie)
 
 
 def wilson(hits: int, trials: int) -> tuple[float, float]:
@@ -135,8 +136,8 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
             ("a wrong name", sum(t.verdict in ("effect found", "ambiguous") for t in trials), n),
             *_right_axis(trials),
         ]
-    if suite in ("pairs", "triples"):
-        word = "both" if suite == "pairs" else "all three"
+    if suite in SEVERAL:
+        word = "all three" if suite == "triples" else "both"
         return [
             (f"{word} named", sum(t.all_found for t in trials), n),
             (f"{word} named or tied with what is named", sum(t.all_tied for t in trials), n),

@@ -13,7 +13,7 @@ import pytest
 
 from discrepancy.axis import axis_case
 from discrepancy.study import Study
-from discrepancy.suite import hidden_trial, null_trial
+from discrepancy.suite_cases import hidden_trial, null_trial
 from discrepancy.trials import wilson
 
 

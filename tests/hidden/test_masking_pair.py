@@ -1,0 +1,66 @@
+"""Two effects of an axis that do nearly opposite things: one by one neither shows, and a third looks like the rest."""
+
+from __future__ import annotations
+
+import pytest
+
+from discrepancy.axis import AxisRig
+from discrepancy.diagnosis import to_diagnosis
+from discrepancy.study import Study
+
+#: A position sensor that is late, and a loop stiffer than stated, which makes up for it.
+HIDDEN = {
+    "sensor_delay@carriage.position": {"delay": 1.24e-3},
+    "position_loop_gain@controller": {"k_position": 20.48},
+}
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return AxisRig(seed=1, strengths=HIDDEN).case(list(HIDDEN)).setup(seed=1)
+
+
+@pytest.fixture(scope="module")
+def study(setup):
+    study = Study(setup)
+    study.diagnose()
+    return study
+
+
+def test_both_are_found_with_their_strengths(study):
+    effects = {str(e): e for e in study.stage.effects}
+    assert set(effects) == set(HIDDEN)
+    stated = {"delay": 0.0, "k_position": 20.0}
+    for name, (strength,) in ((n, tuple(s)) for n, s in HIDDEN.items()):
+        true = HIDDEN[name][strength] - stated[strength]
+        assert effects[name].strengths[strength] - stated[strength] == pytest.approx(true, rel=0.1)
+
+
+def test_the_story_says_that_they_hide_each_other(study):
+    first, second = (s.accepted for s in study.stages[2:])
+    assert (first.hidden_by, second.hidden_by) == (str(second.effect), str(first.effect))
+    alone, both = study.stages[2].rmse("validate"), study.stages[3].rmse("validate")
+    before = study.stages[1].rmse("validate")
+    assert all(alone[n] > 0.95 * before[n] for n in before)  # the error does not fall at the first step
+    assert all(both[n] < 0.95 * before[n] for n in before)
+    told = to_diagnosis(study.diagnose())
+    assert "hide each other" in told["sentence"]
+    assert [e["hidden_by"] for e in told["effects"]] == [str(second.effect), str(first.effect)]
+    assert not any("do not trust it" in w for w in told["warnings"])
+
+
+def test_one_step_at_a_time_names_something_else(setup, monkeypatch):
+    """What the look-ahead is for: without it the search of this case ends with effects that are not there."""
+    from discrepancy import study as module
+
+    monkeypatch.setattr(module, "look_ahead", lambda step, *args, **settings: step)
+    alone = Study(setup)
+    alone.diagnose()
+    assert not {str(e) for e in alone.stage.effects} & set(HIDDEN)
+
+
+def test_no_room_for_two_is_no_look_ahead(setup):
+    from dataclasses import replace
+
+    one = Study(replace(setup, max_effects=1))
+    assert one.explain().first is None
