@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from discrepancy.catalogue import Entry
     from discrepancy.verdict import Row
 
-__all__ = ["DIFFERENCE", "FURTHEST", "differs_from", "effect_of", "simpler_in"]
+__all__ = ["DIFFERENCE", "FURTHEST", "contained", "differs_from", "effect_of", "simpler_in"]
 
 FURTHEST = 10.0  # times a stated value, or its inverse, to which a straight line from it is followed; chosen
 DIFFERENCE = "difference"  # name of the one amplitude of a law with two sides where their mean is in the model already
@@ -25,6 +25,12 @@ def simpler_in(effects: Sequence[Effect], kind: str, where: str) -> list[Effect]
     """Return the effects of a model that a candidate contains: it would stand in their place."""
     inside = kind_named(kind).contains
     return [e for e in effects if e.kind in inside and e.where == where]
+
+
+def contained(a: Row, b: Row) -> bool:
+    """Tell whether one of two candidates at the same place is a limit of the other."""
+    inside = a.kind in kind_named(b.kind).contains or b.kind in kind_named(a.kind).contains
+    return inside and a.where == b.where
 
 
 def differs_from(effects: Sequence[Effect], kind: Kind, where: str) -> bool:

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 
 from discrepancy.catalogue import catalogue
 from discrepancy.effects import Effect
-from discrepancy.from_scan import effect_of, simpler_in
-from discrepancy.kinds import kind_named
-from discrepancy.pairs import Pair, PairScores
+from discrepancy.from_scan import contained, effect_of, simpler_in
+from discrepancy.pairs import Pair, PairScores, surprising_pairs
 from discrepancy.search import FINALISTS, LOOKS, TIE, Step
-from discrepancy.settle import CLEARLY
 from discrepancy.stage import Accepted, Rival, Stage
-from discrepancy.worth import bic_difference, matters
+from discrepancy.worth import CLEARLY, bic_difference, matters
 from multibody.errors import ModelError
 from multibody.side_by_side import side_by_side
 
@@ -59,7 +57,7 @@ def look_ahead(
     progress : callable
     """
     scan = step.scans[-1]
-    if scan.null.pieces.few or scan.scorer is None:
+    if scan.null.pieces.few:  # nothing shows what luck could do
         return step
     experiment = stage.identify.fits[0].experiment
     found = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
@@ -67,18 +65,12 @@ def look_ahead(
     refused = {e.name for e, _ in step.refused}
 
     def excluded(a: Row, b: Row) -> bool:
-        known = any(r.name in refused or simpler_in(stage.effects, r.kind, r.where) for r in (a, b))
-        inside = a.kind in kind_named(b.kind).contains or b.kind in kind_named(a.kind).contains
-        return known or (inside and a.where == b.where)
+        return contained(a, b) or any(r.name in refused or simpler_in(stage.effects, r.kind, r.where) for r in (a, b))
 
     scores = PairScores(scan, excluded)
-    pairs = scores.masking()
     singly = str(step.accepted.effect) if step.accepted is not None else ""
     beside = scores.beside(singly)[:1] if any(r.name == singly for r in scan.rows) else []
-    reached = beside[0].gain if beside else max((r.lm for r in scan.rows), default=0.0) / scan.lam_bar
-    if not pairs or pairs[0].gain - reached < CLEARLY:
-        return step
-    p_value = scores.p_value(pairs[0].gain, seed)
+    pairs, p_value = surprising_pairs(scores, seed, beside[0].gain if beside else None)
     if p_value >= level / LOOKS:
         return step
 

@@ -20,10 +20,11 @@ from discrepancy.verdict import Row
 if TYPE_CHECKING:
     from discrepancy.result import ScanResult
 
-__all__ = ["MASK", "Pair", "PairScores"]
+__all__ = ["Pair", "PairScores", "surprising_pairs"]
 
 MASK = 2.0  # times what two effects explain one by one that they explain together, if they hide each other; chosen
 APART = 1e-3  # share of an effect's energy that another must leave of it, to tell the two from each other; chosen
+MORE = 10.0  # twice the log-likelihood by which a pair must surpass what one effect leads to; chosen
 DRAWS = 200  # shuffled residuals that say what luck gives the best of all pairs
 
 
@@ -77,21 +78,42 @@ class _Beside:
     allowed: np.ndarray
 
 
+def surprising_pairs(scores: PairScores, seed: int, reached: float | None = None) -> tuple[list[Pair], float]:
+    """Return the pairs that hide each other, and the chance that luck explains as much as the best of them.
+
+    That chance is 1 where the best explains too little to be asked about.
+
+    Parameters
+    ----------
+    scores : PairScores
+    seed : int
+        Of the shuffled residuals.
+    reached : float, optional
+        Gain that the best pair must surpass by `MORE`; else that of the best candidate alone.
+    """
+    pairs = scores.masking()
+    least = (scores.most_alone if reached is None else reached) + MORE
+    if not pairs or pairs[0].gain < least:
+        return pairs, 1.0
+    return pairs, scores.p_value(pairs[0].gain, seed)
+
+
 class PairScores:
     """Joint scores of the candidates of a scan, two by two, each at the shape that fits it best by itself.
 
     Parameters
     ----------
     scan : ScanResult
-        Of at least one candidate.
     excluded : callable
         Says of two rows that they are not to be tried beside each other.
     """
 
     def __init__(self, scan: ScanResult, excluded: Callable[[Row, Row], bool] = lambda a, b: False) -> None:
-        assert scan.scorer is not None
-        columns = scan.scorer.columns
         self.scan, self.rows = scan, scan.rows
+        if scan.scorer is None or not scan.rows:
+            self._s = self._alone = np.zeros((0, 1))
+            return
+        columns = scan.scorer.columns
         groups = [columns.groups[r.group] for r in self.rows]
         ends = np.cumsum([g.cols.stop - g.cols.start for g in groups])
         self._cols = [np.arange(end - g.cols.stop + g.cols.start, end) for g, end in zip(groups, ends, strict=True)]
@@ -107,6 +129,11 @@ class PairScores:
         self._others = [[np.flatnonzero(tried[i] & (sizes == k)) for k in np.unique(sizes)] for i in range(n)]
         self._s = (self._Z.T @ scan.residual)[:, None]
         self._alone = self._own_gain(self._s)
+
+    @property
+    def most_alone(self) -> float:
+        """Gain of the best candidate by itself."""
+        return float(np.max(self._alone, initial=0.0)) / self.scan.lam_bar
 
     def masking(self) -> list[Pair]:
         """Return the pairs that hide each other, those first that explain most."""

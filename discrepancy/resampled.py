@@ -30,7 +30,6 @@ __all__ = [
     "read_resampled",
     "resample",
     "resampled_alarms",
-    "resampled_page",
 ]
 
 SHIFT = "circular shift and sign"
@@ -55,7 +54,9 @@ class Resampled:
     plain, whitened, curves : str
         What the plain scan, the whitened scan and the scan of free curves declare missing; empty for nothing.
     p : float
-        Smallest family-wise p of the three.
+        Smallest family-wise p of them.
+    pairs : str
+        The same of two effects that hide each other.
     """
 
     number: int
@@ -64,11 +65,12 @@ class Resampled:
     whitened: str
     curves: str
     p: float
+    pairs: str = ""
 
     @property
     def alarm(self) -> bool:
-        """True if any of the three scans declares anything missing."""
-        return bool(self.plain or self.whitened or self.curves)
+        """True if any of the looks declares anything missing."""
+        return bool(self.plain or self.whitened or self.pairs or self.curves)
 
 
 def resample(blocks: Sequence[Array], scheme: str, memory: float, rng: np.random.Generator) -> list[Array]:
@@ -257,10 +259,10 @@ def resampled_alarms(
     """Scan resampled residuals; an interrupted run goes on.
 
     Repeated for every trial: the whitening filters, the projection of the residual, all scores and all shuffled nulls
-    of the three scans.  Done once: the simulation, its sensitivities, the candidates' columns, and the weights of the
-    outputs in the scans that do not whiten; recalibration is what the projection does to first order.  Left out: the
-    refit in full simulation with its demand that BIC falls and that the change reaches the noise, which can only take
-    alarms away.
+    of the three scans and of the pairs. Done once: the simulation, its sensitivities, the candidates' columns, and the
+    weights of the outputs in the scans that do not whiten; recalibration is what the projection does to first order.
+    Left out: the refit in full simulation with its demand that BIC falls and that the change reaches the noise, which
+    can only take alarms away.
 
     Parameters
     ----------
@@ -270,10 +272,12 @@ def resampled_alarms(
     out : Path
         Folder of ``resampled.jsonl``.
     level : float
-        Of the study; each of the three scans has its share.
+        Of the study; each look has its share.
     seed : int
         First number.
     """
+    from discrepancy.from_scan import contained
+    from discrepancy.pairs import PairScores, surprising_pairs
     from discrepancy.scan import judge, scan
     from discrepancy.search import LOOKS
     from discrepancy.unknown import holds
@@ -296,14 +300,20 @@ def resampled_alarms(
     with path.open("a") as stream:
         for count, number in enumerate(left, 1):
             scheme, made = given.draw(number)
-            told, least = {"plain": "", "whitened": "", "curves": ""}, 1.0
-            for which in told:  # as in the search: what has been found already is not looked for again
+            told, least = {"plain": "", "whitened": "", "pairs": "", "curves": ""}, 1.0
+            for which in ("plain", "whitened", "curves"):  # what has been found already is not looked for again
                 found = look(which, made, number)
                 missing = [r for r in found.rows if (holds(r) if which == "curves" else r.verdict is Verdict.MISSING)]
                 least = min([least, *(r.p for r in found.rows)])
                 if missing:
                     told[which] = missing[0].name
                     break
+                if which == "whitened":
+                    pairs, p = surprising_pairs(PairScores(found, contained), number)
+                    least = min(least, p)
+                    if p < level / LOOKS:
+                        told["pairs"] = " and ".join(pairs[0].names)
+                        break
             trial = Resampled(number, scheme, **told, p=float(least))
             stream.write(json.dumps(asdict(trial)) + "\n")
             stream.flush()
@@ -336,56 +346,3 @@ def read_resampled(path: Path) -> list[Resampled]:
     if not path.exists():
         return []
     return [Resampled(**json.loads(line)) for line in path.read_text().splitlines() if line.strip()]
-
-
-def resampled_page(
-    trials: Sequence[Resampled],
-    study: str,
-    effects: Sequence[str],
-    level: float,
-    date: str,
-    again: tuple[float, float] = (0.0, 0.0),
-    caution: str = "",
-) -> str:
-    """Return the result as a section (Markdown); ``again`` is what `repeats` says of the best model's records.
-
-    ``caution`` is `Shared.caution`.
-    """
-    from discrepancy.trials import wilson
-
-    untied = [t for t in trials if t.scheme != SHIFT or again[1] < REPEATS]
-
-    def row(what: str, part: Sequence[Resampled], hits: int) -> str:
-        low, high = wilson(hits, len(part))
-        return f"| {what} | {hits} | {len(part)} | {hits / max(len(part), 1):.1%} | {low:.1%} to {high:.1%} |"
-
-    lines = [
-        f"Made by `vtsdt validate discrepancy resampled --study {study}` on {date}, numbers "
-        f"{min(t.number for t in trials)} to {max(t.number for t in trials)}. The best model has "
-        f"{', '.join(effects) or 'no effect added'}; level {level:g}.",
-        "",
-        "| | alarms | trials | rate | 95 % interval |",
-        "|---|---|---|---|---|",
-        row("any alarm", untied, sum(t.alarm for t in untied)),
-    ]
-    for scheme in SCHEMES:
-        part = [t for t in trials if t.scheme == scheme]
-        if part:
-            lines.append(row(scheme, part, sum(t.alarm for t in part)))
-    for what in ("plain", "whitened", "curves"):
-        lines.append(row(f"of the {what} scan", untied, sum(bool(getattr(t, what)) for t in untied)))
-    if len(untied) < len(trials):
-        lines += [
-            "",
-            f"Circular shifts of a whole record do not count: its inputs repeat after {again[0]:.3g} s (likeness "
-            f"{again[1]:.2f}), so that a shifted residual still follows the motion: what is found there is no false "
-            "alarm but tells that the best model leaves something that follows the motion.",
-        ]
-    lines += ["", caution] if caution else []
-    lines += ["", "Alarms:", ""]
-    lines += [
-        f"- {t.number}, {t.scheme}: {', '.join(x for x in (t.plain, t.whitened, t.curves) if x)} (p = {t.p:.2g})"
-        for t in trials
-        if t.alarm
-    ]
-    return "\n".join(lines)

@@ -14,12 +14,11 @@ from discrepancy.left_out import left_out_difference
 from discrepancy.search import LOOKS, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.unknown import CurveOffer, offer_curves
-from discrepancy.worth import above_floor, bic_difference, matters, taken
+from discrepancy.worth import CLEARLY, above_floor, bic_difference, matters, taken
 from multibody.errors import ModelError
 
 __all__ = ["curve_instead", "drop_idle", "free_curve", "lasts", "replace_by_curve"]
 
-CLEARLY = 10.0  # difference of BIC that counts as strong evidence (Kass and Raftery 1995)
 BENT = 3.0  # times what the linear model promises that a refit may take away: up to 2.8 seen (docs/method/which-law.md)
 SHARE = 0.03  # a curve must take this share more of the error away before a law is given up for it; chosen
 REPEATS = 2.0  # periods within the motion from which a wave is seen to repeat; chosen

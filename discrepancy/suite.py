@@ -237,7 +237,8 @@ def _resampled(args: Any) -> None:
     from rich.console import Console
     from rich.markdown import Markdown
 
-    from discrepancy.resampled import Shared, best_stage, repeats, resampled_alarms, resampled_page
+    from discrepancy.resampled import Shared, best_stage, repeats, resampled_alarms
+    from discrepancy.resampled_page import resampled_page
 
     progress = (lambda text: None) if args.quiet else _tell
     stage, level = best_stage(args.study, args.out, progress)

@@ -9,8 +9,9 @@ from discrepancy.stage import Stage
 from discrepancy.stated import pull
 from estimation.correlation import correlation_time
 
-__all__ = ["above_floor", "bic_difference", "loud", "matters", "taken"]
+__all__ = ["CLEARLY", "above_floor", "bic_difference", "loud", "matters", "taken"]
 
+CLEARLY = 10.0  # difference of BIC that counts as strong evidence (Kass and Raftery 1995)
 LOUD = 2.0  # times its noise floor from which what is left of an output asks for an answer; chosen, not measured
 
 

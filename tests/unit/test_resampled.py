@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.resampled import SCHEMES, Resampled, resample, resampled_page
+from discrepancy.resampled import SCHEMES, Resampled, resample
+from discrepancy.resampled_page import resampled_page
 
 
 @pytest.fixture(scope="module")

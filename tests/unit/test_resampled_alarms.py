@@ -10,7 +10,8 @@ import pytest
 
 from discrepancy import synthetic
 from discrepancy.peers_methods import ON_COLUMNS
-from discrepancy.resampled import SCHEMES, Resampled, Shared, read_resampled, resampled_alarms, resampled_page
+from discrepancy.resampled import SCHEMES, Resampled, Shared, read_resampled, resampled_alarms
+from discrepancy.resampled_page import resampled_page
 from discrepancy.resampled_peers import ResampledPeers, resampled_case, resampled_peers_page
 from discrepancy.whitened import plain_weights, plainly_weighed, whiten_all
 
