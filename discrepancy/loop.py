@@ -117,7 +117,9 @@ class Search:
         from discrepancy.beyond import beyond_priors
 
         self.study.progress("would parameters outside their stated uncertainty explain as much?")
-        self.study.beyond = beyond_priors(self.study, self.study.stages[1], self._found[0])
+        found = self._found
+        first = found[1] if len(found) > 1 and found[0].accepted and found[0].accepted.hidden_by else found[0]
+        self.study.beyond = beyond_priors(self.study, self.study.stages[1], first)
 
     def _settle(self) -> None:
         """Take out what the latest effect has made idle, and several laws at one place if one curve tells more."""

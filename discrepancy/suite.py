@@ -163,6 +163,8 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
         )
     if "unknown" in args.suites and not machine_module(known[args.machine]).UNKNOWN:
         parser.error(f"the virtual {args.machine} hides no unknown force: leave the suite 'unknown' out")
+    if "masking" in args.suites and not getattr(machine_module(known[args.machine]), "SCALED", True):
+        parser.error(f"the virtual {args.machine} hides its effects at their usual size: leave the suite 'masking' out")
     if args.page is not None and not args.page.is_file():
         parser.error(f"--page {args.page}: there is no such file")
     if "resampled" in args.suites and args.study is None:

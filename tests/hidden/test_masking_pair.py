@@ -64,3 +64,19 @@ def test_no_room_for_two_is_no_look_ahead(setup):
 
     one = Study(replace(setup, max_effects=1))
     assert one.explain().first is None
+
+
+def test_pairs_of_the_suite_cancel_as_far_as_they_can():
+    from discrepancy.kinds import kind_named
+    from discrepancy.suite_masking import masking_pair
+
+    pair = masking_pair(1)
+    assert len(pair) == 2
+    for name, strengths in pair.items():
+        assert set(strengths) == set(kind_named(name.partition("@")[0]).strengths)
+    none = Study(AxisRig(seed=1).case([]).setup(seed=1)).explain().scan
+    both = Study(AxisRig(seed=1, strengths=pair).case(list(pair)).setup(seed=1)).explain().scan
+    from discrepancy.pairs import PairScores
+
+    seen = next(p for p in PairScores(both).masking() if set(p.names) == set(pair))
+    assert seen.gain > 4.0 * none[seen.names[0]].needed ** 2  # hidden at three times what shows, in amplitude

@@ -89,6 +89,9 @@ def test_the_machine_is_reached_by_its_name_and_hides_no_unknown_force(tmp_path,
     with pytest.raises(SystemExit):
         main(["unknown", "--machine", "gear", "--out", str(tmp_path)])
     assert "hides no unknown force" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["masking", "--machine", "gear", "--out", str(tmp_path)])
+    assert "leave the suite 'masking' out" in capsys.readouterr().err
 
 
 def test_trials_that_are_there_are_not_run_again(tmp_path, monkeypatch) -> None:
