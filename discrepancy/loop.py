@@ -15,6 +15,7 @@ from discrepancy.worth import bic_difference
 
 if TYPE_CHECKING:
     from discrepancy.study import Study
+    from discrepancy.swap import Swap
 
 __all__ = ["Search"]
 
@@ -33,9 +34,14 @@ class Search:
     def run(self) -> None:
         """Go on from where the study stands."""
         study = self.study
+        other = study.stage.accepted.hidden_by if study.stage.accepted is not None else ""
+        if other and other not in map(str, study.stage.effects):
+            study.undo()  # a search was broken off between two effects that hide each other: they come together
         if not study.settled:
             self._settle()
         self._add_significant()
+        while study.unless_it_fails("whether another effect does better", self._swap):
+            self._add_significant()
         study.unless_it_fails("whether a curve tells more", self._free_curves)
         whole = study.mode == "simulation" and study.given.residual == "auto"
         if not self._found and whole and study.cut_into_windows(study.stages[1].rmse("identify")):
@@ -179,6 +185,46 @@ class Search:
             self.study.stages[:] = before
             raise
         self.study.stages[-1] = replace(self.study.stages[-1], notes=(note,))
+
+    def _swap(self) -> bool:
+        """Put another effect in the place of one found before, if it does better beside the later ones; say so."""
+        from discrepancy.swap import better_in_its_place
+
+        study = self.study
+        if len(study.stage.effects) > 1:
+            study.scan_again()
+        swap = better_in_its_place(study.stages, study.refit, study.progress)
+        if swap is None:
+            return False
+        note = f"{swap.new} stands in the place of {swap.old}: beside what was found later it does better"
+        study.progress(note)
+        before = list(study.stages)
+        try:
+            del study.stages[swap.index :]
+            for stage in before[swap.index :]:
+                self._tell_anew(stage, swap)
+            study.stages[swap.index] = replace(study.stages[swap.index], notes=(note,))
+            better = bic_difference(study.stage, before[-1]) < 0.0
+        except RuntimeError as error:
+            study.progress(f"the machine could not be simulated with it at every stage: {error}")
+            better = False
+        except BaseException:  # interrupted: what was there before stays
+            study.stages[:] = before
+            raise
+        if not better:
+            study.stages[:] = before
+        study.made()
+        return better
+
+    def _tell_anew(self, stage: Stage, swap: Swap) -> None:
+        """Make a stage of the story again, with an effect in the place of another."""
+        told = {e.component_name for e in stage.effects} - {swap.old.component_name} | {swap.new.component_name}
+        effects = tuple(e for e in swap.stage.effects if e.component_name in told)
+        assert stage.accepted is not None
+        name = f"+ {swap.accepted(stage.accepted, 0.0).effect}"
+        made = self.study.fitted(name, effects, swap.stage, stage.noise)
+        accepted = swap.accepted(stage.accepted, bic_difference(made, self.study.stage))
+        self.study.stages.append(replace(made, accepted=accepted))
 
     def _free_curves(self) -> None:
         """Ask whether a curve tells the truth better than the laws found, or finds what no law did."""

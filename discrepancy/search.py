@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from discrepancy.scan import ScanResult
     from discrepancy.verdict import Row
 
-__all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scan_preparation", "search_step"]
+__all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scan_preparation", "scored", "search_step"]
 
 SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 FINALISTS = 3
@@ -101,6 +101,28 @@ def scan_preparation(stage: Stage) -> Preparation:
     )
 
 
+def scored(
+    stage: Stage,
+    *,
+    include: Sequence[str],
+    exclude: Sequence[str],
+    level: float,
+    seed: int,
+    progress: Callable[[str], None],
+) -> tuple[list[ScanResult], list[Candidate], list[tuple[Entry, str]]]:
+    """Return the scans of a stage's residual, what was scored, and what these records cannot speak about.
+
+    Parameters as of `search_step`.
+    """
+    facts = facts_of(stage, scan_preparation(stage))
+    experiment = stage.identify.fits[0].experiment
+    entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
+    candidates, refused = candidate_columns(facts, entries, progress, stage.effects, curves=not stage.effects)
+    residual, sensitivities = facts.residual(), facts.sensitivities()
+    progress(f"scores of {len(candidates)} candidates")
+    return _scans(residual, sensitivities, candidates, level, seed, stage.noise), candidates, refused
+
+
 def search_step(
     stage: Stage,
     refit: Refit,
@@ -124,13 +146,9 @@ def search_step(
     seed : int
     progress : callable
     """
-    facts = facts_of(stage, scan_preparation(stage))
-    experiment = stage.identify.fits[0].experiment
-    entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
-    candidates, refused = candidate_columns(facts, entries, progress, stage.effects, curves=not stage.effects)
-    residual, sensitivities = facts.residual(), facts.sensitivities()
-    progress(f"scores of {len(candidates)} candidates")
-    scans = _scans(residual, sensitivities, candidates, level, seed, stage.noise)
+    scans, candidates, refused = scored(
+        stage, include=include, exclude=exclude, level=level, seed=seed, progress=progress
+    )
     rows = _finalists(scans, [c.name for c in candidates], stage.effects)
     if not rows:
         return Step(tuple(scans), None, None, tuple(refused))

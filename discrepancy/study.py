@@ -12,7 +12,7 @@ import numpy as np
 from discrepancy.effects import Effect
 from discrepancy.fitted import fitted_stage
 from discrepancy.look_ahead import look_ahead
-from discrepancy.search import Step, search_step
+from discrepancy.search import Step, scored, search_step
 from discrepancy.setup import Setup, from_file, noise_floors
 from discrepancy.stage import Accepted, Stage
 from discrepancy.standing import standing
@@ -256,22 +256,33 @@ class Study:
 
     def explain(self) -> Step:
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""
-        step = search_step(
-            self.stage,
-            self.tried,
-            include=self.setup.include, exclude=self.setup.exclude, level=self.setup.level,
-            seed=self.setup.seed + len(self.stages), progress=self.progress,
-        )  # fmt: skip
+        asked = self._asked(len(self.stages))
+        step = search_step(self.stage, self.tried, **asked)
         if self.setup.max_effects - len(self.stage.effects) > 1:
-            step = look_ahead(
-                step, self.stage, self.refit,
-                include=self.setup.include, exclude=self.setup.exclude, level=self.setup.level,
-                seed=self.setup.seed + len(self.stages), progress=self.progress,
-            )  # fmt: skip
+            step = look_ahead(step, self.stage, self.refit, **asked)
         step = standing(step, self.stage, lambda trial: self.fitted(trial.name, trial.effects, trial, trial.noise))
         self.steps.append(step)
         self.stages[-1] = replace(self.stages[-1], scan=step.scan)
         return step
+
+    def _asked(self, count: int) -> dict[str, Any]:
+        """Return how candidates are scored on the last of so many stages."""
+        given = self.setup
+        return {
+            "include": given.include, "exclude": given.exclude, "level": given.level, "seed": given.seed + count,
+            "progress": self.progress,
+        }  # fmt: skip
+
+    def scan_again(self) -> None:
+        """Score the candidates once more at the stages from which the search went on, where that is not known any more.
+
+        A history holds the stages of an interrupted search without their scans.
+        """
+        for k, after in enumerate(self.stages[1:], 1):
+            before = self.stages[k - 1]
+            if after.accepted is not None and before.scan is None:
+                scans, *_ = scored(before, **self._asked(k))
+                self.stages[k - 1] = replace(before, scan=scans[0])
 
     def diagnose(self) -> Conclusion:
         """Explain and add, again and again, until nothing significant is left; then conclude."""

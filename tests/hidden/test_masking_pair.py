@@ -59,6 +59,39 @@ def test_one_step_at_a_time_names_something_else(setup, monkeypatch):
     assert not {str(e) for e in alone.stage.effects} & set(HIDDEN)
 
 
+class Interrupter:
+    """Presses Ctrl-C when a certain line of progress comes."""
+
+    def __init__(self, word: str) -> None:
+        self.word = word
+
+    def __call__(self, text: str) -> None:
+        if self.word and text.startswith(self.word):
+            self.word = ""
+            raise KeyboardInterrupt
+
+
+def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(setup, tmp_path):
+    from dataclasses import replace
+
+    from discrepancy.history import restore, save_history
+
+    few = replace(setup, include=("sensor_delay@*", "position_loop_gain@*", "speed_loop_gain@*", "viscous_friction@*"))
+    whole, broken, again = Study(few), Study(few, progress=Interrupter("add position_loop")), Study(few)
+    whole.diagnose()
+    broken.checkpoint = lambda s: save_history(s, tmp_path / "history.json")
+    broken.diagnose()
+    assert len(broken.stages) == len(whole.stages) - 1
+    restore(again, tmp_path / "history.json")
+    again.diagnose()
+    assert [s.name for s in again.stages] == [s.name for s in whole.stages]
+    assert [s.accepted and s.accepted.hidden_by for s in again.stages] == [
+        s.accepted and s.accepted.hidden_by for s in whole.stages
+    ]
+    for mine, theirs in zip(again.stages, whole.stages, strict=True):
+        assert mine.rmse("validate") == pytest.approx(theirs.rmse("validate"), rel=1e-9)
+
+
 def test_no_room_for_two_is_no_look_ahead(setup):
     from dataclasses import replace
 

@@ -1,0 +1,37 @@
+"""An effect that gives way to another one in its place: what is told of it then."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from discrepancy.effects import Effect
+from discrepancy.stage import Accepted, Rival
+from discrepancy.swap import Swap, better_in_its_place
+
+MOTOR = Effect("sensor_gain", "motor.torque", {"gain": 0.1})
+GUIDE = Effect("sensor_gain", "carriage.position", {"gain": 0.1})
+LATE = Effect("sensor_delay", "carriage.position", {"delay": 1e-3})
+
+
+def swap() -> Swap:
+    return Swap(2, MOTOR, GUIDE, SimpleNamespace(), better=14.0)
+
+
+def test_the_old_effect_becomes_the_first_rival_and_the_new_one_is_none_any_more() -> None:
+    other = Rival("sensor_offset", "motor.torque", 20.0, True, False)
+    rivals = (Rival(GUIDE.kind, GUIDE.where, 3.0, True, True), other)
+    told = swap().accepted(Accepted(MOTOR, 1e-6, -50.0, rivals), delta_bic=-64.0)
+    assert (told.effect, told.p_value, told.delta_bic) == (GUIDE, 1e-6, -64.0)
+    assert told.rivals == (Rival(MOTOR.kind, MOTOR.where, 14.0, True, False), other)
+
+
+def test_the_others_stay_and_name_the_new_one_where_the_old_one_hid_them() -> None:
+    told = swap().accepted(Accepted(LATE, 1e-6, -50.0, hidden_by=str(MOTOR)), delta_bic=-9.0)
+    assert (told.effect, told.delta_bic, told.hidden_by) == (LATE, -9.0, str(GUIDE))
+
+
+def test_one_effect_is_not_asked_again() -> None:
+    def never(*args: object) -> None:
+        raise AssertionError("nothing is to be fitted")
+
+    assert better_in_its_place([SimpleNamespace(effects=(MOTOR,))], never, never) is None
