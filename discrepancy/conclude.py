@@ -25,7 +25,7 @@ from discrepancy.stage import Accepted, Stage
 from discrepancy.stated import outside, told
 from discrepancy.trend import Trend, parameter_trends
 from discrepancy.verdict import Verdict
-from discrepancy.wording import quantity
+from discrepancy.wording import quantity, rival_title
 
 if TYPE_CHECKING:
     from discrepancy.study import Study
@@ -137,7 +137,8 @@ def _verdict(accepted: Sequence[Accepted]) -> str:
         return "nothing missing"
     if any(a.effect.definition.free_form for a in accepted):
         return "unknown effect"
-    return "ambiguous" if accepted[-1].ambiguous else "effect found"
+    last = accepted[-2:] if accepted[-1].hidden_by else accepted[-1:]  # of two that hide each other, both
+    return "ambiguous" if any(a.ambiguous for a in last) else "effect found"
 
 
 def _title(kind: str) -> str:
@@ -165,7 +166,8 @@ def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
     text += f" {100 * explained(found)[0]:.0f} % of the mean square error above the noise floor is gone."
     if accepted[-1].ambiguous:
         rivals = [r for r in accepted[-1].rivals if r.indistinguishable and r.kind != accepted[-1].effect.kind]
-        text += f" These records cannot tell {names[-1]} from {_title(rivals[0].kind)} at {rivals[0].where}."
+        both = f"{names[-2]} with {names[-1]}" if len(rivals[0].names) > 1 else names[-1]
+        text += f" These records cannot tell {both} from {rival_title(rivals[0])}."
     return text
 
 
@@ -288,7 +290,7 @@ def _next(
             if r.indistinguishable and r.kind != a.effect.kind:
                 other = kind_named(r.kind.split(" ")[0]).text.confirm
                 found.append(
-                    f"To tell {_title(a.effect.kind)} at {a.effect.where} from {_title(r.kind)} at {r.where}: "
+                    f"To tell {_title(a.effect.kind)} at {a.effect.where} from {rival_title(r)}: "
                     f"{kind_named(a.effect.kind).text.confirm} For the other: {other}"
                 )
             elif r.indistinguishable and r.where != a.effect.where:

@@ -10,7 +10,7 @@ from discrepancy.catalogue import catalogue
 from discrepancy.effects import Effect
 from discrepancy.from_scan import contained, effect_of, simpler_in
 from discrepancy.pairs import Pair, PairScores, surprising_pairs
-from discrepancy.search import FINALISTS, LOOKS, TIE, Step
+from discrepancy.search import LOOKS, TIE, Step
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.worth import CLEARLY, bic_difference, matters
 from multibody.errors import ModelError
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["look_ahead"]
 
 Fit = Callable[[str, tuple[Effect, ...], Stage], Stage]
+
+PAIRS = 5  # pairs that do not all but the same, and are refitted; chosen
 
 
 def look_ahead(
@@ -79,8 +81,15 @@ def look_ahead(
         new = [effect_of(entries[r.name], r, stage.effects) for r in pair.rows]
         return _fitted(fit, (*stage.effects, *new), 2, stage, progress)
 
-    worth = [p for p in pairs if p.gain > 0.5 * pairs[0].gain][:FINALISTS]
-    tried = [(s, p) for s, p in zip(side_by_side(together, worth), worth, strict=True) if s is not None]
+    families: list[list[Pair]] = []
+    for pair in (p for p in pairs if p.gain > 0.5 * pairs[0].gain):
+        family = next((f for f in families if scores.alike(pair, f[0])), None)
+        if family is not None:
+            family.append(pair)
+        elif len(families) < PAIRS:
+            families.append([pair])
+    fits = side_by_side(lambda f: together(f[0]), families)
+    tried = [(s, f) for s, f in zip(fits, families, strict=True) if s is not None]
     tried = [t for t in tried if bic_difference(t[0], stage) < -TIE and matters(t[0], stage)]
     if not tried:
         return step
@@ -113,7 +122,7 @@ def _fitted(
 def _both(
     step: Step,
     stage: Stage,
-    tried: Sequence[tuple[Stage, Pair]],
+    tried: Sequence[tuple[Stage, Sequence[Pair]]],
     p_value: float,
     fit: Fit,
     progress: Callable[[str], None],
@@ -147,15 +156,19 @@ def _both(
 
 
 def _rivals(
-    tried: Sequence[tuple[Stage, Pair]], stage: Stage, names: tuple[str, str]
+    tried: Sequence[tuple[Stage, Sequence[Pair]]], stage: Stage, names: tuple[str, str]
 ) -> Mapping[str, tuple[Rival, ...]]:
-    """Return for each effect of the best pair what stands in its place in the other pairs."""
-    least = bic_difference(tried[0][0], stage)
+    """Return for each effect of the best pair what stands in its place in the others; two new ones go with the last.
+
+    Of pairs that all but do the same only the first was refitted; the others are known by the scan alone.
+    """
+    least, own = bic_difference(tried[0][0], stage), tried[0][1]
+    others = [(p, own[0].gain - p.gain, False) for p in own[1:]]
+    others += [(f[0], bic_difference(s, stage) - least, True) for s, f in tried[1:]]
     found: dict[str, list[Rival]] = {n: [] for n in names}
-    for other, pair in tried[1:]:
-        difference = bic_difference(other, stage) - least
+    for pair, difference, refitted in others:
         new = [r for r in pair.rows if r.name not in names]
-        gone = next((n for n in names if n not in pair.names), names[-1])
+        gone = names[-1] if len(new) == 2 else next(n for n in names if n not in pair.names)
         kind = new[0].kind if len(new) == 1 else f"{new[0].kind} with {new[1].name}"
-        found[gone].append(Rival(kind, new[0].where, difference, True, difference < TIE))
-    return {n: tuple(r) for n, r in found.items()}
+        found[gone].append(Rival(kind, new[0].where, float(difference), refitted, difference < TIE))
+    return {n: tuple(sorted(r, key=lambda r: r.delta_bic)) for n, r in found.items()}

@@ -15,6 +15,7 @@ import numpy as np
 
 from discrepancy.blocks import Array
 from discrepancy.null import cut, shuffled, tail_p
+from discrepancy.ties import canonical_correlation
 from discrepancy.verdict import Row
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ __all__ = ["Pair", "PairScores", "surprising_pairs"]
 
 MASK = 2.0  # times what two effects explain one by one that they explain together, if they hide each other; chosen
 APART = 1e-3  # share of an effect's energy that another must leave of it, to tell the two from each other; chosen
+TWINS = 0.999  # correlation from which a refit of a second pair would tell next to nothing; chosen
 MORE = 10.0  # twice the log-likelihood by which a pair must surpass what one effect leads to; chosen
 DRAWS = 200  # shuffled residuals that say what luck gives the best of all pairs
 
@@ -144,6 +146,16 @@ class PairScores:
         """Return the pairs of one candidate with every other, those first that explain most."""
         k = next(i for i, r in enumerate(self.rows) if r.name == name)
         return sorted(self._pairs(k), key=lambda p: -p.gain)
+
+    def alike(self, one: Pair, other: Pair) -> bool:
+        """Tell whether two pairs all but do the same, effect by effect."""
+
+        def same(a: Row, b: Row) -> bool:
+            i, j = (next(k for k, r in enumerate(self.rows) if r.name == x.name) for x in (a, b))
+            return i == j or canonical_correlation(self._Z[:, self._cols[i]], self._Z[:, self._cols[j]]) >= TWINS
+
+        (a, b), (c, d) = one.rows, other.rows
+        return (same(a, c) and same(b, d)) or (same(a, d) and same(b, c))
 
     def p_value(self, gain: float, seed: int) -> float:
         """Return the chance that luck gives any two candidates that hide each other a joint gain as large.

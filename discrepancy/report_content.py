@@ -13,7 +13,15 @@ from discrepancy.kinds import KindText, kinds
 from discrepancy.plotting import unit_text
 from discrepancy.report_method import how, records
 from discrepancy.stage import Accepted, Stage
-from discrepancy.wording import interval_words, luck_words, quantity, ratio_words, rival_words, share_words
+from discrepancy.wording import (
+    interval_words,
+    luck_words,
+    quantity,
+    ratio_words,
+    rival_title,
+    rival_words,
+    share_words,
+)
 
 __all__ = ["content"]
 
@@ -184,7 +192,7 @@ def _effect(conclusion: Conclusion, accepted: Accepted) -> Entry:
         "hidden_by": _hidden_by(conclusion, accepted),
         "falls": _falls(conclusion, before, stage),
         "ambiguous": accepted.ambiguous,
-        "tied": [f"{kind_text(r.kind).title} at {r.where}" for r in accepted.rivals if r.indistinguishable],
+        "tied": [rival_title(r) for r in accepted.rivals if r.indistinguishable],
     }
 
 
@@ -250,8 +258,8 @@ def _rivals(conclusion: Conclusion) -> list[Entry]:
     for accepted in conclusion.accepted:
         rows = [
             {
-                "title": kind_text(r.kind).title,
-                "where": r.where,
+                "title": " with ".join(kind_text(n.partition("@")[0]).title for n in r.names),
+                "where": " and ".join(n.partition("@")[2] for n in r.names),
                 "told": rival_words(r),
                 "delta": f"{r.delta_bic:+.0f}" if math.isfinite(r.delta_bic) else "",
                 "tied": r.indistinguishable,

@@ -41,6 +41,12 @@ class Rival:
     refitted: bool
     indistinguishable: bool
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """``kind@where`` of the effects that it consists of: ``"a with b@x"`` at y are a at y and b at x."""
+        first, *more = self.kind.split(" with ")
+        return f"{first}@{self.where}", *more
+
 
 @dataclass(frozen=True)
 class Accepted:

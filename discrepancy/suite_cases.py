@@ -51,7 +51,7 @@ def diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axis
     conclusion = study.diagnose()
     found = [s.accepted for s in study.stages if s.accepted is not None]
     names = tuple(str(a.effect) for a in found)
-    tied = [[f"{r.kind}@{r.where}" for r in a.rivals if r.indistinguishable] for a in found]
+    tied = [[n for r in a.rivals if r.indistinguishable for n in r.names] for a in found]
     truth = case.truth["effects"][0] if case.truth["effects"] else None
     ratio = math.nan
     if truth is not None and found and names[0] == f"{truth['kind']}@{truth['where']}":

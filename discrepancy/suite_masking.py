@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["masking_pair", "masking_trial"]
 
 ALIKE = 0.9  # correlation, without its sign, from which two effects count as nearly the same or opposite; chosen
+THIRD = 0.5  # share of what is left of both that a third may explain by itself: else it is the simpler answer; chosen
 MOST = 0.5  # share of a stated value by which it may be wrong; chosen
 
 Strengths = Mapping[str, Mapping[str, float]]
@@ -80,6 +81,8 @@ def _opposed(scan: ScanResult, stated: Mapping[str, float], rng: np.random.Gener
     size = [float(columns.R[r.group][0, 0]) for r in rows]
     one_sided = [columns.groups[r.group].one_sided for r in rows]
     gram = Z.T @ Z
+    every = np.concatenate([columns.Z[:, columns.groups[r.group].cols] for r in scan.rows], axis=1)
+    owner = np.repeat(np.arange(len(scan.rows)), [r.amplitude.size for r in scan.rows])
     found = []
     for i in range(len(rows)):
         for j in range(i):
@@ -92,7 +95,10 @@ def _opposed(scan: ScanResult, stated: Mapping[str, float], rng: np.random.Gener
             if (one_sided[i] and a < 0.0) or (not one_sided[i] and one_sided[j] and b < 0.0):
                 a, b = -a, -b
             pair = {rows[i].name: float(a), rows[j].name: float(b)}
+            together = a * size[i] * Z[:, i] + b * size[j] * Z[:, j]
+            third = (every.T @ together) ** 2 / float(together @ together)
+            shares = [s for s, k in zip(third, owner, strict=True) if scan.rows[k] not in (rows[i], rows[j])]
             small = all(not stated[n] or abs(x) <= MOST * abs(stated[n]) for n, x in pair.items())
-            if small and not (one_sided[j] and b < 0.0):
+            if small and max(shares) < THIRD and not (one_sided[j] and b < 0.0):
                 found.append(pair)
     return found

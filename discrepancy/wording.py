@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import math
 
+from discrepancy.kinds import kind_named
 from discrepancy.plotting import bare_unit, unit_text
 from discrepancy.stage import Rival
 
-__all__ = ["interval_words", "luck_words", "quantity", "ratio_words", "rival_words", "scaled", "share_words"]
+__all__ = [
+    "interval_words",
+    "luck_words",
+    "quantity",
+    "ratio_words",
+    "rival_title",
+    "rival_words",
+    "scaled",
+    "share_words",
+]
 
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -138,6 +148,24 @@ def share_words(share: float) -> str:
     if 0.0 <= percent < 0.1:
         return "less than 0.1 %"
     return f"{percent:.1f} %" if abs(percent) < 10.0 else f"{percent:.0f} %"
+
+
+def rival_title(rival: Rival) -> str:
+    """Return what another explanation is, in words, with its place or its two places.
+
+    Examples
+    --------
+    >>> rival_title(Rival("sensor_delay", "speed", 1.0, True, True))
+    'a sensor delay at speed'
+    >>> rival_title(Rival("sensor_delay with input_delay@torque", "speed", 1.0, True, True))
+    'a sensor delay at speed with an input delay at torque'
+    """
+    parts = []
+    for name in rival.names:
+        kind, _, where = name.partition("@")
+        kind, _, over = kind.partition(" ")
+        parts.append(f"{kind_named(kind).text.title}{f' ({over})' if over else ''} at {where}")
+    return " with ".join(parts)
 
 
 def rival_words(rival: Rival) -> str:
