@@ -256,13 +256,14 @@ class Study:
 
     def explain(self) -> Step:
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""
+        stage = self.stage  # the first call makes stages
         asked = self._asked(len(self.stages))
-        step = search_step(self.stage, self.tried, **asked)
-        if self.setup.max_effects - len(self.stage.effects) > 1:
-            step = look_ahead(step, self.stage, self.refit, **asked)
-        step = standing(step, self.stage, lambda trial: self.fitted(trial.name, trial.effects, trial, trial.noise))
+        step = search_step(stage, self.tried, **asked)
+        if self.setup.max_effects - len(stage.effects) > 1:
+            step = look_ahead(step, stage, self.refit, **asked)
+        step = standing(step, stage, lambda trial: self.fitted(trial.name, trial.effects, trial, trial.noise))
         self.steps.append(step)
-        self.stages[-1] = replace(self.stages[-1], scan=step.scan)
+        self.stages[-1] = replace(stage, scan=step.scan)
         return step
 
     def _asked(self, count: int) -> dict[str, Any]:
