@@ -137,8 +137,8 @@ def _verdict(accepted: Sequence[Accepted]) -> str:
         return "nothing missing"
     if any(a.effect.definition.free_form for a in accepted):
         return "unknown effect"
-    last = accepted[-2:] if accepted[-1].hidden_by else accepted[-1:]  # of two that hide each other, both
-    return "ambiguous" if any(a.ambiguous for a in last) else "effect found"
+    pairs = any(r.indistinguishable and len(r.names) > 1 for a in accepted for r in a.rivals)
+    return "ambiguous" if pairs or any(a.ambiguous for a in _last(accepted)) else "effect found"
 
 
 def _title(kind: str) -> str:
@@ -164,11 +164,25 @@ def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
         if first[0].hidden_by == str(second[0].effect):
             text += f" {first[1].capitalize()} and {second[1]} hide each other: either alone changes little."
     text += f" {100 * explained(found)[0]:.0f} % of the mean square error above the noise floor is gone."
-    if accepted[-1].ambiguous:
-        rivals = [r for r in accepted[-1].rivals if r.indistinguishable and r.kind != accepted[-1].effect.kind]
-        both = f"{names[-2]} with {names[-1]}" if len(rivals[0].names) > 1 else names[-1]
-        text += f" These records cannot tell {both} from {rival_title(rivals[0])}."
-    return text
+    return text + _tied_words(accepted, names)
+
+
+def _tied_words(accepted: Sequence[Accepted], names: Sequence[str]) -> str:
+    """Say what else the last effect could be that leaves the verdict open, or two effects of the story together."""
+    for k in reversed(range(len(accepted))):
+        a = accepted[k]
+        pair = bool(a.hidden_by) and k > 0 and a.hidden_by == str(accepted[k - 1].effect)
+        for r in a.rivals:
+            two = len(r.names) > 1
+            if r.indistinguishable and r.kind != a.effect.kind and (two or a in _last(accepted)):
+                told = " with ".join(names[k - 1 : k + 1] if pair else names[k : k + 2]) if two else names[k]
+                return f" These records cannot tell {told} from {rival_title(r)}."
+    return ""
+
+
+def _last(accepted: Sequence[Accepted]) -> Sequence[Accepted]:
+    """Return the last effect, or the last two where they hide each other."""
+    return accepted[-2:] if accepted[-1].hidden_by else accepted[-1:]
 
 
 def _slight_words(found: Conclusion) -> str:

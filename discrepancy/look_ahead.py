@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from discrepancy.catalogue import catalogue
 from discrepancy.effects import Effect
 from discrepancy.from_scan import contained, effect_of, simpler_in
-from discrepancy.pairs import Pair, PairScores, surprising_pairs
+from discrepancy.pairs import Pair, hidden_pairs
 from discrepancy.search import LOOKS, TIE, Step
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.worth import CLEARLY, bic_difference, matters
@@ -58,9 +58,6 @@ def look_ahead(
     seed : int
     progress : callable
     """
-    scan = step.scans[-1]
-    if scan.null.pieces.few:  # nothing shows what luck could do
-        return step
     experiment = stage.identify.fits[0].experiment
     found = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
     entries = {e.name: e for e in found}
@@ -69,11 +66,9 @@ def look_ahead(
     def excluded(a: Row, b: Row) -> bool:
         return contained(a, b) or any(r.name in refused or simpler_in(stage.effects, r.kind, r.where) for r in (a, b))
 
-    scores = PairScores(scan, excluded)
     singly = str(step.accepted.effect) if step.accepted is not None else ""
-    beside = scores.beside(singly)[:1] if any(r.name == singly for r in scan.rows) else []
-    pairs, p_value = surprising_pairs(scores, seed, beside[0].gain if beside else None)
-    if p_value >= level / LOOKS:
+    hidden = hidden_pairs(step.scans, excluded, level=level / LOOKS, seed=seed, singly=singly)
+    if hidden is None:
         return step
 
     def together(pair: Pair) -> Stage | None:
@@ -82,8 +77,8 @@ def look_ahead(
         return _fitted(fit, (*stage.effects, *new), 2, stage, progress)
 
     families: list[list[Pair]] = []
-    for pair in (p for p in pairs if p.gain > 0.5 * pairs[0].gain):
-        family = next((f for f in families if scores.alike(pair, f[0])), None)
+    for pair in (p for p in hidden.pairs if p.gain > 0.5 * hidden.pairs[0].gain):
+        family = next((f for f in families if hidden.scores.alike(pair, f[0])), None)
         if family is not None:
             family.append(pair)
         elif len(families) < PAIRS:
@@ -97,14 +92,16 @@ def look_ahead(
     best = tried[0][0]
     if step.stage is not None and bic_difference(best, step.stage) > -CLEARLY:
         return step
-    if step.stage is not None and beside:
-        other = next(r for r in beside[0].rows if r.name != singly)
+    if step.stage is not None and step.accepted is not None and hidden.singly is not None:
+        other = next(r for r in hidden.singly.rows if r.name != singly)
         progress(f"refit with {singly} and {other.name}")
         partner = effect_of(entries[other.name], other, step.stage.effects)
         rival = _fitted(fit, (*step.stage.effects, partner), 1, step.stage, progress)
         if rival is not None and bic_difference(best, rival) > -CLEARLY:
-            return step
-    return _both(step, stage, tried, min(1.0, LOOKS * p_value), fit, progress)
+            more = (_two(f[0].rows, bic_difference(s, rival)) for s, f in tried if singly not in f[0].names)
+            rivals = (*step.accepted.rivals, *(r for r in more if r.indistinguishable))
+            return replace(step, accepted=replace(step.accepted, rivals=_sorted(rivals)))
+    return _both(step, stage, tried, min(1.0, LOOKS * hidden.p_value), fit, progress)
 
 
 def _fitted(
@@ -168,7 +165,19 @@ def _rivals(
     found: dict[str, list[Rival]] = {n: [] for n in names}
     for pair, difference, refitted in others:
         new = [r for r in pair.rows if r.name not in names]
-        gone = names[-1] if len(new) == 2 else next(n for n in names if n not in pair.names)
-        kind = new[0].kind if len(new) == 1 else f"{new[0].kind} with {new[1].name}"
-        found[gone].append(Rival(kind, new[0].where, float(difference), refitted, difference < TIE))
-    return {n: tuple(sorted(r, key=lambda r: r.delta_bic)) for n, r in found.items()}
+        if len(new) == 2:
+            found[names[-1]].append(_two(new, float(difference), refitted))
+        else:
+            gone = next(n for n in names if n not in pair.names)
+            found[gone].append(Rival(new[0].kind, new[0].where, float(difference), refitted, difference < TIE))
+    return {n: _sorted(r) for n, r in found.items()}
+
+
+def _sorted(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
+    return tuple(sorted(rivals, key=lambda r: r.delta_bic))
+
+
+def _two(rows: Sequence[Row], difference: float, refitted: bool = True) -> Rival:
+    """Return two effects as one other explanation."""
+    kind = f"{rows[0].kind} with {rows[1].name}"
+    return Rival(kind, rows[0].where, difference, refitted, difference < TIE)

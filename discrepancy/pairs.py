@@ -7,7 +7,7 @@ is worked out jointly, from the Gram matrix of the candidates' columns in a scan
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ from discrepancy.verdict import Row
 if TYPE_CHECKING:
     from discrepancy.result import ScanResult
 
-__all__ = ["Pair", "PairScores", "surprising_pairs"]
+__all__ = ["HiddenPairs", "Pair", "PairScores", "hidden_pairs"]
 
 MASK = 2.0  # times what two effects explain one by one that they explain together, if they hide each other; chosen
 APART = 1e-3  # share of an effect's energy that another must leave of it, to tell the two from each other; chosen
@@ -80,24 +80,66 @@ class _Beside:
     allowed: np.ndarray
 
 
-def surprising_pairs(scores: PairScores, seed: int, reached: float | None = None) -> tuple[list[Pair], float]:
-    """Return the pairs that hide each other, and the chance that luck explains as much as the best of them.
-
-    That chance is 1 where the best explains too little to be asked about.
+@dataclass(frozen=True)
+class HiddenPairs:
+    """Pairs that hide each other and explain more than luck does.
 
     Parameters
     ----------
+    pairs : tuple of Pair
+        Those first that explain most.
+    p_value : float
+        Chance that luck gives any pair as much, in any of the scans.
+    singly : Pair or None
+        The effect that was found by itself, beside the best partner that it has.
     scores : PairScores
+    """
+
+    pairs: tuple[Pair, ...]
+    p_value: float
+    singly: Pair | None
+    scores: PairScores
+
+
+def hidden_pairs(
+    scans: Sequence[ScanResult],
+    excluded: Callable[[Row, Row], bool],
+    *,
+    level: float,
+    seed: int,
+    singly: str = "",
+) -> HiddenPairs | None:
+    """Return the pairs that hide each other, of the first scan in which they surprise; None where they do in none.
+
+    The best of them must explain more than the best effect alone, or than the effect that was found beside its best
+    partner.  As with single effects, the plain scan sees what is slow and the whitened one what is small: each is asked
+    at its share of the level.
+
+    Parameters
+    ----------
+    scans : sequence of ScanResult
+        Of the same residual.
+    excluded : callable
+        Says of two rows that they are not to be tried beside each other.
+    level : float
+        Of all scans together.
     seed : int
         Of the shuffled residuals.
-    reached : float, optional
-        Gain that the best pair must surpass by `MORE`; else that of the best candidate alone.
+    singly : str
+        What was found by itself, as ``kind@where``; empty if nothing was.
     """
-    pairs = scores.masking()
-    least = (scores.most_alone if reached is None else reached) + MORE
-    if not pairs or pairs[0].gain < least:
-        return pairs, 1.0
-    return pairs, scores.p_value(pairs[0].gain, seed)
+    for scan in scans:
+        if scan.null.pieces.few:  # nothing shows what luck could do
+            continue
+        scores = PairScores(scan, excluded)
+        beside = scores.beside(singly)[:1] if any(r.name == singly for r in scan.rows) else []
+        pairs = scores.masking()
+        if not pairs or pairs[0].gain < (beside[0].gain if beside else scores.most_alone) + MORE:
+            continue
+        p_value = min(1.0, len(scans) * scores.p_value(pairs[0].gain, seed))
+        if p_value < level:
+            return HiddenPairs(tuple(pairs), p_value, beside[0] if beside else None, scores)
+    return None
 
 
 class PairScores:

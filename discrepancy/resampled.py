@@ -277,7 +277,7 @@ def resampled_alarms(
         First number.
     """
     from discrepancy.from_scan import contained
-    from discrepancy.pairs import PairScores, surprising_pairs
+    from discrepancy.pairs import hidden_pairs
     from discrepancy.scan import judge, scan
     from discrepancy.search import LOOKS
     from discrepancy.unknown import holds
@@ -301,18 +301,19 @@ def resampled_alarms(
         for count, number in enumerate(left, 1):
             scheme, made = given.draw(number)
             told, least = {"plain": "", "whitened": "", "pairs": "", "curves": ""}, 1.0
+            scans = []
             for which in ("plain", "whitened", "curves"):  # what has been found already is not looked for again
                 found = look(which, made, number)
+                scans.append(found)
                 missing = [r for r in found.rows if (holds(r) if which == "curves" else r.verdict is Verdict.MISSING)]
                 least = min([least, *(r.p for r in found.rows)])
                 if missing:
                     told[which] = missing[0].name
                     break
                 if which == "whitened":
-                    pairs, p = surprising_pairs(PairScores(found, contained), number)
-                    least = min(least, p)
-                    if p < level / LOOKS:
-                        told["pairs"] = " and ".join(pairs[0].names)
+                    both = hidden_pairs(scans, contained, level=level / LOOKS, seed=number)
+                    if both is not None:
+                        least, told["pairs"] = min(least, both.p_value), " and ".join(both.pairs[0].names)
                         break
             trial = Resampled(number, scheme, **told, p=float(least))
             stream.write(json.dumps(asdict(trial)) + "\n")
