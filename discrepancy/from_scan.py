@@ -29,8 +29,9 @@ def simpler_in(effects: Sequence[Effect], kind: str, where: str) -> list[Effect]
 
 def contained(a: Row, b: Row) -> bool:
     """Tell whether one of two candidates at the same place is a limit of the other."""
-    inside = a.kind in kind_named(b.kind).contains or b.kind in kind_named(a.kind).contains
-    return inside and a.where == b.where
+    if a.where != b.where:
+        return False
+    return a.kind in kind_named(b.kind).contains or b.kind in kind_named(a.kind).contains
 
 
 def differs_from(effects: Sequence[Effect], kind: Kind, where: str) -> bool:

@@ -63,8 +63,10 @@ def look_ahead(
     entries = {e.name: e for e in found}
     refused = {e.name for e, _ in step.refused}
 
+    known = {r.name for r in step.scan.rows if r.name in refused or simpler_in(stage.effects, r.kind, r.where)}
+
     def excluded(a: Row, b: Row) -> bool:
-        return contained(a, b) or any(r.name in refused or simpler_in(stage.effects, r.kind, r.where) for r in (a, b))
+        return contained(a, b) or a.name in known or b.name in known
 
     singly = str(step.accepted.effect) if step.accepted is not None else ""
     hidden = hidden_pairs(step.scans, excluded, level=level / LOOKS, seed=seed, singly=singly)

@@ -53,10 +53,6 @@ class Pair:
         """``kind@where`` of both."""
         return self.rows[0].name, self.rows[1].name
 
-    @property
-    def masking(self) -> bool:
-        """True if both together explain much more than one by one."""
-        return self.gain > MASK * sum(self.alone)
 
 
 @dataclass(frozen=True)
@@ -167,9 +163,8 @@ class PairScores:
         self._gram = self._Z.T @ self._Z
         n, sizes = len(self.rows), np.array([c.size for c in self._cols])
         tried = ~np.eye(n, dtype=bool)
-        for i in range(n):
-            for j in range(i):
-                tried[i, j] = tried[j, i] = not excluded(self.rows[i], self.rows[j])
+        for i, j in zip(*np.tril_indices(n, -1), strict=True):
+            tried[i, j] = tried[j, i] = not excluded(self.rows[i], self.rows[j])
         self._others = [[np.flatnonzero(tried[i] & (sizes == k)) for k in np.unique(sizes)] for i in range(n)]
         self._s = (self._Z.T @ scan.residual)[:, None]
         self._alone = self._own_gain(self._s)
@@ -181,7 +176,7 @@ class PairScores:
 
     def masking(self) -> list[Pair]:
         """Return the pairs that hide each other, those first that explain most."""
-        found = [p for i in range(len(self.rows)) for p in self._pairs(i, before=i) if p.masking]
+        found = [p for i in range(len(self.rows)) for p in self._pairs(i, masking=True)]
         return sorted(found, key=lambda p: -p.gain)
 
     def beside(self, name: str) -> list[Pair]:
@@ -220,16 +215,20 @@ class PairScores:
     def _own_gain(self, S: Array) -> Array:
         return np.array([np.sum(S[c] ** 2, axis=0) for c in self._cols])
 
-    def _pairs(self, i: int, before: int | None = None) -> Iterator[Pair]:
-        """Yield the pairs of a candidate whose signs make sense; on request only with candidates before another."""
+    def _pairs(self, i: int, masking: bool = False) -> Iterator[Pair]:
+        """Yield the pairs of a candidate whose signs make sense; on request those that hide each other, each once."""
         lam = self.scan.lam_bar
         for found in self._joint(i, self._s):
-            for n, j in enumerate(found.others):
-                if found.allowed[n, 0] and (before is None or j < before):
-                    own = replace(self.rows[i], amplitude=self._R_inverse[i] @ found.own[n, :, 0])
-                    other = replace(self.rows[j], amplitude=self._R_inverse[j] @ found.other[n, :, 0])
-                    alone = (float(self._alone[i, 0]) / lam, float(self._alone[j, 0]) / lam)
-                    yield Pair((own, other), float(found.gain[n, 0]) / lam, alone)
+            kept = found.allowed[:, 0]
+            if masking:
+                alone = self._alone[i, 0] + self._alone[found.others, 0]
+                kept = kept & (found.gain[:, 0] > MASK * alone) & (found.others < i)
+            for n in np.flatnonzero(kept):
+                j = found.others[n]
+                own = replace(self.rows[i], amplitude=self._R_inverse[i] @ found.own[n, :, 0])
+                other = replace(self.rows[j], amplitude=self._R_inverse[j] @ found.other[n, :, 0])
+                each = (float(self._alone[i, 0]) / lam, float(self._alone[j, 0]) / lam)
+                yield Pair((own, other), float(found.gain[n, 0]) / lam, each)
 
     def _joint(self, i: int, S: Array) -> Iterator[_Beside]:
         """Yield a candidate beside the others: what they gain once it is projected away comes on top of its own."""
