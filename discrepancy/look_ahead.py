@@ -10,9 +10,9 @@ from discrepancy.catalogue import catalogue
 from discrepancy.effects import Effect
 from discrepancy.from_scan import contained, effect_of, simpler_in
 from discrepancy.pairs import Pair, hidden_pairs
-from discrepancy.search import LOOKS, TIE, Step
+from discrepancy.search import LOOKS, MOST, TIE, Step
 from discrepancy.stage import Accepted, Rival, Stage
-from discrepancy.worth import CLEARLY, bic_difference, matters
+from discrepancy.worth import CLEARLY, bic_difference, matters, taken
 from multibody.errors import ModelError
 from multibody.side_by_side import side_by_side
 
@@ -90,7 +90,7 @@ def look_ahead(
     tried = [t for t in tried if bic_difference(t[0], stage) < -TIE and matters(t[0], stage)]
     if not tried:
         return step
-    tried.sort(key=lambda t: bic_difference(t[0], stage))
+    tried = _simplest_first(tried, stage)
     best = tried[0][0]
     if step.stage is not None and bic_difference(best, step.stage) > -CLEARLY:
         return step
@@ -116,6 +116,28 @@ def _fitted(
         progress(f"{' and '.join(map(str, effects[-new:]))} could not be simulated: {error}")
         return None
     return stage if all(any(e.strengths.values()) for e in stage.effects[-new:]) else None
+
+
+def _simplest_first(
+    tried: Sequence[tuple[Stage, list[Pair]]], stage: Stage
+) -> list[tuple[Stage, list[Pair]]]:
+    """Return pairs by their BIC, but first the simplest that is as good as the best, or does most of its work.
+
+    As of single effects (`discrepancy.search`): a law with more freedom always fits a little better.
+    """
+    found = sorted(tried, key=lambda t: bic_difference(t[0], stage))
+    best = found[0][0]
+    least, work = bic_difference(best, stage), MOST * taken(best, stage)
+
+    def in_its_place(other: Stage) -> bool:
+        names = [{f"{k}@{e.where}" for k in (e.kind, *e.definition.contains)} for e in best.effects[-2:]]
+        a, b = map(str, other.effects[-2:])
+        both = any(a in one and b in two for one, two in (names, names[::-1]))
+        return both and taken(other, stage) >= work
+
+    close = [t for t in found if bic_difference(t[0], stage) - least < TIE or in_its_place(t[0])]
+    first = min(close, key=lambda t: sum(len(e.strengths) for e in t[0].effects))
+    return [first, *(t for t in found if t is not first)]
 
 
 def _both(

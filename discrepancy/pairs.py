@@ -188,8 +188,10 @@ class PairScores:
         """Tell whether two pairs all but do the same, effect by effect."""
 
         def same(a: Row, b: Row) -> bool:
-            i, j = (next(k for k, r in enumerate(self.rows) if r.name == x.name) for x in (a, b))
-            return i == j or canonical_correlation(self._Z[:, self._cols[i]], self._Z[:, self._cols[j]]) >= TWINS
+            one, two = (self._cols[next(k for k, r in enumerate(self.rows) if r.name == x.name)] for x in (a, b))
+            if one.size != two.size:  # what has more strengths may contain the other
+                return False
+            return canonical_correlation(self._Z[:, one], self._Z[:, two]) >= TWINS
 
         (a, b), (c, d) = one.rows, other.rows
         return (same(a, c) and same(b, d)) or (same(a, d) and same(b, c))
