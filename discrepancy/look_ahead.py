@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from discrepancy.catalogue import catalogue
 from discrepancy.effects import Effect
 from discrepancy.from_scan import contained, effect_of, simpler_in
-from discrepancy.pairs import Pair, hidden_pairs
+from discrepancy.pairs import HiddenPairs, Pair, hidden_pairs
 from discrepancy.search import LOOKS, MOST, TIE, Step
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.worth import CLEARLY, bic_difference, matters, taken
@@ -23,7 +23,8 @@ __all__ = ["look_ahead"]
 
 Fit = Callable[[str, tuple[Effect, ...], Stage], Stage]
 
-PAIRS = 5  # pairs that do not all but the same, and are refitted; chosen
+PAIRS = 5  # pairs that are refitted, of those that differ in what they do; chosen
+HALF = 0.5  # share of what the best pair explains from which another is worth a refit, as of single effects
 
 
 def look_ahead(
@@ -62,7 +63,6 @@ def look_ahead(
     found = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
     entries = {e.name: e for e in found}
     refused = {e.name for e, _ in step.refused}
-
     known = {r.name for r in step.scan.rows if r.name in refused or simpler_in(stage.effects, r.kind, r.where)}
 
     def excluded(a: Row, b: Row) -> bool:
@@ -78,13 +78,7 @@ def look_ahead(
         new = [effect_of(entries[r.name], r, stage.effects) for r in pair.rows]
         return _fitted(fit, (*stage.effects, *new), 2, stage, progress)
 
-    families: list[list[Pair]] = []
-    for pair in (p for p in hidden.pairs if p.gain > 0.5 * hidden.pairs[0].gain):
-        family = next((f for f in families if hidden.scores.alike(pair, f[0])), None)
-        if family is not None:
-            family.append(pair)
-        elif len(families) < PAIRS:
-            families.append([pair])
+    families = _families(hidden)
     fits = side_by_side(lambda f: together(f[0]), families)
     tried = [(s, f) for s, f in zip(fits, families, strict=True) if s is not None]
     tried = [t for t in tried if bic_difference(t[0], stage) < -TIE and matters(t[0], stage)]
@@ -104,6 +98,18 @@ def look_ahead(
             rivals = (*step.accepted.rivals, *(r for r in more if r.indistinguishable))
             return replace(step, accepted=replace(step.accepted, rivals=_sorted(rivals)))
     return _both(step, stage, tried, min(1.0, LOOKS * hidden.p_value), fit, progress)
+
+
+def _families(hidden: HiddenPairs) -> list[list[Pair]]:
+    """Return the pairs worth a refit, each with those that all but do the same."""
+    families: list[list[Pair]] = []
+    for pair in (p for p in hidden.pairs if p.gain > HALF * hidden.pairs[0].gain):
+        family = next((f for f in families if hidden.scores.alike(pair, f[0])), None)
+        if family is not None:
+            family.append(pair)
+        elif len(families) < PAIRS:
+            families.append([pair])
+    return families
 
 
 def _fitted(

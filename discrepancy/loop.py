@@ -220,10 +220,11 @@ class Search:
         """Make a stage of the story again, with an effect in the place of another."""
         told = {e.component_name for e in stage.effects} - {swap.old.component_name} | {swap.new.component_name}
         effects = tuple(e for e in swap.stage.effects if e.component_name in told)
-        assert stage.accepted is not None
-        name = f"+ {swap.accepted(stage.accepted, 0.0).effect}"
+        name = stage.name.replace(str(swap.old), str(swap.new))
         made = self.study.fitted(name, effects, swap.stage, stage.noise)
-        accepted = swap.accepted(stage.accepted, bic_difference(made, self.study.stage))
+        accepted = stage.accepted  # None of an effect that was added by hand
+        if accepted is not None:
+            accepted = swap.accepted(accepted, bic_difference(made, self.study.stage))
         self.study.stages.append(replace(made, accepted=accepted))
 
     def _free_curves(self) -> None:
