@@ -210,10 +210,8 @@ def _not_lasting(stages: Sequence[Stage]) -> list[str]:
     """Say which effects lower the error of no output on the records that were held out."""
     found = []
     for before, after in pairwise(stages):
-        if after.accepted is None or after.validate is None:
+        if after.accepted is None or after.validate is None or after.half:
             continue
-        if after.accepted.hidden_by and after.accepted.hidden_by not in map(str, after.effects):
-            continue  # what the next effect hides
         a, b = before.rmse("validate"), after.rmse("validate")
         if all(b[n] >= a[n] for n in b):
             name = f"{_title(after.accepted.effect.kind)} at {after.accepted.effect.where}"

@@ -10,18 +10,16 @@ from discrepancy.catalogue import catalogue
 from discrepancy.effects import Effect
 from discrepancy.from_scan import contained, effect_of, simpler_in
 from discrepancy.pairs import HiddenPairs, Pair, hidden_pairs
+from discrepancy.refits import Fit, tried
 from discrepancy.search import LOOKS, MOST, TIE, Step
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.worth import CLEARLY, bic_difference, matters, taken
-from multibody.errors import ModelError
 from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from discrepancy.verdict import Row
 
 __all__ = ["look_ahead"]
-
-Fit = Callable[[str, tuple[Effect, ...], Stage], Stage]
 
 PAIRS = 5  # pairs that are refitted, of those that differ in what they do; chosen
 HALF = 0.5  # share of what the best pair explains from which another is worth a refit, as of single effects
@@ -80,12 +78,12 @@ def look_ahead(
 
     families = _families(hidden)
     fits = side_by_side(lambda f: together(f[0]), families)
-    tried = [(s, f) for s, f in zip(fits, families, strict=True) if s is not None]
-    tried = [t for t in tried if bic_difference(t[0], stage) < -TIE and matters(t[0], stage)]
-    if not tried:
+    better = [(s, f) for s, f in zip(fits, families, strict=True) if s is not None]
+    better = [t for t in better if bic_difference(t[0], stage) < -TIE and matters(t[0], stage)]
+    if not better:
         return step
-    tried = _simplest_first(tried, stage)
-    best = tried[0][0]
+    better = _simplest_first(better, stage)
+    best = better[0][0]
     if step.stage is not None and bic_difference(best, step.stage) > -CLEARLY:
         return step
     if step.stage is not None and step.accepted is not None and hidden.singly is not None:
@@ -94,10 +92,10 @@ def look_ahead(
         partner = effect_of(entries[other.name], other, step.stage.effects)
         rival = _fitted(fit, (*step.stage.effects, partner), 1, step.stage, progress)
         if rival is not None and bic_difference(best, rival) > -CLEARLY:
-            more = (_two(f[0].rows, bic_difference(s, rival)) for s, f in tried if singly not in f[0].names)
+            more = (_two(f[0].rows, bic_difference(s, rival)) for s, f in better if singly not in f[0].names)
             rivals = (*step.accepted.rivals, *(r for r in more if r.indistinguishable))
             return replace(step, accepted=replace(step.accepted, rivals=_sorted(rivals)))
-    return _both(step, stage, tried, min(1.0, LOOKS * hidden.p_value), fit, progress)
+    return _both(step, stage, better, min(1.0, LOOKS * hidden.p_value), fit, progress)
 
 
 def _families(hidden: HiddenPairs) -> list[list[Pair]]:
@@ -116,22 +114,18 @@ def _fitted(
     fit: Fit, effects: tuple[Effect, ...], new: int, start: Stage, progress: Callable[[str], None]
 ) -> Stage | None:
     """Return a stage fitted on trial; None if it cannot be simulated, or puts one of the last ``new`` to nothing."""
-    try:
-        stage = fit(f"+ {effects[-1]}", effects, start)
-    except (RuntimeError, ModelError) as error:
-        progress(f"{' and '.join(map(str, effects[-new:]))} could not be simulated: {error}")
-        return None
-    return stage if all(any(e.strengths.values()) for e in stage.effects[-new:]) else None
+    stage = tried(fit, f"+ {effects[-1]}", effects, start, progress)
+    return stage if stage is not None and all(any(e.strengths.values()) for e in stage.effects[-new:]) else None
 
 
 def _simplest_first(
-    tried: Sequence[tuple[Stage, list[Pair]]], stage: Stage
+    better: Sequence[tuple[Stage, list[Pair]]], stage: Stage
 ) -> list[tuple[Stage, list[Pair]]]:
     """Return pairs by their BIC, but first the simplest that is as good as the best, or does most of its work.
 
     As of single effects (`discrepancy.search`): a law with more freedom always fits a little better.
     """
-    found = sorted(tried, key=lambda t: bic_difference(t[0], stage))
+    found = sorted(better, key=lambda t: bic_difference(t[0], stage))
     best = found[0][0]
     least, work = bic_difference(best, stage), MOST * taken(best, stage)
 
@@ -149,29 +143,26 @@ def _simplest_first(
 def _both(
     step: Step,
     stage: Stage,
-    tried: Sequence[tuple[Stage, Sequence[Pair]]],
+    better: Sequence[tuple[Stage, Sequence[Pair]]],
     p_value: float,
     fit: Fit,
     progress: Callable[[str], None],
 ) -> Step:
     """Return the step with both effects of the best pair, that first which by itself is the better one."""
-    best = tried[0][0]
+    best = better[0][0]
     two = best.effects[-2:]
     alone: list[tuple[float, Stage, Effect]] = []
     for effect, other in (two, two[::-1]):
         progress(f"refit with {effect} alone")
-        try:
-            by_itself = fit(f"+ {effect}", (*stage.effects, effect), stage)
-        except (RuntimeError, ModelError) as error:
-            progress(f"{effect} alone could not be simulated: {error}")
-            continue
-        alone.append((bic_difference(by_itself, stage), by_itself, other))
+        by_itself = tried(fit, f"+ {effect}", (*stage.effects, effect), stage, progress)
+        if by_itself is not None:
+            alone.append((bic_difference(by_itself, stage), by_itself, other))
     if not alone:
         return step
     difference, first, second = min(alone, key=lambda t: t[0])
     ordered = (*best.effects[:-2], next(e for e in two if e is not second), second)
     both = replace(best, name=f"+ {second}", effects=ordered)
-    rivals = _rivals(tried, stage, (str(ordered[-2]), str(second)))
+    rivals = _rivals(better, stage, (str(ordered[-2]), str(second)))
     accepted = [
         Accepted(effect, p_value, change, rivals[str(effect)], hidden_by=str(other))
         for effect, other, change in (
@@ -183,15 +174,15 @@ def _both(
 
 
 def _rivals(
-    tried: Sequence[tuple[Stage, Sequence[Pair]]], stage: Stage, names: tuple[str, str]
+    better: Sequence[tuple[Stage, Sequence[Pair]]], stage: Stage, names: tuple[str, str]
 ) -> Mapping[str, tuple[Rival, ...]]:
     """Return for each effect of the best pair what stands in its place in the others; two new ones go with the last.
 
     Of pairs that all but do the same only the first was refitted; the others are known by the scan alone.
     """
-    least, own = bic_difference(tried[0][0], stage), tried[0][1]
+    least, own = bic_difference(better[0][0], stage), better[0][1]
     others = [(p, own[0].gain - p.gain, False) for p in own[1:]]
-    others += [(f[0], bic_difference(s, stage) - least, True) for s, f in tried[1:]]
+    others += [(f[0], bic_difference(s, stage) - least, True) for s, f in better[1:]]
     found: dict[str, list[Rival]] = {n: [] for n in names}
     for pair, difference, refitted in others:
         new = [r for r in pair.rows if r.name not in names]

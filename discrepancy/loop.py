@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -34,8 +34,7 @@ class Search:
     def run(self) -> None:
         """Go on from where the study stands."""
         study = self.study
-        other = study.stage.accepted.hidden_by if study.stage.accepted is not None else ""
-        if other and other not in map(str, study.stage.effects):
+        if study.stage.half:
             study.undo()  # a search was broken off between two effects that hide each other: they come together
         if not study.settled:
             self._settle()
@@ -124,7 +123,7 @@ class Search:
 
         self.study.progress("would parameters outside their stated uncertainty explain as much?")
         found = self._found
-        first = found[1] if len(found) > 1 and found[0].accepted and found[0].accepted.hidden_by else found[0]
+        first = found[1] if found[0].half and len(found) > 1 else found[0]
         self.study.beyond = beyond_priors(self.study, self.study.stages[1], first)
 
     def _settle(self) -> None:
@@ -144,6 +143,8 @@ class Search:
             self.study.progress(f"{trial.effects[-1]} could not be fitted further, the trial's fit stands: {error}")
             stage = beside_held_out(self.study.setup, trial)
         told = replace(accepted, effect=stage.effects[-1]) if accepted is not None else None
+        there = set(map(str, stage.effects))
+        self.study.stages[:] = [_told_alone(s, there) for s in self.study.stages]
         self.study.stages.append(replace(stage, accepted=told))
         self.study.made()
 
@@ -177,6 +178,8 @@ class Search:
         """Accept a trial after the given stages without those that added effects that have gone."""
         names = {e.component_name for e in gone}
         kept = [s for s in stages if s.accepted is None or s.accepted.effect.component_name not in names]
+        if accepted is not None and accepted.hidden_by in map(str, gone):
+            accepted = replace(accepted, hidden_by="")
         before = list(self.study.stages)
         try:
             self.study.stages[:] = kept
@@ -269,3 +272,11 @@ class Search:
             self.study.stages[:] = before
             raise
         return True
+
+
+def _told_alone(stage: Stage, there: Collection[str]) -> Stage:
+    """Return a stage of the story; where the effect that hid its own is not in the model any more, without that."""
+    accepted = stage.accepted
+    if accepted is None or not accepted.hidden_by or accepted.hidden_by in there:
+        return stage
+    return replace(stage, accepted=replace(accepted, hidden_by=""))

@@ -188,10 +188,10 @@ class PairScores:
         """Tell whether two pairs all but do the same, effect by effect."""
 
         def same(a: Row, b: Row) -> bool:
-            one, two = (self._cols[next(k for k, r in enumerate(self.rows) if r.name == x.name)] for x in (a, b))
-            if one.size != two.size:  # what has more strengths may contain the other
+            mine, its = (self._cols[next(k for k, r in enumerate(self.rows) if r.name == x.name)] for x in (a, b))
+            if mine.size != its.size:  # what has more strengths may contain the other
                 return False
-            return canonical_correlation(self._Z[:, one], self._Z[:, two]) >= TWINS
+            return canonical_correlation(self._Z[:, mine], self._Z[:, its]) >= TWINS
 
         (a, b), (c, d) = one.rows, other.rows
         return (same(a, c) and same(b, d)) or (same(a, d) and same(b, c))

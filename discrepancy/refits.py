@@ -19,7 +19,24 @@ if TYPE_CHECKING:
     from discrepancy.effects import Effect
     from discrepancy.verdict import Row
 
-__all__ = ["Refit", "best_of", "fits_with"]
+__all__ = ["Fit", "Refit", "best_of", "fits_with", "tried"]
+
+
+class Fit(Protocol):
+    """Fits a stage on trial, given its name, its effects, and the stage from where it begins."""
+
+    def __call__(self, name: str, effects: tuple[Effect, ...], start: Stage, /) -> Stage: ...
+
+
+def tried(
+    fit: Fit, name: str, effects: tuple[Effect, ...], start: Stage, progress: Callable[[str], None]
+) -> Stage | None:
+    """Return a stage fitted on trial; None, saying why, where the machine cannot be simulated or built with them."""
+    try:
+        return fit(name, effects, start)
+    except (RuntimeError, ModelError) as error:
+        progress(f"{' and '.join(map(str, effects))} could not be simulated: {error}")
+        return None
 
 
 class Refit(Protocol):

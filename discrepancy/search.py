@@ -32,7 +32,7 @@ __all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scan_preparation", "scored", "s
 
 SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 FINALISTS = 3
-LOOKS = 5  # plain scan, whitened scan, pairs, free curves, omnibus test: each may raise a false alarm: its share
+LOOKS = 5  # plain scan, whitened scan, pairs, free curves, omnibus test: each gets a share of the level
 TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
 ALIKE = 0.98  # correlation of what two effects change from which the scan alone can say that they are a tie; chosen
 TWINS = 0.999  # the same from which twice as much as `TIE` does not tell fits on trial apart; chosen

@@ -11,11 +11,11 @@ from discrepancy.curve_promise import promised
 from discrepancy.disturbance import facts_of
 from discrepancy.effects import Effect
 from discrepancy.left_out import left_out_difference
+from discrepancy.refits import Fit, tried
 from discrepancy.search import LOOKS, scan_preparation
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.unknown import CurveOffer, offer_curves
 from discrepancy.worth import CLEARLY, above_floor, bic_difference, matters, taken
-from multibody.errors import ModelError
 
 __all__ = ["curve_instead", "drop_idle", "free_curve", "lasts", "replace_by_curve"]
 
@@ -23,8 +23,6 @@ BENT = 3.0  # times what the linear model promises that a refit may take away: u
 SHARE = 0.03  # a curve must take this share more of the error away before a law is given up for it; chosen
 REPEATS = 2.0  # periods within the motion from which a wave is seen to repeat; chosen
 AS_MUCH = 0.9  # share of what several waves take away that a curve in their place must take; chosen
-
-Fit = Callable[[str, tuple[Effect, ...], Stage], Stage]
 
 
 def drop_idle(stages: Sequence[Stage], fit: Fit, progress: Callable[[str], None]) -> tuple[Stage, Effect] | None:
@@ -186,20 +184,16 @@ def _best_curve(
     least: float = CLEARLY,
 ) -> Stage | None:
     """Refit the offered curves and return the best that matters if its BIC is below that of ``rival`` by ``least``."""
-    tried = []
+    found = []
     for effect, p in list(zip(effects, p_values, strict=False))[:2]:
         progress(f"refit with a free curve over {effect.over} at {effect.where}")
-        try:
-            stage = fit(f"+ {effect} over {effect.over}", (*before.effects, effect), before)
-        except (RuntimeError, ModelError) as error:
-            progress(f"{effect} could not be simulated: {error}")
-            continue
-        if matters(stage, before):  # as is asked of a law
-            tried.append((bic_difference(stage, rival), stage, p))
-    tried.sort(key=lambda t: t[0])
-    if not tried or tried[0][0] > -least:
+        stage = tried(fit, f"+ {effect} over {effect.over}", (*before.effects, effect), before, progress)
+        if stage is not None and matters(stage, before):  # as is asked of a law
+            found.append((bic_difference(stage, rival), stage, p))
+    found.sort(key=lambda t: t[0])
+    if not found or found[0][0] > -least:
         return None
-    difference, stage, p = tried[0]
+    difference, stage, p = found[0]
     rivals = tuple(
         Rival(
             t[1].effects[-1].kind + f" over {t[1].effects[-1].over}",
@@ -208,7 +202,7 @@ def _best_curve(
             True,
             t[0] - difference < CLEARLY,
         )
-        for t in tried[1:]
+        for t in found[1:]
     )
     return replace(stage, accepted=Accepted(stage.effects[-1], p, bic_difference(stage, before), rivals))
 

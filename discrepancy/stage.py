@@ -135,6 +135,12 @@ class Stage:
         """Names of the measured outputs."""
         return self.identify.fits[0].experiment.outputs
 
+    @property
+    def half(self) -> bool:
+        """True where the effect that hides the accepted one is still to come: alone it is half of an answer."""
+        hidden_by = self.accepted.hidden_by if self.accepted is not None else ""
+        return bool(hidden_by) and hidden_by not in map(str, self.effects)
+
     def fits(self, part: str) -> tuple[Fit, ...]:
         """Return the fits of ``"identify"`` or ``"validate"`` (empty when nothing is held out)."""
         found = self.identify if part == "identify" else self.validate

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 from discrepancy.catalogue import catalogue
 from discrepancy.effects import Effect
 from discrepancy.from_scan import effect_of
+from discrepancy.refits import Fit, tried
 from discrepancy.search import TIE
 from discrepancy.stage import Accepted, Rival, Stage
 from discrepancy.ties import canonical_correlation
 from discrepancy.worth import bic_difference
-from multibody.errors import ModelError
 from multibody.side_by_side import side_by_side
 
 if TYPE_CHECKING:
@@ -28,8 +28,6 @@ __all__ = ["Swap", "better_in_its_place"]
 CLOSE = 30.0  # difference of BIC up to which another explanation is worth a second look; chosen
 ALIKE = 0.9  # correlation from which the same law at another place is; chosen
 MOST = 4  # other explanations of one effect that are fitted
-
-Fit = Callable[[str, tuple[Effect, ...], Stage], Stage]
 
 
 @dataclass(frozen=True)
@@ -97,19 +95,15 @@ def better_in_its_place(stages: Sequence[Stage], fit: Fit, progress: Callable[[s
     def trial(each: tuple[int, Effect, Effect]) -> Stage | None:
         _, old, new = each
         progress(f"now, {new} in the place of {old}?")
-        try:
-            found = fit(last.name, tuple(new if e is old else e for e in last.effects), last)
-        except (RuntimeError, ModelError) as error:
-            progress(f"{new} could not be simulated: {error}")
-            return None
-        return found if all(any(e.strengths.values()) for e in found.effects) else None
+        found = tried(fit, last.name, tuple(new if e is old else e for e in last.effects), last, progress)
+        return found if found is not None and all(any(e.strengths.values()) for e in found.effects) else None
 
-    tried = [
+    swaps = [
         Swap(index, old, new, found, -bic_difference(found, last))
         for (index, old, new), found in zip(asked, side_by_side(trial, asked), strict=True)
         if found is not None
     ]
-    best = max(tried, key=lambda s: s.better, default=None)
+    best = max(swaps, key=lambda s: s.better, default=None)
     return best if best is not None and best.better > TIE else None
 
 

@@ -62,3 +62,21 @@ def measured_data() -> Path:
 def reference_data() -> Path:
     """Folder of the reference simulations: VTSDT_REFERENCE, or ../shared/reference beside the checkout."""
     return _folder("VTSDT_REFERENCE", "reference", "the reference simulations")
+
+
+class Interrupter:
+    """Presses Ctrl-C when a certain line of progress comes."""
+
+    def __init__(self, word: str) -> None:
+        self.word = word
+
+    def __call__(self, text: str) -> None:
+        if self.word and text.startswith(self.word):
+            self.word = ""
+            raise KeyboardInterrupt
+
+
+@pytest.fixture(scope="session")
+def interrupter() -> type[Interrupter]:
+    """What breaks a search off at a line of its progress."""
+    return Interrupter

@@ -59,25 +59,13 @@ def test_one_step_at_a_time_names_something_else(setup, monkeypatch):
     assert not {str(e) for e in alone.stage.effects} & set(HIDDEN)
 
 
-class Interrupter:
-    """Presses Ctrl-C when a certain line of progress comes."""
-
-    def __init__(self, word: str) -> None:
-        self.word = word
-
-    def __call__(self, text: str) -> None:
-        if self.word and text.startswith(self.word):
-            self.word = ""
-            raise KeyboardInterrupt
-
-
-def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(setup, tmp_path):
+def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(setup, interrupter, tmp_path):
     from dataclasses import replace
 
     from discrepancy.history import restore, save_history
 
     few = replace(setup, include=("sensor_delay@*", "position_loop_gain@*", "speed_loop_gain@*", "viscous_friction@*"))
-    whole, broken, again = Study(few), Study(few, progress=Interrupter("add position_loop")), Study(few)
+    whole, broken, again = Study(few), Study(few, progress=interrupter("add position_loop")), Study(few)
     whole.diagnose()
     broken.checkpoint = lambda s: save_history(s, tmp_path / "history.json")
     broken.diagnose()
@@ -90,6 +78,26 @@ def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(setup, t
     ]
     for mine, theirs in zip(again.stages, whole.stages, strict=True):
         assert mine.rmse("validate") == pytest.approx(theirs.rmse("validate"), rel=1e-9)
+
+
+def test_what_is_left_of_the_two_is_hidden_by_nothing(study, monkeypatch):
+    """A stage that waits for what hides it is taken out when a search goes on; one whose partner has gone is not."""
+    from dataclasses import replace
+
+    from discrepancy import settle
+    from discrepancy.loop import Search
+
+    first, second = study.stage.effects
+    left = replace(study, stages=list(study.stages))
+    without = left.refit(left.stage.name, (second,), left.stage)
+    answers = iter([(without, first)])
+    monkeypatch.setattr(settle, "drop_idle", lambda *args: next(answers, None))
+    Search(left)._settle()
+    assert [str(e) for e in left.stage.effects] == [str(second)]
+    assert left.stage.accepted.hidden_by == ""
+    assert not left.stage.half
+    assert study.stages[2].half
+    assert not study.stages[3].half
 
 
 def test_no_room_for_two_is_no_look_ahead(setup):

@@ -81,6 +81,31 @@ def test_an_effect_in_the_residual_is_an_alarm(given, tmp_path):
     assert json.loads((tmp_path / "resampled.jsonl").read_text())["plain"] == trial.plain
 
 
+def test_two_effects_that_hide_each_other_in_the_residual_are_an_alarm(given, tmp_path):
+    """The same for pairs: of two opposite effects only a share of a friction is left, and neither shows alone."""
+    from discrepancy.blocks import Candidate
+
+    other, one = (c.columns[0] for c in given.candidates[:2])
+    size = [float(np.std(c[0])) for c in (one, other)]
+    opposite = tuple(-a / size[0] + 0.3 * b / size[1] for a, b in zip(one, other, strict=True))
+    pair = [Candidate("late", "sensor", (one,)), Candidate("stiff", "loop", (opposite,))]
+    two = Shared.of_arrays(given.residual, given.sens, pair, given.curves, [0.0, 0.0], UNTIED)
+    column = other[0][:, :, 0] / size[1]
+    made = two.draw(1000)[1]
+
+    class Tied:
+        def draw(self, number):
+            added = made.blocks[0] + np.std(two.source[0]) * column
+            return UNTIED[0], type(made)([added], made.dt, made.channels)
+
+        def __getattr__(self, name):
+            return getattr(two, name)
+
+    trial = resampled_alarms(Tied(), 1, tmp_path, level=0.02, seed=1000)[0]
+    assert not trial.plain
+    assert set(trial.pairs.split(" and ")) == {"late@sensor", "stiff@loop"}
+
+
 def test_one_record_is_cut_into_four_to_leave_one_out(given):
     case = resampled_case(given, given.draw(1000)[1])
     n = given.residual.n_samples

@@ -72,18 +72,6 @@ def guide_of(model: Model):
     return next(p for p in model.places() if p.name == "guide")
 
 
-class Interrupter:
-    """Presses Ctrl-C when a certain line of progress comes."""
-
-    def __init__(self, word: str) -> None:
-        self.word = word
-
-    def __call__(self, text: str) -> None:
-        if self.word and text.startswith(self.word):
-            self.word = ""
-            raise KeyboardInterrupt
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """A diagnosis without interruption, and what it wrote."""
@@ -105,9 +93,9 @@ def test_dry_friction_is_found_here(whole):
 
 
 @pytest.mark.parametrize("word", ["sensitivities of", "add coulomb", "scores of"])
-def test_a_search_that_is_broken_off_goes_on_to_the_same_answer(whole, tmp_path, word):
+def test_a_search_that_is_broken_off_goes_on_to_the_same_answer(whole, interrupter, tmp_path, word):
     study, _, _ = whole
-    broken = Study(setup_of(), progress=Interrupter(word))
+    broken = Study(setup_of(), progress=interrupter(word))
     broken.checkpoint = lambda s: save_history(s, tmp_path / "history.json")
     told = broken.diagnose()
     assert broken.interrupted
@@ -121,8 +109,8 @@ def test_a_search_that_is_broken_off_goes_on_to_the_same_answer(whole, tmp_path,
         assert mine == pytest.approx(theirs, rel=1e-9)
 
 
-def test_an_interruption_before_anything_was_found_passes_on():
-    study = Study(setup_of(), progress=Interrupter("recalibrate"))
+def test_an_interruption_before_anything_was_found_passes_on(interrupter):
+    study = Study(setup_of(), progress=interrupter("recalibrate"))
     with pytest.raises(KeyboardInterrupt):
         study.diagnose()
 
