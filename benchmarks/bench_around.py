@@ -16,8 +16,8 @@ def _simulate(**options):  # type: ignore[no-untyped-def]
 
 def bench_integration() -> Callable[[], None]:
     """integration alone (solve_ivp with samples at 1 kHz)"""
-    from multibody.simulate import native_problem
     from multibody.solvers import Automatic, integrate
+    from multibody.system.simulate import native_problem
 
     given = reference_trip()
     problem = native_problem(given.system, given.system.p, given.table)
@@ -35,7 +35,7 @@ def bench_simulate() -> Callable[[], None]:
 
 def bench_equilibrium() -> Callable[[], None]:
     """static equilibrium"""
-    from vtsdt.lift import Lift
+    from vtsdt.lift.lift import Lift
 
     lift = Lift.reference()
     return lambda: (lift.equilibrium(0.0), None)[1]
@@ -54,7 +54,7 @@ def bench_frame() -> Callable[[], None]:
 
 def bench_whole() -> Callable[[], None]:
     """the whole call: equilibrium, reference, trip, all outputs as a DataFrame"""
-    from vtsdt.lift import Lift
+    from vtsdt.lift.lift import Lift
 
     lift = Lift.reference()
     return lambda: (lift.trip("up", rtol=1e-3, atol=1e-6).to_frame(), None)[1]

@@ -22,7 +22,7 @@ OPTIONS = {"rtol": 1e-3, "atol": 1e-6}
 
 
 def _plan(count: int, tangent: bool = False) -> Iterator[tuple[Any, np.ndarray]]:
-    from multibody.simulate import native_problem
+    from multibody.system.simulate import native_problem
 
     given, rng = reference_trip(), np.random.default_rng(1)
     problem = native_problem(given.system, given.system.p, given.table, tangent=tangent)

@@ -35,9 +35,9 @@ def _tests(name: str) -> Any:
 @cache
 def _case() -> tuple[Any, Any, np.ndarray, np.ndarray, Any]:
     """Parameters, system, start, times and the table of the tension (its polygon is off by 4e-7)."""
-    from multibody.inputs import InputTable
-    from vtsdt.lift import Lift
-    from vtsdt.parameters import LiftParameters
+    from multibody.inputs.table import InputTable
+    from vtsdt.files.parameters import LiftParameters
+    from vtsdt.lift.lift import Lift
 
     parameters = LiftParameters.bench()
     lift = Lift.cabin(parameters)
@@ -55,7 +55,7 @@ def _tension(parameters: Any, t: float) -> float:
 
 def _ours(rtol: float, method: str = "Automatic") -> np.ndarray:
     from multibody import solvers
-    from multibody.simulate import native_problem
+    from multibody.system.simulate import native_problem
 
     _, lift, start, times, table = _case()
     problem = native_problem(lift.system, lift.system.p, table, tangent=method == "Rodas5P")

@@ -6,18 +6,18 @@ from collections.abc import Callable
 
 
 def _study():  # type: ignore[no-untyped-def]
-    from discrepancy.axis import axis_case
-    from discrepancy.study import Study
+    from discrepancy.rigs.axis import axis_case
+    from discrepancy.study.study import Study
 
     return Study(axis_case(1, ["coulomb_friction@guide"]).setup(seed=1))
 
 
 def bench_columns() -> Callable[[], None]:
     """sensitivities of all candidates and shapes on all records"""
-    from discrepancy.catalogue import catalogue
-    from discrepancy.columns import candidate_columns
-    from discrepancy.confrontation import Confrontation
-    from discrepancy.search import scan_preparation
+    from discrepancy.effects.catalogue import catalogue
+    from discrepancy.search.step import scan_preparation
+    from discrepancy.sensitivities.candidates import candidate_columns
+    from discrepancy.sensitivities.linearised_problem import Confrontation
 
     stage = _study().stage
     experiment = stage.identify.fits[0].experiment

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 
 
 def _diagnosis(hidden: Sequence[str]) -> Callable[[], None]:
-    from discrepancy.study import Study
-    from vtsdt.bench_plain import PlainLiftRig
+    from discrepancy.study.study import Study
+    from vtsdt.rig.one_dimensional import PlainLiftRig
 
     case = PlainLiftRig(seed=11).case(hidden)
 

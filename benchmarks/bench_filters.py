@@ -13,10 +13,10 @@ import numpy as np
 def _problem() -> tuple[Any, Any, Any, Any]:
     """Filter of the alignment sensor, a trip, its samples and noise."""
     from estimation.filters import Noise, Samples
-    from vtsdt.alignment_filter import DELTA, TUNINGS, GuideFilter
-    from vtsdt.alignment_trips import Trip
-    from vtsdt.lift import Lift
-    from vtsdt.parameters import LiftParameters
+    from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
+    from vtsdt.alignment.trips import Trip
+    from vtsdt.files.parameters import LiftParameters
+    from vtsdt.lift.lift import Lift
 
     run = Lift.reference().trip("up")
     trip = Trip("up", run.times, run["F_c"], run["z_c"], run["zdd_c"])
@@ -67,7 +67,7 @@ def bench_square_root() -> Callable[[], Any]:
 def bench_unscented() -> Callable[[], Any]:
     """unscented, 27 points"""
     from estimation.filters import unscented
-    from vtsdt.alignment_filter import TUNINGS, GuideFilter
+    from vtsdt.alignment.filter import TUNINGS, GuideFilter
 
     sensor, trip, samples, _ = _problem()
     quiet = GuideFilter(sensor.parameters, TUNINGS["quiet"])

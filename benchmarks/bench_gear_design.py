@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from gearbox.condition import OperatingCondition
-from gearbox.papers_chain import rig_vibration
-from gearbox.rig_texts import PARAMETERS
-from gearbox.updating_runs import ModelSource, Runs
-from gearbox.virtual import Settings
+from gearbox.files.operating_condition import OperatingCondition
+from gearbox.papers.chain import rig_vibration
+from gearbox.rig.texts import PARAMETERS
+from gearbox.updating.runs import ModelSource, Runs
+from gearbox.updating.virtual import Settings
 from surrogate import DesignSpace, latin_hypercube
 
 BASE = OperatingCondition(1000.0, 150.0)

@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 from gear_runs import Rates, paper
 
-from gearbox.box import box_modes
-from gearbox.parameters import StageParameters
-from gearbox.stage import Stage
+from gearbox.files.parameters import StageParameters
+from gearbox.parts.box import box_modes
+from gearbox.stage.stage import Stage
 
 
 def bench_paper() -> Callable[[], float]:

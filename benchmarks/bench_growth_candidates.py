@@ -15,10 +15,10 @@ import numpy as np
 
 @cache
 def _stage() -> tuple[Any, Any, Any]:
-    from discrepancy.axis import axis_case
-    from discrepancy.catalogue import catalogue
-    from discrepancy.search import scan_preparation
-    from discrepancy.study import Study
+    from discrepancy.effects.catalogue import catalogue
+    from discrepancy.rigs.axis import axis_case
+    from discrepancy.search.step import scan_preparation
+    from discrepancy.study.study import Study
 
     stage = Study(axis_case(1, ["coulomb_friction@guide"]).setup(seed=1)).stage
     experiment = stage.identify.fits[0].experiment
@@ -26,8 +26,8 @@ def _stage() -> tuple[Any, Any, Any]:
 
 
 def _columns(every: int) -> Callable[[], None]:
-    from discrepancy.columns import candidate_columns
-    from discrepancy.confrontation import Confrontation
+    from discrepancy.sensitivities.candidates import candidate_columns
+    from discrepancy.sensitivities.linearised_problem import Confrontation
 
     stage, preparation, entries = _stage()
     drawn = np.random.default_rng(0).permutation(len(entries))[: -(-len(entries) // every)]

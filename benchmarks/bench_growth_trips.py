@@ -10,9 +10,9 @@ from trips import DURATION, trip
 
 
 def _batch(count: int) -> Callable[[], None]:
-    from multibody.simulate import native_problem
     from multibody.solvers import DormandPrince54
     from multibody.solvers.batch import batch
+    from multibody.system.simulate import native_problem
 
     given = trip("one_dimensional")
     problem = native_problem(given.system, given.system.p, given.table)

@@ -20,7 +20,7 @@ import sys
 sys.path.insert(0, sys.argv[2])
 import numpy as np
 from dataclasses import replace
-from multibody.simulate import native_problem
+from multibody.system.simulate import native_problem
 from multibody.solvers.batch import batch
 from trips import DURATION, trip
 

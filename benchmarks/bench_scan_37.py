@@ -20,11 +20,11 @@ def _facts() -> tuple[Any, Any, list[Any]]:
     """Return a stage of the reference model beside one trip, and 100 candidates, evenly over the catalogue."""
     import numpy as np
 
-    from discrepancy.catalogue import catalogue
-    from discrepancy.search import scan_preparation
-    from discrepancy.setup import noise_floors
-    from discrepancy.study import Study
-    from vtsdt.bench_rig import LiftRig
+    from discrepancy.effects.catalogue import catalogue
+    from discrepancy.problem.problem import noise_floors
+    from discrepancy.search.step import scan_preparation
+    from discrepancy.study.study import Study
+    from vtsdt.rig.rig import LiftRig
 
     case = LiftRig(seed=1, trips=2, under_test="reference").case()
     setup = case.setup(seed=1, residual="simulation")
@@ -59,7 +59,7 @@ def _followed(setup: Any, experiment: Any) -> Any:
 
 
 def _columns(each: int) -> Callable[[], None]:
-    from discrepancy.columns import Confrontation, candidate_columns
+    from discrepancy.sensitivities.candidates import Confrontation, candidate_columns
 
     stage, preparation, entries = _facts()
     shapes = 0

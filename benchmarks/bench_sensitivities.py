@@ -31,8 +31,8 @@ TIMES = np.linspace(0.0, DURATION, 601)
 @cache
 def _problem() -> tuple[Any, np.ndarray, np.ndarray]:
     """The trip, the places of the parameters, and the sizes of the states."""
-    from multibody.simulate import native_problem
     from multibody.solvers import DormandPrince54, integrate
+    from multibody.system.simulate import native_problem
 
     given = reference_trip()
     problem = native_problem(given.system, given.system.p, given.table, tangent=True)

@@ -13,7 +13,7 @@ _numbers = itertools.count(1)
 
 
 def _axis():  # type: ignore[no-untyped-def]
-    from discrepancy.axis import build
+    from discrepancy.rigs.axis import build
 
     return build()
 

@@ -49,7 +49,7 @@ def bench_solve_ivp() -> Callable[[], None]:
     return _python("import scipy.integrate")
 
 
-TRIP = "from vtsdt.lift import Lift; Lift.reference().trip('up')"
+TRIP = "from vtsdt.lift.lift import Lift; Lift.reference().trip('up')"
 
 
 def bench_first_trip() -> Callable[[], None]:

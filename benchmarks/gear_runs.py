@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gearbox.stage import Stage
+from gearbox.stage.stage import Stage
 
 SPEED, TORQUE = 1000.0, 150.0
 #: Start of the paper's updating, its updated point (Table 4), and a corner of Table 3 with its stiffest damper.
@@ -55,8 +55,8 @@ class Rates:
     """
 
     def __init__(self, stage: Stage, count: int = 2000):
-        from gearbox.running import moving_state
-        from multibody.native import load_driver
+        from gearbox.stage.running import moving_state
+        from multibody.compile.native import load_driver
 
         system = self.system = stage.system
         self.states = np.tile(moving_state(stage, SPEED, TORQUE), (count, 1))

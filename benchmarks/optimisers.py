@@ -26,7 +26,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from numpy.typing import NDArray
 
-from discrepancy.trials import wilson
+from discrepancy.validation.trials import wilson
 from surrogate import DesignSpace, OptimiserComparison, ResponseSurface, compare_optimisers, local_maxima
 
 Array = NDArray[np.float64]

@@ -21,10 +21,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.stats import chi2
 
-from discrepancy import synthetic as sy
-from discrepancy.scan import scan
-from discrepancy.whitened import plain_weights, raw_residual, whiten_all
-from discrepancy.whitening import fit_whitener
+from discrepancy.statistics import synthetic as sy
+from discrepancy.statistics.scan import scan
+from discrepancy.statistics.whitened import plain_weights, raw_residual, whiten_all
+from discrepancy.statistics.whitening import fit_whitener
 
 LEVEL = 0.02
 

@@ -33,7 +33,7 @@ class Trip:
     @property
     def table(self) -> Any:
         """The inputs as one table."""
-        from multibody.simulate import input_table
+        from multibody.system.simulate import input_table
 
         return input_table(self.system, self.inputs)
 
@@ -62,8 +62,8 @@ def trip(kind: str, stiff: bool = False) -> Trip:
 
 
 def _trip(kind: str, stiff: bool = False) -> Trip:
-    from vtsdt.lift import Lift
-    from vtsdt.reference import sampled_reference
+    from vtsdt.lift.lift import Lift
+    from vtsdt.lift.speed_reference import sampled_reference
 
     lift = getattr(Lift, kind)()
     times = np.arange(round(DURATION / STEP) + 1) * STEP
@@ -121,8 +121,8 @@ class HandWritten:
         largest: float = 1e300,
         stops: bool = False,
     ) -> None:
-        from multibody.compiler.c_source import c_source
-        from multibody.compiler.units import unit_of_text
+        from multibody.compile.c_source import c_source
+        from multibody.compile.emitter.units import unit_of_text
 
         compiler = shutil.which("gcc") or shutil.which("cc")
         if compiler is None:
@@ -177,8 +177,8 @@ def truth(kind: str, stiff: bool = False) -> np.ndarray:
 
 
 def _native(kind: str, stiff: bool, method: Any) -> Solve:
-    from multibody.simulate import native_problem
     from multibody.solvers import integrate
+    from multibody.system.simulate import native_problem
 
     given = trip(kind, stiff)
     problem = native_problem(given.system, given.system.p, given.table, tangent=True)
@@ -191,8 +191,8 @@ def _native(kind: str, stiff: bool, method: Any) -> Solve:
 
 
 def _scipy(kind: str, stiff: bool, method: str) -> Solve:
-    from multibody.simulate import native_problem
     from multibody.solvers import integrate
+    from multibody.system.simulate import native_problem
 
     given = trip(kind, stiff)
     problem = native_problem(given.system, given.system.p, given.table, tangent=method in ("Radau", "BDF", "LSODA"))
@@ -207,7 +207,7 @@ def _scipy(kind: str, stiff: bool, method: str) -> Solve:
 def _sundae(kind: str, stiff: bool) -> Solve:
     from sksundae.cvode import CVODE
 
-    from multibody.simulate import native_problem
+    from multibody.system.simulate import native_problem
 
     given = trip(kind, stiff)
     problem = native_problem(given.system, given.system.p, given.table, tangent=True)
@@ -293,8 +293,8 @@ def shares(kind: str) -> dict[str, Any]:
         return lambda: (solve(rtol, atol), None)[1]
 
     def ours(times: Any = None, method: Any = solvers.DormandPrince54, end: float = DURATION) -> Callable[[], Any]:
-        from multibody.simulate import native_problem
         from multibody.solvers import integrate
+        from multibody.system.simulate import native_problem
 
         given = trip(kind)
         problem = native_problem(given.system, given.system.p, given.table, tangent=True)

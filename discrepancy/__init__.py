@@ -1,7 +1,7 @@
 """Finding the missing effect: compare, locate, explain, add, and watch the error fall.
 
 `Study` runs the loop on a study file; `Setup` is what it starts from when a program has the model and the records
-already.  `discrepancy.kinds` is the catalogue of effects and `register` adds a kind of one's own.
+already.  `discrepancy.effects.kinds` is the catalogue of effects and `register` adds a kind of one's own.
 """
 
 from __future__ import annotations
@@ -12,9 +12,13 @@ from typing import Any
 __all__ = ["Effect", "Kind", "KindText", "Setup", "Study", "experiments_of", "register"]
 
 _WHERE = {
-    "Effect": "discrepancy.effects", "Kind": "discrepancy.kinds", "KindText": "discrepancy.kinds",
-    "Setup": "discrepancy.setup", "Study": "discrepancy.study", "experiments_of": "discrepancy.setup",
-    "register": "discrepancy.kinds",
+    "Effect": "discrepancy.effects.effect",
+    "Kind": "discrepancy.effects.kinds",
+    "KindText": "discrepancy.effects.kinds",
+    "Setup": "discrepancy.problem.problem",
+    "Study": "discrepancy.study.study",
+    "experiments_of": "discrepancy.problem.problem",
+    "register": "discrepancy.effects.kinds",
 }
 
 

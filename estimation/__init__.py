@@ -2,13 +2,13 @@
 
 Records: :func:`read_records` reads CSV, Parquet and MATLAB files into :class:`Record`, refuses what is
 broken and logs what was done; :class:`Preparation` filters record and model alike;
-:mod:`estimation.metrics` says how far they are apart.
+:mod:`estimation.signals.metrics` says how far they are apart.
 """
 
-from estimation.checks import RecordError
-from estimation.record import ReadRules, Record, Signal
-from estimation.records import read_record, read_records
-from estimation.signals import Preparation, SignalError
+from estimation.files.checks import RecordError
+from estimation.files.reading import read_record, read_records
+from estimation.files.record import ReadRules, Record, Signal
+from estimation.signals.preparation import Preparation, SignalError
 
 __all__ = [
     "Preparation",

@@ -1,6 +1,6 @@
 """Draw the README's picture: the error of a virtual axis with a hidden effect, stage by stage.
 
-The machine and its recordings are synthetic (`discrepancy.axis`). Run it with
+The machine and its recordings are synthetic (`discrepancy.rigs.axis`). Run it with
 
     python examples/falling_error.py [PICTURE.png]
 """
@@ -11,9 +11,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from discrepancy.axis import make_axis
-from discrepancy.figures import falling_error
-from discrepancy.study import Study
+from discrepancy.report.figures import falling_error
+from discrepancy.rigs.axis import make_axis
+from discrepancy.study.study import Study
 
 SEED = 7  # that of the README's command
 HIDDEN = "stribeck_friction"

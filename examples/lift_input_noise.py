@@ -15,8 +15,8 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
-from discrepancy.study import Study
-from vtsdt.bench_plain import PlainLiftRig
+from discrepancy.study.study import Study
+from vtsdt.rig.one_dimensional import PlainLiftRig
 
 NOISE = {"friction_c": 0.5, "friction_cw": 0.5}
 TRIPS = 4

@@ -1,6 +1,7 @@
 """Rails that nobody surveyed: what the reference model lacks without them, and with the guide that three sensors show.
 
-A virtual lift has rough rails; the model under test takes them for straight.  `vtsdt.alignment.align` estimates from
+A virtual lift has rough rails; the model under test takes them for straight.  `vtsdt.alignment.align.align` estimates
+from
 tension, height and acceleration of the trips that may be used how hard the guides press over height, the model gets
 that as its rails, and all are calibrated and laid beside trips that were not used.  The model with the rails as they
 are says what more could be had.  Run it with
@@ -17,15 +18,15 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from discrepancy.bench import Case
-from discrepancy.study import Study
-from estimation.record import Record
-from vtsdt.alignment import Alignment, align
-from vtsdt.alignment_trips import prepare
-from vtsdt.bench_model import build
-from vtsdt.bench_rails import rail_tables
-from vtsdt.bench_rig import LiftRig
-from vtsdt.parameters import LiftParameters
+from discrepancy.rigs.recording import Case
+from discrepancy.study.study import Study
+from estimation.files.record import Record
+from vtsdt.alignment.align import Alignment, align
+from vtsdt.alignment.trips import prepare
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.rig.models import build
+from vtsdt.rig.rails import rail_tables
+from vtsdt.rig.rig import LiftRig
 
 SEED = 9410
 TRIPS = 8  # the last quarter is held out

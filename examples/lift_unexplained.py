@@ -14,12 +14,12 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from discrepancy.diagnosis import Conclusion
-from discrepancy.setup import Setup
-from discrepancy.study import Study
-from estimation.calibrate import UncertainParameter
-from vtsdt.bench_rig import LiftRig
-from vtsdt.parameters import LiftParameters
+from discrepancy.problem.problem import Setup
+from discrepancy.report.conclusion import Conclusion
+from discrepancy.study.study import Study
+from estimation.fit.calibrate import UncertainParameter
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.rig.rig import LiftRig
 
 SEED = 9400
 TRIPS = 4

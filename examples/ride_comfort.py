@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vtsdt.comfort import RideComfort, ride_comfort
+from vtsdt.lift.comfort import RideComfort, ride_comfort
 
 
 def judged(data: Path) -> RideComfort:

@@ -1,7 +1,8 @@
 """The modelling core: components, models, assembly, simulation."""
 
-from multibody.component import Component
-from multibody.declare import (
+from multibody.base.errors import EquationError, ModelError, SimulationError
+from multibody.declare.component import Component
+from multibody.declare.declarations import (
     Energy,
     Frame,
     Input,
@@ -16,8 +17,7 @@ from multibody.declare import (
     Translation,
     Unknown,
 )
-from multibody.errors import EquationError, ModelError, SimulationError
-from multibody.model import Model
+from multibody.model.model import Model
 
 __all__ = [
     "Component", "Energy", "EquationError", "Frame", "Input", "Model", "ModelError", "Option", "Output", "Parameter",

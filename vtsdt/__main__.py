@@ -2,7 +2,7 @@
 
 import sys
 
-from vtsdt.cli import main
+from vtsdt.cli.command_line import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -17,10 +17,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended, nees
-from vtsdt.alignment_filter import DELTA, GuideFilter
-from vtsdt.alignment_trips import Trip
-from vtsdt.lift import Lift
-from vtsdt.parameters import LiftParameters
+from vtsdt.alignment.filter import DELTA, GuideFilter
+from vtsdt.alignment.trips import Trip
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.lift.lift import Lift
 
 HERE = Path(__file__).parent
 

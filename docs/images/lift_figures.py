@@ -11,12 +11,12 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from vtsdt.energy import energy_balance
-from vtsdt.guide import face
-from vtsdt.lift import Lift
-from vtsdt.modes import modes_along_trip
-from vtsdt.pictures import diagram, mode_shapes, trip_strip
-from vtsdt.reduction import one_dimensional_against_reference
+from vtsdt.lift.energy import energy_balance
+from vtsdt.lift.lift import Lift
+from vtsdt.lift.modes import modes_along_trip
+from vtsdt.lift.pictures import diagram, mode_shapes, trip_strip
+from vtsdt.lift.reduction import one_dimensional_against_reference
+from vtsdt.parts.guide import face
 
 HERE = Path(__file__).parent
 

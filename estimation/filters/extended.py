@@ -84,7 +84,7 @@ def extended(
         If states or covariance grow beyond all bounds.
     """
     from estimation.filters.kernels.layout import COVARIANCES, EVERYTHING
-    from multibody.native import load_driver
+    from multibody.compile.native import load_driver
 
     bundle = model.bundle()
     n, m, ld, count = model.n, len(model.measured), model.ld, samples.count

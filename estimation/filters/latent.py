@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from multibody.system import System
+    from multibody.system.system import System
 
 __all__ = ["Latent", "Matern32", "OrnsteinUhlenbeck", "RandomWalk"]
 
@@ -188,7 +188,7 @@ class Matern32(Latent):
 
 def readouts(system: System, latents: tuple[Latent, ...]) -> tuple[list[tuple[int, int, int, float]], list[str]]:
     """Return (latent state, kind 0 input or 1 parameter, index, factor) for each target, and faults."""
-    from multibody.component import nearest
+    from multibody.declare.component import nearest
 
     found, faults, at = [], [], len(system.states)
     delays = set(system.input_delays.values())

@@ -10,7 +10,7 @@ import numpy as np
 from estimation.filters.smoother import backwards, smoother_gains
 
 if TYPE_CHECKING:
-    from multibody.linearize import Linearization
+    from multibody.system.linearize import Linearization
 
 __all__ = ["LinearModel", "LinearRun", "kalman", "rauch_tung_striebel", "van_loan"]
 

@@ -14,7 +14,7 @@ from estimation.filters.latent import Latent, readouts
 
 if TYPE_CHECKING:
     from estimation.filters.samples import Samples
-    from multibody.system import System
+    from multibody.system.system import System
 
 __all__ = ["FilterModel"]
 
@@ -74,7 +74,7 @@ class FilterModel:
         steps: Mapping[str, float] | None = None,
         bounds: Mapping[str, tuple[float, float]] | None = None,
     ):
-        from multibody.component import nearest
+        from multibody.declare.component import nearest
 
         self.system = system
         self.measured = tuple(measured)
@@ -164,7 +164,7 @@ class FilterModel:
         KeyError
             With the nearest name that exists.
         """
-        from multibody.component import nearest
+        from multibody.declare.component import nearest
 
         if name not in self.state_names:
             raise KeyError(f"the filter has no state '{name}'{nearest(name, self.state_names)}")
@@ -222,8 +222,8 @@ class Bundle:
 
     def __init__(self, model: FilterModel):
         from estimation.filters.kernels import layout as at
-        from multibody.directions import along_directions
-        from multibody.passing import look_at
+        from multibody.compile.several_directions import along_directions
+        from multibody.system.narrow_features import look_at
 
         system, n = model.system, model.n
         exact = model.jacobian == "exact"

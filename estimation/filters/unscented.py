@@ -53,7 +53,7 @@ def unscented(
     FilterDivergence
         If the covariance loses its sign or a state grows beyond all bounds.
     """
-    from multibody.native import load_driver
+    from multibody.compile.native import load_driver
 
     bundle = model.bundle()
     n, m, ld, count = model.n, len(model.measured), model.ld, samples.count

@@ -1,8 +1,8 @@
 """The EMPS axis: a motor and a ball screw move a carriage, and a controller that is known keeps it on a reference."""
 
 from multibody import Model
-from multibody.component import Component
-from multibody.declare import Input, Output, Parameter, State, Translation
+from multibody.declare.component import Component
+from multibody.declare.declarations import Input, Output, Parameter, State, Translation
 from multibody.library import Mass
 from multibody.library.friction import Sliding
 from multibody.library.laws import coulomb

@@ -12,7 +12,7 @@ import os
 import sys
 from pathlib import Path
 
-from gearbox.recording import RecordingAnalysis, analyse, families, read_npz
+from gearbox.signals.recording_analysis import RecordingAnalysis, analyse, families, read_npz
 
 FILE = "gear_stage/gear_2000rpm_25600Hz_4s.npz"
 TEETH, SPEED_HZ = (23, 46), 2000.0 / 60.0

@@ -6,8 +6,8 @@ output_unit="A")``), so that connections are checked although the blocks serve a
 
 from __future__ import annotations
 
-from multibody.component import Component
-from multibody.declare import Input, Option, Output, Parameter, State, Unit
+from multibody.declare.component import Component
+from multibody.declare.declarations import Input, Option, Output, Parameter, State, Unit
 from multibody.library.laws import saturated
 
 __all__ = [

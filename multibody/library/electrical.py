@@ -6,8 +6,8 @@ Sign convention: a pin's ``current`` flows from the node into the part; a part b
 
 from __future__ import annotations
 
-from multibody.component import Component
-from multibody.declare import Energy, Input, Option, Output, Parameter, Pin, Power, Rotation, State
+from multibody.declare.component import Component
+from multibody.declare.declarations import Energy, Input, Option, Output, Parameter, Pin, Power, Rotation, State
 
 __all__ = [
     "PMSM",

@@ -7,8 +7,8 @@ for the sign, so that below about ``v_s`` it creeps where the real contact stick
 
 from __future__ import annotations
 
-from multibody.component import Component
-from multibody.declare import Input, Option, Output, Parameter, Power, Rotation, Translation
+from multibody.declare.component import Component
+from multibody.declare.declarations import Input, Option, Output, Parameter, Power, Rotation, Translation
 from multibody.library.laws import asymmetric, coulomb, one_sided, quadratic, stribeck
 
 __all__ = [

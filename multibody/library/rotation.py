@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from multibody.component import Component
-from multibody.declare import Energy, Input, Option, Output, Parameter, Power, Rotation, State
+from multibody.declare.component import Component
+from multibody.declare.declarations import Energy, Input, Option, Output, Parameter, Power, Rotation, State
 from multibody.library.laws import clearance_contact, contact
 
 __all__ = [

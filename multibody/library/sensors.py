@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from multibody.component import Component
-from multibody.declare import Input, Option, Output, Parameter, Pin, Rotation, State, Translation, Unit
+from multibody.declare.component import Component
+from multibody.declare.declarations import Input, Option, Output, Parameter, Pin, Rotation, State, Translation, Unit
 
 __all__ = [
     "AccelerationSensor",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from multibody.component import Component
-from multibody.declare import Output, Parameter, Table, Unit
+from multibody.declare.component import Component
+from multibody.declare.declarations import Output, Parameter, Table, Unit
 from multibody.library.profiles import jerk_limited, trapezoidal
 
 __all__ = ["Constant", "Ramp", "SCurveProfile", "Sine", "Step", "TableReference", "TrapezoidalProfile"]

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-from multibody.component import Component
-from multibody.declare import Energy, Frame, Input, Option, Output, Parameter, Power
-from multibody.spatial.body import RigidBody, World
+from multibody.declare.component import Component
+from multibody.declare.declarations import Energy, Frame, Input, Option, Output, Parameter, Power
+from multibody.declare.rigid_body import RigidBody, World
 
 __all__ = [
     "FixedFrame",

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from multibody.component import Component
-from multibody.declare import Energy, Input, Option, Output, Parameter, Power, State, Translation
+from multibody.declare.component import Component
+from multibody.declare.declarations import Energy, Input, Option, Output, Parameter, Power, State, Translation
 from multibody.library.laws import clearance_contact, contact, tension_only
 
 __all__ = [

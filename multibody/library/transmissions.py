@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from multibody.component import Component
-from multibody.declare import Option, Output, Parameter, Power, Rotation, Translation, Unknown
+from multibody.declare.component import Component
+from multibody.declare.declarations import Option, Output, Parameter, Power, Rotation, Translation, Unknown
 from multibody.library.laws import transmission_loss
 
 __all__ = ["Crank", "Gear", "Rack", "RigidLink", "RigidShaft", "Screw"]

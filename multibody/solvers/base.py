@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
 
-from multibody.native import load_driver
+from multibody.compile.native import load_driver
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
     COUNTS,

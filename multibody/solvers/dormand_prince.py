@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from multibody.compiler.entries import jit_enabled
-from multibody.compiler.kinds import address_of
+from multibody.compile.emitter.entries import jit_enabled
+from multibody.compile.emitter.kinds import address_of
 from multibody.solvers.base import NativeSolver
 from multibody.solvers.kernels.abreast import LANES, advance_abreast
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from multibody.abreast import rhs_abreast, rhs_abreast_is_known
+from multibody.compile.several_runs import rhs_abreast, rhs_abreast_is_known
 from multibody.solvers.automatic import LOOK, Automatic
 from multibody.solvers.base import Samples
 from multibody.solvers.dormand_prince import DormandPrince54

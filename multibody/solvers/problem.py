@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from multibody.inputs import InputTable
-from multibody.native import NativeFunction, load_driver
+from multibody.compile.native import NativeFunction, load_driver
+from multibody.inputs.table import InputTable
 
 __all__ = ["Directions", "NativeProblem", "ProblemError"]
 
@@ -301,7 +301,7 @@ class NativeProblem:
         m = self.n_directions
         if not self.in_lanes or self.tangent is None or m < 2:
             return 0, 0
-        from multibody.directions import FEW_LANES, MANY_LANES, along_directions
+        from multibody.compile.several_directions import FEW_LANES, MANY_LANES, along_directions
 
         lanes = FEW_LANES if m <= FEW_LANES else MANY_LANES
         wide = along_directions(self.tangent, lanes)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from multibody.inputs import InputTable
+from multibody.inputs.table import InputTable
 
 __all__ = ["SCIPY_METHODS", "Stops", "solve_with_stops"]
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from multibody.native import load_driver
-from multibody.side_by_side import side_by_side
+from multibody.base.parallel import side_by_side
+from multibody.compile.native import load_driver
 from multibody.solvers.frozen import frozen_transitions
 from multibody.solvers.kernels.intervals import WIDTH
 from multibody.solvers.problem import ProblemError

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from vtsdt.cli import main
+from vtsdt.cli.command_line import main
 
 RECORDS = """
 [records]

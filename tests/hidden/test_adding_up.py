@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from plain_machines import RECORDS, diagnosed, low_passed, written
 
-from discrepancy.disturbance import disturbance_of, facts_of
-from discrepancy.search import scan_preparation
-from discrepancy.study import Study
+from discrepancy.search.step import scan_preparation
+from discrepancy.sensitivities.disturbance import disturbance_of, facts_of
+from discrepancy.study.study import Study
 
 MODELS = '''
 from multibody import Model

@@ -11,10 +11,10 @@ import math
 
 import pytest
 
-from discrepancy.axis import axis_case
-from discrepancy.study import Study
-from discrepancy.suite_cases import hidden_trial, null_trial
-from discrepancy.trials import wilson
+from discrepancy.rigs.axis import axis_case
+from discrepancy.study.study import Study
+from discrepancy.validation.cases import hidden_trial, null_trial
+from discrepancy.validation.trials import wilson
 
 
 def diagnosed(seed, hide):

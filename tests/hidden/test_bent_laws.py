@@ -7,7 +7,7 @@ import pytest
 from plain_machines import RECORDS, diagnosed, low_passed
 from scipy.integrate import solve_ivp
 
-from discrepancy.diagnosis_check import check_diagnosis
+from discrepancy.report.schema import check_diagnosis
 
 MODELS = '''
 from multibody import Model

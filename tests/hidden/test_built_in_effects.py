@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.effects import Effect
-from discrepancy.kinds import Kind, KindText, kinds, register
-from discrepancy.setup import Setup, experiments_of
-from discrepancy.study import Study
-from estimation.calibrate import UncertainParameter
-from estimation.record import Record, Signal
+from discrepancy.effects.effect import Effect
+from discrepancy.effects.kinds import Kind, KindText, kinds, register
+from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.study.study import Study
+from estimation.files.record import Record, Signal
+from estimation.fit.calibrate import UncertainParameter
 from multibody import Component, Model, Output, Parameter, Translation
 from multibody.library import Damper, ForceSource, Mass
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.confront import Confronted, windows_instead
-from discrepancy.history import restore, save_history
-from discrepancy.setup import Setup, experiments_of
-from discrepancy.study import Study
-from estimation.calibration import UncertainParameter
-from estimation.record import Record, Signal
+from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.residual.confront import Confronted, windows_instead
+from discrepancy.study.history import restore, save_history
+from discrepancy.study.study import Study
+from estimation.files.record import Record, Signal
+from estimation.fit.calibration import UncertainParameter
 from multibody import Model
 from multibody.library import Pendulum, RotaryViscousFriction, TorqueSource
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from discrepancy.study import Study
-from gearbox.rig import GearRig
-from gearbox.rig_encoders import make_encoders
+from discrepancy.study.study import Study
+from gearbox.rig.encoders import make_encoders
+from gearbox.rig.rig import GearRig
 
 
 def diagnosed(folder, hide, seed):

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from discrepancy.catalogue import catalogue
-from discrepancy.setup import experiments_of
-from estimation.record import Record, Signal
-from gearbox.effects import GEAR_KINDS
-from gearbox.stage import Stage
+from discrepancy.effects.catalogue import catalogue
+from discrepancy.problem.problem import experiments_of
+from estimation.files.record import Record, Signal
+from gearbox.stage.effects import GEAR_KINDS
+from gearbox.stage.stage import Stage
 
 OUTPUTS = {"transmission_error": "m", "drive_torque": "N*m"}
 SPEED, TORQUE = 300.0, 100.0

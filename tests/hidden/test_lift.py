@@ -10,14 +10,14 @@ import math
 
 import pytest
 
-from discrepancy.bench import Disturbance
-from discrepancy.study import Study
-from discrepancy.suite import run_suite
-from discrepancy.trials import Trial, file_name, page, with_section
-from vtsdt import suite_reference
-from vtsdt.bench_plain import PlainLiftRig
-from vtsdt.bench_rig import LiftRig
-from vtsdt.suite_lift import case, names, sizes
+from discrepancy.rigs.recording import Disturbance
+from discrepancy.study.study import Study
+from discrepancy.validation.suite import run_suite
+from discrepancy.validation.trials import Trial, file_name, page, with_section
+from vtsdt.rig import suite_reference
+from vtsdt.rig.one_dimensional import PlainLiftRig
+from vtsdt.rig.rig import LiftRig
+from vtsdt.rig.suite_lift import case, names, sizes
 
 
 def diagnosed(seed, hide):
@@ -66,7 +66,7 @@ def test_lift_friction_of_the_cabin_is_found():
 
 @pytest.mark.slow
 def test_lift_suite_goes_on_where_it_stopped(tmp_path):
-    import vtsdt.suite_lift as machine
+    import vtsdt.rig.suite_lift as machine
 
     first = run_suite("null", 1, tmp_path, first=11, workers=1, machine="lift", module=machine.__name__)
     again = run_suite("null", 1, tmp_path, first=11, workers=1, machine="lift", module=machine.__name__)

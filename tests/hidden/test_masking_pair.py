@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from discrepancy.axis import AxisRig
-from discrepancy.diagnosis import to_diagnosis
-from discrepancy.study import Study
+from discrepancy.report.conclusion import to_diagnosis
+from discrepancy.rigs.axis import AxisRig
+from discrepancy.study.study import Study
 
 #: A position sensor that is late, and a loop stiffer than stated, which makes up for it.
 HIDDEN = {
@@ -51,7 +51,7 @@ def test_the_story_says_that_they_hide_each_other(study):
 
 def test_one_step_at_a_time_names_something_else(setup, monkeypatch):
     """What the look-ahead is for: without it the search of this case ends with effects that are not there."""
-    from discrepancy import study as module
+    from discrepancy.study import study as module
 
     monkeypatch.setattr(module, "look_ahead", lambda step, *args, **settings: step)
     alone = Study(setup)
@@ -62,7 +62,7 @@ def test_one_step_at_a_time_names_something_else(setup, monkeypatch):
 def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(setup, interrupter, tmp_path):
     from dataclasses import replace
 
-    from discrepancy.history import restore, save_history
+    from discrepancy.study.history import restore, save_history
 
     few = replace(setup, include=("sensor_delay@*", "position_loop_gain@*", "speed_loop_gain@*", "viscous_friction@*"))
     whole, broken, again = Study(few), Study(few, progress=interrupter("add position_loop")), Study(few)
@@ -84,8 +84,8 @@ def test_what_is_left_of_the_two_is_hidden_by_nothing(study, monkeypatch):
     """A stage that waits for what hides it is taken out when a search goes on; one whose partner has gone is not."""
     from dataclasses import replace
 
-    from discrepancy import settle
-    from discrepancy.loop import Search
+    from discrepancy.search import backward_elimination as settle
+    from discrepancy.search.loop import Search
 
     first, second = study.stage.effects
     left = replace(study, stages=list(study.stages))
@@ -108,8 +108,8 @@ def test_no_room_for_two_is_no_look_ahead(setup):
 
 
 def test_pairs_of_the_suite_cancel_as_far_as_they_can():
-    from discrepancy.kinds import kind_named
-    from discrepancy.suite_masking import masking_pair
+    from discrepancy.effects.kinds import kind_named
+    from discrepancy.validation.masking_cases import masking_pair
 
     pair = masking_pair(1)
     assert len(pair) == 2
@@ -117,7 +117,7 @@ def test_pairs_of_the_suite_cancel_as_far_as_they_can():
         assert set(strengths) == set(kind_named(name.partition("@")[0]).strengths)
     none = Study(AxisRig(seed=1).case([]).setup(seed=1)).explain().scan
     both = Study(AxisRig(seed=1, strengths=pair).case(list(pair)).setup(seed=1)).explain().scan
-    from discrepancy.pairs import PairScores
+    from discrepancy.statistics.masking_pairs import PairScores
 
     seen = next(p for p in PairScores(both).masking() if set(p.names) == set(pair))
     assert seen.gain > 4.0 * none[seen.names[0]].needed ** 2  # hidden at three times what shows, in amplitude

@@ -7,15 +7,15 @@ import json
 import numpy as np
 import pytest
 
-from discrepancy.axis import axis_case, make_axis
-from discrepancy.effects import Effect
-from discrepancy.next_measurement import compare_trips
-from discrepancy.proposals import NextMeasurement, Proposal, chance, repeats_needed
-from discrepancy.search import TIE
-from discrepancy.study import Study
-from discrepancy.trip_plan import TripPlan
-from discrepancy.worth import bic_difference
-from estimation.signals import smooth_derivative
+from discrepancy.effects.effect import Effect
+from discrepancy.questions.next_measurement import compare_trips
+from discrepancy.questions.trip_plan import TripPlan
+from discrepancy.questions.trip_proposals import NextMeasurement, Proposal, chance, repeats_needed
+from discrepancy.rigs.axis import axis_case, make_axis
+from discrepancy.search.model_comparison import bic_difference
+from discrepancy.search.step import TIE
+from discrepancy.study.study import Study
+from estimation.signals.preparation import smooth_derivative
 
 
 def explained_by(case, *kinds):
@@ -100,7 +100,7 @@ def test_bench_carries_out_a_plan(tmp_path):
     assert '"coupling.twist_torque"' in text
     assert json.loads((study.parent / "truth.json").read_text())["load"]["value"] == pytest.approx(20.0)
     assert "1.5 times the speed" in (study.parent / "README.md").read_text()
-    from discrepancy.setup import from_file
+    from discrepancy.problem.problem import from_file
 
     setup = from_file(study)
     assert setup.identify[0].record.time[-1] == pytest.approx(4.0, abs=0.05)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.axis import axis_case
-from discrepancy.diagnosis import to_diagnosis
-from discrepancy.study import Study
-from discrepancy.trend import parameter_trends
+from discrepancy.report.conclusion import to_diagnosis
+from discrepancy.rigs.axis import axis_case
+from discrepancy.search.parameter_trend import parameter_trends
+from discrepancy.study.study import Study
 
 NAME, CHANGE = "guide.viscous", 20.0
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from plain_machines import MOTOR, RECORDS, diagnosed, low_passed, written
 
-from discrepancy.confrontation import Confrontation
-from discrepancy.reacting import reacting_inputs
-from discrepancy.search import scan_preparation
-from discrepancy.study import Study
+from discrepancy.search.step import scan_preparation
+from discrepancy.sensitivities.input_feedback import reacting_inputs
+from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.study.study import Study
 
 STUDY = """
 [model]

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.effects import Effect
-from discrepancy.setup import Setup, experiments_of
-from discrepancy.study import Study
-from estimation.calibrate import UncertainParameter
-from estimation.record import Record, Signal
+from discrepancy.effects.effect import Effect
+from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.study.study import Study
+from estimation.files.record import Record, Signal
+from estimation.fit.calibrate import UncertainParameter
 from multibody import Model
 from multibody.library import (
     PI,
@@ -28,7 +28,7 @@ from multibody.library import (
     ViscousFriction,
 )
 from multibody.library.spatial import Link
-from vtsdt.bench_rig import LiftRig
+from vtsdt.rig.rig import LiftRig
 
 DRY = ("coulomb_friction", "asymmetric_coulomb_friction")
 """With equal forces both ways the second is the first."""

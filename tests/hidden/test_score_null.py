@@ -7,9 +7,9 @@ docs/method/score-scan.md.
 import numpy as np
 import pytest
 
-from discrepancy import synthetic as sy
-from discrepancy.omnibus import omnibus
-from discrepancy.scan import scan
+from discrepancy.search.omnibus import omnibus
+from discrepancy.statistics import synthetic as sy
+from discrepancy.statistics.scan import scan
 
 LEVEL = 0.02
 

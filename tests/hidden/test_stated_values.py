@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.catalogue import catalogue
-from discrepancy.effects import Effect
-from discrepancy.report import write
-from discrepancy.setup import Setup, experiments_of
-from discrepancy.study import Study
-from estimation.calibrate import UncertainParameter
-from estimation.record import Record, Signal
+from discrepancy.effects.catalogue import catalogue
+from discrepancy.effects.effect import Effect
+from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.report.write import write
+from discrepancy.study.study import Study
+from estimation.files.record import Record, Signal
+from estimation.fit.calibrate import UncertainParameter
 from multibody import Model
 from multibody.library import Inertia, TorqueSource
 from multibody.library.control import PI

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from discrepancy.suite_cases import hidden_trial
+from discrepancy.validation.cases import hidden_trial
 
 HIDDEN = ("coulomb_friction@guide", "position_dependent_force@guide", "hysteresis@motor")
 
 
 def test_a_force_along_the_way_ends_where_it_acts(monkeypatch):
-    from discrepancy import swap
+    from discrepancy.search import exchange as swap
 
     exchanged = []
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.axis import axis_case
-from discrepancy.conclude import conclude
-from discrepancy.confrontation import Confrontation
-from discrepancy.force_estimate import estimate_force
-from discrepancy.loop import Search
-from discrepancy.omnibus import omnibus_of_stage
-from discrepancy.search import scan_preparation
-from discrepancy.settle import free_curve
-from discrepancy.study import Study
+from discrepancy.rigs.axis import axis_case
+from discrepancy.search.backward_elimination import free_curve
+from discrepancy.search.loop import Search
+from discrepancy.search.omnibus import omnibus_of_stage
+from discrepancy.search.step import scan_preparation
+from discrepancy.sensitivities.force_estimate import estimate_force
+from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.study.conclude import conclude
+from discrepancy.study.study import Study
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_a_force_that_no_sensor_sees_is_not_called_measured(found):
     deaf = replace(before, noise={n: 1e6 for n in before.noise})
     estimate = estimate_force(before, facts, place, deaf)
     assert not estimate.reconstructable
-    from discrepancy.describe_unknown import UnknownForce
+    from discrepancy.questions.unknown_force import UnknownForce
 
     assert "cannot be reconstructed" in UnknownForce(estimate, None).sentence
 

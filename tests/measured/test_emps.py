@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.effects import Effect
-from discrepancy.study import Study
+from discrepancy.effects.effect import Effect
+from discrepancy.study.study import Study
 from estimation import read_record
-from estimation.signals import smooth_derivative
+from estimation.signals.preparation import smooth_derivative
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "emps"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gearbox.recording import families
+from gearbox.signals.recording_analysis import families
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from discrepancy.study import Study
+from discrepancy.study.study import Study
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "pendulum"
 

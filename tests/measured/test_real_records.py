@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from estimation import Preparation, ReadRules, RecordError, read_record, read_records
-from estimation.metrics import noise_floor
-from estimation.signals import smooth_derivative
+from estimation.signals.metrics import noise_floor
+from estimation.signals.preparation import smooth_derivative
 
 EMPS = {
     "time": "time_s",

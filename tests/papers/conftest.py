@@ -9,5 +9,5 @@ import pytest
 
 @pytest.fixture(scope="session")
 def gear_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with one file of runs for each housing, named as `gearbox.papers.chapters` names them."""
+    """Folder with one file of runs for each housing, named as `gearbox.papers.gearbox.chapters` names them."""
     return tmp_path_factory.mktemp("gear_runs")

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from gearbox import papers
-from gearbox.papers_rows import AGREES, Row
-from vtsdt.papers import _cell
+from gearbox.papers import gearbox as papers
+from gearbox.papers.rows import AGREES, Row
+from vtsdt.papers.validation import _cell
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "method" / "papers-gearbox.md"
 

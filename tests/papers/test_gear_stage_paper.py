@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gearbox.geometry import GearPair
-from gearbox.parameters import StageParameters, hertz_stiffness
-from gearbox.stage import Stage, simulate
+from gearbox.files.geometry import GearPair
+from gearbox.files.parameters import StageParameters, hertz_stiffness
+from gearbox.stage.stage import Stage, simulate
 
 #: Table 5: speed in r/min, load in N m, and the joint speed printed there in °/s; Table 6: mesh frequency and its
 #: harmonics, and the main components of the paper's virtual signals, Hz
@@ -95,8 +95,8 @@ def test_static_transmission() -> None:
 
 def test_a_healthy_stage_has_mesh_lines_only() -> None:
     """What the paper's Eq. 2 says of a healthy gearbox: the mesh frequency and its harmonics hold the signal."""
-    from gearbox.lines import energy_share
-    from gearbox.signals import Signal
+    from gearbox.signals.lines import energy_share
+    from gearbox.signals.signal import Signal
 
     time, signals = simulate({}, 1000.0, 150.0, 0.48, 10000.0, stage=stage())
     lines = np.arange(1, 9) * 1600.0 / 3.0
@@ -106,8 +106,8 @@ def test_a_healthy_stage_has_mesh_lines_only() -> None:
 
 def test_balances_agree() -> None:
     """Static transmission within 0.5 %, energy to 1e-6 of what is lost, mesh lines: as the papers page has them."""
-    from gearbox.papers_balances import balances_chapter
-    from gearbox.papers_rows import AGREES
+    from gearbox.papers.balances import balances_chapter
+    from gearbox.papers.rows import AGREES
 
     rows = balances_chapter().rows
     assert [r.what.split()[0] for r in rows if r.verdict == AGREES] == ["mean", "stored", "share"]

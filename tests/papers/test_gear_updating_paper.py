@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import pytest
 
-from gearbox import papers
-from gearbox.components import main_components
-from gearbox.papers_chain import LOADS, SENSORS, chain_on_rig, one_load, rig_recordings, success
-from gearbox.papers_rows import AGREES, DIFFERS
-from gearbox.papers_surface import eq_18_chapter, figs_9_10
-from gearbox.vibrating import build
+from gearbox.papers import gearbox as papers
+from gearbox.papers.chain import LOADS, SENSORS, chain_on_rig, one_load, rig_recordings, success
+from gearbox.papers.rows import AGREES, DIFFERS
+from gearbox.papers.surface import eq_18_chapter, figs_9_10
+from gearbox.signals.main_components import main_components
+from gearbox.stage.vibrating import build
 
 #: Chain on the rig whose truth lies inside the model.
 DESIGNS = 10
@@ -40,7 +40,7 @@ def test_tables_that_need_no_simulation() -> None:
 
 def test_virtual_main_components_of_table_6() -> None:
     """Within 1 % for the four conditions of Table 5; at 1000 r/min to the resolution of half a second."""
-    from gearbox.condition import OperatingCondition
+    from gearbox.files.operating_condition import OperatingCondition
 
     stage = build()
     for name, rpm, torque, _, meshes, _ in papers.TABLE_5_6[3:]:

@@ -12,8 +12,8 @@ import numpy as np
 import pandas
 import pytest
 
-from vtsdt.lift import Lift
-from vtsdt.parameters import LiftParameters, Profile
+from vtsdt.files.parameters import LiftParameters, Profile
+from vtsdt.lift.lift import Lift
 
 TIGHT = {"rtol": 1e-9, "atol": 1e-12}
 BENCH = LiftParameters.bench()

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vtsdt.energy import TripEnergy, corrective_actions
-from vtsdt.lift import Lift
-from vtsdt.modes import modes_along_trip
+from vtsdt.lift.energy import TripEnergy, corrective_actions
+from vtsdt.lift.lift import Lift
+from vtsdt.lift.modes import modes_along_trip
 
 # E_c, E_cw, E_cb, |E_m| in J and eta_t in percent, simulated columns of Table 4
 TABLE_4 = {

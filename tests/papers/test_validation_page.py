@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from vtsdt import papers
-from vtsdt.papers import AGREES, DIFFERS, UNCHECKED, Chapter, Row, compared
-from vtsdt.papers_lift import TABLE_4, TABLE_4_MEASURED, chapters
+from vtsdt.papers import validation as papers
+from vtsdt.papers.lift import TABLE_4, TABLE_4_MEASURED, chapters
+from vtsdt.papers.validation import AGREES, DIFFERS, UNCHECKED, Chapter, Row, compared
 
 
 @pytest.fixture(scope="module")

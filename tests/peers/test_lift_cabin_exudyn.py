@@ -14,8 +14,8 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation as Turn
 
-from vtsdt.lift import Lift
-from vtsdt.parameters import LiftParameters
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.lift.lift import Lift
 
 exudyn = pytest.importorskip("exudyn", reason="needs Exudyn: pip install -e '.[peers]'")
 pytest.importorskip("exudyn.utilities")

@@ -12,8 +12,8 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation as Turn
 
-from vtsdt.lift import Lift
-from vtsdt.parameters import LiftParameters
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.lift.lift import Lift
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install -e '.[peers]'")
 

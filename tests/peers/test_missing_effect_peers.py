@@ -7,11 +7,11 @@ import pytest
 pytest.importorskip("pysindy")
 pytest.importorskip("sklearn")
 
-from discrepancy.axis import axis_case
-from discrepancy.peers import PeerTrial, peer_page
-from discrepancy.peers_case import peer_case
-from discrepancy.peers_methods import METHODS, methods_on
-from discrepancy.study import Study
+from discrepancy.rigs.axis import axis_case
+from discrepancy.study.study import Study
+from discrepancy.validation.peers import PeerTrial, peer_page
+from discrepancy.validation.peers_case import peer_case
+from discrepancy.validation.peers_methods import METHODS, methods_on
 
 
 @pytest.fixture(scope="module")

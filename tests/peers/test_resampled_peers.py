@@ -8,10 +8,10 @@ import pytest
 pytest.importorskip("pysindy")
 pytest.importorskip("sklearn")
 
-from discrepancy import synthetic
-from discrepancy.peers_methods import ON_COLUMNS, THRESHOLDS, versions
-from discrepancy.resampled import SCHEMES, Resampled, Shared
-from discrepancy.resampled_peers import (
+from discrepancy.statistics import synthetic
+from discrepancy.validation.peers_methods import ON_COLUMNS, THRESHOLDS, versions
+from discrepancy.validation.resampled import SCHEMES, Resampled, Shared
+from discrepancy.validation.resampled_peers import (
     THRESHOLD,
     read_resampled_peers,
     resampled_case,

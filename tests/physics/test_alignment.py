@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vtsdt.alignment import (
+from vtsdt.alignment.align import (
     THRESHOLD,
     Alignment,
     AlignmentError,
@@ -17,18 +17,18 @@ from vtsdt.alignment import (
     pressing_deviation,
     sections,
 )
-from vtsdt.alignment_filter import DELTA, TUNINGS, GuideFilter
-from vtsdt.alignment_score import score
-from vtsdt.alignment_sensors import sensor_table, table_text
-from vtsdt.alignment_trips import Trip
-from vtsdt.lift import Lift
-from vtsdt.parameters import LiftParameters
-from vtsdt.profile import Profile
+from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
+from vtsdt.alignment.score import score
+from vtsdt.alignment.sensors import sensor_table, table_text
+from vtsdt.alignment.trips import Trip
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.files.rail_profile import Profile
+from vtsdt.lift.lift import Lift
 
 
 def trip_of(lift: Lift, direction: str, seed: int, tension_offset: float = 0.0) -> Trip:
     """A trip of the reference model with noise of its sensors, low-passed as the command does."""
-    from estimation.signals import low_pass
+    from estimation.signals.preparation import low_pass
 
     run = lift.trip(direction, step=2e-3, rtol=1e-5, atol=1e-8)
     rng = np.random.default_rng(seed)
@@ -180,8 +180,8 @@ def study():
 
     Sections are counted strictly, as on the page of the study.
     """
-    from vtsdt.alignment_lifts import make_case
-    from vtsdt.alignment_study import judge, lines
+    from vtsdt.alignment.study import judge, lines
+    from vtsdt.alignment.virtual_lifts import make_case
 
     chosen = [each for each in lines() if each.group in ("as recorded", "gain of the tension", "tuning")]
     cases = [make_case(seed) for seed in (31, 32, 33)]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended, nees, observability
-from vtsdt.alignment_filter import DELTA, TUNINGS, GuideFilter
-from vtsdt.alignment_rehearsal import plain_trip
-from vtsdt.parameters import LiftParameters
+from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
+from vtsdt.alignment.rehearsal import plain_trip
+from vtsdt.files.parameters import LiftParameters
 
 STEP, COUNT = 1e-3, 600
 SPEED, TRUE = 0.3, 2.3e-3

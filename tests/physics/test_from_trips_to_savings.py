@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from vtsdt.cli import main
+from vtsdt.cli.command_line import main
 
 
 @pytest.mark.slow

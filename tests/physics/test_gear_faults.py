@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gearbox.faults import FAULTS, combined, fault
-from gearbox.stage import Stage
-from multibody.trajectory import Trajectory
+from gearbox.stage.faults import FAULTS, combined, fault
+from gearbox.stage.stage import Stage
+from multibody.system.trajectory import Trajectory
 
 F_1 = 1000.0 / 60.0
 F_2 = F_1 * 32 / 44

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gearbox.box import PLACES as PLACED
-from gearbox.box import box_modes
-from gearbox.errors import GearError
-from gearbox.housing import SEATS, SENSORS, housing_component
-from gearbox.modes import ModeSet, read_modes, rigid_modes, write_modes
-from gearbox.stage import Stage
+from gearbox.files.errors import GearError
+from gearbox.parts.box import PLACES as PLACED
+from gearbox.parts.box import box_modes
+from gearbox.parts.housing import SEATS, SENSORS, housing_component
+from gearbox.parts.modes import ModeSet, read_modes, rigid_modes, write_modes
+from gearbox.stage.stage import Stage
 
 MASS, INERTIA, SPAN = 28.0, (0.35, 0.55, 0.62), 0.14
 FEET = {f"mount_{k}": (sx * SPAN, -0.125, sz * SPAN) for k, (sx, sz) in enumerate(
@@ -88,7 +88,7 @@ def test_a_stage_stands_on_elastic_mounts() -> None:
 @cache
 def box(held: bool) -> ModeSet:
     pytest.importorskip("skfem", reason="scikit-fem is not installed (the extra [fem])")
-    from gearbox.housing_fem import BoxHousing, box_housing_modes
+    from gearbox.parts.housing_fem import BoxHousing, box_housing_modes
 
     return box_housing_modes(PLACED, 40 if not held else 16, box=BoxHousing(cells=8), held=held)
 
@@ -102,9 +102,9 @@ def test_a_coarser_box_is_hardly_stiffer_than_the_shipped_one() -> None:
 
 @pytest.mark.slow
 def test_the_shipped_modes_are_what_the_command_computes() -> None:
-    """``python -m gearbox.box``; the file has six digits."""
+    """``python -m gearbox.parts.box``; the file has six digits."""
     pytest.importorskip("skfem", reason="scikit-fem is not installed (the extra [fem])")
-    from gearbox.housing_fem import box_housing_modes
+    from gearbox.parts.housing_fem import box_housing_modes
 
     made, shipped = box_housing_modes(PLACED, 16), box_modes()
     assert made.frequencies == pytest.approx(shipped.frequencies, rel=1e-5)

@@ -10,13 +10,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gearbox.geometry import GearPair
-from gearbox.mesh import HelicalMesh
-from gearbox.parameters import StageParameters
-from gearbox.shafts import GearShaft
-from gearbox.stage import MOTIONS, line_count, mesh_values
+from gearbox.files.geometry import GearPair
+from gearbox.files.parameters import StageParameters
+from gearbox.parts.mesh import HelicalMesh
+from gearbox.parts.shafts import GearShaft
+from gearbox.stage.stage import MOTIONS, line_count, mesh_values
 from multibody import Model
-from multibody.system import System
+from multibody.system.system import System
 
 PAPER = StageParameters.paper()
 PAIR = PAPER.gears.pair()

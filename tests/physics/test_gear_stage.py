@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gearbox.bearings import BearingBushing, SeatLoad
-from gearbox.housing import SEATS
-from gearbox.stage import Stage
+from gearbox.parts.bearings import BearingBushing, SeatLoad
+from gearbox.parts.housing import SEATS
+from gearbox.stage.stage import Stage
 from multibody import Model
-from multibody.system import System
+from multibody.system.system import System
 
 
 @cache
@@ -138,7 +138,7 @@ def test_flaws_of_severity_zero_change_nothing() -> None:
 
 def _bushing(**values: float) -> System:
     """A shaft on one bearing on held ground: accelerations tell the forces."""
-    from gearbox.shafts import GearShaft
+    from gearbox.parts.shafts import GearShaft
 
     model = Model("bearing")
     shaft = model.add("shaft", GearShaft(mass=1.0, J=1.0, J_t=1.0))

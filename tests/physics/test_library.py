@@ -10,9 +10,9 @@ import pytest
 
 import multibody.library as library
 from multibody import Model
-from multibody.component import Component
-from multibody.declare import Declaration, Option, Port
-from multibody.units import same_dimension
+from multibody.base.units import same_dimension
+from multibody.declare.component import Component
+from multibody.declare.declarations import Declaration, Option, Port
 
 COMPONENTS = {
     name: cls for name in library.__all__

@@ -10,12 +10,12 @@ import pytest
 
 from multibody import Model
 from multibody.library.spatial import RigidBody
-from vtsdt.car import Car
-from vtsdt.guide import GuidingSystem, face, face_power, shoe, shoe_power
-from vtsdt.lift import Lift
-from vtsdt.machine import mount
-from vtsdt.parameters import LiftParameters
-from vtsdt.rope import rope
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.lift.lift import Lift
+from vtsdt.parts.car import Car
+from vtsdt.parts.guide import GuidingSystem, face, face_power, shoe, shoe_power
+from vtsdt.parts.machine import mount
+from vtsdt.parts.rope import rope
 
 G = 9.80665
 BENCH = LiftParameters.bench()
@@ -164,7 +164,7 @@ def test_one_shoe_body_on_rails_settles_at_weight_over_stiffness():
 
 
 def test_accelerometer_on_a_tilted_floor_feels_the_cosine():
-    from vtsdt.car import Accelerometer
+    from vtsdt.parts.car import Accelerometer
 
     model = Model("tilted")
     body = model.add("body", Car(

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from multibody.errors import SimulationError
-from vtsdt.lift import Lift
-from vtsdt.parameters import BENCH, LiftParameters, ParameterError, Profile
+from multibody.base.errors import SimulationError
+from vtsdt.files.parameters import BENCH, LiftParameters, ParameterError, Profile
+from vtsdt.lift.lift import Lift
 
 BASE = LiftParameters.bench()
 

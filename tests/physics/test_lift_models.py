@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from multibody import Model
-from vtsdt.energy import energy_balance
-from vtsdt.lift import Lift, Structure, reference
-from vtsdt.modes import modes_along_run, modes_along_trip
-from vtsdt.parameters import LiftParameters
-from vtsdt.profile import Profile
-from vtsdt.reduction import cabin_against_reference, one_dimensional_against_reference
-from vtsdt.reference import sampled_reference
-from vtsdt.structures import structure_table
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.files.rail_profile import Profile
+from vtsdt.lift.energy import energy_balance
+from vtsdt.lift.lift import Lift, Structure, reference
+from vtsdt.lift.modes import modes_along_run, modes_along_trip
+from vtsdt.lift.reduction import cabin_against_reference, one_dimensional_against_reference
+from vtsdt.lift.speed_reference import sampled_reference
+from vtsdt.lift.structures import structure_table
 
 BODY = [
     "x", "y", "z", "roll", "pitch", "yaw", "v_x", "v_y", "v_z", "w_x", "w_y", "w_z",

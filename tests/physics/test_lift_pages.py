@@ -7,8 +7,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from vtsdt.lift import Lift
-from vtsdt.structures import table_text
+from vtsdt.lift.lift import Lift
+from vtsdt.lift.structures import table_text
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

@@ -6,9 +6,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from vtsdt.lift import Lift
-from vtsdt.pictures import animate_trip, diagram, mode_shapes, trip_strip
-from vtsdt.schematic import Schematic
+from vtsdt.lift.lift import Lift
+from vtsdt.lift.pictures import animate_trip, diagram, mode_shapes, trip_strip
+from vtsdt.lift.schematic import Schematic
 
 
 @pytest.fixture(autouse=True)

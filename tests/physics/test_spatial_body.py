@@ -9,8 +9,8 @@ import pytest
 from scipy.special import ellipj, ellipk
 
 from multibody import Frame, Model, Parameter
+from multibody.declare.rigid_body import COORDINATES
 from multibody.library.spatial import FixedFrame, FrameForce, FrameSpring, RigidBody, World
-from multibody.spatial.body import COORDINATES
 
 G = 9.80665
 BLOCK = {

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from multibody import native
-from multibody.inputs import InputTable
+from multibody.compile import native
+from multibody.inputs.table import InputTable
 from multibody.solvers import Automatic, NativeProblem, Rodas5P, integrate
 from multibody.solvers.problem import Directions
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from multibody import native
-from multibody.inputs import InputTable
+from multibody.compile import native
+from multibody.inputs.table import InputTable
 from multibody.solvers import Automatic, DormandPrince54, NativeProblem, Rodas5P, integrate
 from multibody.solvers.automatic import in_words
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from estimation.filters import FilterError, virtual_sensors
-from vtsdt.alignment_filter import TUNINGS, GuideFilter
-from vtsdt.alignment_trips import Trip
-from vtsdt.lift import Lift
-from vtsdt.parameters import LiftParameters
+from vtsdt.alignment.filter import TUNINGS, GuideFilter
+from vtsdt.alignment.trips import Trip
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.lift.lift import Lift
 
 
 @pytest.fixture(scope="module")
 def trip_and_truth():
     """A trip of the reference model with noise of its sensors."""
-    from estimation.signals import low_pass
+    from estimation.signals.preparation import low_pass
 
     run = Lift.reference().trip("up", step=2e-3, rtol=1e-5, atol=1e-8)
     rng = np.random.default_rng(3)

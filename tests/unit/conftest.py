@@ -56,7 +56,7 @@ def travel(time: np.ndarray, pauses: bool) -> np.ndarray:
 def record_of(name: str, seed: int, pauses: bool, hidden):
     """Return a record of the machine with the hidden effect, and sensor noise."""
     from estimation import Record
-    from estimation.record import Signal
+    from estimation.files.record import Signal
 
     time = np.arange(0.0, 10.0, 0.004)
     reference = travel(time, pauses)
@@ -83,15 +83,15 @@ def small_study():
     """Stages of a study that misses dry friction: as given, recalibrated, with the friction."""
     import dataclasses
 
-    from discrepancy.catalogue import catalogue
-    from discrepancy.columns import candidate_columns
-    from discrepancy.confrontation import Confrontation
-    from discrepancy.effects import Effect
-    from discrepancy.scan import scan
-    from discrepancy.stage import Accepted, Rival, Stage
-    from estimation.calibrate import UncertainParameter, calibrate, evaluate
-    from estimation.experiment import Experiment
-    from estimation.signals import Preparation
+    from discrepancy.effects.catalogue import catalogue
+    from discrepancy.effects.effect import Effect
+    from discrepancy.sensitivities.candidates import candidate_columns
+    from discrepancy.sensitivities.linearised_problem import Confrontation
+    from discrepancy.stages.stage import Accepted, Rival, Stage
+    from discrepancy.statistics.scan import scan
+    from estimation.fit.calibrate import UncertainParameter, calibrate, evaluate
+    from estimation.response.experiment import Experiment
+    from estimation.signals.preparation import Preparation
 
     def build(model):
         return model.build(probes=True)
@@ -176,8 +176,8 @@ def small_study():
 @pytest.fixture(scope="session")
 def conclusion(small_study):
     """Everything that this study has to say."""
-    from discrepancy.diagnosis import Conclusion
-    from discrepancy.effects import Effect
+    from discrepancy.effects.effect import Effect
+    from discrepancy.report.conclusion import Conclusion
 
     scan = small_study.stages[-1].scan
     places = {p.name: p for p in small_study.stages[-1].system.places}
@@ -213,7 +213,7 @@ def conclusion(small_study):
 @pytest.fixture(scope="session")
 def evidence(conclusion):
     """Its comparisons, and where it fails."""
-    from discrepancy.diagnosis import evidence_of
+    from discrepancy.report.conclusion import evidence_of
 
     return evidence_of(conclusion)
 
@@ -221,8 +221,8 @@ def evidence(conclusion):
 @pytest.fixture(scope="module")
 def sticking():
     """Return a study of four trips of the axis, three of them fitted, that lack dry friction at the guide."""
-    from discrepancy.axis import axis_case
-    from discrepancy.study import Study
+    from discrepancy.rigs.axis import axis_case
+    from discrepancy.study.study import Study
 
     found = Study(axis_case(3, ["coulomb_friction@guide"], trips=4).setup(seed=3))
     found.compare()

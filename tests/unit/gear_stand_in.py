@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gearbox.condition import OperatingCondition
-from gearbox.signals import Signal
+from gearbox.files.operating_condition import OperatingCondition
+from gearbox.signals.signal import Signal
 
 TEETH = 32
 RATE = 25_600.0

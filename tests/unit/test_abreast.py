@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from multibody import native
-from multibody.abreast import rhs_abreast
-from multibody.inputs import InputTable
+from multibody.compile import native
+from multibody.compile.several_runs import rhs_abreast
+from multibody.inputs.table import InputTable
 from multibody.solvers import Automatic, DormandPrince54, NativeProblem, groups, integrate
 from multibody.solvers.batch import batch
 from multibody.solvers.kernels.abreast import LANES
@@ -103,7 +103,7 @@ def test_what_cannot_go_abreast_is_left_to_each_run(line):
 
 @pytest.mark.parametrize("machine", ["reference", "one_dimensional", "cabin"])
 def test_rates_of_the_lift_in_lanes_are_those_of_each(machine):
-    from vtsdt.lift import Lift
+    from vtsdt.lift.lift import Lift
 
     system = getattr(Lift, machine)().system
     rng, count = np.random.default_rng(1), LANES
@@ -118,7 +118,7 @@ def test_rates_of_the_lift_in_lanes_are_those_of_each(machine):
 
 
 def test_contact_of_teeth_is_left_to_each_run_and_that_soon():
-    from gearbox.stage import Stage
+    from gearbox.stage.stage import Stage
 
     assert rhs_abreast(Stage.paper().system.rhs_function, LANES) == 0
 
@@ -223,9 +223,9 @@ def test_runs_that_fail_leave_the_others_of_their_lanes_as_they_are(swing, at_on
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5])
 def test_the_default_method_changes_its_mind_abreast_as_it_does_alone(at_once, rtol):
-    from multibody.simulate import input_table, native_problem
-    from vtsdt.lift import Lift
-    from vtsdt.reference import sampled_reference
+    from multibody.system.simulate import input_table, native_problem
+    from vtsdt.lift.lift import Lift
+    from vtsdt.lift.speed_reference import sampled_reference
 
     lift = Lift.one_dimensional()
     system, rng = lift.system, np.random.default_rng(2)

@@ -8,12 +8,12 @@ import json
 import numpy as np
 import pytest
 
-from vtsdt import alignment_study
-from vtsdt.alignment import Alignment
-from vtsdt.alignment_filter import TUNINGS
-from vtsdt.alignment_page import page, rate
-from vtsdt.alignment_score import Score, score
-from vtsdt.alignment_study import BASE, CALM, Judged, lines, run_study
+from vtsdt.alignment import study as alignment_study
+from vtsdt.alignment.align import Alignment
+from vtsdt.alignment.filter import TUNINGS
+from vtsdt.alignment.score import Score, score
+from vtsdt.alignment.study import BASE, CALM, Judged, lines, run_study
+from vtsdt.alignment.study_page import page, rate
 
 HEIGHT = np.round(np.arange(0.0, 1.901, 0.01), 2)
 
@@ -102,7 +102,7 @@ def test_the_page_gives_rates_reasons_and_refusals(tmp_path, stubs):
     told = run_study([31, 101], tmp_path, groups=["as recorded", "tuning", "disturbing force"])
     short = Score(0.7, 0.6, 0.35e-3, 0, 0)
     told[1] = dataclasses.replace(told[1], found={**told[1].found, f"as recorded: {BASE}": short})
-    text = page(told, "python -m vtsdt.alignment_study")
+    text = page(told, "python -m vtsdt.alignment.study")
     assert "The method was made with the lifts 31 in sight." in text
     assert "| RMS error at most 0.3 mm | 1 of 2 (1 to 99 %) |" in text
     assert "- Lift 101: falls short with correlation 0.700, error 0.35 mm" in text

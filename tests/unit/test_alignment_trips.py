@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from vtsdt.alignment import AlignmentError, align, balance, read_trips
-from vtsdt.alignment_rail import rail_profile
-from vtsdt.alignment_sections import Section, sections
-from vtsdt.alignment_trips import find_columns
-from vtsdt.cli import main
-from vtsdt.parameters import LiftParameters
+from vtsdt.alignment.align import AlignmentError, align, balance, read_trips
+from vtsdt.alignment.rail import rail_profile
+from vtsdt.alignment.sections import Section, sections
+from vtsdt.alignment.trips import find_columns
+from vtsdt.cli.command_line import main
+from vtsdt.files.parameters import LiftParameters
 
 STEP = 2e-3
 
@@ -44,7 +44,7 @@ def write(path, columns):
 
 def refused(tmp_path, columns, **options) -> str:
     """Return what is said when a trip is refused."""
-    from estimation.checks import RecordError
+    from estimation.files.checks import RecordError
 
     with pytest.raises((AlignmentError, RecordError)) as told:
         read_trips([write(tmp_path / "trip.csv", columns)], **options)

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.axis import OUTPUTS, AxisRig, axis_case, entries_of, hidden_in, list_axis, make_axis, trip
-from discrepancy.bench import BenchError, Channel, Disturbance, Logger, perturb
-from discrepancy.kinds import SHIPPED, kinds
-from discrepancy.study_file import read_study
-from discrepancy.study_model import load_model
-from estimation.calibrate import UncertainParameter
-from multibody.model import Model
+from discrepancy.effects.kinds import SHIPPED, kinds
+from discrepancy.problem.model import load_model
+from discrepancy.problem.study_file import read_study
+from discrepancy.rigs.axis import OUTPUTS, AxisRig, axis_case, entries_of, hidden_in, list_axis, make_axis, trip
+from discrepancy.rigs.recording import BenchError, Channel, Disturbance, Logger, perturb
+from estimation.fit.calibrate import UncertainParameter
+from multibody.model.model import Model
 
 SI = {"reference.position": "m", "motor.torque": "N*m", "carriage.position": "m", "motor.speed": "rad/s"}
 
@@ -160,7 +160,7 @@ def test_every_effect_changes_what_is_measured() -> None:
 
 @pytest.mark.parametrize("kind", ["offset", "gain", "delay", "drift"])
 def test_sensor_errors_go_through_the_measuring_chain(kind: str) -> None:
-    from estimation.experiment import SensorError
+    from estimation.response.experiment import SensorError
 
     logger = Logger(jitter=0.0)
     channel = Channel("y", "y_mm", "m", "mm")

@@ -9,21 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.bench import BenchError
-from discrepancy.effects import Effect
-from discrepancy.hidden import Hidden
-from discrepancy.kinds import kinds
-from discrepancy.study_file import read_study
-from discrepancy.study_model import load_model
-from multibody.model import Model
-from vtsdt import bench
-from vtsdt.bench_model import build, with_rails
-from vtsdt.bench_plain import PlainLiftRig
-from vtsdt.bench_rails import RailSpectrum, draw_rails, rail_tables
-from vtsdt.bench_rig import LiftRig
-from vtsdt.bench_trips import draw_trip, express
-from vtsdt.lift import Lift
-from vtsdt.parameters import LiftParameters, ParameterError
+from discrepancy.effects.effect import Effect
+from discrepancy.effects.kinds import kinds
+from discrepancy.problem.model import load_model
+from discrepancy.problem.study_file import read_study
+from discrepancy.rigs.hidden_effects import Hidden
+from discrepancy.rigs.recording import BenchError
+from multibody.model.model import Model
+from vtsdt.files.parameters import LiftParameters, ParameterError
+from vtsdt.lift.lift import Lift
+from vtsdt.rig import command as bench
+from vtsdt.rig.models import build, with_rails
+from vtsdt.rig.one_dimensional import PlainLiftRig
+from vtsdt.rig.rails import RailSpectrum, draw_rails, rail_tables
+from vtsdt.rig.rig import LiftRig
+from vtsdt.rig.trips import draw_trip, express
 
 
 def _files(folder: Path) -> dict[str, bytes]:
@@ -122,7 +122,7 @@ def test_every_kind_that_the_1d_lift_can_have_can_be_hidden() -> None:
 def test_other_models_know_the_rails(name: str, tmp_path: Path) -> None:
     rig = LiftRig(seed=2, trips=2, under_test=name)
     case = rig.case()
-    from vtsdt import bench_texts
+    from vtsdt.rig import texts as bench_texts
 
     (tmp_path / "study.toml").write_text(bench_texts.study(rig, case), encoding="utf-8")
     for record in (*case.identify, *case.validate):
@@ -193,7 +193,7 @@ def test_own_rails_go_through_a_table_and_back() -> None:
 
 
 def test_command_lists_and_refuses(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    from vtsdt.cli import main
+    from vtsdt.cli.command_line import main
 
     assert main(["bench", "lift", "--out", str(tmp_path), "--hide", "coulomb_frction"]) == 2
     assert "did you mean 'coulomb_friction'" in capsys.readouterr().err

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from discrepancy.setup import Setup, experiments_of
-from discrepancy.standing import standing
-from discrepancy.study import Study
-from estimation.calibrate import UncertainParameter
-from estimation.record import Record, Signal
+from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.search.effect_presence import standing
+from discrepancy.study.study import Study
+from estimation.files.record import Record, Signal
+from estimation.fit.calibrate import UncertainParameter
 from multibody import Model
 from multibody.library import ForceSource, Mass, Spring, ViscousFriction
 
@@ -95,7 +95,7 @@ def test_a_mass_within_its_uncertainty_is_calibrated_and_nothing_is_named():
 
 def test_a_real_effect_is_not_doubted():
     study = study_of(true_mass=20.0, std=0.5)
-    from discrepancy.effects import Effect
+    from discrepancy.effects.effect import Effect
 
     place = next(p for p in slide().places() if p.name == "guide")
     effect = Effect.at_place("coulomb_friction", place, strengths={"coulomb": 6.0}, shape={"v_s": 2e-3})

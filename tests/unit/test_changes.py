@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.axis import axis_case
-from discrepancy.effects import Effect
-from estimation.push_response import response_of, worth_it
-from estimation.pushes import Change, Push
-from multibody.native import jit_enabled, load_driver
+from discrepancy.effects.effect import Effect
+from discrepancy.rigs.axis import axis_case
+from estimation.response.perturbation_response import response_of, worth_it
+from estimation.response.perturbations import Change, Push
+from multibody.compile.native import jit_enabled, load_driver
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from vtsdt import cli
-from vtsdt.cli_arguments import ELSEWHERE, Elsewhere
-from vtsdt.progress import Progress
+from vtsdt.cli import command_line as cli
+from vtsdt.cli.arguments import ELSEWHERE, Elsewhere
+from vtsdt.files.progress import Progress
 
 STUDY = """
 [model]
@@ -62,7 +62,7 @@ def test_help_names_every_command(run: Run) -> None:
 
 def test_help_is_light() -> None:
     code = (
-        "import sys, vtsdt.cli; code = vtsdt.cli.main(['--help']); "
+        "import sys, vtsdt.cli.command_line; code = vtsdt.cli.command_line.main(['--help']); "
         "names = 'numpy numba scipy pandas pint rich matplotlib'.split(); "
         "heavy = [m for m in names if m in sys.modules]; "
         "print(code, heavy)"
@@ -246,7 +246,7 @@ def test_diagnose_hands_its_arguments_over(run: Run, monkeypatch: pytest.MonkeyP
     assert run("diagnose", "s.toml", "--out", "o", "--seed", "4", "--max-effects", "2", "--quiet")[0] == 0
     assert isinstance(seen.pop("progress"), Progress)
     wanted = {
-        "target": "discrepancy.command:diagnose",
+        "target": "discrepancy.study.command:diagnose",
         "study": "s.toml",
         "out": "o",
         "seed": 4,
@@ -255,7 +255,7 @@ def test_diagnose_hands_its_arguments_over(run: Run, monkeypatch: pytest.MonkeyP
     }
     assert {k: seen[k] for k in wanted} == wanted
     assert run("compare", "s.toml", "--out", "o")[0] == 0
-    assert (seen["target"], seen["seed"], seen["quiet"]) == ("discrepancy.command:compare", None, False)
+    assert (seen["target"], seen["seed"], seen["quiet"]) == ("discrepancy.study.command:compare", None, False)
 
 
 def test_other_commands_go_to_their_modules(
@@ -268,7 +268,7 @@ def test_other_commands_go_to_their_modules(
     assert (code, out.strip()) == (7, "['--hide', 'x', '--out', 'o']")
 
 
-@pytest.mark.parametrize("target", ["vtsdt.no_such_module:main", "vtsdt.progress:main"])
+@pytest.mark.parametrize("target", ["vtsdt.no_such_module:main", "vtsdt.files.progress:main"])
 def test_a_command_that_is_not_there_says_so(run: Run, monkeypatch: pytest.MonkeyPatch, target: str) -> None:
     monkeypatch.setitem(ELSEWHERE, ("align",), Elsewhere(target, "alignment"))
     code, _, err = run("align", "--out", "o")
@@ -303,7 +303,7 @@ def test_progress_waits_before_it_writes_lines(capsys: pytest.CaptureFixture[str
 def test_progress_on_a_terminal_is_taken_away_again() -> None:
     import pty
 
-    code = "from vtsdt.progress import Progress\nwith Progress() as p:\n    p('working')\nprint('done')\n"
+    code = "from vtsdt.files.progress import Progress\nwith Progress() as p:\n    p('working')\nprint('done')\n"
     main, other = pty.openpty()
     subprocess.run(
         [sys.executable, "-c", code],

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from multibody.library.profiles import jerk_limited
-from vtsdt.comfort import ComfortError, peak_to_peak, ride_comfort
-from vtsdt.weighting import WEIGHTINGS, weighted
+from vtsdt.lift.comfort import ComfortError, peak_to_peak, ride_comfort
+from vtsdt.lift.vibration_weighting import WEIGHTINGS, weighted
 
 # Factors times 1000 at third octaves from 0.5 Hz, ISO 2631-1:1997, Table 3, W_k; printed to three digits
 W_K = (418, 459, 477, 482, 484, 494, 531, 631, 804, 967, 1039, 1054, 1036, 988, 902, 768, 636, 513, 405, 314, 246,

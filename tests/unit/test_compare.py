@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.compare import compare
+from discrepancy.questions.compare import compare
 
 
 def test_every_part_record_and_output_is_compared(small_study) -> None:

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from multibody import native
-from multibody.compiler.kinds import Outside
-from multibody.compiler.program import Program
-from multibody.compiler.units import unit_of_text
-from multibody.solvers.kernels.calls import entry, inner, pointer, shift
+from multibody.compile import native
+from multibody.compile.calls import entry, inner, pointer, shift
+from multibody.compile.emitter.kinds import Outside
+from multibody.compile.emitter.program import Program
+from multibody.compile.emitter.units import unit_of_text
 
 
 def both(text: str, x, n: int = 1, p=(0.0,)) -> tuple[np.ndarray, np.ndarray]:
@@ -181,7 +181,7 @@ def gamma_of(values, out):
 
 def test_an_entry_outside_the_subset_goes_through_numba_and_says_so(caplog):
     out = np.zeros(2)
-    with caplog.at_level("WARNING", logger="multibody.native"):
+    with caplog.at_level("WARNING", logger="multibody.compile.native"):
         gamma_of(np.array([5.0, 4.0]), out)
     np.testing.assert_allclose(out, [29.0, 11.0], rtol=1e-14)
     assert "gamma_of goes through numba" in caplog.text
@@ -200,8 +200,8 @@ def test_numba_may_call_entries_and_their_instructions():
 
 def test_the_lift_is_the_same_to_the_last_bit_as_through_numba(tmp_path, monkeypatch):
     """The same operations in the same order; numba has other intermediate text, and must come to the same numbers."""
-    from multibody.numba_code import compile_function, with_helpers_compiled
-    from vtsdt.lift import Lift
+    from multibody.compile.numba_backend import compile_function, with_helpers_compiled
+    from vtsdt.lift.lift import Lift
 
     monkeypatch.setenv("VTSDT_CACHE", str(tmp_path))
     system = Lift.one_dimensional().system
@@ -220,7 +220,7 @@ def test_the_lift_is_the_same_to_the_last_bit_as_through_numba(tmp_path, monkeyp
 
 @pytest.mark.parametrize("kind", ["reference", "cabin"])
 def test_every_function_of_the_lift_agrees_with_plain_python(kind):
-    from vtsdt.lift import Lift
+    from vtsdt.lift.lift import Lift
 
     system = getattr(Lift, kind)().system
     rng = np.random.default_rng(5)
@@ -240,7 +240,7 @@ def test_every_function_of_the_lift_agrees_with_plain_python(kind):
 
 def test_damaged_code_in_the_cache_is_made_anew(tmp_path):
     code = (
-        "import numpy as np; from multibody import native; "
+        "import numpy as np; from multibody.compile import native; "
         "f = native.compile_text('def rhs(t, x, u, p, dx):\\n    dx[0] = 3.0 * x[0]\\n', 'd', 'rhs', 4); "
         "print(f(0.0, [2.0], [0.0], [0.0], np.empty(1))[0])"
     )
@@ -262,7 +262,7 @@ def test_damaged_code_in_the_cache_is_made_anew(tmp_path):
 
 def test_the_first_simulation_of_a_process_does_without_numba():
     code = (
-        "import sys; from vtsdt.lift import Lift; Lift.cabin().trip('up', inputs={'F_c': 3000.0}, until=0.1); "
+        "import sys; from vtsdt.lift.lift import Lift; Lift.cabin().trip('up', inputs={'F_c': 3000.0}, until=0.1); "
         "print([m for m in ('numba', 'pandas', 'matplotlib') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

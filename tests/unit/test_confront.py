@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.confront import confront, windows_instead
-from discrepancy.input_noise import shaping_of
-from discrepancy.inverse import derivatives, inverse_setup
-from discrepancy.setup import Setup, experiments_of
-from discrepancy.start_guess import follow, signal_bandwidth
-from discrepancy.study_file import StudyError
-from discrepancy.windows import WINDOW_FACTOR, cut_windows, growth_from
-from estimation.calibrate import UncertainParameter
-from estimation.pushes import Push
-from estimation.record import Record, Signal
-from estimation.signals import Preparation, low_pass
+from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.problem.study_file import StudyError
+from discrepancy.residual.confront import confront, windows_instead
+from discrepancy.residual.initial_state import follow, signal_bandwidth
+from discrepancy.residual.input_noise import shaping_of
+from discrepancy.residual.inverse import derivatives, inverse_setup
+from discrepancy.residual.windows import WINDOW_FACTOR, cut_windows, growth_from
+from estimation.files.record import Record, Signal
+from estimation.fit.calibrate import UncertainParameter
+from estimation.response.perturbations import Push
+from estimation.signals.preparation import Preparation, low_pass
 from multibody import Model
 from multibody.library import (
     ForceSource,
@@ -239,7 +239,7 @@ def test_inverse_without_a_drive_force_is_compared_with_zero():
 
 
 def test_inverse_takes_the_controller_out_when_its_output_is_measured():
-    from discrepancy.axis_model import build
+    from discrepancy.rigs.axis_model import build
 
     model = build()
     time = np.arange(0.0, 3.0, 0.002)

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import pytest
 
-from discrepancy.curve_promise import promised
-from discrepancy.disturbance import facts_of
-from discrepancy.effects import Effect
-from discrepancy.search import scan_preparation
-from discrepancy.settle import BENT, SHARE, replace_by_curve
-from discrepancy.stage import Accepted
-from discrepancy.unknown import offer_curves
-from discrepancy.worth import above_floor
+from discrepancy.effects.effect import Effect
+from discrepancy.search.backward_elimination import BENT, SHARE, replace_by_curve
+from discrepancy.search.curve_gain import promised
+from discrepancy.search.model_comparison import above_floor
+from discrepancy.search.step import scan_preparation
+from discrepancy.sensitivities.disturbance import facts_of
+from discrepancy.sensitivities.free_curve_scan import offer_curves
+from discrepancy.stages.stage import Accepted
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.diagnosis import UnknownCurve, explained, plain, save_diagnosis, to_diagnosis
-from discrepancy.diagnosis_check import check_diagnosis
-from discrepancy.stage import Rival
+from discrepancy.report.conclusion import UnknownCurve, explained, plain, save_diagnosis, to_diagnosis
+from discrepancy.report.schema import check_diagnosis
+from discrepancy.stages.stage import Rival
 
 
 @pytest.fixture(scope="module")

@@ -15,9 +15,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from multibody import Component, Input, Model, Option, Output, Parameter, State, Table, Translation, Unknown
-from multibody.differentiate import Differentiator, active_names, d
-from multibody.directions import along_directions
-from multibody.errors import EquationError
+from multibody.base.errors import EquationError
+from multibody.compile.several_directions import along_directions
+from multibody.equations.differentiate import Differentiator, active_names, d
 from multibody.library import Damper, Mass, Spring
 
 STEP = 1e-30  # a complex step has no cancellation, so it can be as small as this

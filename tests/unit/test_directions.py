@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from multibody.directions import along_directions
-from multibody.native import TANGENT_ARRAYS, compile_text
-from vtsdt.lift import Lift
-from vtsdt.parameters import LiftParameters
+from multibody.compile.native import TANGENT_ARRAYS, compile_text
+from multibody.compile.several_directions import along_directions
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.lift.lift import Lift
 
 
 def _systems():

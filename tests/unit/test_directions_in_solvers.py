@@ -10,11 +10,11 @@ from scipy.signal import lsim
 
 from multibody import Component, Model, Parameter, Translation
 from multibody import library as lib
-from multibody.simulate import input_table, native_problem
 from multibody.solvers import DormandPrince54, Rodas5P, Samples, integrate
 from multibody.solvers.automatic import Automatic
 from multibody.solvers.problem import Directions
-from vtsdt.bench_model import build
+from multibody.system.simulate import input_table, native_problem
+from vtsdt.rig.models import build
 
 TIME = np.linspace(0.0, 0.3, 76)
 TICKS = np.linspace(0.0, 3.0, 3001)

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from multibody import Component, Model, ModelError, Option, Output, Parameter, State, Table, Translation
+from multibody.equations.rewriter import simplified
+from multibody.equations.statements import readable, variable
 from multibody.library import Mass
-from multibody.rewriter import simplified
-from multibody.statements import readable, variable
 
 FACTOR = np.float64(-2.0)
 COUNT = np.int64(3)

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.setup import experiments_of
-from discrepancy.study_file import StudyError, read_study
-from discrepancy.study_model import check_names, load_model
+from discrepancy.problem.model import check_names, load_model
+from discrepancy.problem.problem import experiments_of
+from discrepancy.problem.study_file import StudyError, read_study
 from estimation import Record
-from estimation.record import Signal
+from estimation.files.record import Signal
 from multibody import Model
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from multibody import native
-from multibody.inputs import InputTable
+from multibody.compile import native
+from multibody.inputs.table import InputTable
 from multibody.solvers import Directions, DormandPrince54, Exponential43, NativeProblem, ProblemError, integrate
 
 # Two masses on springs with a damper between them, p[0] its rate, p[1] a cubic part of the first spring, and a push.

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.catalogue import catalogue
-from discrepancy.columns import candidate_columns
-from discrepancy.confrontation import Confrontation
-from discrepancy.unknown import curve_candidates
-from estimation.push_response import PushResponse
-from estimation.signals import Preparation
+from discrepancy.effects.catalogue import catalogue
+from discrepancy.sensitivities.candidates import candidate_columns
+from discrepancy.sensitivities.free_curve_scan import curve_candidates
+from discrepancy.sensitivities.linearised_problem import Confrontation
+from estimation.response.perturbation_response import PushResponse
+from estimation.signals.preparation import Preparation
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def arrays(candidates):
 
 
 def test_a_scan_makes_the_columns_of_the_curves_too(anew, transitions, monkeypatch):
-    monkeypatch.setattr("estimation.push_response.KEPT_BYTES", 0)  # as of a machine with many states
+    monkeypatch.setattr("estimation.response.perturbation_response.KEPT_BYTES", 0)  # as of a machine with many states
     facts = anew()
     entries = catalogue(facts.system, facts.experiments[0].outputs, ("reference.speed",), include=["local_bump@*"])
     laws, _ = candidate_columns(facts, entries, curves=True)

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.confront import confront
-from discrepancy.free_turns import free_turns
-from discrepancy.setup import Setup, experiments_of
-from discrepancy.start_guess import follow
-from estimation.record import Record, Signal
+from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.residual.confront import confront
+from discrepancy.residual.free_rotations import free_turns
+from discrepancy.residual.initial_state import follow
+from estimation.files.record import Record, Signal
 from multibody import Model
 from multibody import library as lib
 

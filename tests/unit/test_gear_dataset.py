@@ -8,11 +8,11 @@ import numpy as np
 import pandas
 import pytest
 
-from gearbox import dataset
-from gearbox.dataset import DatasetPlan, write_dataset
-from gearbox.errors import GearError
-from gearbox.faults import FAULTS, combined, damageable, fault
-from gearbox.stage import Stage
+from gearbox.files.errors import GearError
+from gearbox.rig import dataset
+from gearbox.rig.dataset import DatasetPlan, write_dataset
+from gearbox.stage.faults import FAULTS, combined, damageable, fault
+from gearbox.stage.stage import Stage
 
 SMALL = DatasetPlan(labels=("healthy", "unbalance@output_shaft"), severities=(0.5,), speeds=(1000.0, 1006.0),
                     repeats=2, duration=0.02, rate=2000.0)  # fmt: skip

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from discrepancy.study_file import read_study
-from gearbox import rig_encoders
-from gearbox.rig import GearRig
-from gearbox.rig_encoders import build, make_encoders
+from discrepancy.problem.study_file import read_study
+from gearbox.rig import encoders as rig_encoders
+from gearbox.rig.encoders import build, make_encoders
+from gearbox.rig.rig import GearRig
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from gearbox.errors import GearError
-from gearbox.geometry import GearPair
+from gearbox.files.errors import GearError
+from gearbox.files.geometry import GearPair
 
 PAIR = GearPair.paper()
 

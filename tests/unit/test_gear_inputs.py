@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gearbox.box import box_modes
-from gearbox.errors import GearError
-from gearbox.housing import SEATS, SENSORS, housing_component
-from gearbox.modes import ModeSet, clamped_modes, read_modes, rigid_modes, write_modes
-from gearbox.parameters import StageParameters
-from gearbox.stage import Stage, Structure
+from gearbox.files.errors import GearError
+from gearbox.files.parameters import StageParameters
+from gearbox.parts.box import box_modes
+from gearbox.parts.housing import SEATS, SENSORS, housing_component
+from gearbox.parts.modes import ModeSet, clamped_modes, read_modes, rigid_modes, write_modes
+from gearbox.stage.stage import Stage, Structure
 
 PLACES = {p: (0.1 * k, 0.05 * k, -0.1) for k, p in enumerate((*SEATS, *SENSORS))}
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from gear_stand_in import measured
 
-from discrepancy.bench import BenchError, write_csv
-from discrepancy.study_file import StudyError, read_study
-from gearbox import rig_texts
-from gearbox.condition import OperatingCondition
-from gearbox.rig import CONDITIONS, GearRig, listing, record, true_stage
-from gearbox.rig_hidden import KINDS, choose, manufacturing
-from gearbox.rig_texts import PARAMETERS
-from gearbox.updating_study import read_updating_study
-from vtsdt.cli import main
+from discrepancy.problem.study_file import StudyError, read_study
+from discrepancy.rigs.recording import BenchError, write_csv
+from gearbox.files.operating_condition import OperatingCondition
+from gearbox.rig import texts as rig_texts
+from gearbox.rig.hidden import KINDS, choose, manufacturing
+from gearbox.rig.rig import CONDITIONS, GearRig, listing, record, true_stage
+from gearbox.rig.texts import PARAMETERS
+from gearbox.updating.study import read_updating_study
+from vtsdt.cli.command_line import main
 
 BASE = CONDITIONS[:1]
 
@@ -109,7 +109,7 @@ def test_recording_has_its_mesh_at_the_true_speed(clean):
 
 
 def test_rig_without_faults_has_nothing_but_mesh_lines_and_noise(clean):
-    from gearbox.lines import energy_share, harmonics_in
+    from gearbox.signals.lines import energy_share, harmonics_in
 
     (made,), faults = clean
     assert faults == []
@@ -259,7 +259,7 @@ def test_study_of_the_rig_is_one_for_diagnose_too(tmp_path):
     study = read_study(tmp_path / "study.toml")
     assert len(study.identify) == 3
     assert read_updating_study(tmp_path / "study.toml").settings().start["e_F"] == 2.0
-    from discrepancy.study_model import check_names, load_model
+    from discrepancy.problem.model import check_names, load_model
     from multibody import Model
 
     system = load_model(study, Model).build(compiled=False)

@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gearbox.condition import OperatingCondition
-from gearbox.lines import energy_share, find_mesh_frequency, fit_lines, harmonics_in
-from gearbox.orders import (
+from gearbox.files.operating_condition import OperatingCondition
+from gearbox.signals.lines import energy_share, find_mesh_frequency, fit_lines, harmonics_in
+from gearbox.signals.orders import (
     order_track,
     revolutions_at_speed,
     revolutions_from_mesh,
     revolutions_from_pulses,
     synchronous_average,
 )
-from gearbox.signals import Processing, Signal, SignalError, band_pass, normalise, resample, value_at
-from gearbox.similarity import cosine, cosine_over_lags, match_speed, similarity, upper_bound
+from gearbox.signals.signal import Processing, Signal, SignalError, band_pass, normalise, resample, value_at
+from gearbox.signals.similarity import cosine, cosine_over_lags, match_speed, similarity, upper_bound
 
 RATE = 25_600.0
 MESH = 1600.0 / 3.0

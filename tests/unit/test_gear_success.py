@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 from gear_stand_in import RANGES, START, TEETH, measured, stand_in
 
-from gearbox import papers_chain
-from gearbox.condition import OperatingCondition
-from gearbox.papers_rows import AGREES, UNCHECKED
-from gearbox.recordings import Recording
-from gearbox.updating_chain import UpdatingChain
-from gearbox.updating_runs import Runs
-from gearbox.updating_settings import UpdatingSettings
-from gearbox.virtual import Settings
+from gearbox.files.operating_condition import OperatingCondition
+from gearbox.papers import chain as papers_chain
+from gearbox.papers.rows import AGREES, UNCHECKED
+from gearbox.signals.recordings import Recording
+from gearbox.updating.chain import UpdatingChain
+from gearbox.updating.runs import Runs
+from gearbox.updating.settings import UpdatingSettings
+from gearbox.updating.virtual import Settings
 from surrogate import DesignSpace
 
 SPACE = DesignSpace.from_mapping(RANGES)

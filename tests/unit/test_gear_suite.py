@@ -8,17 +8,17 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from discrepancy import suite
-from discrepancy.trials import Trial
-from gearbox import suite_gear
-from gearbox.rig import GearRig
-from gearbox.rig_encoders import CYCLES
-from vtsdt.suites import MACHINES, main
+from discrepancy.validation import suite
+from discrepancy.validation.trials import Trial
+from gearbox.rig import suite as suite_gear
+from gearbox.rig.encoders import CYCLES
+from gearbox.rig.rig import GearRig
+from vtsdt.cli.suites import MACHINES, main
 
 
 def test_names_are_those_of_the_model_under_test() -> None:
-    from discrepancy.catalogue import catalogue
-    from gearbox.rig_encoders import build
+    from discrepancy.effects.catalogue import catalogue
+    from gearbox.rig.encoders import build
 
     outputs = ["transmission_error", "drive_torque"]
     system = build().build(outputs=outputs, compiled=False)
@@ -41,7 +41,7 @@ def test_what_is_hidden_is_what_the_rig_hides(name, on_rig) -> None:
 
 def test_sizes_are_in_the_strengths_of_the_kind() -> None:
     """A pitch error is a pattern on the rig: its strengths are the two to four waves a turn that the pattern has."""
-    from gearbox.effects import GEAR_KINDS
+    from gearbox.stage.effects import GEAR_KINDS
 
     strengths = {k.name: set(k.strengths) for k in GEAR_KINDS}
     for name in suite_gear.names():
@@ -108,9 +108,9 @@ def test_trials_that_are_there_are_not_run_again(tmp_path, monkeypatch) -> None:
 
 
 def test_faults_rig_and_catalogue_have_one_list_of_kinds() -> None:
-    from gearbox.effects import GEAR_KINDS
-    from gearbox.faults import FAULTS
-    from gearbox.rig_hidden import KINDS
+    from gearbox.rig.hidden import KINDS
+    from gearbox.stage.effects import GEAR_KINDS
+    from gearbox.stage.faults import FAULTS
 
     assert {row.kind for row in FAULTS.values()} == {k.name for k in GEAR_KINDS} == set(KINDS)
     assert all(row is FAULTS[row.label] for row in KINDS.values())

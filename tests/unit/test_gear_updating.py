@@ -11,16 +11,16 @@ import pytest
 # Processes that the tests start must find the stand-in too, by the same name.
 from gear_stand_in import RANGES, START, TEETH, load, measured, stand_in
 
-from gearbox.condition import OperatingCondition
-from gearbox.identifiability import identifiability
-from gearbox.objectives import AmplitudeObjective, MeasuredLines, SimilarityObjective
-from gearbox.recordings import Recording
-from gearbox.signals import Processing, SignalError, resample
-from gearbox.updating_chain import UpdatingChain
-from gearbox.updating_errors import UpdatingError
-from gearbox.updating_runs import ModelSource, Runs
-from gearbox.updating_settings import UpdatingSettings
-from gearbox.virtual import Run, Settings, run_model
+from gearbox.files.operating_condition import OperatingCondition
+from gearbox.signals.recordings import Recording
+from gearbox.signals.signal import Processing, SignalError, resample
+from gearbox.updating.chain import UpdatingChain
+from gearbox.updating.errors import UpdatingError
+from gearbox.updating.identifiability import identifiability
+from gearbox.updating.objectives import AmplitudeObjective, MeasuredLines, SimilarityObjective
+from gearbox.updating.runs import ModelSource, Runs
+from gearbox.updating.settings import UpdatingSettings
+from gearbox.updating.virtual import Run, Settings, run_model
 from surrogate import DesignSpace
 
 SPACE = DesignSpace.from_mapping(RANGES)

@@ -7,8 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
-from multibody.inputs import InputError, InputTable
-from multibody.native import NativeFunction, load_driver
+from multibody.compile.native import NativeFunction, load_driver
+from multibody.inputs.table import InputError, InputTable
 from multibody.solvers.problem import FIELD, NativeProblem
 
 TIMES = np.array([0.0, 0.1, 0.25, 0.5, 1.0, 1.1])

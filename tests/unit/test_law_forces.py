@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from discrepancy.kinds import MotionRange, kind_named
-from discrepancy.law_force import law_forces
+from discrepancy.effects.kinds import MotionRange, kind_named
+from discrepancy.effects.law_along_motion import law_forces
 
 TIME = np.linspace(0.0, 2.0, 401)
 MOTION = {

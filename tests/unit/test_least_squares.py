@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from estimation.least_squares import Piece, solve
+from estimation.fit.least_squares import Piece, solve
 
 T = np.linspace(0.0, 4.0, 200)
 
@@ -132,5 +132,5 @@ def test_large_residuals_teach_their_curvature(of, start, minimum, monkeypatch):
 
     learned = run()
     assert 2.0 * learned.cost == pytest.approx(minimum, rel=1e-5)
-    monkeypatch.setattr("estimation.least_squares._learned", lambda curvature, *rest: curvature)
+    monkeypatch.setattr("estimation.fit.least_squares._learned", lambda curvature, *rest: curvature)
     assert learned.jacobians < run().jacobians

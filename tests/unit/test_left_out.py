@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.left_out import left_out_difference, left_out_residuals
-from discrepancy.search import scan_preparation
-from discrepancy.settle import lasts
-from discrepancy.study import Study
-from discrepancy.unknown import offer_curves
+from discrepancy.search.backward_elimination import lasts
+from discrepancy.search.record_left_out import left_out_difference, left_out_residuals
+from discrepancy.search.step import scan_preparation
+from discrepancy.sensitivities.free_curve_scan import offer_curves
+from discrepancy.study.study import Study
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +62,6 @@ def test_friction_over_position_does_not_take_the_place_of_a_true_law(sticking, 
 
 
 def _facts(stage):
-    from discrepancy.confrontation import Confrontation
+    from discrepancy.sensitivities.linearised_problem import Confrontation
 
     return Confrontation.of_stage(stage, scan_preparation(stage))

@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from discrepancy.locate import locate, regimes_of
-from discrepancy.residuals import residuals_of
+from discrepancy.questions.locate import locate, regimes_of
+from discrepancy.sensitivities.stage_residuals import residuals_of
 
 
 @pytest.fixture(scope="module")

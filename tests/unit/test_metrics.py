@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimation.metrics import (
+from estimation.signals.metrics import (
     agreement,
     bias,
     coherence,

@@ -41,7 +41,7 @@ def machine(m=1.0, k=3.0, name="m"):
 
 REPORT = """
 import sys
-from multibody import native
+from multibody.compile import native
 seen = []
 native.on_compile(lambda name, seconds: seconds is not None and seen.append(name))
 from machine import machine
@@ -136,7 +136,7 @@ def test_unusable_cache_folder_names_the_remedy(warm, tmp_path):
 
 def test_folder_without_permission_names_the_remedy(tmp_path, monkeypatch):
     """Root may write anywhere, so the system's answer is stood in for."""
-    from multibody import native
+    from multibody.compile import native
 
     monkeypatch.setenv("VTSDT_CACHE", str(tmp_path))
     monkeypatch.setattr(os, "access", lambda path, mode: not (str(path) == str(tmp_path) and mode == os.W_OK))
@@ -145,7 +145,7 @@ def test_folder_without_permission_names_the_remedy(tmp_path, monkeypatch):
 
 
 DERIVED = """
-from multibody.differentiate import Differentiator
+from multibody.equations.differentiate import Differentiator
 written = []
 plain = Differentiator.statements
 Differentiator.statements = lambda self, nodes: written.append(1) or plain(self, nodes)

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from multibody import native
-from multibody.cache import write_once
+from multibody.base.cache import write_once
+from multibody.compile import native
 
 PENDULUM = """
 import math
@@ -157,8 +157,8 @@ def test_a_fault_in_plain_python_reaches_the_caller(cache):
 def test_second_process_compiles_nothing(cache):
     code = f"""
         import logging, numpy as np
-        from multibody import native
-        from multibody.inputs import InputTable
+        from multibody.compile import native
+        from multibody.inputs.table import InputTable
         from multibody.solvers import NativeProblem, integrate
         told = []
         native.on_compile(lambda name, seconds: told.append(name) if seconds is None else None)
@@ -197,7 +197,7 @@ def test_an_edited_helper_of_a_driver_is_never_served_stale(cache, tmp_path):
         "from numba import njit\nfrom edited.helper import helper\n\n\n@njit\ndef middle(x):\n    return helper(x)\n"
     )
     code = """
-        from multibody import native
+        from multibody.compile import native
         told = []
         native.on_compile(lambda name, seconds: told.append(name))
         print(native.load_driver("edited.driver").drive(1.0), "compiled" if told else "cached")
@@ -222,8 +222,8 @@ def test_an_edited_helper_of_a_driver_is_never_served_stale(cache, tmp_path):
 def test_everything_runs_without_compilation(cache):
     code = f"""
         import numpy as np
-        from multibody import native
-        from multibody.inputs import InputTable
+        from multibody.compile import native
+        from multibody.inputs.table import InputTable
         from multibody.solvers import NativeProblem, integrate
         module = native.load_source({PENDULUM!r}, "pendulum")
         rhs = native.compile_rhs(module)
@@ -243,7 +243,7 @@ def test_compilation_is_told_once_and_logged(cache, caplog):
     told = []
     stop = native.on_compile(lambda name, seconds: told.append((name, seconds)))
     text = "def rhs(t, x, u, p, dx):\n    dx[0] = 17.25 * x[0]\n"
-    with caplog.at_level(logging.INFO, logger="multibody.native"):
+    with caplog.at_level(logging.INFO, logger="multibody.compile.native"):
         native.compile_rhs(native.load_source(text, "told"))
     stop()
     native.compile_rhs(native.load_source(text + "\n# other\n", "told"))

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.noisy_inputs import MATTERS, without_noise
-from discrepancy.setup import Setup, experiments_of
-from discrepancy.study import Study
-from estimation.calibration import UncertainParameter
-from estimation.record import Record, Signal
+from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.residual.noisy_inputs import MATTERS, without_noise
+from discrepancy.study.study import Study
+from estimation.files.record import Record, Signal
+from estimation.fit.calibration import UncertainParameter
 from multibody import Model
+from multibody.base.progress import silent
 from multibody.library import Damper, ForceSource, Mass, Spring
-from multibody.silent import silent
 
 STEP, FLOOR = 6e-3, 2e-4
 

@@ -15,7 +15,7 @@ import math
 {example}
 
 from discrepancy import Effect
-from discrepancy.catalogue import catalogue
+from discrepancy.effects.catalogue import catalogue
 from multibody import Model
 from multibody.library import ForceSource, Mass, ViscousFriction
 

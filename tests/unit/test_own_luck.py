@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from discrepancy import scan as scanning
-from discrepancy.blocks import Candidate, Residual, Sensitivities
-from discrepancy.coverage import coverage
-from discrepancy.null import Null, Pieces
-from discrepancy.trials import Trial, rates
+from discrepancy.stages.interval_coverage import coverage
+from discrepancy.statistics import scan as scanning
+from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
+from discrepancy.statistics.null import Null, Pieces
+from discrepancy.validation.trials import Trial, rates
 
 CANDIDATES, DRAWS, SCALE = 30, 400, 4.0
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.blocks import Candidate, Residual, Sensitivities
-from discrepancy.pairs import APART, PairScores
-from discrepancy.scan import scan
+from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
+from discrepancy.statistics.masking_pairs import APART, PairScores
+from discrepancy.statistics.scan import scan
 
 N, DT, BLOCKS = 300, 0.01, 8
 

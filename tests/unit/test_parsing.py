@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from multibody.parsing import expression, parse
+from multibody.base.parsing import expression, parse
 
 LINE = "a{k} = (((b{k} + 1.0) * (c{k} - 2.0)) ** 2 if d{k} > 0.0 else f(g{k}, (h{k}, 1.0)))"
 TEXT = "\n".join(LINE.format(k=k) for k in range(300))

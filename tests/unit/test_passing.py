@@ -9,16 +9,16 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from estimation.experiment import Experiment
+from estimation.files.record import Record, Signal
 from estimation.filters import FilterModel, Noise, Samples, extended, unscented
-from estimation.push_response import PushResponse
-from estimation.record import Record, Signal
+from estimation.response.experiment import Experiment
+from estimation.response.perturbation_response import PushResponse
 from multibody import Component, Model, Output, Parameter, Translation
 from multibody.library import Mass
-from multibody.passing import look_at
-from multibody.simulate import input_table, native_problem
 from multibody.solvers import DormandPrince54, integrate
 from multibody.solvers.batch import batch
+from multibody.system.narrow_features import look_at
+from multibody.system.simulate import input_table, native_problem
 
 TIMES = np.arange(9) * 0.125  # a step from one to the next goes past the spot, which is over within 10 ms
 

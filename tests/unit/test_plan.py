@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from multibody import Model, ModelError, plan
+from multibody import Model, ModelError
+from multibody.compile import assembled as plan
 from multibody.library import Mass, Spring
-from vtsdt.lift import Lift
+from vtsdt.lift.lift import Lift
 
 TEXTS = ("rhs", "outputs", "speeds", "rhs_tangent", "outputs_tangent", "rhs_columns")
 
@@ -32,7 +33,7 @@ def no_assembly(monkeypatch):
     def refuse(*given, **options):
         raise AssertionError("assembled again")
 
-    return lambda: monkeypatch.setattr("multibody.assembly.assemble", refuse)
+    return lambda: monkeypatch.setattr("multibody.assembly.assemble.assemble", refuse)
 
 
 def oscillator(stiffness=100.0, mass=Mass):

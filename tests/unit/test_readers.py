@@ -13,9 +13,9 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from estimation import RecordError, read_record, read_records
-from estimation.columns import read_column_name, si_unit_of, to_si
-from estimation.record import ReadRules
-from multibody.units import UnitError
+from estimation.files.columns import read_column_name, si_unit_of, to_si
+from estimation.files.record import ReadRules
+from multibody.base.units import UnitError
 
 # Spelling of a column, its SI unit, and the factor from the file's number to SI, by definition of the units
 # (rpm = 2 pi / 60 rad/s, bar = 1e5 Pa, standard gravity 9.80665 m/s2).

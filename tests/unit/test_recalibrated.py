@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from discrepancy import settle
-from discrepancy.axis import axis_case
-from discrepancy.loop import Search
-from discrepancy.study import Study
-from discrepancy.worth import bic_difference
+from discrepancy.rigs.axis import axis_case
+from discrepancy.search import backward_elimination as settle
+from discrepancy.search.loop import Search
+from discrepancy.search.model_comparison import bic_difference
+from discrepancy.study.study import Study
 
 
 def missed_by(stage, share):

@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.diagnosis import UnknownCurve
-from discrepancy.diagnosis_check import check_diagnosis
-from discrepancy.report import pictures, render, write
-from discrepancy.stage import Rival
-from discrepancy.wording import interval_words, quantity
+from discrepancy.report.conclusion import UnknownCurve
+from discrepancy.report.schema import check_diagnosis
+from discrepancy.report.wording import interval_words, quantity
+from discrepancy.report.write import pictures, render, write
+from discrepancy.stages.stage import Rival
 
 SECTIONS = [
     "compared",
@@ -72,7 +72,7 @@ def test_everything_is_written(written) -> None:
 
 
 def test_the_saved_model_is_the_updated_one(written, conclusion) -> None:
-    from multibody.storage import load
+    from multibody.model.storage import load
 
     model = load(written[0] / "model.json")
     assert "coulomb_friction.guide" in model.components
@@ -168,7 +168,8 @@ def test_drawing_leaves_matplotlib_as_it_was(conclusion) -> None:
     import matplotlib
     import matplotlib.pyplot as plt
 
-    from discrepancy import figures, figures_effects
+    from discrepancy.report import effect_figures as figures_effects
+    from discrepancy.report import figures
 
     rules, open_figures = dict(matplotlib.rcParams), plt.get_fignums()
     first, again = (figures.falling_error(conclusion) for _ in range(2))
@@ -185,7 +186,8 @@ def _drawn(figure):
 
 
 def test_axes_have_names_and_units(conclusion, evidence) -> None:
-    from discrepancy import figures, figures_effects
+    from discrepancy.report import effect_figures as figures_effects
+    from discrepancy.report import figures
 
     made = [
         figures.falling_error(conclusion),
@@ -200,7 +202,7 @@ def test_axes_have_names_and_units(conclusion, evidence) -> None:
 
 
 def test_legends_of_long_names_stay_on_the_figure(conclusion, evidence, monkeypatch) -> None:
-    from discrepancy import figures
+    from discrepancy.report import figures
 
     name = "+ Stribeck friction (more friction at low speed) at guide"
     monkeypatch.setattr(figures, "stage_title", lambda stage: stage.name if stage.accepted is None else name)

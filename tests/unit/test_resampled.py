@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.resampled import SCHEMES, Resampled, resample
-from discrepancy.resampled_page import resampled_page
+from discrepancy.validation.resampled import SCHEMES, Resampled, resample
+from discrepancy.validation.resampled_page import resampled_page
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy import synthetic
-from discrepancy.peers_methods import ON_COLUMNS
-from discrepancy.resampled import SCHEMES, Resampled, Shared, read_resampled, resampled_alarms
-from discrepancy.resampled_page import resampled_page
-from discrepancy.resampled_peers import ResampledPeers, resampled_case, resampled_peers_page
-from discrepancy.whitened import plain_weights, plainly_weighed, whiten_all
+from discrepancy.statistics import synthetic
+from discrepancy.statistics.whitened import plain_weights, plainly_weighed, whiten_all
+from discrepancy.validation.peers_methods import ON_COLUMNS
+from discrepancy.validation.resampled import SCHEMES, Resampled, Shared, read_resampled, resampled_alarms
+from discrepancy.validation.resampled_page import resampled_page
+from discrepancy.validation.resampled_peers import ResampledPeers, resampled_case, resampled_peers_page
 
 UNTIED = (SCHEMES[0], SCHEMES[2])
 KINDS = ("constant_force", "local_bump", "angle_harmonic", "stribeck_friction")
@@ -83,7 +83,7 @@ def test_an_effect_in_the_residual_is_an_alarm(given, tmp_path):
 
 def test_two_effects_that_hide_each_other_in_the_residual_are_an_alarm(given, tmp_path):
     """The same for pairs: of two opposite effects only a share of a friction is left, and neither shows alone."""
-    from discrepancy.blocks import Candidate
+    from discrepancy.statistics.blocks import Candidate
 
     other, one = (c.columns[0] for c in given.candidates[:2])
     size = [float(np.std(c[0])) for c in (one, other)]
@@ -125,7 +125,7 @@ def test_criteria_are_asked_without_further_programs(given):
 
 
 def test_page_counts_only_what_both_were_asked(tmp_path):
-    from discrepancy.resampled import Resampled
+    from discrepancy.validation.resampled import Resampled
 
     ours = [Resampled(k, UNTIED[k % 2], "bump@guide" if k == 1 else "", "", "", 0.5) for k in range(4)]
     said = {"loud": {"named": ["a@b", "c@d"], "ties": [], "seconds": 0.1}, "quiet": {"named": []}}

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from discrepancy import synthetic as sy
-from discrepancy.blocks import Candidate, Residual, Sensitivities
-from discrepancy.null import P_FLOOR, tail_p
-from discrepancy.omnibus import with_effect
-from discrepancy.projection import Layout, project
-from discrepancy.scan import scan
-from discrepancy.score import make_scorer, prepare_columns
-from discrepancy.whitening import identity
+from discrepancy.search.omnibus import with_effect
+from discrepancy.statistics import synthetic as sy
+from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
+from discrepancy.statistics.null import P_FLOOR, tail_p
+from discrepancy.statistics.projection import Layout, project
+from discrepancy.statistics.scan import scan
+from discrepancy.statistics.score import make_scorer, prepare_columns
+from discrepancy.statistics.whitening import identity
 
 
 def small(seed=0, n=(120, 90), p=3):

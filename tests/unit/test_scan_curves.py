@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from discrepancy import synthetic as sy
-from discrepancy.curves import explain_force
-from discrepancy.laws import suggest_laws
-from discrepancy.periods import find_period, split_directions
-from discrepancy.projection import Layout
-from discrepancy.scan import held_out_gain
-from estimation.intervals import block_sandwich, measure_coverage, split_blocks
+from discrepancy.questions.force_curves import explain_force
+from discrepancy.questions.simple_laws import suggest_laws
+from discrepancy.statistics import synthetic as sy
+from discrepancy.statistics.periodicity import find_period, split_directions
+from discrepancy.statistics.projection import Layout
+from discrepancy.statistics.scan import held_out_gain
+from estimation.fit.intervals import block_sandwich, measure_coverage, split_blocks
 
 
 @pytest.fixture(scope="module")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from discrepancy.blocks import Candidate, Residual, Sensitivities
-from discrepancy.scan import scan
-from discrepancy.verdict import Verdict, decide, smallest_visible
+from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
+from discrepancy.statistics.scan import scan
+from discrepancy.statistics.verdicts import Verdict, decide, smallest_visible
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from discrepancy.whitening import fit_whitener, identity
+from discrepancy.statistics.whitening import fit_whitener, identity
 
 
 def drifting(rng, n):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from multibody import native
-from multibody.inputs import InputTable
+from multibody.compile import native
+from multibody.inputs.table import InputTable
 from multibody.solvers import NativeProblem, ProblemError, Samples, integrate
 from multibody.solvers.scipy_methods import IMPLICIT, SCIPY_METHODS, Stops, solve_with_stops
 

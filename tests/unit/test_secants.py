@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.secants import ALIKE, bent
+from discrepancy.sensitivities.finite_amplitude import ALIKE, bent
 
 
 def straight():

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from discrepancy.catalogue import catalogue
-from discrepancy.effects import Effect
-from discrepancy.kinds import MotionRange, kind_named
+from discrepancy.effects.catalogue import catalogue
+from discrepancy.effects.effect import Effect
+from discrepancy.effects.kinds import MotionRange, kind_named
 from multibody import Model
 from multibody.library import Mass, PositionSource, SpringDamper
 

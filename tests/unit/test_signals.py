@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimation import Preparation, SignalError
-from estimation.signals import cut_blocks, edge_time, low_pass, smooth_derivative
+from estimation.signals.preparation import cut_blocks, edge_time, low_pass, smooth_derivative
 
 RATE = 1000.0
 TIME = np.arange(5000) / RATE

@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from discrepancy import omnibus
-from discrepancy.catalogue import catalogue
-from discrepancy.conclude import _slight, _slight_words
-from discrepancy.last_resort import _small
-from discrepancy.search import FINALISTS, LOOKS, _unlike
-from discrepancy.verdict import Verdict
-from discrepancy.worth import matters
-from estimation.calibrate import REWEIGH, calibrate
+from discrepancy.effects.catalogue import catalogue
+from discrepancy.search import omnibus
+from discrepancy.search.model_comparison import matters
+from discrepancy.search.step import FINALISTS, LOOKS, _unlike
+from discrepancy.search.without_significance import _small
+from discrepancy.statistics.verdicts import Verdict
+from discrepancy.study.conclude import _slight, _slight_words
+from estimation.fit.calibrate import REWEIGH, calibrate
 
 DRY = "coulomb_friction@guide"
 

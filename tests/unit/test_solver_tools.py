@@ -8,8 +8,8 @@ import weakref
 import numpy as np
 import pytest
 
-from multibody import native
-from multibody.inputs import InputTable
+from multibody.compile import native
+from multibody.inputs.table import InputTable
 from multibody.solvers import (
     Automatic,
     DormandPrince54,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from multibody import Component, Frame, Model, ModelError
+from multibody.assembly.spatial.symbols import cross, dot, matmul, plus, times
 from multibody.library import Spring
 from multibody.library.spatial import FixedFrame, FrameSpring, Link, RigidBody, World
-from multibody.spatial.symbols import cross, dot, matmul, plus, times
 
 GOOD = {"mass": 1.0, "I_xx": 1.0, "I_yy": 1.0, "I_zz": 1.0}
 

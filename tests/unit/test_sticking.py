@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import estimation.push_response as push_response
-from discrepancy.axis import axis_case
-from discrepancy.effects import Effect
-from discrepancy.effort import LEAST, TIMES, bounded_effort
-from estimation.push_response import PushResponse
-from estimation.pushes import Push
-from multibody.errors import SimulationError
+import estimation.response.perturbation_response as push_response
+from discrepancy.effects.effect import Effect
+from discrepancy.residual.accuracy import LEAST, TIMES, bounded_effort
+from discrepancy.rigs.axis import axis_case
+from estimation.response.perturbation_response import PushResponse
+from estimation.response.perturbations import Push
+from multibody.base.errors import SimulationError
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 
 from multibody import Component, Model, ModelError, Option, Output, Parameter, Table, Translation
 from multibody.library import Damper, ForceSource, Mass, Spring
-from multibody.storage import load, save
+from multibody.model.storage import load, save
 
 
 class Curve(Component):
@@ -338,8 +338,8 @@ def test_places_are_known_before_building():
 
 
 def test_an_effect_leaves_the_names_of_the_places_as_they_are():
-    from discrepancy.axis import axis_case
-    from discrepancy.effects import Effect
+    from discrepancy.effects.effect import Effect
+    from discrepancy.rigs.axis import axis_case
 
     model = axis_case(1).setup(seed=1).model
     before = {p.name: (p.first_port, p.second_port) for p in model.places()}

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from multibody import Model, ModelError, assembly, plan, structure
+from multibody import Model, ModelError
+from multibody.assembly import assemble as assembly
+from multibody.assembly import structure_cache as structure
+from multibody.compile import assembled as plan
 from multibody.library import Mass, Spring
-from vtsdt.lift import Lift
+from vtsdt.lift.lift import Lift
 
 NAMED = ("states", "inputs", "parameters", "outputs", "speed_names", "input_delays", "rate_states")
 TEXTS = ("rhs", "outputs", "speeds", "rhs_tangent", "outputs_tangent", "rhs_columns")

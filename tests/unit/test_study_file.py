@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.study_file import StudyError, StudyFile, read_study
-from discrepancy.study_model import check_names, load_model
+from discrepancy.problem.model import check_names, load_model
+from discrepancy.problem.study_file import StudyError, StudyFile, read_study
 from estimation import Preparation, ReadRules, RecordError
 
 SOUND = """

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.effects import Effect
-from discrepancy.history import restore, save_history
-from discrepancy.report import write
-from discrepancy.setup import Setup, experiments_of
-from discrepancy.study import Study
-from discrepancy.study_file import StudyError
-from estimation.calibrate import UncertainParameter
-from estimation.record import Record, Signal
+from discrepancy.effects.effect import Effect
+from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.problem.study_file import StudyError
+from discrepancy.report.write import write
+from discrepancy.study.history import restore, save_history
+from discrepancy.study.study import Study
+from estimation.files.record import Record, Signal
+from estimation.fit.calibrate import UncertainParameter
 from multibody import Model
-from multibody.errors import SimulationError
+from multibody.base.errors import SimulationError
 from multibody.library import ForceSource, Mass, Spring, ViscousFriction
 
 DT = 0.01

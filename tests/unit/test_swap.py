@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from discrepancy.effects import Effect
-from discrepancy.stage import Accepted, Rival
-from discrepancy.swap import Swap, better_in_its_place
+from discrepancy.effects.effect import Effect
+from discrepancy.search.exchange import Swap, better_in_its_place
+from discrepancy.stages.stage import Accepted, Rival
 
 MOTOR = Effect("sensor_gain", "motor.torque", {"gain": 0.1})
 GUIDE = Effect("sensor_gain", "carriage.position", {"gain": 0.1})

@@ -9,7 +9,7 @@ import pytest
 
 from multibody import Component, Input, Model, ModelError, Output, SimulationError, State
 from multibody.library import Damper, ForceSource, Mass, Spring
-from multibody.simulate import NATIVE, SCIPY
+from multibody.system.simulate import NATIVE, SCIPY
 
 
 def driven(**options):
@@ -347,7 +347,7 @@ def test_no_step_is_longer_than_what_passes_by_at_its_own_speed_and_the_run_is_m
 
 
 def test_points_that_only_rounding_tells_apart_are_one_feature():
-    from multibody.passing import _closest
+    from multibody.system.narrow_features import _closest
 
     assert _closest((0.0, 1.0, 1.0 + 4e-16, 3.0)) == pytest.approx(1.0)
     assert _closest((0.0, 0.25, 2.0)) == pytest.approx(0.25)

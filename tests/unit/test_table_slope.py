@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from multibody import tables
+from multibody.equations import tables
 
 POINTS = np.array([0.0, 0.4, 1.1, 1.5, 2.6])
 VALUES = np.array([0.3, -0.2, 0.8, 0.9, 0.1])

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-import multibody.side_by_side as threads
-from estimation.experiment import Experiment
-from estimation.push_response import PushResponse
-from estimation.record import Record, Signal
-from multibody.inputs import InputTable
-from multibody.simulate import native_problem
+import multibody.base.parallel as threads
+from estimation.files.record import Record, Signal
+from estimation.response.experiment import Experiment
+from estimation.response.perturbation_response import PushResponse
+from multibody.inputs.table import InputTable
 from multibody.solvers import Samples, integrate
 from multibody.solvers.problem import Directions, ProblemError
 from multibody.solvers.transitions import transitions
-from vtsdt.bench_model import build
+from multibody.system.simulate import native_problem
+from vtsdt.rig.models import build
 
 A = np.array([[0.0, 1.0, 0.0], [-30.0, -2.0, 5.0], [1.0, 0.0, -8.0]])
 B = np.array([[0.0, 0.0], [3.0, 0.0], [0.5, -2.0]])

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from multibody import units
+from multibody.base import units
 
 
 @pytest.mark.parametrize("pair", sorted(units._USUAL))
@@ -19,5 +19,5 @@ def test_usual_conversions_are_those_of_pint(pair):
 
 
 def test_the_shipped_lift_needs_no_definitions_of_units():
-    code = "import sys; from vtsdt.lift import Lift; Lift.reference(); print('pint' in sys.modules)"
+    code = "import sys; from vtsdt.lift.lift import Lift; Lift.reference(); print('pint' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"

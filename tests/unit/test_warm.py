@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from vtsdt.cli import main
-from vtsdt.warm import COMMANDS, MODELS, shipped
+from vtsdt.cli.command_line import main
+from vtsdt.cli.warm import COMMANDS, MODELS, shipped
 
 
 def test_every_shipped_model_is_known_by_name_and_builds():
@@ -25,8 +25,8 @@ def test_after_warming_another_process_compiles_nothing(tmp_path, monkeypatch, c
     assert told.splitlines()[0].startswith("axis")
     assert str(tmp_path) in told
     code = (
-        "from multibody.native import on_compile; told = []; on_compile(lambda n, s: told.append(n)); "
-        "from discrepancy.axis import build; s = build().build(); "
+        "from multibody.compile.native import on_compile; told = []; on_compile(lambda n, s: told.append(n)); "
+        "from discrepancy.rigs.axis import build; s = build().build(); "
         "run = s.simulate(0.1, inputs={'reference.position': 0.1}); run[s.output_names[0]]; s.linearize(); print(told)"
     )
     assert (
@@ -43,8 +43,8 @@ def test_an_unknown_model_is_refused_with_the_names(capsys):
 @pytest.mark.slow
 def test_after_warming_align_compiles_nothing(tmp_path):
     """Empty and loaded, as the command is run on files."""
-    from vtsdt.alignment_rehearsal import plain_trip
-    from vtsdt.parameters import LiftParameters
+    from vtsdt.alignment.rehearsal import plain_trip
+    from vtsdt.files.parameters import LiftParameters
 
     files = []
     for direction, load in ((1, 0.0), (-1, 0.0), (1, 2.0), (-1, 2.0)):
@@ -59,8 +59,9 @@ def test_after_warming_align_compiles_nothing(tmp_path):
     subprocess.run([sys.executable, "-m", "vtsdt", "warm", "align", "--quiet"], env=env, check=True)
     for some in (files[:2], files[2:]):
         code = (
-            "from multibody.native import on_compile; told = []; on_compile(lambda n, s: told.append(n)); "
-            f"from vtsdt.cli import main; main(['align', *{some!r}, '--out', {str(tmp_path / 'out')!r}, '--quiet']); "
+            "from multibody.compile.native import on_compile; told = []; on_compile(lambda n, s: told.append(n)); "
+            "from vtsdt.cli.command_line import main; "
+            f"main(['align', *{some!r}, '--out', {str(tmp_path / 'out')!r}, '--quiet']); "
             "print(told)"
         )
         done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)

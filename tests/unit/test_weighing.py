@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.calibrate import UncertainParameter
-from estimation.experiment import Experiment
-from estimation.fit_problem import FitProblem
-from estimation.record import Record, Signal
-from estimation.weighing import weights_of
+from estimation.files.record import Record, Signal
+from estimation.fit.calibrate import UncertainParameter
+from estimation.fit.fit_problem import FitProblem
+from estimation.fit.weights import weights_of
+from estimation.response.experiment import Experiment
 from multibody import Model
 from multibody.library import ForceSource, Mass, Spring, ViscousFriction
 

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vtsdt.energy import TripEnergy
-from vtsdt.parameter_file import ParameterError
-from vtsdt.parameters import LiftParameters
-from vtsdt.profile import Profile
-from vtsdt.profile_table import ProfileTable
-from vtsdt.threshold import Configuration, configuration, friction_loss, threshold
-from vtsdt.whatif_compare import weighed
-from vtsdt.whatif_report import answer, write_what_if
-from vtsdt.whatif_result import Action, Interval, Section, WhatIf
-from vtsdt.whatif_settings import Settings, read_settings
-from vtsdt.whatif_study import Doubt, _cut, _rail_error, as_doubts, what_if
+from vtsdt.files.parameter_file import ParameterError
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.files.rail_profile import Profile
+from vtsdt.files.rail_profile_table import ProfileTable
+from vtsdt.lift.energy import TripEnergy
+from vtsdt.whatif.compare import weighed
+from vtsdt.whatif.report import answer, write_what_if
+from vtsdt.whatif.result import Action, Interval, Section, WhatIf
+from vtsdt.whatif.settings import Settings, read_settings
+from vtsdt.whatif.study import Doubt, _cut, _rail_error, as_doubts, what_if
+from vtsdt.whatif.threshold import Configuration, configuration, friction_loss, threshold
 
 BENCH = ProfileTable.of(LiftParameters.bench().cabin_guide.right_x)  # type: ignore[arg-type]
 
@@ -248,7 +248,7 @@ def test_all_faults_of_settings_are_told(tmp_path: Path) -> None:
 
 
 def test_masses_from_tensions_at_rest() -> None:
-    from estimation.record import Record, Signal
+    from estimation.files.record import Record, Signal
 
     def record(load: float, friction: float) -> Record:
         t = np.arange(1000) / 500.0
@@ -278,7 +278,7 @@ def test_masses_from_tensions_at_rest() -> None:
 def test_bad_input_ends_the_command_with_one_message(
     words: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from vtsdt.cli import main
+    from vtsdt.cli.command_line import main
 
     assert main(["what-if", *words, "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err

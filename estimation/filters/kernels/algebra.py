@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from multibody.solvers.kernels.calls import fused, independent, inner, shift
+from multibody.compile.calls import fused, independent, inner, shift
 
 _ROOT = math.sqrt(177.0)
 # Bader, Blanes and Casas (2019), "Computing the matrix exponential with an optimized Taylor polynomial

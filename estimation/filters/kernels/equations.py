@@ -48,7 +48,7 @@ from estimation.filters.kernels.layout import (
     U,
     Y,
 )
-from multibody.solvers.kernels.calls import call_rhs, call_tangent, floats, inner, ints, shift
+from multibody.compile.calls import call_rhs, call_tangent, floats, inner, ints, shift
 from multibody.solvers.kernels.stepping import half_passed
 
 MOST_PIECES = 1000  # of an interval between two samples; a state that runs away asks for any number

@@ -46,7 +46,7 @@ from estimation.filters.kernels.layout import (
     VARIATIONAL,
     M,
 )
-from multibody.solvers.kernels.calls import entry, floats, independent, inner, pointer, shift
+from multibody.compile.calls import entry, floats, independent, inner, pointer, shift
 
 # Settings by index: how F is made, what Q is, what is kept, square root, one linearisation a step, inputs held.
 HOW, NOISE, KEEP, ROOT, ONCE, HOLD, SUBSTEPS = range(7)

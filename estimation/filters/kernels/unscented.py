@@ -7,7 +7,7 @@ import math
 from estimation.filters.kernels.algebra import cholesky, clear, symmetrise
 from estimation.filters.kernels.equations import carry, has_rates, pieces, rates, read
 from estimation.filters.kernels.layout import ALL, COVARIANCES, HIGH, INTEGRATED, LD, LOW, N_U, PER_STEP, M
-from multibody.solvers.kernels.calls import entry, floats, inner, pointer, shift
+from multibody.compile.calls import entry, floats, inner, pointer, shift
 
 # Settings by index.
 NOISE, KEEP, HOLD, SUBSTEPS = range(4)

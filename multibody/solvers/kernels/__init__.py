@@ -1,1 +1,1 @@
-"""Compiled drivers, to be loaded through `multibody.native.load_driver` and not by import (see there)."""
+"""Compiled drivers, to be loaded through `multibody.compile.native.load_driver` and not by import (see there)."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
+from multibody.compile.calls import call_abreast, entry, floats, fused, independent, inner, pointer, shift
 from multibody.solvers.kernels.bundle import N_P, N_U, SIZE, N, P, U
-from multibody.solvers.kernels.calls import call_abreast, entry, floats, fused, independent, inner, pointer, shift
 from multibody.solvers.kernels.dormand_prince import DAMPING, EXPONENT, march, raw_errors, shorter, watch, write_samples
 from multibody.solvers.kernels.field import evaluate, look_up
 from multibody.solvers.kernels.stepping import (

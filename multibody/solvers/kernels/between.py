@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from multibody.solvers.kernels.calls import entry, inner, pointer, shift
+from multibody.compile.calls import entry, inner, pointer, shift
 from multibody.solvers.kernels.dormand_prince import interpolate as by_seven_stages
 from multibody.solvers.kernels.exponential import interpolate as by_both_ends
 from multibody.solvers.kernels.rodas import interpolate_from as by_four_vectors

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from multibody.compiler.kinds import address_of
+from multibody.compile.emitter.kinds import address_of
 
 __all__ = ["CUBIC", "FADING", "HOLD", "LINEAR", "Field"]
 
@@ -109,7 +109,8 @@ class Field:
     directions : dict of ndarray, optional
         p_dot (m, n_p), channel (m,), weight (m, n_u), shape_t (ns,), shape (ns, m).
     wide : (int, int)
-        Address of a tangent of several directions at once, and how many (see `multibody.directions`); 0 for none.
+        Address of a tangent of several directions at once, and how many (see `multibody.compile.several_directions`);
+        0 for none.
     columns : int
         Address of a derivative by the states along several directions at once, for the Jacobian; 0 for none.
     seeds : ndarray, shape (groups, n, lanes), optional

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
+from multibody.compile.calls import entry, floats, fused, independent, inner, ints, pointer, shift
 from multibody.solvers.kernels.bundle import N
-from multibody.solvers.kernels.calls import entry, floats, fused, independent, inner, ints, pointer, shift
 from multibody.solvers.kernels.field import evaluate
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,

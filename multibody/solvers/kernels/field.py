@@ -7,6 +7,17 @@ from __future__ import annotations
 
 import math
 
+from multibody.compile.calls import (
+    call_rhs,
+    call_tangent,
+    entry,
+    floats,
+    independent,
+    inner,
+    ints,
+    pointer,
+    shift,
+)
 from multibody.solvers.kernels.bundle import (
     BREAK_CURSOR,
     BREAK_DELAY,
@@ -51,17 +62,6 @@ from multibody.solvers.kernels.bundle import (
     N,
     P,
     U,
-)
-from multibody.solvers.kernels.calls import (
-    call_rhs,
-    call_tangent,
-    entry,
-    floats,
-    independent,
-    inner,
-    ints,
-    pointer,
-    shift,
 )
 
 

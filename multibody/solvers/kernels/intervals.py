@@ -7,7 +7,7 @@ series is applied to all columns at once.  Of A only the entries that are not ze
 
 from __future__ import annotations
 
-from multibody.solvers.kernels.calls import entry, fused, independent, inner, pointer, shift
+from multibody.compile.calls import entry, fused, independent, inner, pointer, shift
 
 ROOT = 0.7745966692414834  # sqrt(3/5): the nodes of a piece are at 0 and ± that, from its middle in half lengths
 FIRST, SECOND = 0.5 - 0.28867513459481287, 0.5 + 0.28867513459481287  # (1 ∓ 1/sqrt(3)) / 2: those of a step

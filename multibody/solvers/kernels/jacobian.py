@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from multibody.compile.calls import call_tangent, entry, floats, independent, inner, pointer, shift
 from multibody.solvers.kernels.bundle import ABREAST, COLUMNS, PASSED, SEEDS, TANGENT, N, P, U
-from multibody.solvers.kernels.calls import call_tangent, entry, floats, independent, inner, pointer, shift
 from multibody.solvers.kernels.field import evaluate, hold_at
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 
+from multibody.compile.calls import call_rhs, floats, independent, inner, ints
 from multibody.solvers.kernels.bundle import (
     DELAYED,
     JUMPS,
@@ -26,7 +27,6 @@ from multibody.solvers.kernels.bundle import (
     P,
     U,
 )
-from multibody.solvers.kernels.calls import call_rhs, floats, independent, inner, ints
 from multibody.solvers.kernels.field import evaluate, hold_at, next_break
 
 T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD, LONGEST = range(9)

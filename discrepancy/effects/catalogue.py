@@ -1,0 +1,137 @@
+"""What might be missing: every kind of effect at every place, sensor and input of a machine where it makes sense."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+from discrepancy.effects.kinds import Kind, kinds
+from multibody.declare.declarations import Output
+
+if TYPE_CHECKING:
+    from multibody.assembly.places import Place
+    from multibody.system.system import System
+
+__all__ = ["Entry", "catalogue"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A kind of effect at a place (connections) or at a signal (sensors, inputs).
+
+    Parameters
+    ----------
+    kind : Kind
+    where : str
+    place : Place or None
+    stiffness : str
+        Parameter that gives the connection its own stiffness, or empty.
+    load : str
+        Output that carries the load, or empty.
+    stated : tuple of float
+        Values that were stated, of a kind whose strengths are such.
+    """
+
+    kind: Kind
+    where: str
+    place: Place | None = None
+    stiffness: str = ""
+    load: str = ""
+    stated: tuple[float, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """``kind@where``."""
+        return f"{self.kind.name}@{self.where}"
+
+    def matches(self, pattern: str) -> bool:
+        """Tell whether a shell pattern over ``kind`` or ``kind@where`` names this entry (or other names of a place)."""
+        names = [self.where, *(self.place.also if self.place is not None else ())]
+        return fnmatchcase(self.kind.name, pattern) or any(
+            fnmatchcase(f"{self.kind.name}@{w}", pattern) for w in names
+        )
+
+
+def catalogue(
+    system: System,
+    outputs: Sequence[str],
+    inputs: Sequence[str],
+    *,
+    include: Sequence[str] = ("*",),
+    exclude: Sequence[str] = (),
+) -> list[Entry]:
+    """Return every effect that fits the machine's topology and its measured signals.
+
+    Parameters
+    ----------
+    system : System
+        Built with probes.
+    outputs, inputs : sequence of str
+        Measured outputs and recorded inputs.
+    include, exclude : sequence of str
+        Shell patterns over ``kind`` or ``kind@where``.
+    """
+    found: list[Entry] = []
+    for kind in kinds().values():
+        if kind.free_form:
+            continue  # offered by `discrepancy.sensitivities.free_curve_scan` where no law is good enough
+        if kind.at == "connection":
+            found += [e for place in system.places if (e := _at_place(kind, place, system)) is not None]
+        elif kind.at == "parameter":
+            found += _built_in(kind, system)
+        elif kind.at == "sensor":
+            found += [Entry(kind, name) for name in outputs]
+        else:
+            found += [Entry(kind, name) for name in inputs]
+    return [e for e in found if any(e.matches(p) for p in include) and not any(e.matches(p) for p in exclude)]
+
+
+def _built_in(kind: Kind, system: System) -> list[Entry]:
+    """Return where components have an effect in them whose strengths are zero, or values that may be stated wrongly."""
+    found = []
+    for name, component in system.model.components.items():
+        if kind.component is None or not isinstance(component, kind.component):
+            continue
+        for side, ending in kind.sides or (("", ""),):
+            values = [component.values.get(f"{s}{ending}") for s in kind.strengths]
+            where = f"{name}.{side}" if side else name
+            if kind.stated and all(v for v in values):
+                found.append(Entry(kind, where, stated=tuple(map(float, values))))  # type: ignore[arg-type]
+            elif not kind.stated and all(v == 0.0 for v in values):
+                found.append(Entry(kind, where))
+    return found
+
+
+def _at_place(kind: Kind, place: Place, system: System) -> Entry | None:
+    # a motion that is named by a body's axis or port is no connection with a stiffness of its own
+    component = system.model.components.get(place.name)
+    stiffness = f"{place.name}.stiffness" if component is not None and "stiffness" in component.values else ""
+    if kind.elastic is not None and kind.elastic != bool(stiffness):
+        return None
+    if kind.needs == "stiffness" and not stiffness:
+        return None
+    if kind.needs == "ground" and (place.second is not None or not place.first.inertial):
+        return None
+    if kind.law == "AddedInertia" and place.second is not None:
+        return None
+    load = ""
+    if kind.needs == "load":
+        load = _load_at(place, system)
+        if not load:
+            return None
+    return Entry(kind, place.name, place, stiffness, load)
+
+
+def _load_at(place: Place, system: System) -> str:
+    """Return the output of a part on the same node that says which force or torque it brings there."""
+    unit = place.force_unit
+    best = ""
+    for port in place.first.ports:
+        if port.owner == place.name or "_friction." in port.owner:
+            continue
+        for name, item in port.component.declarations.items():
+            if isinstance(item, Output) and item.unit == unit and f"{port.owner}.{name}" in system.output_names:
+                best = best or f"{port.owner}.{name}"
+    return best

@@ -1,0 +1,255 @@
+"""An effect of a kind at a place, and how it is put into a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import discrepancy.effects.stated_values  # noqa: F401 - values of controllers and circuits join the catalogue
+from discrepancy.effects.kinds import Kind, kind_named
+from multibody.declare.component import nearest
+
+if TYPE_CHECKING:
+    from estimation.fit.calibrate import UncertainParameter
+    from estimation.response.experiment import SensorError
+    from multibody.assembly.places import Place
+    from multibody.declare.component import Component
+    from multibody.model.model import Model
+    from multibody.system.system import System
+
+__all__ = ["Effect", "law_class", "unit_at"]
+
+
+def law_class(kind: Kind, domain: str) -> type[Component]:
+    """Return the component class of a connection kind for a domain."""
+    from discrepancy.effects.laws import LAWS
+
+    return LAWS[kind.law][0 if domain == "translation" else 1]
+
+
+def _usual_shape(kind: Kind, domain: str, over: str) -> dict[str, float | None]:
+    """Return the parameters of a law beside its strengths, with their usual values; None must be given."""
+    if kind.free_form:
+        return {"low": None, "high": None, **({"v_s": 1e-3} if over == "friction" else {})}
+    from multibody.declare.declarations import Parameter
+
+    declared = law_class(kind, domain).declarations  # type: ignore[attr-defined]
+    return {k: q.default for k, q in declared.items() if isinstance(q, Parameter) and k not in kind.strengths}
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect: kind, place, strengths and shape.
+
+    Parameters
+    ----------
+    kind, where : str
+        Such as ``"coulomb_friction"`` at ``"guide"``.
+    strengths : mapping of str to float
+        SI; all zero is absence.
+    shape : mapping of str to float
+        The law's other parameters.
+    ports : tuple of str
+        Endpoints of the two sides (connections).
+    domain : str
+        ``"translation"`` or ``"rotation"`` (connections).
+    load : str
+        Output that gives the load, where the law asks for one.
+    number : int
+        Counts effects of one kind at one place.
+    over : str
+        What a free curve is a function of.
+    """
+
+    kind: str
+    where: str
+    strengths: Mapping[str, float] = field(default_factory=dict)
+    shape: Mapping[str, float] = field(default_factory=dict)
+    ports: tuple[str, ...] = ()
+    domain: str = ""
+    load: str = ""
+    number: int = 1
+    over: str = ""
+
+    @classmethod
+    def at_place(cls, kind: str, place: Place, **parts: Any) -> Effect:
+        """Return an effect at a place of a model.
+
+        Strengths that are not given are zero (absence), and the law's other parameters those of its component: usual
+        sizes for a machine of metres and seconds, so give them where the machine is smaller or slower.
+
+        Parameters
+        ----------
+        kind : str
+        place : Place
+        **parts
+            Fields of an effect: ``strengths``, ``shape``, ``load``, ``number``, ``over``.
+
+        Raises
+        ------
+        KeyError
+            If there is no such kind.
+        ValueError
+            If the kind acts on a sensor or an input, or has no strength or parameter of a given name; all faults.
+        """
+        definition = kind_named(kind)
+        if definition.at != "connection":
+            what = "a sensor" if definition.at == "sensor" else "an input"
+            raise ValueError(
+                f"{kind} acts on {what}, not on a place: write "
+                f"Effect('{kind}', 'name of the signal', {{'{definition.strengths[0]}': 0.0}})"
+            )
+        strengths, shape = dict(parts.pop("strengths", {})), dict(parts.pop("shape", {}))
+        defaults = {k: 0.0 for k in definition.strengths}
+        usual = _usual_shape(definition, place.domain, parts.get("over", ""))
+        faults = [f"no strength '{k}'{nearest(k, defaults)}" for k in strengths if k not in defaults]
+        faults += [f"no parameter '{k}'{nearest(k, usual)}" for k in shape if k not in usual]
+        faults += [f"shape needs '{k}'" for k, v in usual.items() if v is None and k not in shape]
+        if faults:
+            raise ValueError(f"{kind} at '{place.name}': {'; '.join(faults)}")
+        return cls(
+            kind,
+            place.name,
+            {**defaults, **strengths},
+            {**{k: v for k, v in usual.items() if v is not None}, **shape},
+            ports=(place.first_port, place.second_port),
+            domain=place.domain,
+            **parts,
+        )
+
+    @property
+    def definition(self) -> Kind:
+        """The kind's entry in the catalogue."""
+        return kind_named(self.kind)
+
+    @property
+    def component_name(self) -> str:
+        """Name of the component that carries the effect in a model (connections)."""
+        return f"{self.kind}.{self.where}" + (f".n{self.number}" if self.number > 1 else "")
+
+    def parameter_name(self, parameter: str) -> str:
+        """Return the full name of one of the effect's parameters."""
+        at = self.definition.at
+        if at == "connection":
+            return f"{self.component_name}.{parameter}"
+        if at == "parameter":
+            owner, ending = self.definition.owner_of(self.where)
+            return f"{owner}.{parameter}{ending}"
+        return f"{at}.{self.where}.{parameter}"
+
+    def parameters(self) -> dict[str, float]:
+        """Return strengths and shape by their full names."""
+        return {self.parameter_name(k): v for k, v in {**self.shape, **self.strengths}.items()}
+
+    def unit(self, parameter: str) -> str:
+        """Return the unit of one of the effect's parameters."""
+        if self.definition.free_form:
+            return str(law_class(self.definition, self.domain).declarations["curve"].unit)  # type: ignore[attr-defined]
+        if self.definition.at == "parameter":
+            ending = self.definition.owner_of(self.where)[1]
+            own: Any = self.definition.component_class.declarations[f"{parameter}{ending}"]
+            return "" if "{" in str(own.unit) else str(own.unit)  # that of a loop of any quantity is not known here
+        if self.definition.at == "connection":
+            item: Any = law_class(self.definition, self.domain).declarations[parameter]
+            return str(item.unit)
+        return {"gain": "", "delay": "s", "offset": "", "drift": ""}[parameter]
+
+    def with_values(self, values: Mapping[str, float]) -> Effect:
+        """Return the effect with parameters replaced, given by full name."""
+        mine = {
+            k: float(values[self.parameter_name(k)])
+            for k in {**self.shape, **self.strengths}
+            if self.parameter_name(k) in values
+        }
+        return replace(
+            self,
+            strengths={k: mine.get(k, v) for k, v in self.strengths.items()},
+            shape={k: mine.get(k, v) for k, v in self.shape.items()},
+        )
+
+    def added_to(self, model: Model) -> Model:
+        """Return a copy of the model with the effect in it; sensor errors leave the model as it is."""
+        kind = self.definition
+        if kind.at == "sensor":
+            return model
+        if kind.at == "input":
+            return model.with_input_error(self.where, **dict(self.strengths))
+        if kind.at == "parameter":
+            return model.with_values(self.parameters())
+        other = model.copy()
+        cls = law_class(kind, self.domain)
+        part = other.add(self.component_name, cls(**self._given()))
+        other.connect(f"{self.component_name}.a", self.ports[0])
+        if "b" in cls.declarations:
+            other.connect(f"{self.component_name}.b", self.ports[1])
+        if self.load:
+            other.connect(self.load, part.load)
+        return other
+
+    def _given(self) -> dict[str, Any]:
+        """Return the values for the law's component."""
+        if not self.definition.free_form:
+            return {**self.shape, **self.strengths}
+        y = tuple(self.strengths.values())
+        return {"over": self.over, "curve": (self.knots, y), **{k: v for k, v in self.shape.items() if k == "v_s"}}
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Arguments of the points of a free curve."""
+        count = len(self.strengths)
+        low, high = self.shape["low"], self.shape["high"]
+        return tuple(low + (high - low) * k / (count - 1) for k in range(count))
+
+    def sensor_error(self) -> SensorError | None:
+        """Return the sensor's error, for sensor kinds."""
+        from estimation.response.experiment import SensorError
+
+        if self.definition.at != "sensor":
+            return None
+        name = self.definition.strengths[0]
+        return SensorError(self.where, name, float(self.strengths.get(name, 0.0)))
+
+    def uncertain(self, sizes: Mapping[str, float] | None = None) -> list[UncertainParameter]:
+        """Return what calibration may move once the effect is in: strengths, and the shapes that may be fitted."""
+        from estimation.fit.calibrate import UncertainParameter
+
+        kind = self.definition
+        found = []
+        for name, value in self.strengths.items():
+            low = 0.0 if kind.one_sided or (kind.stated and value > 0.0) else -math.inf
+            high = 0.0 if kind.stated and value < 0.0 else math.inf
+            found.append(UncertainParameter(self.parameter_name(name), value, min=low, max=high, unit=self.unit(name)))
+        for name in kind.free_shapes:
+            value = self.shape[name]
+            positive = name in ("v_stribeck", "v_s", "width", "x_s", "order")
+            reach = (sizes or {}).get(name, abs(value) if value else 1.0)
+            low, high = (0.1 * value, 10.0 * value) if positive else (value - reach, value + reach)
+            if name == "order":
+                low, high = 0.9 * value, 1.1 * value
+            found.append(
+                UncertainParameter(self.parameter_name(name), value, min=low, max=high, unit=self.unit(name))
+            )
+        return found
+
+    def __str__(self) -> str:
+        return f"{self.kind}@{self.where}"
+
+
+def unit_at(system: System, kind: str, where: str) -> str:
+    """Return the unit of a kind's first strength at a place or signal of a machine.
+
+    Parameters
+    ----------
+    system : System
+    kind, where : str
+    """
+    entry = kind_named(kind)
+    if entry.at == "connection":
+        place = next(p for p in system.places if p.name == where)
+        return Effect.at_place(kind, place).unit(entry.strengths[0])
+    if entry.at == "parameter":
+        return Effect(kind, where).unit(entry.strengths[0])
+    signal = system.unit(where)
+    return {"offset": signal, "gain": "", "delay": "s", "drift": f"{signal}/s"}[entry.law]

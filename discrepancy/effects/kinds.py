@@ -1,0 +1,351 @@
+"""The kinds of effect that the catalogue knows: law, strengths, shapes to try, and what each means to an engineer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from discrepancy.effects import shapes
+
+if TYPE_CHECKING:
+    from multibody.declare.component import Component
+
+__all__ = ["SHIPPED", "Kind", "KindText", "MotionRange", "kind_named", "kinds", "register"]
+
+Shapes = list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class MotionRange:
+    """How far and how fast a connection moved in the records.
+
+    Parameters
+    ----------
+    low, high : float
+        Travel, m or rad.
+    speed : float
+        95th percentile of the absolute speed, m/s or rad/s.
+    turns : bool
+        True for a rotation.
+    scale : float
+        Stiffness of the connection's own spring where it has one, else 0.
+    """
+
+    low: float
+    high: float
+    speed: float
+    turns: bool = False
+    scale: float = 0.0
+
+    @property
+    def centre(self) -> float:
+        """Middle of the travel."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def half(self) -> float:
+        """Half of the travel."""
+        return max(0.5 * (self.high - self.low), 1e-300)
+
+    @property
+    def v_s(self) -> float:
+        """Speed below which the sign of the speed is smoothed: a hundredth of the speed in the records."""
+        return max(0.01 * self.speed, 1e-300)
+
+
+@dataclass(frozen=True)
+class KindText:
+    """A kind in words: what it is, what usually causes it, how to confirm it by hand."""
+
+    title: str
+    what: str
+    causes: str
+    confirm: str
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of effect.
+
+    Parameters
+    ----------
+    name : str
+        Name in files; a kind once named keeps its name.
+    at : {"connection", "sensor", "input", "parameter"}
+        What it acts on; ``"parameter"`` is an effect that a component has in it already, with its strengths at zero.
+    law : str
+        Name in `discrepancy.effects.laws.LAWS` (connections), the sensor's or input's error, or the class of the
+        component whose parameters the strengths are.
+    strengths : tuple of str
+        Parameters that are zero when the effect is absent.
+    text : KindText
+    shapes : callable, optional
+        From the motion, the shapes to try: other parameters of the law.
+    free_shapes : tuple of str
+        Shape parameters that are fitted once the effect is in.
+    one_sided : bool
+        A strength below zero makes no physical sense.
+    linear : bool
+        False if the force is not proportional to the strength; the scan then takes a secant at the strength that the
+        shape names ``secant``, or at a small one.
+    needs : {"", "stiffness", "load", "ground"}
+        What the connection must have: a spring of its own, a force that passes through, or the ground on one side.
+    elastic : bool or None
+        True: only where the connection has a spring; False: only where it has none; None: anywhere.
+    contains : tuple of str
+        Simpler kinds that this one becomes in a limit of its parameters: they are asked first.
+    by_direction : bool
+        The two strengths are that of the kind contained, one for each direction of motion.
+    component : type or tuple of type, optional
+        Parameter effects: the class or classes whose instances have it.
+    sides : tuple of (str, str)
+        Parameter effects: parts of the component that can have it each, and the ending of their parameters' names.
+    component_shapes : callable, optional
+        Parameter effects: from the component and the ending, the shapes to try.
+    stated : bool
+        Parameter effects: the strength is not zero in the component but has the value that was stated, which may be
+        wrong; absence is that value.
+    """
+
+    name: str
+    at: str
+    law: str
+    strengths: tuple[str, ...]
+    text: KindText
+    shapes: Callable[[MotionRange], Shapes] | None = None
+    free_shapes: tuple[str, ...] = ()
+    one_sided: bool = False
+    linear: bool = True
+    needs: str = ""
+    elastic: bool | None = None
+    contains: tuple[str, ...] = ()
+    by_direction: bool = False
+    aliases: tuple[str, ...] = field(default=())
+    component: type[Component] | tuple[type[Component], ...] | None = None
+    sides: tuple[tuple[str, str], ...] = ()
+    component_shapes: Callable[[Component, str], Shapes] | None = None
+    stated: bool = False
+
+    @property
+    def component_class(self) -> type[Component]:
+        """The class whose declarations say what the strengths are (parameter effects)."""
+        assert self.component is not None
+        return self.component[0] if isinstance(self.component, tuple) else self.component
+
+    def owner_of(self, where: str) -> tuple[str, str]:
+        """Return the component and the ending of its parameters' names that a place of a parameter effect stands for.
+
+        Examples
+        --------
+        >>> kind = Kind("k", "parameter", "Mesh", ("a",), KindText("", "", "", ""), sides=(("gear_1", "_1"),))
+        >>> kind.owner_of("stage.mesh.gear_1")
+        ('stage.mesh', '_1')
+        """
+        for side, ending in self.sides:
+            if where.endswith(f".{side}"):
+                return where[: -len(side) - 1], ending
+        return where, ""
+
+    @property
+    def free_form(self) -> bool:
+        """True for a curve given by points in place of a law."""
+        return self.law == "Curve"
+
+    def shape_grid(self, motion: MotionRange) -> Shapes:
+        """Return the shapes to try for a motion; one empty shape when the kind has none."""
+        return self.shapes(motion) if self.shapes is not None else [{}]
+
+
+_T = KindText
+_KINDS: dict[str, Kind] = {}
+
+
+def register(kind: Kind, law: type[Component] | None = None) -> Kind:
+    """Add a kind to the catalogue; its name must be new.
+
+    Parameters
+    ----------
+    kind : Kind
+    law : type, optional
+        The law that ``kind.law`` names, if it is not one that ships: see `discrepancy.effects.laws.add_law`.
+
+    Raises
+    ------
+    ValueError
+        If the name of the kind or of the law is taken.
+    """
+    if law is not None:
+        from discrepancy.effects.laws import add_law
+
+        add_law(kind.law, law, law.__module__)
+    if kind.name in _KINDS:
+        raise ValueError(f"there is already a kind '{kind.name}': give yours another name")
+    _KINDS[kind.name] = kind
+    return kind
+
+
+def kinds() -> dict[str, Kind]:
+    """Return all kinds by name."""
+    return dict(_KINDS)
+
+
+def kind_named(name: str) -> Kind:
+    """Return a kind by its name.
+
+    Raises
+    ------
+    KeyError
+        With the nearest name.
+    """
+    from multibody.declare.component import nearest
+
+    if name not in _KINDS:
+        raise KeyError(f"there is no effect '{name}'{nearest(name, _KINDS)}")
+    return _KINDS[name]
+
+
+def _add(rows: Sequence[Kind]) -> None:
+    for row in rows:
+        register(row)
+
+
+_add([
+    Kind("viscous_friction", "connection", "Viscous", ("viscous",), _T(
+        "viscous friction", "A resistance proportional to speed.",
+        "Lubricant shear in guides, bearings and seals; grease that is cold or too stiff; eddy currents.",
+        "Move at several constant speeds in both directions: the drive force rises in a straight line with speed."),
+        one_sided=True, elastic=False),
+    Kind("extra_damping", "connection", "Viscous", ("viscous",), _T(
+        "additional damping", "Damping between two sides that are joined by a spring, beyond what the model has.",
+        "Material damping, joints, rubber elements, rope strands that rub.",
+        "Let the machine ring down after a step or knock: the vibration dies faster or slower than the model's."),
+        elastic=True),
+    Kind("coulomb_friction", "connection", "Coulomb", ("coulomb",), _T(
+        "dry (Coulomb) friction", "A resistance of constant size against the motion, whatever the speed.",
+        "Sliding guides, seals, plain bearings, screws, preloaded rolling guides.",
+        "Move slowly in both directions: the drive force jumps by twice the friction when the direction changes."),
+        shapes.smooth_sign, ("v_s",), one_sided=True),
+    Kind("asymmetric_coulomb_friction", "connection", "AsymmetricCoulomb", ("forward", "backward"), _T(
+        "dry friction that differs with direction", "A constant resistance, of another size in each direction.",
+        "Worn or tilted guides, a one-sided preload, a screw worn on one flank, a cable chain, weight on an incline.",
+        "Move at the same constant speed forwards and backwards: the drive force differs by more than its sign."),
+        shapes.smooth_sign, ("v_s",), one_sided=True, contains=("coulomb_friction",), by_direction=True),
+    Kind("asymmetric_viscous_friction", "connection", "AsymmetricViscous", ("forward", "backward"), _T(
+        "viscous friction that differs with direction", "A resistance proportional to speed, steeper one way.",
+        "A shock absorber, a ball screw or nut worn on one flank, seals with a lip, one-sided lubrication.",
+        "Plot the drive force against constant speed in both directions: the two slopes differ."),
+        one_sided=True, contains=("viscous_friction", "extra_damping"), by_direction=True),
+    Kind("stribeck_friction", "connection", "Stribeck", ("breakaway",), _T(
+        "Stribeck friction (more friction at low speed)", "Friction that falls while the motion gathers speed.",
+        "Lubricated sliding contacts, in which the oil film builds up only with speed; guides that stood for a while.",
+        "Move at very low constant speeds: the drive force falls with rising speed; stick-slip may show."),
+        shapes.low_speeds, ("v_stribeck", "v_s"), one_sided=True, contains=("coulomb_friction",)),
+    Kind("quadratic_drag", "connection", "Drag", ("drag",), _T(
+        "drag that grows with the square of the speed", "A resistance proportional to speed squared.",
+        "Air or fluid that is pushed aside, ventilation of rotors, displaced oil, oil through an orifice.",
+        "Compare constant speeds: doubling the speed makes this part of the force four times larger."),
+        one_sided=True),
+    Kind("load_dependent_friction", "connection", "LoadFriction", ("share",), _T(
+        "friction proportional to the load", "Dry friction whose level follows the force that passes through.",
+        "Gear meshes, screws, loaded guides and bearings: the normal force rises with the load.",
+        "Repeat a slow motion with twice the payload: the friction rises with it."),
+        shapes.smooth_sign, ("v_s",), one_sided=True, needs="load"),
+    Kind("position_dependent_friction", "connection", "PositionFriction", ("slope", "bow"), _T(
+        "friction that changes along the travel", "Dry friction with a level that depends on where the machine is.",
+        "Guides that are not parallel, a bent rail, uneven wear, misaligned bearings.",
+        "Move slowly over the whole travel both ways: half the difference of the two force curves is the friction."),
+        shapes.centred_sign, elastic=False),
+    Kind("constant_force", "connection", "Constant", ("push",), _T(
+        "a constant force", "A force that does not depend on motion.",
+        "Weight of a part or a slope, a counterbalance, a preloaded cable or hose, an offset of the drive.",
+        "Hold still at several places: the holding force has the same non-zero mean everywhere.")),
+    Kind("linear_stiffness", "connection", "Stiffness", ("stiffness",), _T(
+        "a spring", "A force proportional to the displacement.",
+        "A cable or hose that is dragged along, a bellows, a flexure, magnetic attraction.",
+        "Hold still at several places: the holding force rises in a straight line with position."),
+        shapes.centre),
+    Kind("cubic_stiffness", "connection", "CubicStiffness", ("stiffness",), _T(
+        "a spring that hardens or softens", "A force that grows with the cube of the displacement.",
+        "Flexures at large deflection, rubber, stops that come into contact gradually.",
+        "Hold still at several places: the holding force bends away from a straight line towards the ends."),
+        shapes.bends_about, ("centre",)),
+    Kind("backlash", "connection", "Backlash", ("gap",), _T(
+        "play (backlash)", "A gap in an elastic connection: within it nothing is transmitted.",
+        "Worn gears, keys, couplings, loose screws, a nut without preload.",
+        "Hold one side and move the other by hand: it moves freely for a moment. Reverse slowly and watch both sides."),
+        shapes.spring_gap, ("centre", "stiffness"), one_sided=True, linear=False, needs="stiffness", elastic=True),
+    Kind("hysteresis", "connection", "Hysteresis", ("level",), _T(
+        "friction with elastic displacement (hysteresis)", "Friction that first yields like a spring, then slides.",
+        "Rolling guides and ball screws (presliding), rope strands, rubber, clamped joints.",
+        "Reverse after a very short stroke: force against position draws a closed loop."),
+        shapes.displacements, ("x_s",), one_sided=True, contains=("coulomb_friction",)),
+    Kind("position_dependent_force", "connection", "PositionForce", ("bow", "wave"), _T(
+        "a force that belongs to the position", "A force that depends on position but not on direction of travel.",
+        "A rail that is not level, magnetic attraction, cable carriers, cams, an uneven counterbalance.",
+        "Move slowly both ways over the travel: the mean of the two force curves is not flat."),
+        shapes.centred, ("centre", "half")),
+    Kind("local_bump", "connection", "Bump", ("level",), _T(
+        "a tight spot", "More resistance at one place of the travel.",
+        "A rail joint, a dent, dirt, a damaged ball or race, a bent screw.",
+        "Move slowly over the place by hand or under power and watch the force; look at the rail there."),
+        shapes.spots, ("place", "width", "v_s"), one_sided=True),
+    Kind("end_stop", "connection", "EndStop", ("stiffness",), _T(
+        "an end stop", "A stop or buffer that is met before the end of the travel.",
+        "A rubber buffer, a bump stop of a suspension, a cable that is too short, a part that touches the frame.",
+        "Move slowly towards both ends by hand: at one place resistance sets in. Look for a mark of contact there."),
+        shapes.end_stops, ("place",), one_sided=True),
+    Kind("angle_harmonic", "connection", "Harmonic", ("cosine", "sine"), _T(
+        "a force that repeats along the way", "A force with a fixed period in angle or position.",
+        "Cogging of a motor, eccentric pulleys or gears, unbalance against gravity, pitch error of a screw or rack.",
+        "Move at several speeds: the frequency of the ripple follows the speed; its period in angle stays."),
+        shapes.orders, ("order",)),
+    Kind("added_inertia", "connection", "AddedInertia", ("inertia",), _T(
+        "inertia that is not in the model", "A resistance against acceleration.",
+        "A payload, coupling, rotor, hose or fixture that was forgotten or changed.",
+        "Accelerate harder: the extra force is proportional to the acceleration and absent at constant speed."),
+        needs="ground"),
+    Kind("slip", "connection", "Slip", ("creep",), _T(
+        "slip (creep)", "An elastic connection that gives way slowly under load.",
+        "A belt or rope that creeps over its pulley, a clamp or press fit that slides.",
+        "Mark both sides and run loaded: the marks drift apart."),
+        shapes.spring, one_sided=True, linear=False, needs="stiffness", elastic=True),
+    Kind("sensor_offset", "sensor", "offset", ("offset",), _T(
+        "a sensor offset", "The sensor reads too much or too little by a constant.",
+        "Zero not set, temperature, mounting under stress, a homing position that moved.",
+        "Read the sensor at a state that is known (unloaded, at the reference mark).")),
+    Kind("sensor_gain", "sensor", "gain", ("gain",), _T(
+        "a sensor gain error", "The sensor reads too much or too little by a fixed share.",
+        "Wrong calibration factor, another amplifier setting, a scale in other units.",
+        "Apply two known values and compare the difference.")),
+    Kind("sensor_delay", "sensor", "delay", ("delay",), _T(
+        "a sensor delay", "The sensor's signal comes late.",
+        "Filters in the sensor or amplifier, bus cycles, channels that are sampled one after the other.",
+        "Record a sharp event on this and a direct channel together and compare the instants."),
+        one_sided=True),
+    Kind("sensor_drift", "sensor", "drift", ("drift",), _T(
+        "a sensor drift", "The sensor's reading creeps away with time.",
+        "Warming up, integrators without reset, charge amplifiers.",
+        "Leave the machine at rest and record for as long as a run takes.")),
+    Kind("input_offset", "input", "offset", ("offset",), _T(
+        "an input offset", "What reaches the machine differs from what was recorded as input by a constant.",
+        "Offset of an amplifier or analogue output, a zero that is not set.",
+        "Command zero and measure at the machine.")),
+    Kind("input_gain", "input", "gain", ("gain",), _T(
+        "an input gain error", "What reaches the machine differs from what was recorded as input by a fixed share.",
+        "Another amplifier gain, torque constant or unit than assumed.",
+        "Command two known values and measure at the machine.")),
+    Kind("input_delay", "input", "delay", ("delay",), _T(
+        "an input delay", "The machine receives the input later than it was recorded.",
+        "Bus and computing time of the controller, filters, a digital hold.",
+        "Record command and response of the amplifier together and compare the instants."),
+        one_sided=True),
+    Kind("unknown_force", "connection", "Curve", tuple(f"curve.y[{k}]" for k in range(17)), _T(
+        "a force that no entry of the catalogue explains", "A force that follows position, speed or time in a way "
+        "that no simple law does; its curve is given by points.",
+        "Something that nobody has put into the catalogue yet; the curve's shape is the clue.",
+        "Measure the force directly at this connection, or repeat the run and see whether the curve comes back."),
+        None),
+])
+SHIPPED = tuple(_KINDS)
+"""Names of the kinds that belong to this package; others are registered by whoever has them."""

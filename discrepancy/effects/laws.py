@@ -1,0 +1,347 @@
+"""Laws of missing effects, as components between two sides of a moving connection; strength zero is absence.
+
+Every law gives ``force``, what it exerts on side a; side b gets the opposite.  ``v`` is the speed of a relative to b
+and ``x`` the position.  Dry friction is smoothed within ``v_s`` of rest, as in `multibody.library.friction`, whose
+laws are used here.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+from multibody import Component, Input, Option, Output, Parameter, Power, Rotation, State, Table, Translation
+from multibody.declare.domains import in_both_domains
+from multibody.library.laws import asymmetric, contact, coulomb, one_sided, quadratic
+
+__all__ = ["CURVE_OVER", "CURVE_POINTS", "LAWS", "AddedInertia", "AddedMass", "DryLaw", "Law", "add_law"]
+
+CURVE_OVER = ("position", "speed", "time", "friction")
+CURVE_POINTS = 17
+
+
+class Law(Component):
+    """What all laws share: an equal and opposite force on the two sides."""
+
+    force = Output("F", "what the effect exerts on the first side")
+    speed = Output("V", "speed of the first side relative to the second")
+    loss = Power(kind="loss", meaning="power that the effect takes from the motion")
+    #: States that stay where they are while nothing moves: not what balances a machine at rest, but what came before.
+    memory: ClassVar[tuple[str, ...]] = ()
+
+    def equations(self):
+        self.speed = self.a.velocity - self.b.velocity
+        self.a.force = self.force
+        self.b.force = -self.force
+        self.loss = -self.force * self.speed
+
+
+class DryLaw(Law):
+    """What laws of dry friction share."""
+
+    v_s = Parameter(1e-3, "V", "speed below which dry friction fades (regularisation)", min=1e-300)
+
+
+class _Viscous(Law):
+    """Friction proportional to speed: F = −viscous·v."""
+
+    viscous = Parameter(0.0, "F/V", "friction per speed")
+
+    def equations(self):
+        super().equations()
+        self.force = -self.viscous * self.speed
+
+
+class _Coulomb(DryLaw):
+    """Dry friction: F = −coulomb·tanh(v / v_s)."""
+
+    coulomb = Parameter(0.0, "F", "friction level")
+
+    def equations(self):
+        super().equations()
+        self.force = -coulomb(self.speed, self.coulomb, self.v_s)
+
+
+class _AsymmetricCoulomb(DryLaw):
+    """Dry friction that differs with direction: F = −(forward or backward)·tanh(v / v_s)."""
+
+    forward = Parameter(0.0, "F", "friction level for v > 0")
+    backward = Parameter(0.0, "F", "friction level for v < 0")
+
+    def equations(self):
+        super().equations()
+        self.force = -asymmetric(self.speed, self.forward, self.backward, self.v_s)
+
+
+class _AsymmetricViscous(DryLaw):
+    """Friction proportional to speed, with a factor for each direction: F = −(forward or backward)·v."""
+
+    forward = Parameter(0.0, "F/V", "friction per speed for v > 0")
+    backward = Parameter(0.0, "F/V", "friction per speed for v < 0")
+
+    def equations(self):
+        super().equations()
+        self.force = -one_sided(self.speed, self.forward, self.backward, self.v_s) * self.speed
+
+
+class _Stribeck(DryLaw):
+    """Extra friction at low speed: F = −breakaway·exp(−(v / v_stribeck)²)·tanh(v / v_s)."""
+
+    breakaway = Parameter(0.0, "F", "friction above the level at speed")
+    v_stribeck = Parameter(1e-2, "V", "speed at which the extra friction has fallen to 1/e", min=1e-300)
+
+    def equations(self):
+        super().equations()
+        ratio = self.speed / self.v_stribeck
+        self.force = -coulomb(self.speed, self.breakaway * math.exp(-ratio * ratio), self.v_s)
+
+
+class _Drag(Law):
+    """Drag that grows with the square of the speed: F = −drag·v·|v|."""
+
+    drag = Parameter(0.0, "F/V**2", "drag per speed squared")
+
+    def equations(self):
+        super().equations()
+        self.force = -quadratic(self.speed, self.drag)
+
+
+class _LoadFriction(DryLaw):
+    """Friction proportional to the load that passes through: F = −share·|load|·tanh(v / v_s)."""
+
+    load = Input("F", "force or torque that passes through")
+    share = Parameter(0.0, "", "friction per load")
+
+    def equations(self):
+        super().equations()
+        self.force = -coulomb(self.speed, self.share * abs(self.load), self.v_s)
+
+
+class _PositionFriction(DryLaw):
+    """Dry friction that changes along the way: F = −(slope·ξ + bow·(2ξ² − 1))·tanh(v / v_s), ξ = (x − centre)/half."""
+
+    slope = Parameter(0.0, "F", "change of the friction level from the middle to the end")
+    bow = Parameter(0.0, "F", "friction level at both ends above the mean, below it in the middle")
+    centre = Parameter(0.0, "X", "middle of the travel")
+    half = Parameter(1.0, "X", "half of the travel", min=1e-300)
+
+    def equations(self):
+        super().equations()
+        xi = (self.a.position - self.b.position - self.centre) / self.half
+        self.force = -coulomb(self.speed, self.slope * xi + self.bow * (2.0 * xi * xi - 1.0), self.v_s)
+
+
+class _Constant(Law):
+    """A constant force: F = push (weight, a pre-loaded cable, an offset of the drive)."""
+
+    push = Parameter(0.0, "F", "force on the first side")
+
+    def equations(self):
+        super().equations()
+        self.force = self.push
+
+
+class _Stiffness(Law):
+    """A spring: F = −stiffness·(x − centre)."""
+
+    stiffness = Parameter(0.0, "F/X", "force per displacement")
+    centre = Parameter(0.0, "X", "position without force")
+
+    def equations(self):
+        super().equations()
+        self.force = -self.stiffness * (self.a.position - self.b.position - self.centre)
+
+
+class _CubicStiffness(Law):
+    """A hardening or softening spring: F = −stiffness·(x − centre)³."""
+
+    stiffness = Parameter(0.0, "F/X**3", "force per displacement cubed")
+    centre = Parameter(0.0, "X", "position without force")
+
+    def equations(self):
+        super().equations()
+        s = self.a.position - self.b.position - self.centre
+        self.force = -self.stiffness * s * s * s
+
+
+class _Backlash(Law):
+    """Play in an elastic connection: within ±gap/2 the spring that is there does not act.
+
+    The law takes back what the spring does inside the gap: F = stiffness·clip(x − centre, ±gap/2).
+    """
+
+    gap = Parameter(0.0, "X", "play, from contact to contact")
+    stiffness = Parameter(1.0, "F/X", "stiffness of the connection that has the play", min=0.0)
+    centre = Parameter(0.0, "X", "middle of the play")
+
+    def equations(self):
+        super().equations()
+        s = self.a.position - self.b.position - self.centre
+        h = 0.5 * self.gap
+        self.force = self.stiffness * max(min(s, h), -h)
+
+
+class _Hysteresis(Law):
+    """Friction with elastic displacement before sliding (Dahl 1968): F = −level·z, ż = (v − |v|·z)/x_s."""
+
+    level = Parameter(0.0, "F", "friction level when sliding")
+    x_s = Parameter(1e-4, "X", "displacement before sliding", min=1e-300)
+    z = State("", "deflection of the asperities relative to sliding")
+    memory: ClassVar[tuple[str, ...]] = ("z",)
+
+    def equations(self):
+        super().equations()
+        self.der.z = (self.speed - abs(self.speed) * self.z) / self.x_s
+        self.force = -self.level * self.z
+
+
+class _PositionForce(Law):
+    """A force that belongs to the position and not to the direction of travel, beyond a spring.
+
+    F = bow·(2ξ² − 1) + wave·(4ξ³ − 3ξ), ξ = (x − centre)/half (Chebyshev polynomials of the travel).
+    """
+
+    bow = Parameter(0.0, "F", "force at both ends, of opposite sign in the middle")
+    wave = Parameter(0.0, "F", "force that changes sign three times along the travel")
+    centre = Parameter(0.0, "X", "middle of the travel")
+    half = Parameter(1.0, "X", "half of the travel", min=1e-300)
+
+    def equations(self):
+        super().equations()
+        xi = (self.a.position - self.b.position - self.centre) / self.half
+        self.force = self.bow * (2.0 * xi * xi - 1.0) + self.wave * xi * (4.0 * xi * xi - 3.0)
+
+
+class _Bump(DryLaw):
+    """A tight spot: dry friction at one place, F = −level·exp(−((x − place)/width)²)·tanh(v / v_s)."""
+
+    level = Parameter(0.0, "F", "friction at the middle of the spot")
+    place = Parameter(0.0, "X", "where the spot is")
+    width = Parameter(1e-2, "X", "half width at 1/e of the height", min=1e-300)
+    features: ClassVar[dict[str, str]] = {"width": "speed"}
+
+    def equations(self):
+        super().equations()
+        s = (self.a.position - self.b.position - self.place) / self.width
+        self.force = -coulomb(self.speed, self.level * math.exp(-s * s), self.v_s)
+
+
+class _EndStop(Law):
+    """A stop on one side of the travel: F = −side·stiffness·max(side·(x − place), 0)."""
+
+    stiffness = Parameter(0.0, "F/X", "force per way into the stop")
+    place = Parameter(0.0, "X", "where the stop begins")
+    side = Parameter(1.0, "", "1 for a stop towards larger x, -1 for one towards smaller x")
+
+    def equations(self):
+        super().equations()
+        into = self.side * (self.a.position - self.b.position - self.place)
+        self.force = -self.side * contact(into, 0.0, self.stiffness, 0.0)
+
+
+class _Harmonic(Law):
+    """A force that repeats along the way: F = cosine·cos(order·x) + sine·sin(order·x).
+
+    For a shaft, ``order`` is the number of periods per turn; for a slide it is 2π over the wavelength in m.
+    """
+
+    cosine = Parameter(0.0, "F", "part that has its maximum at x = 0")
+    sine = Parameter(0.0, "F", "part that is zero at x = 0")
+    order = Parameter(1.0, "1/X", "periods per turn, or 2π over the wavelength", min=0.0)
+
+    def equations(self):
+        super().equations()
+        phase = self.order * (self.a.position - self.b.position)
+        self.force = self.cosine * math.cos(phase) + self.sine * math.sin(phase)
+
+
+class _Slip(Law):
+    """Creep in an elastic connection: part of the stretch is given up at a rate proportional to the force.
+
+    ż = creep·stiffness·(s − z); F = stiffness·z takes back what the spring does over the slipped part.
+    """
+
+    creep = Parameter(0.0, "V/F", "slip speed per force")
+    stiffness = Parameter(1.0, "F/X", "stiffness of the connection that slips", min=0.0)
+    z = State("X", "distance slipped")
+
+    def equations(self):
+        super().equations()
+        self.der.z = self.creep * self.stiffness * (self.a.position - self.b.position - self.z)
+        self.force = self.stiffness * self.z
+
+
+class _Curve(DryLaw):
+    """A force without a law, given by points over position, speed or time.
+
+    Over ``"position"``, ``"speed"`` and ``"time"`` the curve is the force itself; over ``"friction"`` it is the level
+    of a dry friction that changes along the way.
+    """
+
+    over = Option("position", "what the curve is a function of", choices=CURVE_OVER)
+    curve = Table("", "F", "force", default=(tuple(range(CURVE_POINTS)), (0.0,) * CURVE_POINTS))
+
+    def equations(self):
+        super().equations()
+        if self.over == "position":
+            self.force = self.curve(self.a.position - self.b.position)
+        elif self.over == "speed":
+            self.force = self.curve(self.speed)
+        elif self.over == "time":
+            self.force = self.curve(self.time)
+        else:
+            self.force = -coulomb(self.speed, self.curve(self.a.position - self.b.position), self.v_s)
+
+
+class AddedMass(Component):
+    """Mass that moves along with a flange."""
+
+    inertia = Parameter(0.0, "kg", "mass that is not in the model")
+    a = Translation("what it moves with", inertia="inertia")
+
+
+class AddedInertia(Component):
+    """Moment of inertia that turns along with a flange."""
+
+    inertia = Parameter(0.0, "kg*m**2", "moment of inertia that is not in the model")
+    a = Rotation("what it turns with", inertia="inertia")
+
+
+def _versions() -> dict[str, tuple[type[Component], type[Component]]]:
+    found: dict[str, tuple[type[Component], type[Component]]] = {}
+    for law in (*Law.__subclasses__(), *DryLaw.__subclasses__()):
+        if law is DryLaw:
+            continue
+        name = law.__name__.lstrip("_")
+        pair = in_both_domains(law, __name__, (f"{name}Effect", f"Rotary{name}Effect"))
+        for cls in pair:
+            globals()[cls.__name__] = cls
+        found[name] = pair
+    found["AddedInertia"] = (AddedMass, AddedInertia)
+    return found
+
+
+def add_law(name: str, law: type[Component], module: str) -> None:
+    """Offer a user's own law to the catalogue under a name.
+
+    Parameters
+    ----------
+    name : str
+        What `discrepancy.effects.kinds.Kind.law` refers to.
+    law : type
+        Subclass of `Law` or `DryLaw`, written with the letters F, X and V in its units.
+    module : str
+        ``__name__`` of the module that holds it.
+
+    Raises
+    ------
+    ValueError
+        If the name is taken.
+    """
+    if name in LAWS:
+        raise ValueError(f"there is already a law '{name}': give yours another name")
+    LAWS[name] = in_both_domains(law, module, (f"{name}Effect", f"Rotary{name}Effect"))
+
+
+#: name of the law → its sliding and its turning version
+LAWS = _versions()

@@ -1,0 +1,4 @@
+"""What a study file says, read and checked: model, records, what is uncertain.
+
+Takes from `estimation` and `multibody`.
+"""

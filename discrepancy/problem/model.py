@@ -1,0 +1,227 @@
+"""Building a study's model, and checking the study's names against it."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import inspect
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from discrepancy.problem.study_file import StudyError, StudyFile
+from estimation.files.columns import nearest, pint_unit, to_si
+from multibody.base.units import UnitError
+
+__all__ = ["check_names", "load_builder", "load_model"]
+
+
+@contextmanager
+def _import_from(folder: Path) -> Iterator[None]:
+    """Let the builder import the files beside it."""
+    sys.path.insert(0, str(folder))
+    try:
+        yield
+    finally:
+        if str(folder) in sys.path:
+            sys.path.remove(str(folder))
+
+
+def _theirs(error: BaseException, study: StudyFile, doing: str) -> StudyError:
+    """Say where in the user's own files an error arose."""
+    if isinstance(error, SyntaxError) and error.filename:
+        place = f"{Path(error.filename).name}, line {error.lineno}"
+    else:
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [
+            each for each in frames if not each.filename.startswith("<frozen") and each.filename != __file__
+        ]
+        beside = [each for each in own if Path(each.filename).is_relative_to(study.path.parent)]
+        last = (beside or own or list(frames))[-1]
+        place = f"{Path(last.filename).name}, line {last.lineno}, in {last.name}"
+    name = type(error).__name__
+    text = str(error.msg) if isinstance(error, SyntaxError) else str(error)
+    return StudyError(
+        [f'{study.path.name}, [model] build = "{study.model.build}": {doing}: {place}: {name}: {text}']
+    )
+
+
+def _module(study: StudyFile, source: str) -> ModuleType:
+    if not source.endswith(".py"):
+        return importlib.import_module(source)
+    file = (study.path.parent / source).resolve()
+    # Two studies may both have an axis.py: the folder makes the module's name unique.
+    name = f"_study_{hashlib.sha256(str(file).encode()).hexdigest()[:12]}_{file.stem}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"'{file.name}' cannot be imported")
+    module = importlib.util.module_from_spec(spec)
+    # Dataclasses and numba look their module up while it is still being executed.
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+def load_builder(study: StudyFile) -> Callable[..., Any]:
+    """Import the callable that ``[model] build`` names.
+
+    Raises
+    ------
+    StudyError
+        If the file or module cannot be imported or has no such callable.
+    """
+    source, _, name = study.model.build.rpartition(":")
+    where = f"{study.path.name}, [model] build"
+    with _import_from(study.path.parent):
+        try:
+            module = _module(study, source)
+        except ModuleNotFoundError as error:
+            if (
+                not source.endswith(".py")
+                and error.name
+                and (source == error.name or source.startswith(error.name + "."))
+            ):
+                text = f"there is no module '{error.name}' beside the study or installed"
+                raise StudyError([f'{where}: {text}: name a file as "file.py:{name}"']) from error
+            raise _theirs(error, study, "the import fails") from error
+        except Exception as error:
+            raise _theirs(error, study, "the import fails") from error
+    found = getattr(module, name, None)
+    if found is None:
+        own = [each for each, value in vars(module).items() if callable(value) and not each.startswith("_")]
+        raise StudyError([f"{where}: '{source}' has no '{name}'{nearest(name, own)}"])
+    if not callable(found):
+        raise StudyError([f"{where}: '{name}' in '{source}' is {type(found).__name__} and not callable"])
+    return found  # type: ignore[no-any-return]
+
+
+def load_model(study: StudyFile, kind: type | None = None) -> Any:
+    """Build the study's model.
+
+    Parameters
+    ----------
+    study : StudyFile
+    kind : type, optional
+        What the builder must return.
+
+    Raises
+    ------
+    StudyError
+        If the builder cannot be found, its arguments do not fit, it fails, or it returns something else.
+    """
+    builder = load_builder(study)
+    if faults := _argument_faults(study, builder):
+        raise StudyError(faults)
+    with _import_from(study.path.parent):
+        try:
+            model = builder(**study.model.arguments)
+        except Exception as error:
+            raise _theirs(error, study, "the builder fails") from error
+    if model is None or (kind is not None and not isinstance(model, kind)):
+        wanted = "a model" if kind is None else f"a {kind.__name__}"
+        got = "None: does it end with 'return model'?" if model is None else f"a {type(model).__name__}"
+        raise StudyError(
+            [f'{study.path.name}, [model] build = "{study.model.build}": must return {wanted}, got {got}']
+        )
+    return model
+
+
+def _argument_faults(study: StudyFile, builder: Callable[..., Any]) -> list[str]:
+    where = f"{study.path.name}, [model] arguments"
+    try:
+        parameters = inspect.signature(builder).parameters
+    except (TypeError, ValueError):  # some builtins and extension types tell no signature
+        return []
+    by_name = {
+        name: each
+        for name, each in parameters.items()
+        if each.kind in (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    }
+    takes_any = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
+    faults = []
+    for name in study.model.arguments:
+        if name not in by_name and not takes_any:
+            faults.append(
+                f"{where}: '{study.model.build}' takes no argument '{name}'{nearest(name, by_name)}"
+            )
+    for name, each in by_name.items():
+        if each.default is inspect.Parameter.empty and name not in study.model.arguments:
+            faults.append(f"{where}: '{study.model.build}' needs the argument '{name}'")
+    return faults
+
+
+def _units(names: Iterable[str] | Mapping[str, str]) -> dict[str, str | None]:
+    return dict(names) if isinstance(names, Mapping) else dict.fromkeys(names)
+
+
+def check_names(
+    study: StudyFile,
+    parameters: Iterable[str] | Mapping[str, str],
+    inputs: Iterable[str] | Mapping[str, str],
+    outputs: Iterable[str] | Mapping[str, str],
+    states: Iterable[str] | Mapping[str, str],
+) -> tuple[str, ...]:
+    """Compare the names and units of a study with those of its model.
+
+    Parameters
+    ----------
+    study : StudyFile
+    parameters, inputs, outputs, states : mapping of str to str, or names only
+        The model's names with their SI units.
+
+    Returns
+    -------
+    tuple of str
+        One sentence for each fault; empty if all fits.
+    """
+    file = study.path.name
+    kinds = {
+        "parameter": _units(parameters),
+        "input": _units(inputs),
+        "output": _units(outputs),
+        "state": _units(states),
+    }
+    faults = []
+
+    def look_up(table: str, names: Iterable[str], kind: str) -> None:
+        for name in names:
+            if name in kinds[kind]:
+                continue
+            elsewhere = next((other for other, known in kinds.items() if name in known), None)
+            hint = f"; it is a {elsewhere} of the model" if elsewhere else nearest(name, kinds[kind])
+            hint = hint.replace("a input", "an input").replace("a output", "an output")
+            faults.append(f"{file}, {table}: the model has no {kind} '{name}'{hint}")
+
+    look_up("[uncertain]", study.uncertain, "parameter")
+    look_up("[inputs]", study.inputs, "input")
+    look_up("[outputs]", study.outputs, "output")
+    look_up("[initial]", [*study.initial.values, *study.initial.free], "state")
+    for name, value in study.initial.values.items():
+        if value == "measured" and name not in study.outputs:
+            hint = nearest(name, study.outputs)
+            faults.append(
+                f'{file}, [initial] "{name}": "measured" needs an output of this name in [outputs]{hint}'
+            )
+    for table, entries, kind in (("inputs", study.inputs, "input"), ("outputs", study.outputs, "output")):
+        for name, each in entries.items():
+            unit = kinds[kind].get(name)
+            if unit is None or each.unit is None:
+                continue
+            try:
+                to_si(np.zeros(1), pint_unit(each.unit), unit)
+            except UnitError as error:
+                faults.append(
+                    f"{file}, [{table}] \"{name}\", unit: {error}; the model's {kind} is in '{unit}'"
+                )
+    return tuple(faults)

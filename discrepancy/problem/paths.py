@@ -1,0 +1,97 @@
+"""Finding the recordings that a study names, and keeping the held-out ones apart."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from estimation.files.columns import nearest
+
+__all__ = ["FoundFiles", "find_files", "held_out_faults"]
+
+
+_WITH_DEFAULT = re.compile(r"\$\{(\w+):-([^}]*)\}")
+
+
+def _value(found: re.Match[str]) -> str:
+    """Return a variable's value; as in a shell, an empty one counts as not set."""
+    return os.environ.get(found[1]) or found[2]
+
+
+@dataclass(frozen=True)
+class FoundFiles:
+    """Files behind a list of names and patterns, with what was wrong on the way."""
+
+    paths: tuple[Path, ...]
+    faults: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def find_files(folder: Path, patterns: Sequence[str]) -> FoundFiles:
+    """Resolve names and glob patterns; matches of a pattern come in the order of their names.
+
+    Parameters
+    ----------
+    folder : Path
+        Where relative names start.
+    patterns : sequence of str
+        ``~``, ``$VARIABLE`` and ``${VARIABLE:-value if it is not set}`` are replaced; ``**`` matches folders.
+    """
+    paths: dict[Path, None] = {}
+    faults: list[str] = []
+    warnings: list[str] = []
+    for pattern in patterns:
+        full = os.path.expanduser(os.path.expandvars(_WITH_DEFAULT.sub(_value, pattern)))
+        if unset := re.search(r"\$\{?(\w+)", full):
+            faults.append(f"'{pattern}': the environment variable {unset[1]} is not set")
+            continue
+        place = folder / full
+        if place.is_file():
+            matches = [place]
+        elif place.is_dir():
+            matches = []
+            faults.append(f"'{pattern}' is a folder: use a pattern such as '{pattern.rstrip('/')}/*.csv'")
+        elif glob.has_magic(full):
+            names = sorted(glob.glob(str(place), recursive=True))
+            matches = [Path(name) for name in names if Path(name).is_file()]
+            if not matches:
+                faults.append(f"no file matches the pattern '{pattern}'")
+        else:
+            matches = []
+            beside = sorted(each.name for each in place.parent.iterdir()) if place.parent.is_dir() else []
+            hint = nearest(place.name, beside) if beside else "; its folder is missing or empty"
+            faults.append(f"'{pattern}': there is no such file{hint}")
+        for match in matches:
+            plain = Path(os.path.normpath(match))
+            if plain in paths:
+                warnings.append(f"'{match.name}' is named twice and read once")
+            paths[plain] = None
+    return FoundFiles(tuple(paths), tuple(faults), tuple(warnings))
+
+
+def held_out_faults(identify: Sequence[Path], validate: Sequence[Path]) -> list[str]:
+    """Find files that are in both lists, by name, by link or as a copy."""
+    faults = []
+    real = {each.resolve(): each for each in identify}
+    for each in validate:
+        twin = real.get(each.resolve())
+        if twin is None:
+            same_size = [other for other in identify if other.stat().st_size == each.stat().st_size]
+            twin = next((other for other in same_size if _digest(other) == _digest(each)), None)
+        if twin is not None:
+            same = f"has the content of '{twin.name}'" if twin.name != each.name else "is in identify as well"
+            faults.append(
+                f"'{each.name}' {same}: what is held out must not be used for fitting; record again, or "
+                "take it out of one of the lists"
+            )
+    return faults
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -1,0 +1,216 @@
+"""From a study file to what a study works with: model, uncertain parameters, experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from discrepancy.problem.study_file import StudyError, StudyFile, read_study
+from estimation.files.record import Record
+from estimation.fit.calibrate import UncertainParameter
+from estimation.response.experiment import Experiment
+from estimation.signals.preparation import Preparation
+
+if TYPE_CHECKING:
+    from multibody.model.model import Model
+    from multibody.system.system import System
+
+__all__ = ["Setup", "experiments_of", "from_file", "noise_floors"]
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """Everything that a study starts from.
+
+    Parameters
+    ----------
+    name : str
+    model : Model
+    uncertain : tuple of UncertainParameter
+        Parameters that calibration may move.
+    identify, validate : tuple of Experiment
+        Records for fitting and choosing, and records that are never used for either.
+    noise : mapping of str to float
+        Noise of measured outputs where it is known, SI.
+    include, exclude : tuple of str
+        Shell patterns over candidates.
+    level : float
+        Chance, over all candidates of a step together, of naming an effect that is not there.
+    seed : int
+    max_effects : int
+    residual : str
+        ``"auto"``, ``"simulation"``, ``"prediction"`` or ``"inverse"``.
+    path : Path or None
+        The study file.
+    warnings : tuple of str
+    inputs : {"auto", "as recorded"}
+        ``"auto"`` takes noise out of recorded inputs where it matters (`discrepancy.residual.noisy_inputs`).
+    """
+
+    name: str
+    model: Model
+    uncertain: tuple[UncertainParameter, ...]
+    identify: tuple[Experiment, ...]
+    validate: tuple[Experiment, ...] = ()
+    noise: Mapping[str, float] = field(default_factory=dict)
+    include: tuple[str, ...] = ("*",)
+    exclude: tuple[str, ...] = ()
+    level: float = 0.02
+    seed: int = 0
+    max_effects: int = 6
+    residual: str = "auto"
+    path: Path | None = None
+    warnings: tuple[str, ...] = ()
+    inputs: str = "auto"
+
+
+def experiments_of(
+    model: Model,
+    records: Sequence[Record],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    preparation: Preparation | None = None,
+    start: Mapping[str, float | Literal["measured"]] | None = None,
+    free: Sequence[str] | None = None,
+    offsets: Sequence[str] = (),
+    held: Sequence[str] = (),
+) -> tuple[Experiment, ...]:
+    """Return experiments of a model on records.
+
+    Start values that the study does not give are estimated for each record, because a machine is seldom exactly
+    where the model starts.
+
+    Parameters
+    ----------
+    model : Model
+    records : sequence of Record
+    inputs, outputs : sequence of str
+        Recorded model inputs and measured model outputs.
+    preparation : Preparation, optional
+    start : mapping, optional
+        Start values of states, or ``"measured"``.
+    free : sequence of str, optional
+        States whose start is estimated; default: all that ``start`` does not fix with a number.
+    offsets : sequence of str
+        Outputs whose sensor may have an offset of its own in each record.
+    held : sequence of str
+        Inputs that keep their value until the next sample.
+    """
+    start = dict(start or {})
+    if free is None or not free:
+        fixed = {n for n, v in start.items() if not isinstance(v, str)}
+        free = [n for n in model.build().state_names if n not in fixed and not n.startswith("energy.")]
+    return tuple(
+        Experiment(
+            record,
+            tuple(inputs),
+            tuple(outputs),
+            preparation or Preparation(),
+            start,
+            tuple(free),
+            tuple(offsets),
+            held=tuple(held),
+        )
+        for record in records
+    )
+
+
+def from_file(path: str | Path, *, seed: int | None = None, max_effects: int | None = None) -> Setup:
+    """Read a study file, its model and its records, and check that they fit each other.
+
+    Raises
+    ------
+    StudyError, RecordError, ModelError
+        With all faults of the study, of the records or of the model.
+    """
+    from discrepancy.problem.model import check_names, load_model
+    from multibody.model.model import Model
+
+    study = read_study(path)
+    model = load_model(study, Model)
+    system = model.build()
+    units = {
+        "parameters": {q.name: q.unit for q in system.parameters},
+        "inputs": {q.name: q.unit for q in system.inputs},
+        "outputs": {q.name: q.unit for q in system.outputs},
+        "states": {q.name: q.unit for q in system.states},
+    }
+    faults = check_names(study, **units)
+    if faults:
+        raise StudyError(faults)
+    records = study.read_records({**units["inputs"], **units["outputs"]})
+    common: dict[str, Any] = {
+        "inputs": tuple(study.inputs),
+        "outputs": tuple(study.outputs),
+        "preparation": study.preparation,
+        "start": study.initial.values,
+        "free": study.initial.free or None,
+        "offsets": study.offsets.outputs,
+        "held": tuple(n for n, each in study.inputs.items() if each.interpolation == "hold"),
+    }
+    uncertain = _uncertain(study, system)
+    warned = [w for r in (*records.identify, *records.validate) for w in r.warnings]
+    return Setup(
+        study.path.stem if study.path.stem != "study" else study.path.parent.name,
+        model,
+        uncertain,
+        experiments_of(model, records.identify, **common),
+        experiments_of(model, records.validate, **common),
+        {n: c.noise for n, c in study.outputs.items() if c.noise is not None},
+        tuple(study.candidates.include),
+        tuple(study.candidates.exclude),
+        study.study.level,
+        study.study.seed if seed is None else seed,
+        study.study.max_effects if max_effects is None else max_effects,
+        study.study.residual,
+        study.path,
+        (*study.warnings, *dict.fromkeys(warned)),
+        study.study.inputs,
+    )
+
+
+def _uncertain(study: StudyFile, system: System) -> tuple[UncertainParameter, ...]:
+    found, faults = [], []
+    for name, given in study.uncertain.items():
+        q = system.parameters[system.index("parameter", name)]
+        value = q.value if given.value is None else given.value
+        low = -np.inf if q.min is None else q.min
+        high = np.inf if q.max is None else q.max
+        low = low if given.min is None else max(low, given.min)
+        high = high if given.max is None else min(high, given.max)
+        if not low <= value <= high:
+            faults.append(
+                f"[uncertain] '{name}': its value {value:g} {q.unit} lies outside its bounds [{low:g}, {high:g}]"
+            )
+            continue
+        std = np.inf if given.std is None else given.std
+        found.append(UncertainParameter(name, float(value), float(std), float(low), float(high), q.unit))
+    if faults:
+        raise StudyError(faults)
+    return tuple(found)
+
+
+def noise_floors(experiments: Sequence[Experiment], known: Mapping[str, float]) -> dict[str, float]:
+    """Return the noise floor of every output: as given, else estimated from the records."""
+    from estimation.signals.metrics import noise_floor, quantisation_step
+
+    def least(e: Experiment, name: str) -> float:
+        """Return what rounding leaves after the low-pass, also where the machine stands and nothing is seen of it."""
+        cutoff = e.preparation.cutoff(e.record.rate)
+        share = 1.0 if cutoff is None else min(1.0, 2.0 * cutoff / e.record.rate)
+        return float(quantisation_step(e.record.values(name)[:, 0])) * (share / 12.0) ** 0.5
+
+    found = {}
+    for c, name in enumerate(experiments[0].outputs):
+        if name in known:
+            found[name] = float(known[name])
+        else:
+            found[name] = float(
+                np.median([max(noise_floor(e.measured[:, c]).std, least(e, name)) for e in experiments])
+            )
+    return found

@@ -1,0 +1,387 @@
+"""The study file: which model is compared with which recordings, and what may be changed for that."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from discrepancy.problem.paths import find_files, held_out_faults
+from discrepancy.problem.tables import (
+    CandidatesTable,
+    Column,
+    InitialTable,
+    ModelTable,
+    OffsetsTable,
+    RecordsTable,
+    StudyTable,
+    Uncertain,
+    flatten,
+    read_struct,
+)
+from estimation.files.columns import nearest
+from estimation.signals.preparation import Preparation, SignalError
+
+if TYPE_CHECKING:
+    from estimation.files.record import ReadRules, Record
+
+__all__ = ["StudyError", "StudyFile", "StudyRecords", "read_study"]
+
+_TABLES = ("model", "uncertain", "inputs", "outputs", "records", "candidates", "study", "initial", "offsets")
+#: Tables that another command reads from the same file, and checks itself.
+_OF_OTHERS = ("updating",)
+
+
+class StudyError(ValueError):
+    """A study is refused; ``faults`` holds one sentence for each fault."""
+
+    def __init__(self, faults: Sequence[str]) -> None:
+        self.faults: tuple[str, ...] = tuple(dict.fromkeys(faults))
+        count = len(self.faults)
+        head = "" if count == 1 else f"{count} faults in the study:\n  - "
+        super().__init__(head + "\n  - ".join(self.faults))
+
+
+@dataclass(frozen=True)
+class StudyRecords:
+    """The records of a study.
+
+    Attributes
+    ----------
+    identify : tuple of Record
+        For fitting and choosing.
+    validate : tuple of Record
+        Never used for either.
+    """
+
+    identify: tuple[Record, ...]
+    validate: tuple[Record, ...]
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """A study as its file says it, checked as far as that is possible without the model.
+
+    Attributes
+    ----------
+    path : Path
+        The study file.
+    model : ModelTable
+        Where the model comes from.
+    uncertain : mapping of str to Uncertain
+        Parameters that calibration may move.
+    inputs, outputs : mapping of str to Column
+        Model input or output to measured column.
+    records : RecordsTable
+        How recordings are read and prepared.
+    identify, validate : tuple of Path
+        The recordings' files, patterns resolved, in a stable order.
+    candidates, study, initial, offsets
+        The tables of these names.
+    warnings : tuple of str
+        What is allowed but weakens the result.
+    """
+
+    path: Path
+    model: ModelTable
+    uncertain: Mapping[str, Uncertain]
+    inputs: Mapping[str, Column]
+    outputs: Mapping[str, Column]
+    records: RecordsTable
+    identify: tuple[Path, ...]
+    validate: tuple[Path, ...]
+    candidates: CandidatesTable
+    study: StudyTable
+    initial: InitialTable
+    offsets: OffsetsTable
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def preparation(self) -> Preparation:
+        """What is done to record and model alike before they are compared."""
+        each = self.records
+        return Preparation(each.start, each.stop, each.low_pass_hz, each.decimate, each.edge)
+
+    @property
+    def rules(self) -> ReadRules:
+        """What the study allows to be done to its recordings."""
+        from estimation.files.record import ReadRules
+
+        each = self.records
+        return ReadRules(
+            trip=each.trip,
+            drop_nan=each.drop_nan,
+            drop_duplicates=each.drop_duplicates,
+            resample=each.resample,
+            gaps=each.gaps,
+            longest_gap=each.longest_gap,
+            time_unit=each.time_unit,
+            start=each.start,
+            stop=each.stop,
+        )
+
+    def read_records(self, units: Mapping[str, str] | None = None) -> StudyRecords:
+        """Read all recordings, with the faults of all files told at once.
+
+        Parameters
+        ----------
+        units : mapping of str to str, optional
+            Model input or output to its SI unit.  A column that measures something else is refused.
+
+        Raises
+        ------
+        estimation.RecordError
+            With one sentence for each fault.
+        """
+        from estimation.files.reading import read_records
+
+        signals = {**self.inputs, **self.outputs}
+        found = read_records(
+            [*self.identify, *self.validate],
+            time=self.records.time,
+            columns={name: each.column for name, each in signals.items()},
+            units=None if units is None else {name: units[name] for name in signals if name in units},
+            measured_units={name: each.unit for name, each in signals.items() if each.unit is not None},
+            rules=self.rules,
+            may_be_constant=tuple(self.inputs),
+            defaults={name: each.default for name, each in self.inputs.items() if each.default is not None},
+        )
+        held_out = set(self.validate)
+        return StudyRecords(
+            tuple(each for each in found if each.path not in held_out),
+            tuple(each for each in found if each.path in held_out),
+        )
+
+
+def read_study(path: str | Path) -> StudyFile:
+    """Read and check a study file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A TOML file as described in ``docs/reference/study-file.md``.
+
+    Raises
+    ------
+    StudyError
+        With one sentence for each fault, naming table and key.
+    """
+    path = Path(path)
+    if not path.is_file():
+        beside = sorted(each.name for each in path.parent.glob("*.toml")) if path.parent.is_dir() else []
+        raise StudyError([f"{path}: there is no such study file{nearest(path.name, beside)}"])
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except tomllib.TOMLDecodeError as error:
+        hint = "; names with dots and texts need quotes, true and false are lower case"
+        raise StudyError([f"{path.name}: is not valid TOML: {error}{hint}"]) from error
+    except UnicodeDecodeError as error:
+        raise StudyError([f"{path.name}: is not UTF-8 text: save it as UTF-8"]) from error
+    except OSError as error:
+        raise StudyError([f"{path.name}: cannot be read: {error.strerror or error}"]) from error
+    return _Reader(path.absolute(), content).read()
+
+
+class _Reader:
+    """Collects the faults of one study file while its tables are read."""
+
+    def __init__(self, path: Path, content: Mapping[str, Any]) -> None:
+        self.path, self.content = path, content
+        self.faults: list[str] = []
+        self.warnings: list[str] = []
+
+    def fault(self, where: str, text: str) -> None:
+        self.faults.append(f"{self.path.name}, {where}: {text}")
+
+    def teller(self, where: str) -> Callable[[str, str], None]:
+        return lambda key, text: self.fault(f"{where}{key and ', ' + key}", text)
+
+    def table(self, name: str, required: str = "") -> dict[str, Any]:
+        value = self.content.get(name)
+        if value is None:
+            if required:
+                self.fault(f"[{name}]", f"the table is missing: {required}")
+            return {}
+        if not isinstance(value, dict):
+            self.fault(f"[{name}]", f"must be a table, and is {value!r}")
+            return {}
+        return value
+
+    def read(self) -> StudyFile:
+        for name in self.content:
+            if name not in (*_TABLES, *_OF_OTHERS):
+                self.fault(f"[{name}]", f"there is no such table{nearest(name, _TABLES)}")
+        model = self.struct(ModelTable, "model", 'say where the model comes from: build = "file.py:name"')
+        uncertain = self.named("uncertain", Uncertain)
+        inputs = self.named("inputs", Column)
+        outputs = self.named("outputs", Column, 'say what was measured: "model.output" = "column"')
+        records = self.struct(RecordsTable, "records", 'say time = "…" and identify = ["…"]')
+        candidates = self.struct(CandidatesTable, "candidates")
+        study = self.struct(StudyTable, "study")
+        offsets = self.struct(OffsetsTable, "offsets")
+        initial = self.initial()
+        self.check_model(model)
+        self.check_uncertain(uncertain)
+        self.check_columns(inputs, outputs, records)
+        if "outputs" in self.content and not outputs and not self.faults:
+            self.fault("[outputs]", "is empty: name at least one measured output")
+        for name in offsets.outputs if offsets else []:
+            if name not in outputs:
+                self.fault("[offsets] outputs", f"there is no output '{name}'{nearest(name, outputs)}")
+        if study:
+            self.check_study(study)
+        if candidates and not candidates.include:
+            self.fault("[candidates] include", 'is empty, nothing could be found: use ["*"] or leave it out')
+        identify: tuple[Path, ...] = ()
+        validate: tuple[Path, ...] = ()
+        if records:
+            self.check_records(records)
+            identify = self.files("identify", records.identify)
+            validate = self.files("validate", records.validate)
+            for text in held_out_faults(identify, validate):
+                self.fault("[records] validate", text)
+            if identify and not records.validate:
+                self.warnings.append("[records] validate: nothing is held out, no finding can be confirmed")
+        if self.faults or model is None or records is None or candidates is None or study is None:
+            raise StudyError(self.faults)
+        return StudyFile(
+            path=self.path,
+            model=model,
+            uncertain=uncertain,
+            inputs=inputs,
+            outputs=outputs,
+            records=records,
+            identify=identify,
+            validate=validate,
+            candidates=candidates,
+            study=study,
+            initial=initial,
+            offsets=offsets or OffsetsTable(),
+            warnings=tuple(self.warnings),
+        )
+
+    def struct(self, kind: type[Any], name: str, required: str = "") -> Any:
+        table = self.table(name, required)
+        if required and not table:
+            if name in self.content:
+                self.fault(f"[{name}]", f"is empty: {required}")
+            return None
+        return read_struct(kind, table, lambda key, text: self.fault(f"[{name}]{key and ' ' + key}", text))
+
+    def named(self, name: str, kind: type[Any], required: str = "") -> dict[str, Any]:
+        entries: dict[str, Any] = {}
+        for key, value in flatten(self.table(name, required), kind).items():
+            where = f'[{name}] "{key}"'
+            if kind is Column and isinstance(value, str):
+                value = {"column": value}
+            if not isinstance(value, dict):
+                example = '{ column = "…" }' if kind is Column else "{ std = 5.0 }"
+                self.fault(where, f"must be a table such as {example}, and is {value!r}")
+                continue
+            entries[key] = read_struct(kind, value, self.teller(where))
+        return entries
+
+    def initial(self) -> InitialTable:
+        table = dict(self.table("initial"))
+        free = table.pop("free", [])
+        if not isinstance(free, list) or not all(isinstance(each, str) for each in free):
+            self.fault("[initial] free", 'must be a list of states, such as ["carriage.position"]')
+            free = []
+        values: dict[str, float | Literal["measured"]] = {}
+        free = list(free)
+        for name, value in flatten(table, None).items():
+            if value == "free":
+                free.append(name)
+            elif value == "measured" or (isinstance(value, int | float) and not isinstance(value, bool)):
+                values[name] = value
+            else:
+                self.fault(
+                    f'[initial] "{name}"', f'must be a number in SI, "free" or "measured", and is {value!r}'
+                )
+        return InitialTable(values, tuple(dict.fromkeys(free)))
+
+    def check_model(self, model: ModelTable | None) -> None:
+        if model is None or not model.build:
+            return
+        source, _, name = model.build.rpartition(":")
+        if not source or not name.isidentifier():
+            self.fault("[model] build", f'\'{model.build}\' must be "file.py:name" or "package.module:name"')
+        elif source.endswith(".py") and not (self.path.parent / source).is_file():
+            folder = (self.path.parent / source).parent
+            beside = sorted(each.name for each in folder.glob("*.py")) if folder.is_dir() else []
+            hint = nearest(Path(source).name, beside)
+            self.fault("[model] build", f"there is no file '{source}' beside the study{hint}")
+        elif not source.endswith(".py") and not all(part.isidentifier() for part in source.split(".")):
+            self.fault("[model] build", f"'{source}' is neither a file ending in .py nor a module's name")
+
+    def check_uncertain(self, uncertain: Mapping[str, Uncertain]) -> None:
+        for name, each in uncertain.items():
+            where = f'[uncertain] "{name}"'
+            if each.std is not None and not each.std > 0.0:
+                self.fault(f"{where}, std", "must be above zero: leave an exact parameter out of [uncertain]")
+            low, high = each.min, each.max
+            if low is not None and high is not None and not low < high:
+                self.fault(where, f"min = {low:g} must be below max = {high:g}")
+            elif each.value is not None and not (
+                (low is None or low <= each.value) and (high is None or each.value <= high)
+            ):
+                self.fault(where, f"value = {each.value:g} lies outside min and max")
+
+    def check_columns(
+        self, inputs: Mapping[str, Column], outputs: Mapping[str, Column], records: RecordsTable | None
+    ) -> None:
+        for table, entries in (("inputs", inputs), ("outputs", outputs)):
+            for name, each in entries.items():
+                where = f'[{table}] "{name}"'
+                if each.noise is not None and not each.noise > 0.0:
+                    self.fault(f"{where}, noise", "must be above zero: leave it out to have it estimated")
+                if records is not None and each.column and each.column == records.time:
+                    self.fault(where, f"column '{each.column}' is the time column")
+        by_column: dict[str, str] = {}
+        for name, each in outputs.items():
+            if each.default is not None:
+                self.fault(f'[outputs] "{name}", default', "is for inputs: what was not measured is no output")
+            if each.interpolation != "linear":
+                self.fault(f'[outputs] "{name}", interpolation', "is for inputs: outputs are compared sample by sample")
+            if each.column and each.column in by_column:
+                other = by_column[each.column]
+                self.fault(f'[outputs] "{name}"', f"column '{each.column}' is used for '{other}' already")
+            by_column[each.column] = name
+        for name, each in inputs.items():
+            if name in outputs:
+                self.fault(f'[inputs] "{name}"', "is an output as well: name it in one of the two tables")
+            elif each.column and each.column in by_column:
+                self.fault(
+                    f'[inputs] "{name}"',
+                    f"column '{each.column}' is also the output '{by_column[each.column]}', which would be "
+                    "compared with itself: drive the model with another column or leave the output out",
+                )
+
+    def check_study(self, study: StudyTable) -> None:
+        if not 0.0 < study.level < 0.5:
+            self.fault("[study] level", f"{study.level:g} must lie between 0 and 0.5, such as 0.02")
+        if study.max_effects < 0:
+            self.fault("[study] max_effects", "must not be negative")
+        if study.seed < 0:
+            self.fault("[study] seed", "must not be negative")
+
+    def check_records(self, records: RecordsTable) -> None:
+        for key in ("resample", "longest_gap"):
+            value = getattr(records, key)
+            if value is not None and not value > 0.0:
+                self.fault(f"[records] {key}", "must be above zero")
+        try:
+            Preparation(records.start, records.stop, records.low_pass_hz, records.decimate, records.edge)
+        except SignalError as error:
+            self.fault("[records]", str(error))
+
+    def files(self, key: str, patterns: str | list[str]) -> tuple[Path, ...]:
+        found = find_files(self.path.parent, [patterns] if isinstance(patterns, str) else patterns)
+        if key == "identify" and self.table("records").get("identify") == []:
+            self.fault("[records] identify", "is empty: name at least one recording")
+        for text in found.faults:
+            self.fault(f"[records] {key}", text)
+        self.warnings += [f"[records] {key}: {text}" for text in found.warnings]
+        return found.paths

@@ -1,0 +1,211 @@
+"""The tables of a study file as typed values, and how a TOML table becomes one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeVar
+
+import msgspec
+
+from estimation.files.columns import nearest
+
+__all__ = [
+    "CandidatesTable",
+    "Column",
+    "InitialTable",
+    "ModelTable",
+    "OffsetsTable",
+    "RecordsTable",
+    "StudyTable",
+    "Uncertain",
+    "flatten",
+    "read_struct",
+]
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+
+class ModelTable(msgspec.Struct, frozen=True):
+    """``[model]``: the callable that builds the model, and its keyword arguments."""
+
+    build: str
+    arguments: dict[str, Any] = {}
+
+
+class Uncertain(msgspec.Struct, frozen=True):
+    """An entry of ``[uncertain]``: start value, prior standard deviation and bounds, in SI."""
+
+    value: float | None = None
+    std: float | None = None
+    min: float | None = None
+    max: float | None = None
+
+
+class Column(msgspec.Struct, frozen=True):
+    """An entry of ``[inputs]`` or ``[outputs]``.
+
+    ``unit`` is that of the numbers in the file, ``noise`` a standard deviation in SI, ``default`` the value in
+    SI that an input has in recordings without the column, ``interpolation`` what an input does between samples.
+    """
+
+    column: str
+    noise: float | None = None
+    unit: str | None = None
+    default: float | None = None
+    interpolation: Literal["linear", "hold"] = "linear"
+
+
+class RecordsTable(msgspec.Struct, frozen=True):
+    """``[records]``: the files, how they are read (see :class:`estimation.ReadRules`) and prepared."""
+
+    time: str
+    identify: list[str] | str
+    validate: list[str] | str = []
+    start: float | None = None
+    stop: float | None = None
+    low_pass_hz: float | None = None
+    decimate: int = 1
+    edge: float | None = None
+    resample: float | None = None
+    trip: str | None = None
+    drop_nan: bool = False
+    drop_duplicates: bool = False
+    gaps: Literal["refuse", "split"] = "refuse"
+    longest_gap: float | None = None
+    time_unit: str | None = None
+
+
+class CandidatesTable(msgspec.Struct, frozen=True):
+    """``[candidates]``: shell patterns over ``kind`` or ``kind@where``."""
+
+    include: list[str] = msgspec.field(default_factory=lambda: ["*"])
+    exclude: list[str] = []
+
+
+class StudyTable(msgspec.Struct, frozen=True):
+    """``[study]``: how the search is run.
+
+    ``level`` is the chance, over all candidates of a step together, of naming an effect that is not there.
+    """
+
+    residual: Literal["auto", "simulation", "prediction", "inverse"] = "auto"
+    inputs: Literal["auto", "as recorded"] = "auto"
+    seed: int = 0
+    max_effects: int = 6
+    level: float = 0.02
+
+
+class OffsetsTable(msgspec.Struct, frozen=True):
+    """``[offsets]``: outputs whose sensor may have another constant offset in every record."""
+
+    outputs: list[str] = []
+
+
+@dataclass(frozen=True)
+class InitialTable:
+    """``[initial]``: start values of states.
+
+    Attributes
+    ----------
+    values : mapping of str to float or "measured"
+        In SI; "measured" takes the first sample of the output with the state's name.
+    free : tuple of str
+        States whose start value is fitted for every record.
+    """
+
+    values: Mapping[str, float | Literal["measured"]] = field(default_factory=dict)
+    free: tuple[str, ...] = ()
+
+
+_SAID: dict[Any, str] = {
+    str: "a text in quotes",
+    float | None: "a number",
+    float: "a number",
+    int: "a whole number",
+    bool: "true or false",
+    list[str]: "a list of texts, such as [\"a\", \"b\"]",
+    list[str] | str: "a list of texts, such as [\"a.csv\"]",
+    str | None: "a text in quotes",
+    dict[str, Any]: "a table, such as { travel = 0.25 }",
+}  # fmt: skip
+
+
+def _said(kind: Any) -> str:
+    if kind in _SAID:
+        return _SAID[kind]
+    return "one of " + ", ".join(f'"{each}"' for each in kind.__args__)
+
+
+def read_struct(kind: type[T], table: Mapping[str, Any], fault: Callable[[str, str], None]) -> T:
+    """Make a struct from a TOML table.
+
+    Parameters
+    ----------
+    kind : type
+        A msgspec Struct.
+    table : mapping
+    fault : callable
+        Is told key and text of every fault; the key is empty where the whole table is meant.
+
+    Returns
+    -------
+    Struct
+        With defaults, or empty texts and lists, where there were faults: the rest can still be checked.
+    """
+    fields = {each.name: each for each in msgspec.structs.fields(kind)}
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        if key not in fields:
+            fault("", f"there is no key '{key}'{nearest(key, fields)}")
+            continue
+        wanted = fields[key].type
+        try:
+            good = msgspec.convert(value, wanted)
+        except msgspec.ValidationError:
+            hint = nearest(value, wanted.__args__) if isinstance(value, str) and wanted not in _SAID else ""
+            fault(key, f"must be {_said(wanted)}, and is {value!r}{hint}")
+            continue
+        if isinstance(good, float) and not math.isfinite(good):
+            fault(key, f"must be finite, and is {value!r}: leave it out where there is no limit")
+        elif isinstance(good, str) and not good.strip() and key != "unit":
+            fault(key, "must not be empty")
+        else:
+            values[key] = good
+    for key, each in fields.items():
+        if each.required and key not in values:
+            values[key] = "" if each.type is str else []
+            if key not in table:
+                fault("", f"the key '{key}' is missing")
+    return kind(**values)
+
+
+def flatten(table: Mapping[str, Any], kind: type | None) -> dict[str, Any]:
+    """Undo the nesting of names whose dots were not quoted: ``mass.m = { std = 5.0 }``.
+
+    Parameters
+    ----------
+    table : mapping
+        A table of names.
+    kind : type or None
+        The struct that an entry makes; None where entries are plain values.
+    """
+    keys = [each.name for each in msgspec.structs.fields(kind)] if kind else []
+    flat: dict[str, Any] = {}
+    for name, value in table.items():
+        if isinstance(value, dict) and value and not _is_entry(value, keys):
+            flat.update({f"{name}.{rest}": each for rest, each in flatten(value, kind).items()})
+        else:
+            flat[name] = value
+    return flat
+
+
+def _is_entry(value: Mapping[str, Any], keys: list[str]) -> bool:
+    """Tell an entry, perhaps with a misspelt key, from a further level of names."""
+    if not keys:
+        return False
+    for key, each in value.items():
+        if not isinstance(each, dict) and (key in keys or nearest(key, keys).startswith("; nearest")):
+            return True
+    return not any(isinstance(each, dict) for each in value.values()) and "column" not in keys

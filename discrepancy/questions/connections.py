@@ -1,0 +1,241 @@
+"""At which connection a force is missing: what a free force at each place could explain of the residual.
+
+At every place a generic force over speed, position and acceleration is sent through the machine, and the
+residual is regressed on the responses.  What calibration could have done is taken out first, and the share
+that is told is that of blocks of time which the regression has not seen, so that many free numbers cannot
+flatter a place.  Functions of time alone are left out: they could not be tested on other blocks.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from discrepancy.search.omnibus import knots_for, tents
+from discrepancy.sensitivities.stage_residuals import Residuals
+from estimation.response.perturbations import Push
+from multibody.base.parallel import cores
+
+__all__ = ["connections_or_why", "failing_connections"]
+
+_SPEED_KNOTS = 8
+_POSITION_KNOTS = 6
+_SAME = 0.999
+"""Cosine of the responses to one and the same force from which two places cannot be told apart."""
+_LEAST_SHARE = 0.05
+_CLOSE = 0.1
+"""Difference of shares within which two places are told as equally good."""
+
+
+def connections_or_why(facts: Residuals) -> tuple[tuple[dict[str, Any], ...], str]:
+    """Return how much a force at each place would explain; nothing, and why, where the model cannot be simulated so."""
+    from multibody.base.errors import SimulationError
+
+    try:
+        return tuple(failing_connections(facts)), ""
+    except SimulationError as error:
+        return (), f"At which connection '{facts.stage.name}' fails was not asked: {error}"
+
+
+def failing_connections(facts: Residuals) -> list[dict[str, Any]]:
+    """Return, for every place that can be probed, how much of the residual a force there would explain.
+
+    Parameters
+    ----------
+    facts : Residuals
+        Of a stage whose system has probes.
+
+    Returns
+    -------
+    list of dict
+        ``place``, ``share`` (0 to 1), ``same_as`` (places where the same force over time would be felt in the
+        same way: only the motion that it follows can tell them apart), ``moves_with`` (rigidly coupled
+        places) and ``sentence``; largest share first.
+    """
+    system = facts.stage.system
+    places = [p.name for p in system.places if f"probe.{p.name}" in system.input_names]
+    moving = {n for m in facts.motions for n in (m.name, *m.also)}
+    places = [p for p in places if p in moving]
+    if not places:
+        return []
+    weight = 1.0 / facts.noise
+    e = (facts.values * weight).ravel()
+    projector = _projector(facts, weight)
+    e = _without(projector, e)
+    folds = _folds(facts)
+    responses, common = _responses(facts, places, weight)
+    shares, seen = {}, {}
+    for place in places:
+        z = _without(projector, responses[place])
+        shares[place] = _cross_validated(z, e, folds)
+        seen[place] = _without(projector, common[place])
+    groups = _indistinguishable(places, seen)
+    rigid = {n: {m.name, *m.also} - {n} for m in facts.motions for n in (m.name, *m.also)}
+    found = [
+        {
+            "place": p,
+            "share": float(max(shares[p], 0.0)),
+            "same_as": sorted(groups[p]),
+            "moves_with": sorted(rigid[p]),
+        }
+        for p in sorted(places, key=lambda p: -shares[p])
+    ]
+    return [{**f, "sentence": _sentence(f, found)} for f in found]
+
+
+def _sentence(entry: dict[str, Any], found: list[dict[str, Any]]) -> str:
+    place, share = entry["place"], entry["share"]
+    if share < _LEAST_SHARE:
+        return f"{place}: a missing force here would explain none of the error."
+    told = f"{place}: a missing force here would explain {100 * share:.0f} % of what calibration leaves"
+    good = {f["place"] for f in found if f["place"] != place and abs(f["share"] - share) < _CLOSE}
+    twins = sorted(good.intersection(entry["same_as"]))
+    if twins:
+        told += f"; these sensors cannot tell it from a force at {', '.join(twins)}"
+    if near := sorted(good.difference(twins)):
+        told += f"; {', '.join(near)} would do nearly as well"
+    if weaker := [p for p in entry["same_as"] if p not in good]:
+        told += (
+            f"; the sensors would feel a force at {', '.join(weaker)} in the same way, only the motion "
+            "that it "
+            "follows tells the two apart"
+        )
+    return told + "."
+
+
+def _projector(facts: Residuals, weight: np.ndarray) -> np.ndarray | None:
+    """Orthonormal basis of what calibration and each record's own unknowns can do, shape (n·channels, k)."""
+    sens = facts.facts.sensitivities()
+    k = len(sens.names)
+    own = [0 if n is None else n.shape[2] for n in sens.nuisance]
+    if k + sum(own) == 0:
+        return None
+    rows = []
+    at = k
+    for block, nuisance, count in zip(sens.blocks, sens.nuisance, own, strict=True):
+        full = np.zeros((block.shape[0] * block.shape[1], k + sum(own)))
+        full[:, :k] = (block * weight[:, None]).reshape(full.shape[0], k)
+        if nuisance is not None:
+            full[:, at : at + count] = (nuisance * weight[:, None]).reshape(full.shape[0], count)
+        at += count
+        rows.append(full)
+    f = np.concatenate(rows)
+    size = np.linalg.norm(f, axis=0)
+    f = f[:, size > 0.0] / size[size > 0.0]
+    u, s, _ = np.linalg.svd(f, full_matrices=False)
+    return u[:, s > 1e-8 * s[0]] if s.size else None
+
+
+def _without(basis: np.ndarray | None, x: np.ndarray) -> np.ndarray:
+    return x if basis is None else x - basis @ (basis.T @ x)
+
+
+def _folds(facts: Residuals) -> list[np.ndarray]:
+    """Blocks as rows of the stacked outputs."""
+    channels = facts.values.shape[1]
+    return [(b[:, None] * channels + np.arange(channels)).ravel() for b in facts.blocks]
+
+
+def _generic_forces(position: np.ndarray, speed: np.ndarray, acceleration: np.ndarray) -> list[np.ndarray]:
+    forces = [np.ones_like(speed)]
+    fast = max(float(np.quantile(np.abs(speed), 0.95)), 1e-300)
+    forces.append(np.tanh(speed / (0.02 * fast)))
+    for values, count in ((speed, _SPEED_KNOTS), (position, _POSITION_KNOTS)):
+        knots = knots_for(values, count)
+        if len(knots):
+            # The tents sum to one, which the constant is already.
+            forces += list(tents(values, knots)[:, 1:].T)
+    if np.ptp(acceleration) > 0.0:
+        forces.append(acceleration / np.max(np.abs(acceleration)))
+    return forces
+
+
+def _responses(
+    facts: Residuals, places: list[str], weight: np.ndarray
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Responses to each place's own forces, and to the same three forces everywhere; each (n·channels, k)."""
+    own: dict[str, list[np.ndarray]] = {p: [] for p in places}
+    common: dict[str, list[np.ndarray]] = {p: [] for p in places}
+    system = facts.stage.system
+    motion_of = {p.name: [n for n, _ in p.motion_names()] for p in system.places}
+    lead = facts.guides()[0].name
+    runs = [facts.facts.motions(i) for i in range(len(facts.facts.experiments))]
+    table = {
+        p: [
+            _motion(run, p, motion_of[p], facts.facts.experiments[i].record.time)
+            for i, run in enumerate(runs)
+        ]
+        for p in places
+    }
+    generic = {
+        p: _split(
+            _generic_forces(*(np.concatenate(x) for x in zip(*table[p], strict=True))),
+            [len(t[0]) for t in table[p]],
+        )
+        for p in places
+    }
+    for i, experiment in enumerate(facts.facts.experiments):
+        position, speed, _ = table[lead][i] if lead in table else table[places[0]][i]
+        shared = [
+            np.ones_like(speed),
+            speed / max(float(np.max(np.abs(speed))), 1e-300),
+            (position - position.mean()) / max(float(np.ptp(position)), 1e-300),
+        ]
+        dy = experiment.respond(
+            facts.facts.slim,
+            facts.facts.p,
+            facts.facts.start(i),
+            pushes=[Push(f"probe.{p}", f) for p in places for f in (*shared, *generic[p][i])],
+            sensors=facts.facts.sensors,
+            workers=cores(),
+        ).derivatives
+        flat = (dy * weight[:, None]).reshape(-1, dy.shape[2])
+        for p in places:
+            here, flat = np.split(flat, [len(shared) + len(generic[p][i])], axis=1)
+            common[p].append(here[:, : len(shared)])
+            own[p].append(here[:, len(shared) :])
+    return ({p: np.concatenate(v) for p, v in own.items()}, {p: np.concatenate(v) for p, v in common.items()})
+
+
+def _motion(
+    run: dict[str, np.ndarray], place: str, names: list[str], time: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    position, speed = (run[f"place.{place}.{n}"] for n in names[:2])
+    acceleration = run.get(f"place.{place}.{names[2]}")
+    return position, speed, np.gradient(speed, time) if acceleration is None else acceleration
+
+
+def _split(forces: list[np.ndarray], lengths: list[int]) -> list[list[np.ndarray]]:
+    cuts = np.cumsum(lengths)[:-1]
+    return [list(parts) for parts in zip(*(np.split(f, cuts) for f in forces), strict=True)]
+
+
+def _cross_validated(z: np.ndarray, e: np.ndarray, folds: list[np.ndarray]) -> float:
+    """Share of the residual's energy explained in blocks by a fit to the others."""
+    size = np.linalg.norm(z, axis=0)
+    z = z[:, size > 1e-12 * max(float(size.max(initial=0.0)), 1e-300)]
+    if z.shape[1] == 0:
+        return 0.0
+    z = z / np.linalg.norm(z, axis=0)
+    grams = np.array([z[f].T @ z[f] for f in folds])
+    sides = np.array([z[f].T @ e[f] for f in folds])
+    total, side = grams.sum(axis=0), sides.sum(axis=0)
+    ridge = 1e-6 * np.eye(len(total))
+    gain = 0.0
+    for g, s in zip(grams, sides, strict=True):
+        c = np.linalg.solve(total - g + ridge, side - s)
+        gain += float(2.0 * c @ s - c @ g @ c)
+    return gain / max(float(e @ e), 1e-300)
+
+
+def _indistinguishable(places: list[str], common: dict[str, np.ndarray]) -> dict[str, set[str]]:
+    groups: dict[str, set[str]] = {p: set() for p in places}
+    for k, a in enumerate(places):
+        for b in places[k + 1 :]:
+            x, y = common[a].ravel(), common[b].ravel()
+            size = float(np.linalg.norm(x) * np.linalg.norm(y))
+            if size > 0.0 and abs(float(x @ y)) > _SAME * size:
+                groups[a].add(b)
+                groups[b].add(a)
+    return groups

@@ -1,0 +1,360 @@
+"""What the report says, section by section, as plain values for its template."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from discrepancy.effects.kinds import KindText, kinds
+from discrepancy.questions.compare import PARTS
+from discrepancy.report.conclusion import Conclusion, Evidence, effect_parameters, parameter_unit
+from discrepancy.report.figure_style import unit_text
+from discrepancy.report.figures import PART_WORDS, stage_title, worst_outputs
+from discrepancy.report.method_section import how, records
+from discrepancy.report.wording import (
+    interval_words,
+    luck_words,
+    quantity,
+    ratio_words,
+    rival_title,
+    rival_words,
+    share_words,
+)
+from discrepancy.stages.stage import Accepted, Stage
+
+__all__ = ["content"]
+
+Entry = dict[str, Any]
+
+HEADLINES = {
+    "effect found": "A missing effect was found",
+    "nothing missing": "Nothing is missing that these records could show",
+    "unknown effect": "Something is missing that has no name in the catalogue",
+    "ambiguous": "Something is missing, and these records leave open which of several effects it is",
+    "": "Model and records were compared; what is missing was not asked",
+}
+_UNKNOWN = KindText(
+    "a force without a name",
+    "A force that no entry of the catalogue explains.",
+    "Something that nobody has put into the catalogue yet; the shape of its curve is the clue.",
+    "Measure the force directly at this connection, or repeat the run and see whether the curve comes back.",
+)
+
+
+def kind_text(kind: str) -> KindText:
+    """Return a kind in words, also for one that is not in the catalogue and for ``"kind over regressor"``."""
+    name, _, over = kind.partition(" ")
+    known = kinds().get(name)
+    if known is not None:
+        return replace(known.text, title=f"{known.text.title} ({over})") if over else known.text
+    return _UNKNOWN if name == "unknown_force" else KindText(kind.replace("_", " "), "", "", "")
+
+
+def content(conclusion: Conclusion, evidence: Evidence) -> Entry:
+    """Return everything that the template shows."""
+    outputs = worst_outputs(conclusion, 99)
+    return {
+        "title": conclusion.name or conclusion.final.model.name,
+        "headline": HEADLINES.get(conclusion.verdict, conclusion.verdict),
+        "verdict": conclusion.verdict,
+        "sentence": conclusion.sentence,
+        "judged_on": PART_WORDS[conclusion.judged_on],
+        "held_out": conclusion.judged_on == "validate",
+        "compared": _compared(conclusion),
+        "outputs": _outputs(conclusion),
+        "table": _table(conclusion, evidence, outputs),
+        "effects": [_effect(conclusion, a) for a in conclusion.accepted],
+        "unknown": _unknown(conclusion),
+        "where": _where(evidence, outputs),
+        "where_part": PART_WORDS[evidence.before.part],
+        "rivals": _rivals(conclusion),
+        "hidden": _hidden(conclusion),
+        "slight": _slight(conclusion),
+        "refused": _refused(conclusion),
+        "next": list(conclusion.next_measurement),
+        "separating": list(conclusion.extra.get("separating_trips", ())),
+        "parameters": _parameters(conclusion),
+        "confounded": [", ".join(g) for g in conclusion.final.identify.confounded],
+        "records": records(conclusion),
+        "warnings": list(conclusion.warnings),
+        "how": how(conclusion),
+    }
+
+
+def _compared(conclusion: Conclusion) -> str:
+    fits = {part: conclusion.final.fits(part) for part in PARTS}
+    said = [
+        f"The model '{conclusion.final.model.name}' was laid beside "
+        f"{_count(len(fits['identify']), 'record')} "
+        f"({_seconds(fits['identify'])}) that it may be fitted to"
+    ]
+    if fits["validate"]:
+        said.append(
+            f" and {_count(len(fits['validate']), 'record')} ({_seconds(fits['validate'])}) held out: "
+            "these were "
+            "used neither to fit parameters nor to choose what is missing, only to judge"
+        )
+    else:
+        said.append(
+            ". No record was held out, so there is nothing to judge on that was not also used to choose; "
+            "hold one "
+            "out if you can"
+        )
+    return "".join(said) + "."
+
+
+def _count(n: int, word: str) -> str:
+    return f"{n} {word}" + ("" if n == 1 else "s")
+
+
+def _seconds(fits: Any) -> str:
+    total = sum(float(f.experiment.time[-1] - f.experiment.time[0]) for f in fits)
+    return f"{total:.3g} s"
+
+
+def _outputs(conclusion: Conclusion) -> list[Entry]:
+    system, noise = conclusion.final.system, conclusion.baseline.noise
+    columns = conclusion.final.identify.fits[0].experiment.record.signals
+    return [
+        {
+            "name": n,
+            "column": columns[n].column if n in columns else "",
+            "noise": quantity(noise.get(n), system.unit(n)) if noise.get(n) else "not known",
+        }
+        for n in conclusion.final.outputs
+    ]
+
+
+def _table(conclusion: Conclusion, evidence: Evidence, outputs: list[str]) -> list[Entry]:
+    """Errors stage by stage, a row for each output."""
+    stages, number = [], 0
+    for stage, comparison in zip(conclusion.stages, evidence.comparisons, strict=True):
+        pooled = {part: comparison.pooled(part) for part in PARTS}
+        rows = []
+        for output in outputs:
+            cells: Entry = {"output": output}
+            noise = stage.noise.get(output)
+            for part in PARTS:
+                a = pooled[part].get(output)
+                cells[part] = "" if a is None else quantity(a.rmse, stage.system.unit(output))
+                cells[f"{part}_share"] = (
+                    "" if a is None or not math.isfinite(a.nrmse) else share_words(a.nrmse)
+                )
+            a = pooled[conclusion.judged_on].get(output)
+            cells["over_noise"] = f"{quantity(a.rmse / noise, digits=2)} ×" if a is not None and noise else ""
+            rows.append(cells)
+        number += stage.accepted is not None
+        told = stage_title(stage) + (f" (effect {number})" if stage.accepted is not None else "")
+        stages.append({"name": told, "rows": rows})
+    return stages
+
+
+# ---------------------------------------------------------------- effects
+
+
+def _effect(conclusion: Conclusion, accepted: Accepted) -> Entry:
+    effect, final = accepted.effect, conclusion.final
+    text = kind_text(effect.kind)
+    sizes = []
+    if not effect.definition.free_form:
+        for name, entry in effect_parameters(effect, final).items():
+            full = effect.parameter_name(name)
+            if full in final.identify.to_dict():
+                low, high = final.identify.interval(full)
+                told = interval_words(entry["value"], low, high, parameter_unit(effect, name, final))
+            else:
+                told = quantity(entry["value"], entry["unit"])
+            if effect.definition.stated:
+                given = conclusion.stages[0]
+                stated = float(given.p[given.system.index("parameter", full)])
+                told += f"; the model states {quantity(stated, entry['unit'])}"
+            sizes.append({"name": _words(name), "told": told})
+    stage = next(
+        s
+        for s in conclusion.stages
+        if s.accepted is not None
+        and str(s.accepted.effect) == str(effect)
+        and s.accepted.effect.number == effect.number
+    )
+    before = conclusion.stages[conclusion.stages.index(stage) - 1]
+    return {
+        "title": text.title,
+        "where": effect.where,
+        "kind": effect.kind,
+        "what": text.what,
+        "causes": text.causes,
+        "confirm": text.confirm,
+        "sizes": sizes,
+        "luck": luck_words(accepted.p_value),
+        "p_value": f"{accepted.p_value:.2g}",
+        "delta_bic": f"{accepted.delta_bic:.0f}",
+        "hidden_by": _hidden_by(conclusion, accepted),
+        "falls": _falls(conclusion, before, stage),
+        "ambiguous": accepted.ambiguous,
+        "tied": [rival_title(r) for r in accepted.rivals if r.indistinguishable],
+    }
+
+
+def _hidden_by(conclusion: Conclusion, accepted: Accepted) -> Entry | None:
+    """Return the other of two effects that hide each other, and what both together improve."""
+    other = next((a for a in conclusion.accepted if str(a.effect) == accepted.hidden_by), None)
+    if other is None:
+        return None
+    title = f"{kind_text(other.effect.kind).title} at {other.effect.where}"
+    return {"title": title, "delta_bic": f"{accepted.delta_bic + other.delta_bic:.0f}"}
+
+
+def _words(name: str) -> str:
+    known = {
+        "coulomb": "friction",
+        "viscous": "friction per speed",
+        "forward": "forwards",
+        "backward": "backwards",
+        "v_stribeck": "speed at which it fades",
+        "v_s": "speed within which it builds up",
+        "share": "share of the load",
+        "x_s": "displacement before it slides",
+        "cosine": "cosine part",
+        "sine": "sine part",
+        "place": "place of its middle",
+        "push": "force",
+    }
+    return known.get(name, name.replace("_", " "))
+
+
+def _falls(conclusion: Conclusion, before: Stage, after: Stage) -> list[str]:
+    part = conclusion.judged_on
+    old, new = before.rmse(part), after.rmse(part)
+    found = []
+    for output in worst_outputs(conclusion, 99):
+        unit = after.system.unit(output)
+        found.append(
+            f"{output}: error {ratio_words(old[output], new[output])}, from {quantity(old[output], unit)} to "
+            f"{quantity(new[output], unit)}"
+        )
+    return found
+
+
+def _unknown(conclusion: Conclusion) -> Entry | None:
+    curve = conclusion.unknown
+    if curve is None:
+        return None
+    text = kind_text("unknown_force")
+    return {
+        "where": curve.where,
+        "statement": curve.statement,
+        "over": curve.regressor,
+        "luck": luck_words(curve.p_value),
+        "what": text.what,
+        "causes": text.causes,
+        "confirm": text.confirm,
+        "listed": any(a.effect.kind == "unknown_force" for a in conclusion.accepted),
+    }
+
+
+def _rivals(conclusion: Conclusion) -> list[Entry]:
+    found = []
+    for accepted in conclusion.accepted:
+        rows = [
+            {
+                "title": " with ".join(kind_text(n.partition("@")[0]).title for n in r.names),
+                "where": " and ".join(n.partition("@")[2] for n in r.names),
+                "told": rival_words(r),
+                "delta": f"{r.delta_bic:+.0f}" if math.isfinite(r.delta_bic) else "",
+                "tied": r.indistinguishable,
+            }
+            for r in accepted.rivals[:8]
+        ]
+        found.append(
+            {"title": kind_text(accepted.effect.kind).title, "where": accepted.effect.where, "rows": rows}
+        )
+    return found
+
+
+def _hidden(conclusion: Conclusion) -> Entry:
+    seen: list[Entry] = []
+    blind: list[Entry] = []
+    for kind, where, mde, delta, unit in conclusion.hidden:
+        if not unit and kind.endswith("_gain"):
+            mde, delta, unit = 100.0 * mde, 100.0 * delta, "%"
+        row = {
+            "title": kind_text(kind).title,
+            "where": where,
+            "mde": quantity(mde, unit, 2),
+            "delta": quantity(delta, unit, 2),
+        }
+        (seen if mde < delta else blind).append(row)
+    for rows in (seen, blind):
+        rows.sort(key=lambda r: (r["title"], r["where"]))
+    return {"seen": seen, "blind": blind}
+
+
+def _slight(conclusion: Conclusion) -> list[Entry]:
+    found = []
+    for kind, where, size, std, p, unit in conclusion.slight:
+        told = f"{quantity(size, unit)} ± {quantity(std, unit, 2)}"
+        found.append({"title": kind_text(kind).title, "where": where, "size": told, "luck": luck_words(p)})
+    return found
+
+
+def _refused(conclusion: Conclusion) -> list[Entry]:
+    """Group what could not be examined by the reason, which many share."""
+    by_reason: dict[str, list[str]] = {}
+    for kind, where, why in conclusion.refused:
+        by_reason.setdefault(why, []).append(f"{kind_text(kind).title} at {where}")
+    return [{"why": why, "names": names} for why, names in by_reason.items()]
+
+
+# ---------------------------------------------------------------- where, parameters
+
+
+def _where(evidence: Evidence, outputs: list[str]) -> list[Entry]:
+    """Where the recalibrated model failed; regimes and curves of the worst output only, others repeat it."""
+    told = evidence.before.to_dict()
+    worst = outputs[0] if outputs else ""
+    found = []
+    for name, heading, most in (
+        ("signals", "In which signal", 6),
+        ("regimes", "When", 5),
+        ("dependence", "Along what", 4),
+        ("frequencies", "At which frequencies", 4),
+        ("connections", "At which connection", 6),
+    ):
+        entries = [e for e in told[name] if name in ("signals", "connections") or e.get("output") == worst]
+        if entries:
+            found.append({"heading": heading, "sentences": [e["sentence"] for e in entries[:most]]})
+    return found
+
+
+def _parameters(conclusion: Conclusion) -> list[Entry]:
+    base, final = conclusion.baseline.identify, conclusion.final.identify
+    frame = final.to_frame()
+    recalibrated = base.to_dict()
+    own = {name for a in conclusion.accepted for name in a.effect.parameters()}
+    rows = []
+    for p in final.parameters:
+        if p.name in own:
+            continue
+        low, high = final.interval(p.name)
+        told, vague, _ = interval_words(final[p.name], low, high, "").partition(": these records hardly")
+        told += ")" if vague else ""
+        remark = str(frame.loc[p.name, "remark"])
+        if math.isfinite(p.std) and p.std > 0.0 and abs(final[p.name] - p.value) > 3.0 * p.std:
+            remark = "; ".join(
+                filter(None, [remark, "more than three standard deviations from the value given"])
+            )
+        if vague:
+            remark = "; ".join(filter(None, [remark, "hardly determined by these records"]))
+        rows.append(
+            {
+                "name": p.name,
+                "unit": unit_text(p.unit),
+                "given": quantity(p.value, "", 4),
+                "believed": f"± {quantity(p.std, '', 2)}" if math.isfinite(p.std) else "free",
+                "recalibrated": quantity(recalibrated[p.name], "", 4) if p.name in recalibrated else "",
+                "final": told.replace("95 % interval ", ""),
+                "remark": remark,
+            }
+        )
+    return rows

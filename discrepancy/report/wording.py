@@ -1,0 +1,182 @@
+"""Numbers and probabilities in words that a mechanical engineer uses."""
+
+from __future__ import annotations
+
+import math
+
+from discrepancy.effects.kinds import kind_named
+from discrepancy.report.figure_style import bare_unit, unit_text
+from discrepancy.stages.stage import Rival
+
+__all__ = [
+    "interval_words",
+    "luck_words",
+    "quantity",
+    "ratio_words",
+    "rival_title",
+    "rival_words",
+    "scaled",
+    "share_words",
+]
+
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_PREFIXED = ("m", "N", "N*m", "s", "V", "A", "W", "J", "Pa", "m/s", "rad", "rad/s")
+
+
+def scaled(size: float, unit: str) -> tuple[float, str]:
+    """Return the factor and the unit with which a size reads well, such as (1e-6, "µm").
+
+    Examples
+    --------
+    >>> scaled(2e-5, "m"), scaled(20.0, "N"), scaled(2e-5, "kg")
+    ((1e-06, 'µm'), (1.0, 'N'), (1.0, 'kg'))
+    """
+    unit = bare_unit(unit)
+    if unit not in _PREFIXED or size == 0.0 or not math.isfinite(size) or 0.1 <= size < 1e4:
+        return 1.0, unit_text(unit)
+    for factor, prefix in _PREFIXES:
+        if size >= 0.9995 * factor:
+            return factor, prefix + unit_text(unit)
+    return 1.0, unit_text(unit)
+
+
+def _number(value: float, digits: int) -> str:
+    if value == 0.0:
+        return "0"
+    places = digits - 1 - math.floor(math.log10(abs(value)))
+    # Rounding may add a digit in front, as from 9.99 to 10.0.
+    value = round(value, places)
+    places = digits - 1 - math.floor(math.log10(abs(value)))
+    if not 1e-4 <= abs(value) < 1e7 and value != 0.0:
+        mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+        return f"{mantissa}·10{str(int(exponent)).translate(_RAISED)}".replace("-", "−")
+    return f"{value:.{max(0, places)}f}".replace("-", "−")
+
+
+def quantity(value: float | None, unit: str = "", digits: int = 3) -> str:
+    """Return a value with its unit, with a prefix where that reads better.
+
+    Examples
+    --------
+    >>> quantity(1.23e-5, "m"), quantity(12.04, "N"), quantity(240.4, "N*s/m"), quantity(None)
+    ('12.3 µm', '12.0 N', '240 N·s/m', 'not known')
+    """
+    if value is None or not math.isfinite(value):
+        return "not known"
+    factor, text = scaled(abs(value), unit)
+    return f"{_number(value / factor, digits)} {text}".rstrip()
+
+
+def interval_words(value: float, low: float, high: float, unit: str) -> str:
+    """Return a value with its interval, rounded to what the interval supports.
+
+    Examples
+    --------
+    >>> interval_words(12.0123, 11.93, 12.09, "N")
+    '12.01 N (95 % interval 11.93 to 12.09 N)'
+    >>> interval_words(3.2, -100.0, 106.0, "N")
+    '3.2 N (95 % interval −100 to 106 N: these records hardly determine it)'
+    """
+    half = 0.5 * (high - low)
+    if not math.isfinite(half) or half <= 0.0:
+        return f"{quantity(value, unit)} (no interval: these records do not determine it)"
+    factor, text = scaled(max(abs(value), half), unit)
+    lead = math.floor(math.log10(half / factor))
+    places = max(0, (1 if half / factor < 3.0 * 10.0**lead else 0) - lead)
+    if places > 9:
+        return f"{quantity(value, unit, 9)} (95 % interval far narrower than the last digit)"
+    a, b = (f"{x / factor:.{places}f}".replace("-", "−") for x in (low, high))
+    vague = abs(value) < half
+    v = _number(value / factor, 2) if vague else f"{value / factor:.{places}f}".replace("-", "−")
+    told = f"{v} {text} (95 % interval {a} to {b} {text}".rstrip() + ")"
+    return (told[:-1] + ": these records hardly determine it)" if vague else told).replace("  ", " ")
+
+
+def luck_words(p: float) -> str:
+    """Return in words how likely it is that luck alone would look like this.
+
+    Examples
+    --------
+    >>> luck_words(0.004)
+    'by luck alone, something like this would come up about once in 250 studies of a good model'
+    """
+    if not math.isfinite(p):
+        return "how likely luck alone is was not worked out"
+    if p < 1e-6:
+        return "luck alone can be ruled out (less than one chance in a million)"
+    if p < 0.5:
+        once = 1.0 / p
+        size = round(once, 1 - math.floor(math.log10(once)))
+        return (
+            f"by luck alone, something like this would come up about once in "
+            f"{f'{size:,.0f}'.replace(',', ' ')} studies "
+            "of a good model"
+        )
+    return "luck alone would look like this more often than not"
+
+
+def ratio_words(before: float, after: float) -> str:
+    """Return how an error changed, in words.
+
+    Examples
+    --------
+    >>> ratio_words(10.0, 2.0), ratio_words(10.0, 9.99), ratio_words(1.0, 1.2)
+    ('falls by 80 %', 'hardly changes', 'grows by 20 %')
+    """
+    if before <= 0.0:
+        return "was zero before"
+    change = after / before - 1.0
+    if abs(change) < 0.005:
+        return "hardly changes"
+    return f"{'falls' if change < 0 else 'grows'} by {share_words(abs(change))}"
+
+
+def share_words(share: float) -> str:
+    """Return a share in per cent, without rounding almost all to all.
+
+    Examples
+    --------
+    >>> share_words(0.5), share_words(0.99982), share_words(0.0004)
+    ('50 %', '99.98 %', 'less than 0.1 %')
+    """
+    percent = 100.0 * share
+    if percent >= 99.995:
+        return "more than 99.99 %"
+    if percent > 99.0:
+        return f"{percent:.2f} %"
+    if 0.0 <= percent < 0.1:
+        return "less than 0.1 %"
+    return f"{percent:.1f} %" if abs(percent) < 10.0 else f"{percent:.0f} %"
+
+
+def rival_title(rival: Rival) -> str:
+    """Return what another explanation is, in words, with its place or its two places.
+
+    Examples
+    --------
+    >>> rival_title(Rival("sensor_delay", "speed", 1.0, True, True))
+    'a sensor delay at speed'
+    >>> rival_title(Rival("sensor_delay with input_delay@torque", "speed", 1.0, True, True))
+    'a sensor delay at speed with an input delay at torque'
+    """
+    parts = []
+    for name in rival.names:
+        kind, _, where = name.partition("@")
+        kind, _, over = kind.partition(" ")
+        parts.append(f"{kind_named(kind).text.title}{f' ({over})' if over else ''} at {where}")
+    return " with ".join(parts)
+
+
+def rival_words(rival: Rival) -> str:
+    """Return how much worse another explanation is, in words."""
+    how = "" if rival.refitted else " (estimated; it was not fitted in full)"
+    if rival.indistinguishable:
+        return f"these records cannot tell it from the one that was chosen{how}"
+    if not math.isfinite(rival.delta_bic):
+        return f"worse{how}"
+    if rival.delta_bic > 10.0:
+        return f"clearly worse{how}"
+    if rival.delta_bic > 3.0:
+        return f"worse{how}"
+    return f"only a little worse{how}"

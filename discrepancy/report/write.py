@@ -1,0 +1,262 @@
+"""The report: one page that opens offline, for a mechanical engineer; with its figures as files beside it."""
+
+from __future__ import annotations
+
+import base64
+import io
+import logging
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from discrepancy.report import effect_figures as figures_effects
+from discrepancy.report import figures
+from discrepancy.report.conclusion import VERDICTS, Conclusion, Evidence, evidence_of, save_diagnosis
+from discrepancy.report.content import content
+from discrepancy.sensitivities.stage_residuals import residuals_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from discrepancy.stages.stage import Stage
+    from multibody.model.model import Model
+
+__all__ = ["Picture", "pictures", "render", "write"]
+
+_log = logging.getLogger(__name__)
+_DPI = 150
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of the report as PNG.
+
+    Attributes
+    ----------
+    name : str
+        Name of its file without the ending.
+    png : bytes
+    caption : str
+        What it shows and how to read it.
+    section : str
+        Where in the page it stands.
+    """
+
+    name: str
+    png: bytes
+    caption: str
+    section: str
+
+    @property
+    def source(self) -> str:
+        """The picture as a data address for the page."""
+        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+
+
+def _picture(figure: Figure, name: str, caption: str, section: str) -> Picture:
+    buffer = io.BytesIO()
+    if (layout := figure.get_layout_engine()) is not None:  # once, and not again at each of the two drawings
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    return Picture(name, buffer.getvalue(), caption, section)
+
+
+def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
+    """Draw every figure of the report."""
+    worst = figures.worst_outputs(conclusion)
+    found = [
+        _picture(
+            figures.falling_error(conclusion),
+            "falling_error",
+            "The error of the model at each step; the effects have the numbers of the section below. "
+            + (
+                "Square marks: records that were held out and used for nothing but this comparison."
+                if conclusion.judged_on == "validate"
+                else "No record was held out, so this is the error on those that were fitted."
+            ),
+            "falling",
+        )
+    ]
+    for k, output in enumerate(worst[:2]):
+        found.append(
+            _picture(
+                figures.over_time(conclusion, evidence, output),
+                f"over_time_{k + 1}",
+                f"{output} ({figures.PART_WORDS[conclusion.judged_on]}): measurement and model over time; "
+                "what is left; and a closer look at the worst "
+                "stretch. Inside "
+                "the grey band nothing but the noise of the sensor is left.",
+                "where",
+            )
+        )
+    place = _named_place(conclusion, evidence)
+    if place and conclusion.baseline.system.places:
+        before = residuals_of(conclusion.baseline)
+        after = residuals_of(conclusion.final) if conclusion.final is not conclusion.baseline else None
+        if before.motions:
+            found.append(
+                _picture(
+                    figures.residual_against(before, after, place, worst[0]),
+                    "against_motion",
+                    f"{worst[0]}: what the model misses against speed and position at {place}. A step at "
+                    "zero speed is typical "
+                    "of dry friction, a slope of viscous friction, a hump over position of a place on the "
+                    "way.",
+                    "where",
+                )
+            )
+    found.append(
+        _picture(
+            figures.spectra(conclusion, evidence, worst[:2]),
+            "spectra",
+            "What is left of the error at each frequency. Where a line meets the dotted one, nothing but "
+            "noise is left.",
+            "where",
+        )
+    )
+    found += _score_pictures(conclusion)
+    shifts = figures_effects.parameter_shifts(conclusion)
+    if shifts is not None:
+        found.append(
+            _picture(
+                shifts,
+                "parameters",
+                "How far the fit moved each parameter from the value given. A parameter far outside the "
+                "grey band does the work of something that is missing.",
+                "parameters",
+            )
+        )
+    curve = conclusion.unknown
+    if curve is not None:
+        found.append(
+            _picture(
+                figures_effects.unknown_curve(curve),
+                "unknown_force",
+                "The force that would explain the error, as a curve.",
+                "missing",
+            )
+        )
+    return found
+
+
+def _named_place(conclusion: Conclusion, evidence: Evidence) -> str:
+    places = {p.name for p in conclusion.final.system.places}
+    named = [a.effect.where for a in conclusion.accepted if a.effect.where in places]
+    if named:
+        return named[0]
+    return (
+        str(evidence.before.connections[0]["place"])
+        if evidence.before.connections
+        else next(iter(places), "")
+    )
+
+
+def _score_pictures(conclusion: Conclusion) -> list[Picture]:
+    """Scores before anything was added, and after everything was."""
+    found = []
+    first, last = conclusion.baseline.scan, conclusion.final.scan
+    if first is not None and first.rows:
+        found.append(
+            _picture(
+                figures_effects.candidate_scores(first, title="Before anything was added"),
+                "candidates_before",
+                "How strongly each effect would show in what the recalibrated model misses. Bold: the best "
+                "of the "
+                "first look; the best few were then fitted in full, and the best of these was added. One "
+                "missing "
+                "effect makes others look present as well; that is why one is added at a time and everything "
+                "is looked at again.",
+                "else",
+            )
+        )
+    if last is not None and last.rows and last is not first:
+        found.append(
+            _picture(
+                figures_effects.candidate_scores(last, title="After everything was added"),
+                "candidates_after",
+                "The same after the last effect was added: bars that stay left of their mark are no more "
+                "than luck would "
+                "give.",
+                "hidden",
+            )
+        )
+    return found
+
+
+def render(conclusion: Conclusion, evidence: Evidence, drawn: list[Picture]) -> str:
+    """Return the page as HTML that needs nothing from outside."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("discrepancy", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    by_section: dict[str, list[Picture]] = {}
+    for picture in drawn:
+        by_section.setdefault(picture.section, []).append(picture)
+    return environment.get_template("report.html").render(
+        pictures=by_section, **content(conclusion, evidence)
+    )
+
+
+def write(conclusion: Conclusion, out: str | Path, evidence: Evidence | None = None) -> list[Path]:
+    """Write ``diagnosis.json``, ``report.html``, the figures as PNG and ``model.json`` into a folder.
+
+    A conclusion without a verdict (only compared, nothing asked) goes into ``comparison.json`` instead.
+
+    Parameters
+    ----------
+    conclusion : Conclusion
+    out : path
+        Made if it does not exist.
+    evidence : Evidence, optional
+        Worked out before; else it is made here.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+    """
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    evidence = evidence or evidence_of(conclusion)
+    paths, fault = _save_model(conclusion, out)
+    faults = dict.fromkeys(f for f in (fault, evidence.before.untold, evidence.after.untold) if f)
+    conclusion = replace(conclusion, warnings=(*conclusion.warnings, *faults))
+    name = "diagnosis.json" if conclusion.verdict in VERDICTS else "comparison.json"
+    paths.insert(0, save_diagnosis(conclusion, out / name, evidence))
+    drawn = pictures(conclusion, evidence)
+    page = out / "report.html"
+    page.write_text(render(conclusion, evidence, drawn), encoding="utf-8")
+    paths.insert(1, page)
+    for picture in drawn:
+        path = out / f"{picture.name}.png"
+        path.write_bytes(picture.png)
+        paths.append(path)
+    return paths
+
+
+def _save_model(conclusion: Conclusion, out: Path) -> tuple[list[Path], str]:
+    """Save the updated model, and that of every stage; one that cannot be saved does not cost the user the report."""
+    from multibody.base.errors import ModelError
+    from multibody.model.storage import save
+
+    try:
+        paths = [save(_machine(conclusion.final), out / "model.json")]
+        folder = out / "stages"
+        folder.mkdir(exist_ok=True)
+        for k, stage in enumerate(conclusion.stages):
+            paths.append(save(_machine(stage), folder / f"{k}.json"))
+        return paths, ""
+    except ModelError as error:
+        fault = f"the updated model was not saved as model.json: {error}"
+        _log.warning(fault)
+        return [], fault
+
+
+def _machine(stage: Stage) -> Model:
+    return stage.machine if stage.machine is not None else stage.model

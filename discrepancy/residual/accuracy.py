@@ -1,0 +1,93 @@
+"""How exactly and how long simulations run: as exactly as the noise asks for, and no explanation without end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from discrepancy.problem.problem import Setup
+    from estimation.response.experiment import Experiment
+    from multibody.system.system import System
+
+__all__ = ["TIMES", "bounded_effort", "tolerance"]
+
+TIMES = 100  # what the model as given takes, before a simulation is given up
+LEAST = 100_000  # evaluations that are always allowed: a model at rest takes next to none
+LOOSER = (1e-4, 1e-5)  # relative tolerances that are tried in the place of an experiment's own
+UNSEEN = 1e-3  # share of an output's noise below which an error of integration does no harm
+
+
+def bounded_effort(setup: Setup) -> Setup:
+    """Return a setup whose experiments are simulated as exactly as their noise asks for, and not without end.
+
+    A simulation that takes a hundred times the model as given is given up: friction that locks a drive against its own
+    load, or a spring a million times too stiff, can make one take hours.  A model that cannot be simulated as given
+    gets no bound: what is wrong with it is told where it is used.
+
+    Parameters
+    ----------
+    setup : Setup
+    """
+    from discrepancy.problem.problem import noise_floors
+    from multibody.base.errors import SimulationError
+
+    records = [*setup.identify, *setup.validate]
+    system = setup.model.build(probes=True, outputs=records[0].outputs)
+    p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
+    try:
+        found = [e.respond(system, p) for e in records]
+        rtol = tolerance(
+            records, system, p, [f.outputs for f in found], noise_floors(setup.identify, setup.noise)
+        )
+    except SimulationError:
+        return setup
+    bounded = [
+        replace(e, max_evaluations=TIMES * f.evaluations + LEAST, rtol=max(rtol, e.rtol))
+        for e, f in zip(records, found, strict=True)
+    ]
+    count = len(setup.identify)
+    return replace(setup, identify=tuple(bounded[:count]), validate=tuple(bounded[count:]))
+
+
+def tolerance(
+    records: Sequence[Experiment],
+    system: System,
+    p: np.ndarray,
+    exact: Sequence[np.ndarray],
+    noise: Mapping[str, float],
+) -> float:
+    """Return the loosest relative tolerance that changes no output by more than a thousandth of its noise.
+
+    Parameters
+    ----------
+    records : sequence of Experiment
+    system : System
+    p : ndarray, shape (n_p,)
+    exact : sequence of ndarray, shape (n, n_channels)
+        Outputs of each record at its own tolerance.
+    noise : mapping of str to float
+        Noise floor of each output, SI; where it is zero the experiments' own tolerance stays.
+
+    Returns
+    -------
+    float
+        One of `LOOSER`, or 0.
+    """
+    from multibody.base.errors import SimulationError
+
+    allowed = UNSEEN * np.array([noise.get(n, 0.0) for n in records[0].outputs])
+    for rtol in LOOSER:
+        for e, y in zip(records, exact, strict=True):
+            try:
+                change = replace(e, rtol=rtol).simulate(system, p) - y
+            except SimulationError:
+                break
+            if not np.all(np.sqrt(np.mean(change**2, axis=0)) <= allowed):
+                break
+        else:
+            return rtol
+    return 0.0

@@ -1,0 +1,388 @@
+"""What all virtual rigs have in common: settings, places and sizes of what can be hidden, a whole set of recordings.
+
+A rig of a machine is a subclass of `Rig` that says which model is under test, what is recorded, and how a trip is run;
+see `discrepancy.rigs.axis` and `vtsdt.rig.command`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from discrepancy.effects.catalogue import Entry, catalogue
+from discrepancy.effects.kinds import MotionRange
+from discrepancy.effects.uncatalogued_laws import OVER
+from discrepancy.rigs.hidden_effects import (
+    UNKNOWN,
+    Hidden,
+    Scale,
+    SignalScale,
+    choose,
+    draw_effect,
+    misstated,
+    unknown_effect,
+)
+from discrepancy.rigs.recording import (
+    BenchError,
+    Case,
+    Channel,
+    Disturbance,
+    Logger,
+    check_folder,
+    perturb,
+    record_of,
+    write_csv,
+    write_json,
+)
+from multibody.base.progress import silent
+
+if TYPE_CHECKING:
+    from estimation.fit.calibrate import UncertainParameter
+    from estimation.response.experiment import SensorError
+    from multibody.assembly.places import Place
+    from multibody.model.model import Model
+    from multibody.system.system import System
+    from multibody.system.trajectory import Trajectory
+
+__all__ = ["Progress", "Rig", "Run", "write_case"]
+
+Progress = Callable[[str], None]
+#: Name of a recording, its time stamps, and its columns as they are written.
+Run = tuple[str, np.ndarray, dict[str, np.ndarray]]
+
+
+#: Share of the widest motion of its kind below which a place counts as trembling.
+_TREMBLES = 1e-3
+
+
+@dataclass(frozen=True)
+class Rig:
+    """How a virtual rig is run; a subclass says of which machine.
+
+    Parameters
+    ----------
+    seed : int
+        Of everything that is drawn: trips, true parameters, disturbance, sensors, sizes of what is hidden.
+    trips : int
+        Records; a quarter of them, at least one, are for validation.
+    strength : float
+        Factor on the usual size of what is hidden.
+    disturbance : Disturbance
+        Force that no model describes.
+    logger : Logger
+    regularisation : float
+        Speed at which dry friction fades in the rig, as a share of that in the model.
+    over : {"position", "speed", "time"}
+        What an unknown force depends on.
+    duration : float, s
+        Of a record.
+    method, rtol
+        Integrator of the rig; the model under test is run with another.
+    strengths : mapping of str to mapping of str to float
+        Of what is hidden, by ``kind@where`` and name, SI, in the place of those that are drawn.
+    """
+
+    seed: int = 0
+    trips: int = 8
+    strength: float = 1.0
+    disturbance: Disturbance = field(default_factory=Disturbance)
+    logger: Logger = field(default_factory=Logger)
+    regularisation: float = 0.8
+    over: str = "position"
+    duration: float = 6.0
+    method: str = "Rodas5P"
+    rtol: float = 1e-8
+    strengths: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    #: Name of the machine, for messages and the truth.
+    machine: ClassVar[str]
+    #: Places to hide something at first where none is named.
+    prefer: ClassVar[tuple[str, ...]] = ()
+    #: Where a disturbance acts, and the force, N or N m, that shows clearly there beside it.
+    at: ClassVar[str]
+    force: ClassVar[float]
+    #: Errors of the signals that show clearly, SI.
+    visible: ClassVar[Mapping[str, float]]
+    #: States that start at an unknown value, and at zero.
+    free: ClassVar[tuple[str, ...]] = ()
+    still: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        if faults := self.faults():
+            raise BenchError(faults)
+
+    def faults(self) -> list[str]:
+        """Return what is wrong with the settings."""
+        faults = []
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
+            faults.append(f"seed is {self.seed!r}: give a whole number, zero or more")
+        if not 2 <= self.trips <= 99:
+            faults.append(f"trips is {self.trips}: give 2 to 99, because one at least is for validation")
+        if not (np.isfinite(self.strength) and self.strength > 0.0):
+            faults.append(f"strength is {self.strength}: give a factor above zero")
+        if not (np.isfinite(self.duration) and self.duration >= 3.0):
+            faults.append(f"duration is {self.duration} s: give 3 s or more, so that moves fit in")
+        if not self.regularisation > 0.0:
+            faults.append(f"regularisation is {self.regularisation}: give a factor above zero")
+        if self.over not in OVER:
+            faults.append(f"an unknown force can depend on {', '.join(OVER)}, not on '{self.over}'")
+        return faults
+
+    def stream(self, number: int) -> np.random.Generator:
+        """Return random numbers for one purpose: a change of one thing leaves all others as they are."""
+        return np.random.default_rng([int(self.seed), number])
+
+    # ---------------------------------------------------------------- what a machine says of itself
+
+    @property
+    def model(self) -> Model:
+        """The model under test."""
+        raise NotImplementedError
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What is recorded, inputs and outputs."""
+        raise NotImplementedError
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Recorded inputs of the model under test."""
+        raise NotImplementedError
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Measured outputs."""
+        raise NotImplementedError
+
+    @property
+    def uncertain(self) -> tuple[UncertainParameter, ...]:
+        """What calibration may move, with the priors from which the true values are drawn."""
+        raise NotImplementedError
+
+    @property
+    def starts(self) -> tuple[str, ...]:
+        """States of the model under test that start at an unknown value."""
+        return self.free
+
+    def nominal_runs(self, system: System, stamps: np.ndarray) -> list[Trajectory]:
+        """Return a few trips of the nominal model, whatever the seed, from which sizes follow."""
+        raise NotImplementedError
+
+    def record(
+        self,
+        perturbed: Mapping[str, float],
+        hidden: Sequence[Hidden],
+        errors: Sequence[SensorError],
+        names: Sequence[str],
+        progress: Progress,
+    ) -> tuple[Model, list[Run]]:
+        """Return the true model, and a run of the rig for each name."""
+        raise NotImplementedError
+
+    def more_truth(self) -> dict[str, Any]:
+        """Return what ``truth.json`` holds beside the rest."""
+        return {}
+
+    # ---------------------------------------------------------------- places and sizes
+
+    @property
+    def units(self) -> dict[str, str]:
+        """SI units of the recorded signals."""
+        return {c.signal: c.unit for c in self.channels}
+
+    def entries(self) -> list[Entry]:
+        """Return every effect that fits the machine."""
+        entries = catalogue(self.model.build(probes=True), self.outputs, self.inputs)
+        # What passes a spring by, such as a damper beside it, is no load of the spring.
+        return [e for e in entries if not (e.kind.needs == "load" and e.stiffness)]
+
+    def scales(self, entries: Sequence[Entry]) -> tuple[dict[str, Scale], dict[str, SignalScale]]:
+        """Return what is large at each place, and in each signal, of the nominal model, whatever the seed.
+
+        A place that does no more than tremble beside the others, as a machine's support does, is left out: what a
+        force there would have to be in order to be seen is no effect that one would look for.
+        """
+        places: dict[str, Place] = {e.where: e.place for e in entries if e.place is not None}
+        loads = {e.where: e.load for e in entries if e.load}
+        motion = {w: [f"place.{w}.{n}" for n, _ in p.motion_names()] for w, p in places.items()}
+        recorded = [n for n in self.outputs if n not in self.inputs]
+        wanted = [*recorded, *loads.values(), *(name for names in motion.values() for name in names)]
+        system = self.model.build(probes=True, outputs=wanted)
+        stamps = self.logger.stamps(self.duration)
+        runs = self.nominal_runs(system, stamps)
+
+        def all_of(name: str) -> np.ndarray:
+            return np.concatenate([r[name] for r in runs])
+
+        def rate_of(name: str) -> float:
+            return float(np.quantile(np.abs(np.concatenate([np.gradient(r[name], stamps) for r in runs])), 0.95))
+
+        found: dict[str, Scale] = {}
+        signals: dict[str, SignalScale] = {}
+        for n in (*self.outputs, *self.inputs):
+            floor = self.visible[n]  # a signal that stands still in these trips gets errors of its own size
+            span, rate = max(float(np.ptp(all_of(n))), floor), max(rate_of(n), floor)
+            signals[n] = SignalScale(floor, span, rate, self.duration)
+        usual = _fast(all_of(motion[self.at][1]))
+        reach = {w: float(np.ptp(all_of(motion[w][0]))) for w in places}
+        widest: dict[str, float] = {}
+        for where, place in places.items():
+            widest[place.domain] = max(widest.get(place.domain, 0.0), reach[where])
+        for where, place in places.items():
+            x, v, a = (all_of(n) for n in motion[where])
+            fast, hard = _fast(v), _fast(a)
+            key = next((e.stiffness for e in entries if e.where == where and e.stiffness), "")
+            if not key and reach[where] < _TREMBLES * widest[place.domain]:
+                continue
+            stiffness = float(system.p[system.index("parameter", key)]) if key else 0.0
+            span_ = MotionRange(float(x.min()), float(x.max()), fast, place.domain == "rotation", stiffness)
+            # The same power shows equally well wherever it is taken; in a spring, a share of its load does.
+            force = 0.25 * stiffness * span_.half if key else self.force * usual / fast
+            load = _fast(all_of(loads[where])) if where in loads else 0.0
+            found[where] = Scale(span_, hard, force, load, self.duration)
+        return found, signals
+
+    def shown(self) -> tuple[list[Entry], dict[str, Scale], dict[str, SignalScale]]:
+        """Return every effect that can be hidden, and what is large at its place or in its signal."""
+        entries = self.entries()
+        places, signals = self.scales(entries)
+        at_hand = [e for e in entries if e.kind.stated or e.where in (places if e.place is not None else signals)]
+        return at_hand, places, signals
+
+    def hidden(self, hide: Sequence[str], spread: float = 0.2) -> list[Hidden]:
+        """Return the effects that the rig gets, with sizes drawn within a share ``spread`` of the usual ones."""
+        if not hide:
+            return []
+        entries, places, signals = self.shown()
+        chosen = choose(hide, entries, self.machine, prefer=self.prefer)
+        found = []
+        for each in chosen:
+            where = each if isinstance(each, str) else each.where
+            named = f"{UNKNOWN}@{where}" if isinstance(each, str) else each.name
+            rng = np.random.default_rng([int(self.seed), 5, *named.encode()])
+            if isinstance(each, Entry) and each.kind.stated:
+                effect = misstated(each, rng, strength=self.strength, spread=spread)
+                found.append(Hidden(effect, where, stated=each.stated))
+                continue
+            at_place = isinstance(each, str) or each.place is not None
+            scale: Any = places[where] if at_place else signals[where]
+            if isinstance(each, str):
+                entry = next(e for e in entries if e.where == where and e.place is not None)
+                found.append(unknown_effect(entry, self.over, scale, rng, strength=self.strength, spread=spread))
+            else:
+                effect = draw_effect(
+                    each,
+                    scale,
+                    rng,
+                    strength=self.strength,
+                    regularisation=self.regularisation,
+                    spread=spread,
+                )
+                found.append(Hidden(effect, where))
+        return [self._as_given(h) for h in found]
+
+    def _as_given(self, hidden: Hidden) -> Hidden:
+        """Return an effect with the strengths that were given for it, if any."""
+        effect = hidden.effect
+        if effect is None or str(effect) not in self.strengths:
+            return hidden
+        given = self.strengths[str(effect)]
+        if unknown := set(given) - set(effect.strengths):
+            raise BenchError([f"strengths of {effect}: there is no '{n}'" for n in sorted(unknown)])
+        return replace(hidden, effect=replace(effect, strengths={**effect.strengths, **given}))
+
+    def list(self) -> list[dict[str, Any]]:
+        """Return everything that can be hidden, as ``truth.json`` would hold it, at its usual size."""
+        entries = self.shown()[0]
+        names = [e.name for e in entries]
+        names += [f"{UNKNOWN}@{w}" for w in dict.fromkeys(e.where for e in entries if e.kind.at == "connection")]
+        return [h.truth(self.units) for h in self.hidden(names, spread=0.0)]
+
+    # ---------------------------------------------------------------- recordings
+
+    def case(self, hide: Sequence[str] = (), progress: Progress = silent) -> Case:
+        """Return the model under test, recordings of the rig, and the truth.
+
+        Parameters
+        ----------
+        hide : sequence of str
+            ``KIND`` or ``KIND@WHERE``.
+        progress : callable
+            Gets a line of text for each trip.
+
+        Raises
+        ------
+        BenchError
+            With every effect that does not fit.
+        """
+        hidden, uncertain = self.hidden(hide), self.uncertain
+        perturbed = perturb(uncertain, self.stream(1))
+        held = max(1, self.trips // 4)
+        split = self.trips - held
+        names = [f"identify_{k + 1:02d}" for k in range(split)]
+        names += [f"validate_{k + 1:02d}" for k in range(held)]
+        errors = [e for h in hidden if h.effect is not None and (e := h.effect.sensor_error()) is not None]
+        true_model, runs = self.record(perturbed, hidden, errors, names, progress)
+        records = [record_of(n, Path(f"{n}.csv.gz"), stamps, columns, self.channels) for n, stamps, columns in runs]
+        truth = {
+            "synthetic": True,
+            "machine": self.machine,
+            "seed": int(self.seed),
+            "effects": [h.truth(self.units) for h in hidden],
+            "perturbed": {u.name: {"value": perturbed[u.name], "nominal": u.value, "unit": u.unit} for u in uncertain},
+            "disturbance": {"where": self.at, "rms": {"value": self.disturbance.size, "unit": "N"}},
+            "strength": self.strength,
+            "regularisation": self.regularisation,
+            **self.more_truth(),
+        }
+        return Case(
+            self.model,
+            uncertain,
+            self.inputs,
+            self.outputs,
+            tuple(records[:split]),
+            tuple(records[split:]),
+            self.starts,
+            self.still,
+            truth,
+            true_model,
+            self.channels,
+        )
+
+
+def write_case(out: str | os.PathLike[str], case: Case, texts: Mapping[str, str]) -> Path:
+    """Write a case into a folder: recordings, the truth, and texts by file name, ``study.toml`` among them.
+
+    Returns
+    -------
+    Path
+        The study file.
+
+    Raises
+    ------
+    BenchError
+        If the folder cannot be made.
+    """
+    folder = check_folder(out)
+    for record in (*case.identify, *case.validate):
+        columns = {c.column: _as_read(record.signals[c.signal].values, c) for c in case.channels}
+        write_csv(folder / record.path.name, np.asarray(record.time), columns)
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    write_json(folder / "truth.json", case.truth)
+    return folder / "study.toml"
+
+
+def _fast(values: np.ndarray) -> float:
+    return float(np.quantile(np.abs(values), 0.95))
+
+
+def _as_read(values: np.ndarray, channel: Channel) -> np.ndarray:
+    from multibody.base.units import convert
+
+    return np.asarray(convert(values, channel.unit, channel.measured_unit))

@@ -1,0 +1,333 @@
+"""One step of the search: score every candidate, refit the best in full simulation, keep one or none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.effects.catalogue import Entry, catalogue
+from discrepancy.effects.effect import Effect
+from discrepancy.effects.from_scan_row import effect_of, simpler_in
+from discrepancy.effects.kinds import kind_named
+from discrepancy.search.model_comparison import bic_difference, matters, taken
+from discrepancy.search.trial_fits import Refit, best_of, fits_with
+from discrepancy.sensitivities.candidates import candidate_columns, cannot_be_built
+from discrepancy.sensitivities.disturbance import facts_of
+from discrepancy.stages.prior_conflict import brings_back
+from discrepancy.stages.stage import Accepted, Rival, Stage
+from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
+from estimation.signals.preparation import Preparation
+from multibody.base.errors import ModelError
+from multibody.base.parallel import side_by_side
+
+if TYPE_CHECKING:
+    from discrepancy.statistics.scan import ScanResult
+    from discrepancy.statistics.verdicts import Row
+
+__all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scan_preparation", "scored", "search_step"]
+
+SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
+FINALISTS = 3
+LOOKS = 5  # plain scan, whitened scan, pairs, free curves, omnibus test: each gets a share of the level
+TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
+ALIKE = 0.98  # correlation of what two effects change from which the scan alone can say that they are a tie; chosen
+TWINS = 0.999  # the same from which twice as much as `TIE` does not tell fits on trial apart; chosen
+SAME = 0.9999  # the same from which a refit of the second would tell nothing; chosen
+MOST = 0.8  # share of a richer law's gain that makes the simpler law in it the first answer
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What one step of the search found.
+
+    Parameters
+    ----------
+    scans : tuple of ScanResult
+        Scores of all candidates, plainly weighed; then whitened, where that was asked as well.
+    accepted : Accepted or None
+    stage : Stage or None
+        With the accepted effect in it.
+    refused : tuple of (Entry, str)
+        Candidates that these records cannot speak about.
+    slight : tuple of Row
+        Candidates with which the refitted model is the better one, by too little to matter.
+    first : tuple of (Accepted, Stage), optional
+        Of two effects that hide each other the one that is added first, and the stage with it alone; the accepted one
+        comes after it (`discrepancy.search.look_ahead`).
+    """
+
+    scans: tuple[ScanResult, ...]
+    accepted: Accepted | None
+    stage: Stage | None
+    refused: tuple[tuple[Entry, str], ...]
+    slight: tuple[Row, ...] = ()
+    first: tuple[Accepted, Stage] | None = None
+
+    @property
+    def scan(self) -> ScanResult:
+        """The first of the scans."""
+        return self.scans[0]
+
+    @property
+    def added(self) -> tuple[Accepted, ...]:
+        """What the step adds, in that order."""
+        last = () if self.accepted is None else (self.accepted,)
+        return last if self.first is None else (self.first[0], *last)
+
+
+def scan_preparation(stage: Stage) -> Preparation:
+    """Return the preparation for a scan: that of the study, decimated further where there are many samples."""
+    fits = stage.identify.fits
+    given = fits[0].experiment.preparation
+    rows = sum(f.residual.size for f in fits)
+    factor = max(1, int(np.ceil(rows / SCAN_ROWS)))
+    shortest = min(f.residual.shape[0] for f in fits)
+    factor = min(factor, max(1, shortest // 200))
+    if factor == 1:
+        return given
+    return Preparation(
+        given.start,
+        given.stop,
+        given.low_pass_hz
+        if given.low_pass_hz is not None
+        and given.low_pass_hz * 2 * factor * given.decimate < fits[0].experiment.record.rate
+        else None,
+        given.decimate * factor,
+        given.edge,
+    )
+
+
+def scored(
+    stage: Stage,
+    *,
+    include: Sequence[str],
+    exclude: Sequence[str],
+    level: float,
+    seed: int,
+    progress: Callable[[str], None],
+) -> tuple[list[ScanResult], list[Candidate], list[tuple[Entry, str]]]:
+    """Return the scans of a stage's residual, what was scored, and what these records cannot speak about.
+
+    Parameters as of `search_step`.
+    """
+    facts = facts_of(stage, scan_preparation(stage))
+    experiment = stage.identify.fits[0].experiment
+    entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
+    candidates, refused = candidate_columns(facts, entries, progress, stage.effects, curves=not stage.effects)
+    residual, sensitivities = facts.residual(), facts.sensitivities()
+    progress(f"scores of {len(candidates)} candidates")
+    return _scans(residual, sensitivities, candidates, level, seed, stage.noise), candidates, refused
+
+
+def search_step(
+    stage: Stage,
+    refit: Refit,
+    *,
+    include: Sequence[str],
+    exclude: Sequence[str],
+    level: float,
+    seed: int,
+    progress: Callable[[str], None] = lambda text: None,
+) -> Step:
+    """Score all candidates on a stage's residual and try the best of them.
+
+    Parameters
+    ----------
+    stage : Stage
+    refit : callable
+        See `discrepancy.search.trial_fits.Refit`.
+    include, exclude : sequence of str
+    level : float
+        Family-wise level.
+    seed : int
+    progress : callable
+    """
+    scans, candidates, refused = scored(
+        stage, include=include, exclude=exclude, level=level, seed=seed, progress=progress
+    )
+    rows = _finalists(scans, [c.name for c in candidates], stage.effects)
+    if not rows:
+        return Step(tuple(scans), None, None, tuple(refused))
+    by_name = {c.name: c for c in candidates}
+
+    def trial(row: Row) -> Stage | ModelError | None:
+        candidate = by_name[row.name]
+        entry: Entry = candidate.info["entry"]
+        simpler = simpler_in(stage.effects, row.kind, row.where)
+        effect = effect_of(entry, row, stage.effects, simpler)
+        progress(f"refit with {effect}" + (f" in the place of {simpler[0]}" if simpler else ""))
+        found = best_of(fits_with(refit, entry, row, candidate.shapes, stage.effects, simpler), stage, progress)
+        if isinstance(found, Stage) and simpler and not entry.kind.by_direction and bic_difference(found, stage) >= 0.0:
+            beside = partial(refit, effect_of(entry, row, stage.effects), ())  # not in their place: is it beside them?
+            found = best_of([beside], stage, progress)
+        return found
+
+    tried: list[tuple[Stage, Row]] = []
+    slight: list[Row] = []
+
+    def look_at(some: Sequence[Row]) -> None:
+        for row, found in zip(some, side_by_side(trial, some), strict=True):
+            if isinstance(found, ModelError):
+                refused.append((by_name[row.name].info["entry"], cannot_be_built(found)))
+            elif found is not None and bic_difference(found, stage) < 0.0:
+                if matters(found, stage) or brings_back(found.identify, stage.identify):
+                    tried.append((found, row))
+                else:
+                    slight.append(row)
+        tried.sort(key=lambda t: bic_difference(t[0], stage))
+
+    look_at(rows)
+    if not tried:
+        return Step(tuple(scans), None, None, tuple(refused), tuple(slight))
+    p_value = min(1.0, LOOKS * tried[0][1].p)
+    if taken(tried[0][0], stage) < MOST:
+        look_at(_bent(scans[-1], tried[0][1].where, [r.name for r in rows]))
+    tried = _simplest_first(tried, stage)
+    best, row = tried[0]
+    p_value = min(p_value, LOOKS * row.p)
+    rivals = _rivals(best, stage, tried[1:], scans, row.name)
+    accepted = Accepted(best.effects[-1], p_value, bic_difference(best, stage), rivals)
+    return Step(tuple(scans), accepted, best, tuple(refused), tuple(slight))
+
+
+def _scans(
+    residual: Residual,
+    sensitivities: Sensitivities,
+    candidates: Sequence[Candidate],
+    level: float,
+    seed: int,
+    noise: Mapping[str, float],
+) -> list[ScanResult]:
+    """Scan plainly weighed, which effects that are only roughly known survive; then whitened, which sees small ones.
+
+    Each scan gets its share of the level, as the free curves and the omnibus test do, so that all together keep it.
+    Where what is left remembers so long that there are few independent pieces of it, nothing shows what luck could do
+    to the plain scan, as with a disturbance that adds up along the record: only the whitened one is asked.
+    """
+    from discrepancy.statistics.scan import scan
+    from discrepancy.statistics.verdicts import Verdict
+    from discrepancy.statistics.whitened import plainly_weighed
+
+    plain = plainly_weighed(residual, sensitivities, candidates)
+
+    def scanned(whiten: bool) -> ScanResult:
+        return scan(
+            residual, sensitivities, candidates, level=level / LOOKS, seed=seed,
+            noise_floor=[noise[c] for c in residual.channels], whiten=whiten, plain=plain,
+        )  # fmt: skip
+
+    first = scanned(whiten=False)
+    if first.null.pieces.few:
+        return [scanned(whiten=True)]
+    if any(r.verdict is Verdict.MISSING for r in first.rows):
+        return [first]
+    return [first, scanned(whiten=True)]
+
+
+def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Sequence[Effect]) -> list[Row]:
+    """Return the significant candidates worth a refit, best first.
+
+    Each brings the simpler kinds that it contains with it.  Significant richer kinds of the effects that are in the
+    model already are tried as well, however little they explain: a law that was only the first answer may be what is
+    wrong.
+    """
+    from discrepancy.statistics.verdicts import Verdict
+
+    scan = scans[-1]
+    significant = sorted((r for r in scan.rows if r.verdict is Verdict.MISSING), key=lambda r: r.delta_bic)
+    if not significant:
+        return []
+    worth = _unlike(scan, [r for r in significant if r.error_drop > 0.5 * significant[0].error_drop], effects)
+    simpler = [f"{kind}@{r.where}" for r in worth for kind in kind_named(r.kind).contains]
+    names = [r.name for r in worth]
+    richer = [r.name for r in significant if simpler_in(effects, r.kind, r.where)]
+    more = dict.fromkeys([*simpler, *richer])
+    names += [n for n in more if n not in names and n in known and n not in scan.refused]
+    return [scan[n] for n in names]
+
+
+def _unlike(scan: ScanResult, rows: Sequence[Row], effects: Sequence[Effect]) -> list[Row]:
+    """Return the first `FINALISTS` of some candidates that do not all but change what another of them does.
+
+    Of those that do, the one stays at whose place something was found already, else the first.
+    """
+    known = {e.where for e in effects}
+    left = list(rows)
+    kept: list[Row] = []
+    while left and len(kept) < FINALISTS:
+        ties = scan.ties_of(left[0].name)
+        alike = (*ties.same_kind, *ties.other_kind) if ties is not None else ()
+        same = {left[0].name, *(t.name for t in alike if t.correlation >= SAME)}
+        kept.append(next((r for r in left if r.name in same and r.where in known), left[0]))
+        left = [r for r in left if r.name not in same]
+    return kept
+
+
+def _bent(scan: ScanResult, where: str, known: Sequence[str]) -> list[Row]:
+    """Return the kinds at a place that are not linear in their strength: a scan along straight lines misjudges them."""
+    return [r for r in scan.rows if r.where == where and r.name not in known and not kind_named(r.kind).linear]
+
+
+def _richer(kind: str, best: Stage) -> bool:
+    """Tell whether a kind has the accepted effect in it, or more strengths: it may be the same with more freedom."""
+    simple = best.effects[-1]
+    return simple.kind in kind_named(kind).contains or len(kind_named(kind).strengths) > len(simple.strengths)
+
+
+def _simplest_first(tried: list[tuple[Stage, Row]], stage: Stage) -> list[tuple[Stage, Row]]:
+    """Put first the simplest explanation that the records do not tell from the best, or that does most of its work.
+
+    A law with more freedom always fits a little better, because no law is exact.  Where a simpler law that it contains
+    takes nearly as much of the error away, that one is the answer to this step; if the rest matters, the next step
+    finds it, and what has become idle is then taken out.
+    """
+    best = tried[0][0]
+    least = bic_difference(best, stage)
+    close = [t for t in tried if bic_difference(t[0], stage) - least < TIE]
+    known = {e.where for e in stage.effects}  # of two places that look the same, the one where something was found
+    first = min(close, key=lambda t: (_size(t), t[1].where not in known))
+    inside = [
+        t
+        for t in tried
+        if t[1].kind in first[0].effects[-1].definition.contains
+        and t[1].where == first[1].where
+        and taken(t[0], stage) >= MOST * taken(first[0], stage)
+    ]
+    first = inside[0] if inside else first
+    return [first, *(t for t in tried if t is not first)]
+
+
+def _size(tried: tuple[Stage, Row]) -> tuple[int, int, int]:
+    """Return what makes an explanation long: strengths and effects of its model, and what its last law contains."""
+    effects = tried[0].effects
+    return sum(len(e.strengths) for e in effects), len(effects), len(effects[-1].definition.contains)
+
+
+def _rivals(
+    best: Stage, stage: Stage, others: Sequence[tuple[Stage, Row]], scans: Sequence[ScanResult], name: str
+) -> tuple[Rival, ...]:
+    """Return the other explanations: refitted finalists, and what the scan cannot tell apart or ranks next."""
+    found: dict[str, Rival] = {}
+    alike = [t for scan in scans if (ties := scan.ties_of(name)) for t in (*ties.same_kind, *ties.other_kind)]
+    twins = {t.name for t in alike if t.correlation >= TWINS}
+    for other, row in others:
+        difference = bic_difference(other, stage) - bic_difference(best, stage)
+        # fits on trial end a few of BIC apart, even of what is all but the same
+        close = difference < (2.0 * TIE if row.name in twins else TIE)
+        found[row.name] = Rival(row.kind, row.where, float(difference), True, close and not _richer(row.kind, best))
+    for tie in alike:
+        # a part of the accepted effect lies in its span as well, but explains less
+        same = tie.correlation >= ALIKE and abs(2.0 * tie.gain_deficit) < TIE
+        if tie.name not in found and same and not _richer(tie.kind, best):
+            found[tie.name] = Rival(tie.kind, tie.where, 2.0 * tie.gain_deficit, False, True)
+    plain = scans[0]
+    if name not in plain.refused:
+        top = plain[name]
+        for row in sorted(plain.rows, key=lambda r: -r.error_drop)[:8]:
+            if row.name != name and row.name not in found:
+                found[row.name] = Rival(row.kind, row.where, float(row.delta_bic - top.delta_bic), False, False)
+    return tuple(sorted(found.values(), key=lambda r: r.delta_bic))

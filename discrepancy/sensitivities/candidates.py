@@ -1,0 +1,261 @@
+"""How every candidate effect would change the outputs: its force along the motion, carried through the machine.
+
+A connection's effect is a force between two sides.  Its law is evaluated along the simulated motion at unit
+strength, and the force is then sent through the exact linearisation of the machine along that motion.  Nothing has
+to be compiled for it, and hundreds of candidates and shapes cost one integration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from discrepancy.effects.catalogue import Entry
+from discrepancy.effects.effect import Effect
+from discrepancy.effects.from_scan_row import DIFFERENCE, differs_from
+from discrepancy.effects.kinds import MotionRange
+from discrepancy.effects.law_along_motion import MOTION, law_forces
+from discrepancy.sensitivities.built_in import Plan, changes_of, integrated_columns
+from discrepancy.sensitivities.curves import curve_columns, free_curves
+from discrepancy.sensitivities.finite_amplitude import far_away, secant_columns, takes_secants
+from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.statistics.blocks import Candidate
+from estimation.response.experiment import Experiment
+from estimation.response.perturbation_response import forget, response_of, worth_it
+from estimation.response.perturbations import Change, Push
+from multibody.base.errors import ModelError
+from multibody.base.parallel import cores, side_by_side
+
+__all__ = ["candidate_columns", "cannot_be_built"]
+
+STILL = 1e-12  # share of its value by which an input that is held may vary
+
+
+def _small_strength(motion: MotionRange) -> float:
+    """A strength at which a creep that is not linear in it is looked at: small, but visible."""
+    return 0.01 / max(motion.scale, 1e-300)
+
+
+def candidate_columns(
+    facts: Confrontation,
+    entries: Sequence[Entry],
+    progress: Any = None,
+    effects: Sequence[Effect] = (),
+    *,
+    curves: bool = False,
+) -> tuple[list[Candidate], list[tuple[Entry, str]]]:
+    """Return the candidates with their columns, and the entries that these records cannot speak about.
+
+    Parameters
+    ----------
+    facts : Confrontation
+    entries : sequence of Entry
+    progress : callable, optional
+        Gets a line of text now and then.
+    effects : sequence of Effect
+        What has been added to the model: of a richer law of one of them only what is new is a candidate.
+    curves : bool
+        Whether the free curves will be asked about as well: their columns then come from the same transitions.
+    """
+    refused: list[tuple[Entry, str]] = []
+    plans: list[Plan] = []
+    facts.simulate()
+    for entry in entries:
+        if entry.kind.at == "connection":
+            motion = facts.range_of(entry)
+            if motion.speed <= 0.0 or motion.half < 1e-12:
+                refused.append((entry, "this connection does not move in these records"))
+                continue
+            if entry.load and (why := _no_model(facts, entry)):
+                refused.append((entry, why))
+                continue
+            plans.append((entry, entry.kind.shape_grid(motion), list(entry.kind.strengths)))
+        elif why := _calibrated(facts, entry):
+            refused.append((entry, why))
+        elif entry.kind.component_shapes is not None:
+            owner, ending = entry.kind.owner_of(entry.where)
+            part = facts.system.model.components[owner]
+            plans.append((entry, entry.kind.component_shapes(part, ending), list(entry.kind.strengths)))
+        else:
+            plans.append((entry, [{}], list(entry.kind.strengths)))
+    columns = _all_columns(facts, plans, progress, curves)
+    found: list[Candidate] = []
+    far = far_away(facts)
+    for entry, shapes, strengths in plans:
+        cols = [columns[entry.name, k] for k in range(len(shapes))]
+        if far and takes_secants(entry):
+            if progress is not None:
+                progress(f"simulate {entry.name} at strengths that matter: the model is far from the machine")
+            bent = secant_columns(facts, entry, shapes, cols)
+            shapes, cols = [*shapes, *(s for s, _ in bent)], [*cols, *(c for _, c in bent)]
+        quiet = [not any(np.any(b) for b in shape) for shape in cols]
+        if all(quiet):
+            refused.append((entry, "it would not change any measured output of these records"))
+            continue
+        kept = [k for k, q in enumerate(quiet) if not q]
+        one_sided = entry.kind.one_sided
+        if differs_from(effects, entry.kind, entry.where):
+            cols = [[c[:, :, :1] - c[:, :, 1:] for c in shape] for shape in cols]
+            strengths, one_sided = [DIFFERENCE], False
+        found.append(
+            Candidate(
+                entry.kind.name,
+                entry.where,
+                tuple(tuple(cols[k]) for k in kept),
+                tuple(shapes[k] for k in kept),
+                one_sided=one_sided,
+                amplitudes=tuple(strengths),
+                info={"entry": entry},
+            )
+        )
+    return found, refused
+
+
+def _all_columns(
+    facts: Confrontation, plans: Sequence[Plan], progress: Any, curves: bool
+) -> dict[tuple[str, int], list[np.ndarray]]:
+    """Return the columns of every candidate, record by record, side by side."""
+    through = [c.channel for c in free_curves(facts)] if curves else []
+
+    def of(i: int) -> dict[tuple[str, int], np.ndarray]:
+        if progress is not None:
+            progress(f"sensitivities of {len(plans)} candidates on {facts.experiments[i].name}")
+        return _record_columns(facts, i, plans, through)
+
+    count = len(facts.experiments)
+    first = of(0)  # what it compiles and builds serves the others
+    found = [first, *side_by_side(of, range(1, count))]
+    return {key: [each[key] for each in found] for key in first}
+
+
+def cannot_be_built(error: ModelError) -> str:
+    """Say in a sentence why a model cannot take an effect."""
+    return f"the model with it cannot be built: {'; '.join(error.faults)}"
+
+
+def _no_model(facts: Confrontation, entry: Entry) -> str:
+    """Return why the model cannot take an effect that needs a load, or an empty text.
+
+    Where the load is itself worked out from the force that is asked for (a given motion needs it), the two would
+    depend on each other at the same instant.
+    """
+    assert entry.place is not None
+    effect = Effect.at_place(entry.kind.name, entry.place, load=entry.load, number=99)
+    try:
+        effect.added_to(facts.system.model).build(probes=True)
+    except ModelError as error:
+        return cannot_be_built(error)
+    return ""
+
+
+def _calibrated(facts: Confrontation, entry: Entry) -> str:
+    """Return why a value of the model is no candidate where calibration moves it, or an empty text."""
+    if entry.kind.at != "parameter":
+        return ""
+    owner, ending = entry.kind.owner_of(entry.where)
+    names = [f"{owner}.{n}{ending}" for n in entry.kind.strengths]
+    calibration = facts.calibration
+    moved = {q.name for q in calibration.parameters} - set(calibration.not_excited)
+    return f"not identifiable: {' and '.join(names)} can imitate it entirely" if set(names) <= moved else ""
+
+
+def _record_columns(
+    facts: Confrontation,
+    index: int,
+    plans: Sequence[Plan],
+    curves: Sequence[str] = (),
+) -> dict[tuple[str, int], np.ndarray]:
+    """Return one record's columns of every candidate and shape; those of free curves, if any, stay with the facts."""
+    experiment = facts.experiments[index]
+    time = np.array(experiment.record.time)
+    run = facts.motions(index)
+    pushes: list[Push | Change] = []
+    wanted: list[tuple[tuple[str, int], int]] = []
+    sensors: dict[tuple[str, int], np.ndarray] = {}
+    built_in: list[Plan] = []
+    for entry, shapes, strengths in plans:
+        if entry.kind.at == "connection":
+            forces = _forces(facts, entry, run, time, shapes, strengths)
+            for k, group in enumerate(forces):
+                for force in group:
+                    wanted.append(((entry.name, k), len(pushes)))
+                    pushes.append(Push(f"probe.{entry.where}", force))
+        elif entry.kind.at == "input":
+            u = experiment.record.signals[entry.where].values
+            still = np.ptp(u) <= STILL * np.max(np.abs(u))  # its rate is nothing but rounding
+            late = np.zeros_like(time) if still else -np.gradient(u, time)
+            shape = {"offset": np.ones_like(time), "gain": u, "delay": late}[entry.kind.law]
+            wanted.append(((entry.name, 0), len(pushes)))
+            pushes.append(Push(entry.where, shape))
+        elif entry.kind.at == "parameter":
+            built_in.append((entry, shapes, strengths))
+        else:
+            sensors[entry.name, 0] = _sensor_column(experiment, run, time, entry)
+    start = facts.start(index)
+    carried, integrated = changes_of(built_in, facts.slim)
+    together = worth_it(facts.slim, [*pushes, *(change for _, change in carried)])
+    if together:
+        wanted += [(key, len(pushes) + k) for k, (key, _) in enumerate(carried)]
+        pushes += [change for _, change in carried]
+        response_of(experiment, facts.slim, facts.p, start, pushes, curves)  # for all batches at once
+    else:
+        integrated = [*carried, *integrated]
+    parts: dict[tuple[str, int], list[np.ndarray]] = {}
+    batch = 192  # limits memory
+    for first in range(0, len(pushes), batch):
+        part = pushes[first : first + batch]
+        dy = experiment.respond(
+            facts.slim, facts.p, start, pushes=part, sensors=facts.sensors, batch=batch, workers=cores()
+        ).derivatives
+        for key, k in wanted:
+            if first <= k < first + batch:
+                parts.setdefault(key, []).append(dy[:, :, k - first])
+    if together and curves:
+        curve_columns(facts, index)
+    forget(experiment)
+    for key, column in integrated_columns(facts, index, integrated):
+        parts.setdefault(key, []).append(column)
+    columns = {key: np.stack(group, axis=2) for key, group in parts.items()} | sensors
+    return {key: facts.shaped(index, column) for key, column in columns.items()}
+
+
+def _forces(
+    facts: Confrontation,
+    entry: Entry,
+    run: dict[str, np.ndarray],
+    time: np.ndarray,
+    shapes: list[dict[str, float]],
+    strengths: list[str],
+) -> list[list[np.ndarray]]:
+    assert entry.place is not None
+    names = [n for n, _ in entry.place.motion_names()]
+    motion = {
+        general: run[f"place.{entry.where}.{own}"]
+        for general, own in zip(MOTION, names, strict=True)
+        if f"place.{entry.where}.{own}" in run
+    }
+    if entry.load:
+        motion["load"] = run[entry.load]
+    sizes = [1.0 if entry.kind.linear else full.get("secant", 0.0) for full in shapes]
+    sizes = [size or _small_strength(facts.range_of(entry)) for size in sizes]
+    every = [
+        ({k: v for k, v in full.items() if k != "secant"}, {n: (size if n == name else 0.0) for n in strengths})
+        for full, size in zip(shapes, sizes, strict=True)
+        for name in strengths
+    ]
+    found = law_forces(entry.kind, time, motion, [s for s, _ in every], [s for _, s in every])
+    grouped = found.reshape(len(shapes), len(strengths), time.size)
+    return [list(group / size) for group, size in zip(grouped, sizes, strict=True)]
+
+
+def _sensor_column(experiment: Experiment, run: dict[str, np.ndarray], time: np.ndarray, entry: Entry) -> np.ndarray:
+    y = run[entry.where]
+    shape = {"offset": np.ones_like(time), "gain": y, "drift": time - time[0], "delay": -np.gradient(y, time)}[
+        entry.kind.law
+    ]
+    prepared = experiment.preparation.apply(time, shape)[1]
+    full = np.zeros((prepared.size, len(experiment.outputs), 1))
+    full[:, experiment.outputs.index(entry.where), 0] = prepared
+    return full

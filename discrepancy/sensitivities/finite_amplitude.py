@@ -1,0 +1,210 @@
+"""Columns of dry friction where the model is far from the machine: secants at strengths that matter.
+
+The derivative at strength zero says what a little friction would do to the motion that the model makes.  Where the
+machine comes to rest and the model swings on, that is another motion, and the derivative grows where the machine
+stands.  There the change that a friction of a real size makes in a full simulation, per strength, takes its place: at
+several sizes, as points of the shape grid, in the scan and in its null alike.  Most tight spots and small frictions
+change the motion too little for that: their columns point where the derivative does, and nothing is gained by more of
+them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.effects.effect import Effect, law_class
+from discrepancy.effects.laws import DryLaw
+from multibody.base.parallel import side_by_side
+
+if TYPE_CHECKING:
+    from discrepancy.effects.catalogue import Entry
+    from discrepancy.sensitivities.linearised_problem import Confrontation
+    from multibody.system.system import System
+
+__all__ = ["bent", "far_away", "secant_columns", "takes_secants"]
+
+#: a column, record by record
+Blocks = Sequence[np.ndarray]
+
+FAR = 0.4  # size of the residual over the spread of what was measured, beyond which a derivative at zero misleads
+ALIKE = 1e-3  # share of a column's energy beyond which its direction is another's; neighbours in SIZES differ by more
+SIZES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # strengths, over the force that the connection's motion takes
+
+
+def far_away(facts: Confrontation) -> bool:
+    """Tell whether the model misses most of what some output does."""
+    residual = np.concatenate(facts.residual().blocks)
+    spread = np.std(np.concatenate([e.measured for e in facts.experiments]), axis=0)
+    error = np.sqrt(np.mean(residual**2, axis=0))
+    return bool(np.any(error > FAR * np.maximum(spread, 1e-300)))
+
+
+def takes_secants(entry: Entry) -> bool:
+    """Tell whether an effect is a dry friction of one strength, which can bring a machine to rest."""
+    kind = entry.kind
+    return (
+        kind.at == "connection"
+        and kind.linear
+        and kind.one_sided
+        and len(kind.strengths) == 1
+        and (kind.law == "Hysteresis" or issubclass(law_class(kind, entry.place.domain), DryLaw))  # type: ignore[union-attr]
+    )
+
+
+def force_scale(facts: Confrontation, entry: Entry) -> float:
+    """Return the force or torque that a connection's own motion takes: its inertia there times its acceleration."""
+    place = entry.place
+    assert place is not None
+    speed = f"place.{entry.where}.{place.motion_names()[1][0]}"
+    most = 0.0
+    for i, experiment in enumerate(facts.experiments):
+        time = np.array(experiment.record.time)
+        acceleration = np.gradient(facts.motions(i)[speed], time)
+        most = max(most, float(np.sqrt(np.mean(acceleration**2))))
+    x, probe = facts.start(0), facts.system.index("input", f"probe.{entry.where}")
+    step = facts.system.jacobian("u", 0.0, x, None, facts.p)[:, probe]
+    slope = facts.system.jacobian("x", 0.0, x, None, facts.p, of="outputs")[facts.system.index("output", speed)]
+    by_force = abs(float(slope @ step))
+    return most / by_force if by_force > 0.0 else 0.0
+
+
+def secant_columns(
+    facts: Confrontation,
+    entry: Entry,
+    shapes: Sequence[dict[str, float]],
+    straight: Sequence[Sequence[np.ndarray]],
+) -> list[tuple[dict[str, float], list[np.ndarray]]]:
+    """Return shapes with their ``secant`` strength, and for each the columns of every record, (n, n_channels, 1).
+
+    Strengths with which a record cannot be simulated are left out, and those whose column points where that of a
+    smaller strength points: scores know directions only.  Of each shape one is kept at least.  Where the columns of two
+    strengths point the same way, those of the strengths between them are taken to do so too and are not simulated; the
+    derivative counts as the column of strength zero.
+
+    Parameters
+    ----------
+    facts : Confrontation
+    entry : Entry
+        An effect that `takes_secants`.
+    shapes : sequence of dict
+        Points of its shape grid.
+    straight : sequence of sequence of ndarray, shape (n, n_channels, 1)
+        Derivatives at strength zero, of each shape for each record.
+    """
+    from multibody.base.errors import ModelError, SimulationError
+
+    scale = force_scale(facts, entry)
+    if scale <= 0.0:
+        return []
+    name = entry.kind.strengths[0]
+    effect = Effect.at_place(entry.kind.name, entry.place, shape=shapes[0], load=entry.load, number=98)  # type: ignore[arg-type]
+    try:
+        system = effect.added_to(facts.system.model).build(probes=True, outputs=facts.experiments[0].outputs)
+    except ModelError:
+        return []
+    base, records = _parameters(facts, system), range(len(facts.experiments))
+    without = side_by_side(lambda i: _outputs(facts, i, system, base), records)
+
+    strengths = [size * scale for size in SIZES]
+
+    def columns_of(shape: dict[str, float]) -> Callable[[int], Blocks | None]:
+        def column(k: int) -> Blocks | None:
+            p = base.copy()
+            for key, value in {**shape, name: strengths[k]}.items():
+                p[system.index("parameter", effect.parameter_name(key))] = value
+            try:
+                changed = side_by_side(lambda i: _outputs(facts, i, system, p), records)
+            except SimulationError:
+                return None
+            blocks = [facts.shaped(i, (changed[i] - without[i])[:, :, None] / strengths[k]) for i in records]
+            return blocks if all(np.all(np.isfinite(b)) for b in blocks) and any(np.any(b) for b in blocks) else None
+
+        return column
+
+    return [
+        ({**shape, "secant": strengths[k]}, list(blocks))
+        for shape, line in zip(shapes, straight, strict=True)
+        for k, blocks in bent(line, columns_of(shape), len(strengths), facts.direction)
+    ]
+
+
+def bent(
+    straight: Blocks,
+    column: Callable[[int], Blocks | None],
+    count: int,
+    direction: Callable[[Blocks], np.ndarray | None],
+) -> list[tuple[int, Blocks]]:
+    """Return the columns that point elsewhere than those before them, each with its number, or the last if none does.
+
+    Parameters
+    ----------
+    straight : sequence of ndarray
+        What stands before the first.
+    column : callable
+        Returns the column of a number, or None where there is none.  It is asked where two columns of which one is
+        known differ, and not between two that point the same way.
+    count : int
+        Numbers.
+    direction : callable
+        Returns a column's direction, a unit vector, or None if it has none.
+
+    Examples
+    --------
+    >>> asked = []
+    >>> def turning(k):
+    ...     asked.append(k)
+    ...     return [np.array([1.0, 0.0 if k < 4 else k / 5.0])]
+    >>> def direction(blocks):
+    ...     return blocks[0] / np.linalg.norm(blocks[0])
+    >>> [k for k, _ in bent([np.array([1.0, 0.0])], turning, 6, direction)], asked
+    ([4, 5], [5, 2, 3, 4])
+    """
+    found: dict[int, Blocks | None] = {-1: straight}
+    points: dict[int, np.ndarray | None] = {-1: direction(straight)}
+
+    def look(k: int) -> None:
+        found[k] = blocks = column(k)
+        points[k] = None if blocks is None else direction(blocks)
+
+    def between(low: int, high: int) -> None:
+        if high - low < 2 or _alike(points[low], points[high]):
+            return
+        middle = (low + high) // 2
+        look(middle)
+        between(low, middle)
+        between(middle, high)
+
+    look(count - 1)
+    between(-1, count - 1)
+    kept, last = [], points[-1]
+    known = sorted(k for k, blocks in found.items() if k >= 0 and blocks is not None)
+    for k in known:
+        if not _alike(last, points[k]):
+            kept.append(k)
+            last = points[k]
+    return [(k, found[k]) for k in kept or known[-1:]]  # type: ignore[misc]
+
+
+def _alike(a: np.ndarray | None, b: np.ndarray | None) -> bool:
+    """Tell whether two directions are the same but for a small share of their energy."""
+    along = float(a @ b) if a is not None and b is not None else 0.0
+    return along > 0.0 and 1.0 - along**2 < ALIKE
+
+
+def _parameters(facts: Confrontation, system: System) -> np.ndarray:
+    p = system.p.copy()
+    for name, value in zip(facts.system.parameter_names, facts.p, strict=True):
+        if name in system.parameter_names:
+            p[system.index("parameter", name)] = value
+    return p
+
+
+def _outputs(facts: Confrontation, index: int, system: System, p: np.ndarray) -> np.ndarray:
+    experiment = facts.experiments[index]
+    x, known = experiment.start_vector(system), facts.start(index)
+    for name, value in zip(facts.system.state_names, known, strict=True):
+        x[system.index("state", name)] = value
+    return experiment.simulate(system, p, x, facts.sensors)

@@ -1,0 +1,186 @@
+"""The residuals of a stage beside the motion of its connections, and blocks in which they are independent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.stages.stage import Stage
+from estimation.signals.correlation import correlation_time, cut_rows
+from estimation.signals.preparation import Preparation
+
+if TYPE_CHECKING:
+    from multibody.assembly.places import Place
+
+__all__ = ["PlaceMotion", "Residuals", "coupled_places", "residuals_of"]
+
+LEAST_BLOCKS = 8
+MOST_BLOCKS = 40
+COUPLED = 0.9999
+"""Correlation of speeds from which two places count as moving together."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceMotion:
+    """Motion of a connection in the model, on the samples that were compared, all records one after another.
+
+    Attributes
+    ----------
+    place : Place
+    position, speed, acceleration : ndarray, shape (n,), SI
+    also : tuple of str
+        Other places that move in proportion to it.
+    """
+
+    place: Place
+    position: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
+    also: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the place."""
+        return self.place.name
+
+    @property
+    def moves(self) -> bool:
+        """False if the place stands still in these records."""
+        return bool(np.ptp(self.position) > 1e-12)
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of a part of a stage.
+
+    Attributes
+    ----------
+    stage : Stage
+    part : {"identify", "validate"}
+    facts : Confrontation
+        The calibrated machine beside the part's records, with their own preparation.
+    time : ndarray, shape (n,), s
+        Of all records, one after another.
+    values : ndarray, shape (n, n_channels)
+    record : ndarray of int, shape (n,)
+    motions : tuple of PlaceMotion
+        Of every place that moves.
+    blocks : tuple of ndarray of int
+        Rows of blocks longer than the residual remembers, none across two records.
+    """
+
+    stage: Stage
+    part: str
+    facts: Confrontation
+    time: np.ndarray
+    values: np.ndarray
+    record: np.ndarray
+    motions: tuple[PlaceMotion, ...]
+    blocks: tuple[np.ndarray, ...]
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return self.stage.outputs
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the outputs."""
+        return tuple(self.stage.system.unit(n) for n in self.outputs)
+
+    @property
+    def noise(self) -> np.ndarray:
+        """Noise floor of each output; the residual's own size where none is known, shape (n_channels,)."""
+        own = np.sqrt(np.mean(self.values**2, axis=0))
+        known = np.array([self.stage.noise.get(n, 0.0) for n in self.outputs])
+        return np.where(known > 0.0, known, np.maximum(own, 1e-300))
+
+    def guides(self) -> list[PlaceMotion]:
+        """Return the places that move against the ground, one of each coupled group; else all that move."""
+        moving = [m for m in self.motions if m.moves]
+        return [m for m in moving if m.place.second is None] or moving
+
+    def jackknife(self, blocks: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
+        """Return, for each block, the rows that remain when it is left out."""
+        rows = np.arange(len(self.values))
+        return [
+            np.setdiff1d(rows, b, assume_unique=True) for b in (self.blocks if blocks is None else blocks)
+        ]
+
+
+def coupled_places(motions: Sequence[PlaceMotion]) -> list[list[PlaceMotion]]:
+    """Return groups of places whose speeds are proportional: a rigid coupling, whatever its ratio."""
+    groups: list[list[PlaceMotion]] = []
+    for m in motions:
+        for group in groups:
+            a, b = group[0].speed, m.speed
+            size = float(np.linalg.norm(a) * np.linalg.norm(b))
+            if size > 0.0 and abs(float(a @ b)) > COUPLED * size:
+                group.append(m)
+                break
+        else:
+            groups.append([m])
+    return groups
+
+
+def residuals_of(stage: Stage, part: str = "identify") -> Residuals:
+    """Collect the residuals of a part of a stage and the motion of every place.
+
+    Raises
+    ------
+    ValueError
+        If the part has no records.
+    """
+    calibration = stage.identify if part == "identify" else stage.validate
+    if calibration is None or not calibration.fits:
+        raise ValueError(f"stage '{stage.name}' has no records in part '{part}'")
+    fits = calibration.fits
+    facts = Confrontation(
+        stage.system, stage.slim, calibration, stage.sensors, fits[0].experiment.preparation, stage.p
+    )
+    time = np.concatenate([f.experiment.time for f in fits])
+    values = np.concatenate([f.residual for f in fits])
+    lengths = [len(f.experiment.time) for f in fits]
+    record = np.repeat(np.arange(len(fits)), lengths)
+    motions = _motions(facts, stage, [f.experiment.preparation for f in fits])
+    memory = max(correlation_time(f.residual[:, c]) for f in fits for c in range(values.shape[1]))
+    # With fewer blocks no spread can be estimated; then blocks shorter than asked for are the lesser evil.
+    shortest = min(int(3 * memory), max(1, len(values) // LEAST_BLOCKS))
+    blocks = tuple(cut_rows(lengths, shortest, MOST_BLOCKS))
+    return Residuals(stage, part, facts, time, values, record, motions, blocks)
+
+
+def _motions(
+    facts: Confrontation, stage: Stage, preparations: Sequence[Preparation]
+) -> tuple[PlaceMotion, ...]:
+    found = []
+    columns: dict[str, list[np.ndarray]] = {}
+    wanted = [f"place.{p.name}.{n}" for p in stage.system.places for n, _ in p.motion_names()]
+    wanted = [n for n in wanted if n in stage.system.output_names]
+    if not wanted:
+        return ()
+    for i, preparation in enumerate(preparations):
+        run = facts.motions(i)
+        table = np.column_stack([run[n] for n in wanted])
+        table = preparation.apply(np.asarray(facts.experiments[i].record.time), table)[1]
+        for k, name in enumerate(wanted):
+            columns.setdefault(name, []).append(table[:, k])
+    series = {name: np.concatenate(parts) for name, parts in columns.items()}
+    step = float(np.median(np.diff(facts.experiments[0].time)))
+    for place in stage.system.places:
+        names = [f"place.{place.name}.{n}" for n, _ in place.motion_names()]
+        if names[0] not in series or names[1] not in series:
+            continue
+        speed = series[names[1]]
+        acceleration = series[names[2]] if names[2] in series else np.gradient(speed, step)
+        found.append(PlaceMotion(place, series[names[0]], speed, acceleration))
+    out = []
+    for group in coupled_places([m for m in found if m.moves]):
+        lead = min(group, key=lambda m: m.place.second is not None)
+        also = tuple(m.name for m in group if m is not lead)
+        out.append(PlaceMotion(lead.place, lead.position, lead.speed, lead.acceleration, also))
+    return tuple(out)

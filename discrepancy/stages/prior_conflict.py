@@ -1,0 +1,71 @@
+"""How far calibrated parameters are from what was stated about them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.report.wording import quantity
+
+if TYPE_CHECKING:
+    from estimation.fit.calibration import Calibration, UncertainParameter
+
+__all__ = ["FAR", "brings_back", "outside", "pull", "told"]
+
+FAR = 3.0  # deviations from its stated value at which a parameter counts as outside
+
+
+def pull(calibration: Calibration, other: Calibration | None = None) -> float:
+    """Return how unlikely the fitted values are by what was stated: Σ (θ − θ₀)²/(s² + σ²), one for each parameter.
+
+    s is the stated standard deviation and σ that of the fit: a value that the records hardly give does not count as far
+    away.  Parameters without a stated deviation and those at a bound do not count.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    other : Calibration, optional
+        Where the deviations of the fit are taken from when the calibration has none, as that of a trial.
+    """
+    known = _deviations(other) if other is not None else {}
+    total = 0.0
+    for q, value, own in zip(calibration.parameters, calibration.values, calibration.std, strict=True):
+        sigma = known.get(q.name, 0.0) if np.isnan(own) else float(own)
+        total += (float(value) - q.value) ** 2 / (q.std**2 + sigma**2)
+    return total
+
+
+def _deviations(calibration: Calibration) -> Mapping[str, float]:
+    return {q.name: float(s) for q, s in zip(calibration.parameters, calibration.std, strict=True) if not np.isnan(s)}
+
+
+def outside(
+    calibration: Calibration, stated: Mapping[str, UncertainParameter] | None = None
+) -> tuple[tuple[UncertainParameter, float], ...]:
+    """Return the parameters that the records put further from their stated value than `FAR` deviations, and where.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    stated : mapping of str to UncertainParameter, optional
+        What was stated, where the calibration itself was given other deviations.
+    """
+    found = []
+    for q, value in zip(calibration.parameters, calibration.values, strict=True):
+        said = (stated or {}).get(q.name, q)
+        if abs(float(value) - said.value) > FAR * said.std:
+            found.append((said, float(value)))
+    return tuple(found)
+
+
+def brings_back(richer: Calibration, poorer: Calibration) -> bool:
+    """Tell whether a poorer model replaces an effect only with parameters outside their stated uncertainty."""
+    return bool({q.name for q, _ in outside(poorer)} - {q.name for q, _ in outside(richer)})
+
+
+def told(parameter: UncertainParameter, value: float) -> str:
+    """Return a parameter's value beside what was stated, as it stands in a sentence."""
+    stated, deviation = quantity(parameter.value, parameter.unit), quantity(parameter.std, parameter.unit)
+    return f"{parameter.name} = {quantity(value, parameter.unit)} (stated: {stated} ± {deviation})"

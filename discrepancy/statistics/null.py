@@ -1,0 +1,241 @@
+"""What luck alone would give: shuffled residuals, and p-values from the most surprising score among all candidates.
+
+Blocks of the whitened residual are put in other places, with a random sign and a random circular shift, while
+the candidates stay where they are. With six or more records a block is a whole record; with fewer, records
+are cut into pieces that are longer than the residual's correlation time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from discrepancy.statistics.blocks import Array
+from discrepancy.statistics.projection import Layout, Projection
+from discrepancy.statistics.score import Scorer
+from multibody.base.parallel import side_by_side
+
+MIN_PIECES = 12
+WHOLE_RECORDS = 6
+P_FLOOR = 1e-12
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Pieces that are shuffled: (block, first sample, number of samples)."""
+
+    spans: tuple[tuple[int, int, int], ...]
+    correlation_time: float
+    dt: float
+
+    @property
+    def few(self) -> bool:
+        """True if there are too few pieces for the shuffle to be varied."""
+        return len(self.spans) < WHOLE_RECORDS
+
+
+def correlation_length(layout: Layout, e: Array) -> float:
+    """Integral correlation length of a stacked residual, samples: the largest of the channels."""
+    from scipy.fft import irfft, next_fast_len, rfft
+
+    worst = 1.0
+    for c in range(layout.n_channels):
+        num, den = None, 0.0
+        n_lag = max(8, min(layout.lengths) // 4)
+        for b, n in enumerate(layout.lengths):
+            x = layout.view(e, b)[:, c]
+            length = next_fast_len(2 * n, real=True)
+            acf = irfft(np.abs(rfft(x, length)) ** 2, length)[:n_lag]
+            num = acf if num is None else num[: len(acf)] + acf[: len(num)]
+            den += float(x @ x)
+        if num is None or den == 0:
+            continue
+        rho = np.asarray(num) / den
+        below = np.flatnonzero(rho < 0.05)
+        stop = int(below[0]) if below.size else len(rho)
+        worst = max(worst, 1.0 + 2.0 * float(np.sum(rho[1:stop])))
+    return worst
+
+
+def cut(layout: Layout, dt: float, e: Array) -> Pieces:
+    """Choose the pieces to shuffle."""
+    corr = correlation_length(layout, e)
+    if len(layout.lengths) >= WHOLE_RECORDS:
+        spans = [(b, 0, n) for b, n in enumerate(layout.lengths)]
+        return Pieces(tuple(spans), corr * dt, dt)
+    total = sum(layout.lengths)
+    size = max(total / MIN_PIECES, 8.0 * corr, 32.0)
+    spans = []
+    for b, n in enumerate(layout.lengths):
+        parts = max(1, int(n // size))
+        edges = np.linspace(0, n, parts + 1).astype(int)
+        spans += [(b, int(a), int(z - a)) for a, z in pairwise(edges)]
+    return Pieces(tuple(spans), corr * dt, dt)
+
+
+def shuffled(
+    e: Array, projection: Projection, pieces: Pieces, draws: int, rng: np.random.Generator, chunk: int = 50
+) -> Iterator[Array]:
+    """Yield projected shuffled residuals, shape (n_rows, ≤ chunk)."""
+    lay = projection.layout
+    C = lay.n_channels
+    n_piece = len(pieces.spans)
+    scale = np.sqrt(lay.n_data / max(1.0, lay.n_data - projection.n_directions))
+    views = [lay.view(e, b) for b in range(len(lay.lengths))]
+    done = 0
+    while done < draws:
+        m = min(chunk, draws - done)
+        out = np.zeros((lay.n_rows, m))
+        for j in range(m):
+            source = rng.permutation(n_piece)
+            for target, src in enumerate(source):
+                b, first, length = pieces.spans[target]
+                sb, sfirst, slength = pieces.spans[src]
+                idx = sfirst + (rng.integers(slength) + np.arange(length)) % slength
+                r0 = lay.starts[b] + first * C
+                sign = scale if rng.random() < 0.5 else -scale
+                out[r0 : r0 + length * C, j] = (sign * views[sb][idx]).reshape(-1)
+        if lay.n_prior:
+            out[lay.n_data :] = rng.standard_normal((lay.n_prior, m))
+        yield projection.remove(out)
+        done += m
+
+
+class OwnLuck:
+    """What luck gives each candidate: its own draws, continued beyond the upper tenth as an exponential.
+
+    Candidates differ in how far luck can go.  A narrow bump meets few independent stretches of residual, and its
+    surprise has a long tail; were all held against the largest of all, that tail would hide the others.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (n_candidates, n)
+        Surprise u of shuffled residuals.
+    """
+
+    def __init__(self, draws: Array) -> None:
+        self._sorted = np.sort(draws, axis=1)
+        n = draws.shape[1]
+        tail = max(10, n // 10)
+        self._base = self._sorted[:, max(0, n - tail - 1)]
+        self._scale = np.maximum(1.0, np.mean(self._sorted[:, n - tail :], axis=1) - self._base)
+        self._at_base = -np.log((tail + 1.0) / (n + 1.0))
+
+    def surprise(self, u: Array) -> Array:
+        """Return −ln of the chance that luck gives each candidate a u as large; u has shape (n_candidates, m)."""
+        n = self._sorted.shape[1]
+        below = np.array([np.searchsorted(own, each, side="left") for own, each in zip(self._sorted, u, strict=True)])
+        within = -np.log((1.0 + n - below.reshape(u.shape)) / (n + 1.0))
+        beyond = self._at_base + (u - self._base[:, None]) / self._scale[:, None]
+        return np.where(u > self._base[:, None], beyond, within)
+
+    def at(self, surprise: float) -> Array:
+        """Return the u of each candidate at which luck is as surprising, shape (n_candidates,)."""
+        within = np.quantile(self._sorted, 1.0 - np.exp(-surprise), axis=1)
+        beyond = self._base + (surprise - self._at_base) * self._scale
+        return np.where(surprise > self._at_base, beyond, within)
+
+
+@dataclass(frozen=True)
+class Null:
+    """Null distribution of the surprise u.
+
+    Attributes
+    ----------
+    single : ndarray, shape (n_candidates, draws)
+        Largest u over each candidate's own shape grid.
+    lam : ndarray, shape (n_groups,)
+        Mean LM/df of each group over the draws, the inflation that shuffling alone would give.
+    """
+
+    single: Array
+    lam: Array
+    pieces: Pieces
+
+    @cached_property
+    def own(self) -> OwnLuck:
+        """What luck gives each candidate."""
+        return OwnLuck(self.single)
+
+    @cached_property
+    def maxima(self) -> Array:
+        """Largest surprise of every draw over all candidates, each against its own luck, sorted, shape (draws,).
+
+        A draw is held against the luck of the other half of the draws, as data are held against draws that they are not
+        among.
+        """
+        found = np.zeros(self.single.shape[1])
+        if len(self.single):
+            for half in (slice(0, None, 2), slice(1, None, 2)):
+                rest = slice(1, None, 2) if half.start == 0 else slice(0, None, 2)
+                found[half] = OwnLuck(self.single[:, rest]).surprise(self.single[:, half]).max(axis=0)
+        return np.sort(found)
+
+    def p_value(self, u: Array) -> Array:
+        """Return the family-wise p of the u of every candidate; beyond the draws as `tail_p` has it."""
+        return tail_p(self.maxima, self.own.surprise(u[:, None])[:, 0])
+
+    def critical(self, level: float) -> Array:
+        """Return the u of every candidate that is surpassed by luck, by any of them, with probability ``level``."""
+        if not len(self.single):
+            return np.zeros(0)
+        return self.own.at(float(np.quantile(self.maxima, 1.0 - level)))
+
+
+def tail_p(draws: Array, u: Array) -> Array:
+    """Tail probability of u from sorted draws.
+
+    Where ten or more draws lie above u this is their share, (1 + count)/(1 + draws). Further out the upper
+    tenth is continued as an exponential. Its scale is the upper 95 % confidence limit of the mean excess and
+    not less than one, the scale that a perfectly calibrated u would have. Nothing below 1e-12 is returned: a
+    smaller number would describe the assumed tail and not the data.
+    """
+    x = np.sort(draws)
+    n = len(x)
+    above = n - np.searchsorted(x, u, side="left")
+    p = (1.0 + above) / (n + 1.0)
+    n_tail = max(10, n // 10)
+    if n > 2 * n_tail:
+        base = x[n - n_tail - 1]
+        mean = float(np.mean(x[n - n_tail :] - base))
+        scale = max(1.0, mean * (1.0 + 1.645 / np.sqrt(n_tail)))
+        tail = (n_tail + 1.0) / (n + 1.0) * np.exp(-(np.maximum(u, base) - base) / scale)
+        p = np.where(above >= 10, p, np.minimum(tail, (1.0 + 10) / (n + 1.0)))
+    out: Array = np.clip(p, P_FLOOR, 1.0)
+    return out
+
+
+def null_distribution(
+    scorer: Scorer,
+    projection: Projection,
+    e: Array,
+    *,
+    draws: int,
+    rng: np.random.Generator,
+    n_candidates: int,
+    pieces: Pieces,
+) -> Null:
+    """Score shuffled residuals.
+
+    Parameters
+    ----------
+    e : ndarray, shape (n_rows,)
+        Projected residual with the significant effects removed.
+    """
+    groups = scorer.columns.groups
+    owner = np.array([g.candidate for g in groups])
+    single = np.zeros((n_candidates, draws))
+    total = np.zeros(len(groups))
+    at = 0
+    for s in side_by_side(scorer, shuffled(e, projection, pieces, draws, rng)):
+        m = s.u.shape[1]
+        block = np.zeros((n_candidates, m))
+        np.maximum.at(block, owner, s.u)
+        single[:, at : at + m] = block
+        total += np.sum(s.lm, axis=1)
+        at += m
+    return Null(single, total / draws / scorer.kdim, pieces)

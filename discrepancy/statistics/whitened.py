@@ -1,0 +1,235 @@
+"""Residual, sensitivities and candidates in the whitened metric; effects taken out before noise is measured.
+
+The whitening is fitted on the residual without calibration and without the effects that stand out, because an
+effect that stays in the residual would be taken for colour and whitened away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from discrepancy.statistics.blocks import Array, Candidate, Residual, Sensitivities
+from discrepancy.statistics.projection import Layout, Projection, project
+from discrepancy.statistics.score import (
+    PER_COLUMN,
+    Columns,
+    Scorer,
+    Scores,
+    make_scorer,
+    most_explaining,
+    prepare_columns,
+)
+from discrepancy.statistics.whitening import Whitener, fit_whitener, identity
+
+# Surprise (−ln p of one column) above which an effect is kept out of the whitening fit.
+LEAST = 8.0
+# The same before any whitening, where slow noise stands out too: a level that drift does not reach.
+FIRST = 16.0
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """Everything in the whitened metric."""
+
+    whitener: Whitener
+    projection: Projection
+    e_raw: Array
+    e: Array
+    columns: Columns
+    scorer: Scorer | None
+
+
+def whiten_all(
+    whitener: Whitener,
+    residual: Residual,
+    sens: Sensitivities,
+    candidates: Sequence[Candidate],
+    *,
+    shortlist: bool = False,
+) -> Whitened:
+    """Whiten and project residual, sensitivities and candidates; on request keep only those that explain most."""
+    has_prior = np.isfinite(sens.prior_std)
+    proj = projection_in(whitener, residual, sens)
+    layout = proj.layout
+    e_raw = layout.stack(whitener, residual.blocks, sens.prior_offset[has_prior] / sens.prior_std[has_prior])
+    e = proj.remove(e_raw.copy())
+    # One scale for all channels keeps their relative weight and makes the noise variance one.
+    columns = prepare_columns(_stacked(layout, whitener, candidates), proj)
+    if shortlist:
+        columns = most_explaining(columns, e)
+    scorer = make_scorer(columns, proj, residual.dt) if columns.groups else None
+    return Whitened(whitener, proj, e_raw, e, columns, scorer)
+
+
+def projection_in(whitener: Whitener, residual: Residual, sens: Sensitivities) -> Projection:
+    """Return what frees columns of calibration in the metric of a whitener."""
+    known = int(np.isfinite(sens.prior_std).sum())
+    return project(whitener, sens, Layout(tuple(len(b) for b in residual.blocks), len(residual.channels), known))
+
+
+def plain_projection(residual: Residual, sens: Sensitivities) -> Projection:
+    """Return what frees columns of calibration, each channel being weighed by its root mean square alone."""
+    return projection_in(plain_weights(residual), residual, sens)
+
+
+def _stacked(
+    layout: Layout, whitener: Whitener, candidates: Sequence[Candidate]
+) -> list[tuple[int, int, bool, Array]]:
+    """Whiten the columns of all candidates together: one pass costs little more than one candidate's."""
+    entries = [(i, j, c.one_sided, cols) for i, c in enumerate(candidates) for j, cols in enumerate(c.columns)]
+    if not entries:
+        return []
+    together = [np.concatenate([cols[b] for *_, cols in entries], axis=2) for b in range(len(layout.lengths))]
+    white = layout.stack(whitener, together)
+    ends = np.cumsum([cols[0].shape[2] for *_, cols in entries])
+    parts = np.split(white, ends[:-1], axis=1)
+    return [(i, j, one, z) for (i, j, one, _), z in zip(entries, parts, strict=True)]
+
+
+def louder(s: Scores, scorer: Scorer, e: Array) -> Scores:
+    """Raise λ where the residual is louder at the times at which a candidate acts (noise in motion only)."""
+    lam = s.lam * scorer.local(e)[:, None]
+    return Scores(s.lm, lam, scorer.surprise(s.lm / lam), s.amplitude)
+
+
+def best_groups(scorer: Scorer, s: Scores) -> dict[int, int]:
+    """Point of the shape grid that fits best, for each candidate."""
+    best: dict[int, int] = {}
+    for i, g in enumerate(scorer.columns.groups):
+        j = best.get(g.candidate)
+        if j is None or s.lm[i, 0] > s.lm[j, 0]:
+            best[g.candidate] = i
+    return best
+
+
+def surprise_of(scorer: Scorer, s: Scores, candidate: int) -> float:
+    """Largest surprise on a candidate's shape grid: what the null compares with."""
+    return max(float(s.u[i, 0]) for i, g in enumerate(scorer.columns.groups) if g.candidate == candidate)
+
+
+@dataclass(frozen=True)
+class Clean:
+    """Residual without the effects that were fitted to it."""
+
+    e: Array
+    basis: Array
+    groups: tuple[int, ...]
+
+
+def remove_effects(w: Whitened, limit: int, least_u: float | Array) -> Clean:
+    """Remove the best candidates one after another while each stands out by ``least_u``, one for all or for each."""
+    assert w.scorer is not None
+    Z = w.columns.Z
+    basis = np.zeros((len(w.e), 0))
+    e = w.e.copy()
+    chosen: list[int] = []
+    scorer_k = w.scorer.kdim
+    for _ in range(limit):
+        share = share_removed(w.scorer, basis)
+        s = w.scorer(e[:, None], None if not chosen else e[:, None], share)
+        u = np.where(share > 0.999, 0.0, s.u[:, 0])
+        # Columns were made orthonormal before anything was removed; scale up what is left of them.
+        if not np.any(u >= least_u):
+            break
+        # Among those that stand out, the one that explains most, as a fit would choose.
+        i = int(np.argmax(np.where(u >= least_u, s.lm[:, 0] - PER_COLUMN * scorer_k, -np.inf)))
+        chosen.append(i)
+        cols = Z[:, w.columns.groups[i].cols]
+        q = cols - basis @ (basis.T @ cols)
+        q, _ = np.linalg.qr(q)
+        basis = np.concatenate([basis, q], axis=1)
+        e = e - q @ (q.T @ e)
+    return Clean(e, basis, tuple(chosen))
+
+
+def share_removed(scorer: Scorer, basis: Array) -> Array:
+    """Share of each group's column energy that lies in ``basis``."""
+    if basis.shape[1] == 0:
+        return np.zeros(len(scorer.columns.groups))
+    energy = np.sum((basis.T @ scorer.columns.Z) ** 2, axis=0)
+    starts = [g.cols.start for g in scorer.columns.groups]
+    out: Array = np.minimum(1.0, np.add.reduceat(energy, starts) / scorer.kdim)
+    return out
+
+
+def raw_residual(
+    w: Whitened,
+    residual: Residual,
+    sens: Sensitivities,
+    candidates: Sequence[Candidate],
+    groups: Sequence[int],
+) -> list[Array]:
+    """Residual in the outputs' units with calibration, nuisances and the given groups fitted and removed."""
+    lay = w.projection.layout
+    Z = [w.columns.Z[:, w.columns.groups[i].cols] @ w.columns.R[i] for i in groups]
+    amp: Array = np.zeros(0)
+    e = w.e_raw.copy()
+    raw_cols: list[tuple[Array, ...]] = []
+    if groups:
+        amp = np.asarray(np.linalg.lstsq(np.concatenate(Z, axis=1), w.e, rcond=1e-10)[0], dtype=float)
+        at = 0
+        for i in groups:
+            g = w.columns.groups[i]
+            cols = candidates[g.candidate].columns[g.shape]
+            k = cols[0].shape[2]
+            raw_cols.append(tuple(c @ amp[at : at + k] for c in cols))
+            e -= lay.stack(w.whitener, [c @ amp[at : at + k] for c in cols])
+            at += k
+    w.projection.remove_local(e)
+    theta = w.projection.parameters(e) if sens.names else np.zeros(0)
+    out = []
+    for b, y in enumerate(residual.blocks):
+        r = y - sens.blocks[b] @ theta
+        for cols_b in raw_cols:
+            r = r - cols_b[b]
+        nuis = sens.nuisance[b]
+        if nuis is not None:
+            flat = w.whitener.apply(nuis).reshape(-1, nuis.shape[2])
+            target = w.whitener.apply(r).reshape(-1)
+            r = r - nuis @ np.linalg.lstsq(flat, target, rcond=1e-10)[0]
+        out.append(r)
+    return out
+
+
+def plain_weights(residual: Residual) -> Whitener:
+    """Return the weighing of each channel by its root mean square, colour left as it is."""
+    std = np.sqrt(np.mean(np.concatenate(residual.blocks) ** 2, axis=0))
+    std[std == 0] = 1.0
+    return identity(list(std), residual.channels, residual.dt)
+
+
+def plainly_weighed(residual: Residual, sens: Sensitivities, candidates: Sequence[Candidate]) -> Whitened:
+    """Return everything with each channel weighed by its root mean square alone."""
+    return whiten_all(plain_weights(residual), residual, sens, candidates)
+
+
+def fit_whitened(
+    residual: Residual,
+    sens: Sensitivities,
+    candidates: Sequence[Candidate],
+    max_order: int,
+    rounds: int,
+    clean: int,
+    plain: Whitened | None = None,
+    few: Sequence[Candidate] | None = None,
+) -> Whitened:
+    """Fit the whitening on what is left without calibration and the best candidates, and whiten everything with it.
+
+    ``plain`` is everything in the metric of `plainly_weighed`, from where the fit begins, if that is there already;
+    ``few`` are those of the candidates among which the best are looked for, if not all.
+    """
+    looked_at = candidates if few is None else few
+    w = plain or whiten_all(plain_weights(residual), residual, sens, looked_at, shortlist=True)
+    for r in range(rounds):
+        groups: tuple[int, ...] = ()
+        if w.scorer is not None and clean:
+            least = LEAST if r else FIRST
+            groups = remove_effects(w, clean, least).groups
+        raw = raw_residual(w, residual, sens, looked_at, groups)
+        fitted = fit_whitener(raw, residual.dt, residual.channels, max_order=max_order)
+        last = r + 1 == rounds
+        w = whiten_all(fitted, residual, sens, candidates if last else looked_at, shortlist=not last)
+    return w

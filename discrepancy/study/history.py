@@ -1,0 +1,161 @@
+"""The history of a study in a file: enough to build every stage again, exactly, and to go on from there.
+
+A stage is its effects and the values at which its fit ended.  Simulating there once gives the same errors, intervals
+and figures to the last digit, without a search and without a fit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discrepancy.effects.effect import Effect
+from discrepancy.problem.study_file import StudyError
+from discrepancy.stages.stage import Accepted, Rival, Stage
+from multibody.model.storage import write_whole
+
+if TYPE_CHECKING:
+    from discrepancy.study.study import Study
+
+__all__ = ["SCHEMA", "fingerprint", "read_history", "restore", "save_history"]
+
+SCHEMA = 1
+
+
+def fingerprint(study: Study) -> str:
+    """Return digits that change with the model, the records, and what the study asks."""
+    setup = study.given
+    digest = hashlib.sha256()
+    parts = [
+        setup.model.describe(),
+        *(f"{q.name} {q.value!r} {q.std!r} {q.min!r} {q.max!r}" for q in setup.uncertain),
+        *(f"{n} {v!r}" for n, v in sorted(setup.noise.items())),
+        repr((setup.include, setup.exclude, setup.level, setup.seed, setup.residual, setup.inputs)),
+    ]
+    for text in parts:
+        digest.update(text.encode() + b"\0")
+    for e in (*setup.identify, *setup.validate):
+        digest.update(repr((e.inputs, e.outputs, e.preparation, sorted(e.start.items()), e.free, e.offsets)).encode())
+        digest.update(np.ascontiguousarray(e.record.time).tobytes())
+        for name in (*e.inputs, *e.outputs):
+            digest.update(np.ascontiguousarray(e.record.signals[name].values).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def _entry(stage: Stage) -> dict[str, Any]:
+    accepted = stage.accepted
+    return {
+        "name": stage.name,
+        "effects": [dataclasses.asdict(e) for e in stage.effects],
+        "accepted": None
+        if accepted is None
+        else {
+            "effect": dataclasses.asdict(accepted.effect),
+            "p_value": accepted.p_value,
+            "delta_bic": accepted.delta_bic,
+            "rivals": [dataclasses.asdict(r) for r in accepted.rivals],
+            "hidden_by": accepted.hidden_by,
+        },
+        "values": stage.identify.to_dict(),
+        "own": [{k: float(v) for k, v in f.own.items()} for f in stage.identify.fits],
+        "scale": stage.identify.scale,
+        "noise": dict(stage.noise),
+        "notes": list(stage.notes),
+        "rmse": {part: stage.rmse(part) for part in ("identify", "validate")},
+    }
+
+
+def save_history(study: Study, path: str | Path) -> Path:
+    """Write the stages of a study, and whether the last one still waits for its second look; return the path."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    content = {
+        "schema": SCHEMA,
+        "study": study.setup.name,
+        "fingerprint": fingerprint(study),
+        "seed": study.setup.seed,
+        "settled": study.settled,
+        "in_windows_instead": study.mode_reason if study.in_windows_instead else "",
+        "stages": [_entry(s) for s in study.stages],
+    }
+    return write_whole(path, content)
+
+
+def read_history(path: str | Path) -> dict[str, Any]:
+    """Read what `save_history` wrote.
+
+    Raises
+    ------
+    StudyError
+        If the file is not such a history.
+    OSError
+        If it cannot be read.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise StudyError([f"{path}: this is no history of a study: {error}"]) from error
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        found = content.get("schema") if isinstance(content, dict) else None
+        raise StudyError([f"{path}: a history of schema {SCHEMA} is needed, this one has {found!r}"])
+    missing = [k for k in ("fingerprint", "settled", "stages") if k not in content]
+    if missing:
+        raise StudyError([f"{path}: the entry '{k}' is missing" for k in missing])
+    return content
+
+
+def restore(study: Study, path: str | Path) -> None:
+    """Build the stages of a history again in a new study of the same model and records.
+
+    Raises
+    ------
+    StudyError
+        If the history belongs to another model, other records or other settings, or is damaged.
+    """
+    content = read_history(path)
+    if content["fingerprint"] != fingerprint(study):
+        raise StudyError(
+            [
+                f"{path}: this history belongs to another model, other records or other settings of the study (seed "
+                f"{content.get('seed')}): give the study as it was, or begin anew in another folder"
+            ]
+        )
+    study.prepare()
+    if content.get("in_windows_instead") and study.cut_into_windows() and study.confronted is not None:
+        study.confronted = dataclasses.replace(study.confronted, reason=content["in_windows_instead"])
+    study.stages.clear()
+    for k, entry in enumerate(content["stages"]):
+        study.progress(f"build stage '{entry.get('name', k)}' again")
+        try:
+            stage = study.held_stage(
+                entry["name"],
+                tuple(_effect(e) for e in entry["effects"]),
+                entry["values"],
+                [np.array(list(own.values()), dtype=float) for own in entry["own"]],
+                entry["scale"],
+                entry["noise"],
+                moved=k > 0,
+            )
+            accepted = _accepted(entry["accepted"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise StudyError([f"{path}: stage {k} is damaged: {type(error).__name__}: {error}"]) from error
+        study.stages.append(dataclasses.replace(stage, accepted=accepted, notes=tuple(entry["notes"])))
+    study.settled = bool(content["settled"])
+
+
+def _effect(entry: dict[str, Any]) -> Effect:
+    return Effect(**{**entry, "ports": tuple(entry["ports"])})
+
+
+def _accepted(entry: dict[str, Any] | None) -> Accepted | None:
+    if entry is None:
+        return None
+    rivals = tuple(Rival(**r) for r in entry["rivals"])
+    effect = _effect(entry["effect"])
+    return Accepted(effect, entry["p_value"], entry["delta_bic"], rivals, entry.get("hidden_by", ""))

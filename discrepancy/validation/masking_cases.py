@@ -1,0 +1,104 @@
+"""Two effects that hide each other, drawn for the records of a virtual machine, and the diagnosis of a case with them.
+
+Which effects do nearly opposite things, a scan of the correct machine tells.  Two of them are hidden with strengths at
+which they cancel as far as they can; what is left is three times as large as a single effect must be to be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.effects.kinds import kind_named
+from discrepancy.statistics.masking_pairs import APART
+from discrepancy.validation.cases import TIMES_VISIBLE, diagnosed, machine_module
+from discrepancy.validation.trials import Trial
+
+if TYPE_CHECKING:
+    from discrepancy.statistics.scan_result import ScanResult
+
+__all__ = ["masking_pair", "masking_trial"]
+
+ALIKE = 0.9  # correlation, without its sign, from which two effects count as nearly the same or opposite; chosen
+THIRD = 0.5  # share of what is left of both that a third may explain by itself: else it is the simpler answer; chosen
+MOST = 0.5  # share of a stated value by which it may be wrong; chosen
+
+Strengths = Mapping[str, Mapping[str, float]]
+
+
+def masking_trial(seed: int, machine: str = "axis") -> Trial:
+    """Hide two effects that hide each other, and diagnose."""
+    pair = masking_pair(seed, machine)
+    if not pair:
+        note = "no two effects hide each other on these records"
+        return Trial("masking", seed, (), "refused", (), note=note)
+    return diagnosed("masking", seed, tuple(pair), machine, strengths=pair)
+
+
+@lru_cache(maxsize=8)
+def masking_pair(seed: int, machine: str = "axis") -> Strengths:
+    """Return strengths of two effects that hide each other on the records of a seed; none where there are no two.
+
+    Parameters
+    ----------
+    seed : int
+    machine : str
+        As of `discrepancy.validation.cases.machine_module`.
+
+    Returns
+    -------
+    mapping of str to mapping of str to float
+        ``kind@where``, and its strength by name.
+    """
+    from discrepancy.study.study import Study
+
+    module = machine_module(machine)
+    scan = Study(module.case(seed).setup(seed=seed)).explain().scan
+    sizes = {f"{e['kind']}@{e['where']}": e["parameters"] for e in module.sizes(seed, list(module.names()))}
+    stated = {n: [v.get("stated", 0.0) for k, v in p.items() if k in kind_named(n.partition("@")[0]).strengths]
+              for n, p in sizes.items()}  # fmt: skip
+    rng = np.random.default_rng([seed, 17])
+    found = _opposed(scan, {n: values[0] for n, values in stated.items() if len(values) == 1}, rng)
+    if not found:
+        return {}
+    chosen = found[int(rng.integers(len(found)))]
+    return {n: {kind_named(n.partition("@")[0]).strengths[0]: stated[n][0] + change} for n, change in chosen.items()}
+
+
+def _opposed(scan: ScanResult, stated: Mapping[str, float], rng: np.random.Generator) -> list[dict[str, float]]:
+    """Return pairs of candidates with one strength and no shape, by the strengths at which they cancel best."""
+    assert scan.scorer is not None
+    columns = scan.scorer.columns
+    owners = [g.candidate for g in columns.groups]
+    rows = [
+        r for r in scan.rows
+        if r.name in stated and r.amplitude.size == 1 and owners.count(columns.groups[r.group].candidate) == 1
+    ]  # fmt: skip
+    Z = np.concatenate([columns.Z[:, columns.groups[r.group].cols] for r in rows], axis=1)
+    size = [float(columns.R[r.group][0, 0]) for r in rows]
+    one_sided = [columns.groups[r.group].one_sided for r in rows]
+    gram = Z.T @ Z
+    every = np.concatenate([columns.Z[:, columns.groups[r.group].cols] for r in scan.rows], axis=1)
+    owner = np.repeat(np.arange(len(scan.rows)), [r.amplitude.size for r in scan.rows])
+    found = []
+    for i in range(len(rows)):
+        for j in range(i):
+            rho = float(gram[i, j])
+            if abs(rho) < ALIKE or 1.0 - rho**2 <= APART:
+                continue
+            left = (TIMES_VISIBLE * rows[i].needed) ** 2 * scan.lam_bar  # LM of the two together
+            a = np.sqrt(left / (1.0 - rho**2)) / size[i] * float(rng.choice([-1.0, 1.0]))
+            b = -a * rho * size[i] / size[j]
+            if (one_sided[i] and a < 0.0) or (not one_sided[i] and one_sided[j] and b < 0.0):
+                a, b = -a, -b
+            pair = {rows[i].name: float(a), rows[j].name: float(b)}
+            together = a * size[i] * Z[:, i] + b * size[j] * Z[:, j]
+            third = (every.T @ together) ** 2 / float(together @ together)
+            shares = [s for s, k in zip(third, owner, strict=True) if scan.rows[k] not in (rows[i], rows[j])]
+            small = all(not stated[n] or abs(x) <= MOST * abs(stated[n]) for n, x in pair.items())
+            if small and max(shares) < THIRD and not (one_sided[j] and b < 0.0):
+                found.append(pair)
+    return found

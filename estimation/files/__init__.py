@@ -1,0 +1,4 @@
+"""Reading measurement files: formats, columns and units, checks, records.
+
+Takes from `multibody.base`.
+"""

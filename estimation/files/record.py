@@ -1,0 +1,154 @@
+"""A measured record: named signals in SI over time, with a log of everything that was done to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from estimation.files.checks import RecordError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["ReadRules", "Record", "Signal"]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One measured channel.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n,), in ``unit``
+    unit : str
+        SI unit; empty for numbers without dimension, or where nobody said the unit.
+    column : str
+        Name of the column in the file.
+    measured_unit : str
+        Unit of the numbers in the file.
+    """
+
+    values: np.ndarray
+    unit: str
+    column: str
+    measured_unit: str
+
+
+@dataclass(frozen=True)
+class Record:
+    """One recording, or one trip or uninterrupted part of it.
+
+    Attributes
+    ----------
+    name : str
+        Unique within a study: file name without its ending, with the trip in brackets.
+    path : Path
+        The file.
+    time : ndarray, shape (n,), s
+        Time stamps, strictly increasing, even within a tenth of a step.
+    signals : mapping of str to Signal
+    log : tuple of str
+        Everything that was assumed of the file or done to it, warnings included.
+    warnings : tuple of str
+        What looks wrong but does not refuse the record.
+
+    Raises
+    ------
+    RecordError
+        If the arrays do not have the same length.
+    """
+
+    name: str
+    path: Path
+    time: np.ndarray
+    signals: Mapping[str, Signal]
+    log: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        time = np.array(self.time, dtype=float)
+        time.setflags(write=False)
+        signals = {}
+        for key, signal in self.signals.items():
+            values = np.array(signal.values, dtype=float)
+            if values.shape != time.shape:
+                raise RecordError(
+                    [f"{self.name}: '{key}' has {len(values)} values for {len(time)} time stamps"]
+                )
+            values.setflags(write=False)
+            signals[key] = replace(signal, values=values)
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "signals", MappingProxyType(signals))
+
+    @property
+    def rate(self) -> float:
+        """Mean sampling rate, Hz."""
+        return (len(self.time) - 1) / self.duration
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.time[-1] - self.time[0])
+
+    def values(self, *names: str) -> np.ndarray:
+        """Return signals as columns, shape (n, len(names))."""
+        return np.column_stack([self.signals[name].values for name in names])
+
+    def noted(self, *lines: str) -> Record:
+        """Return the record with lines added to its log."""
+        return replace(self, log=(*self.log, *lines))
+
+    def warned(self, *lines: str) -> Record:
+        """Return the record with warnings added; they go to the log as well."""
+        fresh = [line for line in lines if line not in self.warnings]
+        log = (*self.log, *(f"warning: {line}" for line in fresh))
+        return replace(self, log=log, warnings=(*self.warnings, *fresh))
+
+    def frame(self) -> pd.DataFrame:
+        """Return a DataFrame with the time in seconds as index and one column for each signal, in SI."""
+        import pandas as pd
+
+        index = pd.Index(self.time, name="time [s]")
+        return pd.DataFrame(
+            {f"{key} [{s.unit or '-'}]": s.values for key, s in self.signals.items()}, index=index
+        )
+
+
+@dataclass(frozen=True)
+class ReadRules:
+    """What a study allows to be done to its recordings; by default nothing.
+
+    Attributes
+    ----------
+    trip : str, optional
+        Column that changes from one trip to the next; each trip becomes a record.
+    drop_nan : bool
+        Leave out rows in which an asked column is empty, NaN or infinite.
+    drop_duplicates : bool
+        Of rows with the same time stamp keep the first.
+    resample : float, optional, Hz
+        Interpolate linearly onto an even grid of this rate.
+    gaps : {"refuse", "split"}
+        What to do with gaps: refuse the file, or make each uninterrupted part a record.
+    longest_gap : float, optional, s
+        Longest step that is not yet a gap; default is five median steps.
+    time_unit : str, optional
+        Unit of the time column, where its name does not say it and it is not seconds.
+    start, stop : float, optional, s
+        Rows outside this window of the file's own time are left out before anything is checked.
+    """
+
+    trip: str | None = None
+    drop_nan: bool = False
+    drop_duplicates: bool = False
+    resample: float | None = None
+    gaps: Literal["refuse", "split"] = "refuse"
+    longest_gap: float | None = None
+    time_unit: str | None = None
+    start: float | None = None
+    stop: float | None = None

@@ -1,0 +1,279 @@
+"""Calibration: uncertain parameters moved, within their priors and bounds, until the model follows the records."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimation.fit.calibration import Calibration, Fit, UncertainParameter
+from estimation.fit.fit_problem import FitProblem
+from estimation.fit.intervals import block_sandwich
+from estimation.fit.least_squares import solve
+from estimation.fit.weights import weights_of
+from estimation.response.experiment import Experiment, Response, SensorError
+from estimation.signals.correlation import correlation_time, cut_rows
+
+if TYPE_CHECKING:
+    from multibody.system.system import System
+
+__all__ = ["Calibration", "Fit", "UncertainParameter", "calibrate", "evaluate"]
+
+#: Fall of the weighted cost, relative, that a further step must promise.  The cost is of the order of the effective
+#: number of samples, so that what is left moves no parameter by more than a few hundredths of its deviation.
+SETTLED, TRIAL = 1e-6, 1e-4
+#: Rounds of a trial, and the logarithm of the change of an output's weight from which it takes another; chosen.
+TRIES, REWEIGH = 4, 0.2
+
+
+def calibrate(
+    system: System,
+    experiments: Sequence[Experiment],
+    parameters: Sequence[UncertainParameter],
+    *,
+    noise: Mapping[str, float] | None = None,
+    sensors: Sequence[SensorError] = (),
+    base: np.ndarray | None = None,
+    start: Sequence[float] | None = None,
+    own: Sequence[np.ndarray] | None = None,
+    scale: Mapping[str, float] | None = None,
+    rounds: int = 3,
+    max_evaluations: int = 40,
+    hold: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> Calibration:
+    """Fit uncertain parameters to records by full simulation.
+
+    Each output is weighed by the size of its own residual (at least its noise), found in a few rounds, and by how
+    long that residual remembers, so that a thousand correlated samples do not outweigh a prior.
+
+    Parameters
+    ----------
+    system : System
+    experiments : sequence of Experiment
+        Several records are fitted at once; each may have start values and offsets of its own.
+    parameters : sequence of UncertainParameter
+    noise : mapping of str to float, optional
+        Standard deviation of the noise of outputs, SI.
+    sensors : sequence of SensorError
+        Known errors of sensors.
+    base : ndarray, optional
+        Parameter vector for everything that is not moved; default: the model's.
+    start : sequence of float, optional
+        Where to begin, if not at the priors' means.
+    own : sequence of ndarray, optional
+        Where to begin with each record's own unknowns.
+    scale : mapping of str to float, optional
+        Weigh each output by this (as in `Calibration.scale`) and fit less finely: a trial, whose intervals are not
+        worked out (they are nan).  Where the outputs' residuals have changed much, it weighs and fits again.
+    rounds : int
+        Rounds of weighing and fitting.
+    max_evaluations : int
+        Simulations of all records in a round, at most.
+    hold : bool
+        Stay at the start, with the given ``scale``: the result of a fit that was made before.
+    progress : callable, optional
+        Gets a line of text now and then.
+
+    Raises
+    ------
+    SimulationError
+        If the model cannot be simulated at its start values.
+    """
+    base = system.p if base is None else base
+    problem = FitProblem(system, experiments, list(parameters), sensors, base)
+    outputs = experiments[0].outputs
+    floor = np.array([(noise or {}).get(n, 0.0) for n in outputs])
+    theta = problem.start(start, own)
+    low, high = problem.bounds()
+    theta = np.clip(theta, low, high)
+    problem.scale = np.ones(len(outputs))
+    first = problem.respond_all(theta, True)
+    not_excited = _not_excited(problem, first)
+    still = _still(problem, first)
+    moving = np.array([k for k in range(theta.size) if k not in still], dtype=int)
+    problem.scale = (
+        weights_of(problem, first, floor, theta, moving) if scale is None else np.array([scale[n] for n in outputs])
+    )
+    trial = scale is not None and not hold
+    message = "nothing to move"
+    final = not trial and rounds == 1  # as long as the weights still change, an exact minimum is not worth its while
+    for k in range((TRIES if trial else rounds) if moving.size and not hold else 0):
+        here = theta.copy()
+
+        def full(part: np.ndarray, here: np.ndarray = here) -> np.ndarray:
+            whole = here.copy()
+            whole[moving] = part
+            return whole
+
+        solution = solve(
+            lambda part, full=full: problem.residuals(full(part)),  # type: ignore[misc]
+            lambda part, full=full: problem.pieces(full(part), moving),  # type: ignore[misc]
+            theta[moving],
+            low[moving],
+            high[moving],
+            tolerance=SETTLED if final else TRIAL,
+            max_evaluations=max_evaluations,
+            confirm=final,
+        )
+        theta = full(solution.x)
+        message = solution.message
+        if trial and k + 1 == TRIES:
+            break
+        weights = weights_of(problem, problem.respond_all(theta, not trial), floor, theta, moving)
+        if trial:
+            if np.all(np.abs(np.log(weights / problem.scale)) < REWEIGH):
+                break
+            problem.scale = weights
+            continue
+        if progress is not None:
+            progress(
+                f"calibration round {k + 1}: {solution.evaluations} simulations, {solution.jacobians} of them with "
+                f"derivatives, cost {solution.cost:.4g}"
+            )
+        settled = bool(np.all(np.abs(weights / problem.scale - 1.0) < 0.05))
+        problem.scale = weights
+        if final and settled:
+            break
+        final = settled or k + 2 >= rounds
+    return _result(problem, theta, moving, low, high, not_excited, message, trial)
+
+
+def _still(problem: FitProblem, responses: Sequence[Response]) -> set[int]:
+    """Return the unknowns, of the model and of each record, that no output feels."""
+    names = _not_excited(problem, responses)
+    found = {k for k, p in enumerate(problem.parameters) if p.name in names}
+    for i, r in enumerate(responses):
+        size = np.max(np.abs(r.derivatives[:, :, problem.k :]), axis=(0, 1), initial=0.0)
+        found |= {int(problem.first[i]) + j for j, s in enumerate(size) if s == 0.0}
+    return found
+
+
+def _not_excited(problem: FitProblem, responses: Sequence[Response]) -> tuple[str, ...]:
+    size = np.zeros(problem.k)
+    spread = np.maximum(np.std(np.concatenate([e.measured for e in problem.experiments]), axis=0), 1e-300)
+    for r in responses:
+        size = np.maximum(
+            size, np.max(np.abs(r.derivatives[:, :, : problem.k]) / spread[:, None], axis=(0, 1), initial=0.0)
+        )
+    return tuple(p.name for p, s in zip(problem.parameters, size, strict=True) if s == 0.0)
+
+
+def _result(
+    problem: FitProblem,
+    theta: np.ndarray,
+    moving: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    not_excited: tuple[str, ...],
+    message: str,
+    trial: bool,
+) -> Calibration:
+    k = problem.k
+    fits, errors, first = [], [], 0
+    lengths = [e.measured.size for e in problem.experiments]
+    jacobian = np.zeros((0 if trial else sum(lengths), moving.size))
+    for i, (e, response) in enumerate(zip(problem.experiments, problem.respond_all(theta, not trial), strict=True)):
+        names = [*e.free, *(f"offset of {n}" for n in e.offsets)]
+        own = dict(zip(names, map(float, theta[problem.first[i] : problem.first[i + 1]]), strict=True))
+        fits.append(Fit(e, Response(response.outputs, np.empty((*response.outputs.shape, 0))), own))
+        if not trial:
+            part, columns = problem.weighted(response, i, moving)
+            jacobian[first : first + len(part), columns] = part
+            first += len(part)
+        errors.append(((e.measured - response.outputs) / problem.scale).ravel())
+    std = np.full(k, np.nan if trial else np.inf)
+    degrees = 1
+    confounded: tuple[tuple[str, ...], ...] = ()
+    values = theta[:k].copy()
+    at_bound = tuple(
+        p.name
+        for j, p in enumerate(problem.parameters)
+        if _touches(values[j], low[j], p.value) or _touches(values[j], high[j], p.value)
+    )
+    loose = np.array([j for j in moving if j >= k or problem.parameters[j].name not in at_bound], dtype=int)
+    if loose.size and not trial:
+        n_channels = len(problem.experiments[0].outputs)
+        memory = max(correlation_time(f.residual[:, c]) for f in fits for c in range(n_channels))
+        longest = max(lengths) // 2  # the sandwich needs two blocks, however long the residual remembers
+        blocks = cut_rows(lengths, min(int(3 * memory) * n_channels, longest))
+        prior = np.array([1.0 / problem.parameters[j].std ** 2 if j < k else 0.0 for j in loose])
+        error = np.concatenate(errors)
+        if loose.size < moving.size:
+            jacobian = jacobian[:, np.searchsorted(moving, loose)]
+        parts = [slice(int(b[0]), int(b[-1]) + 1) for b in blocks]  # of rows that follow one another
+        interval = block_sandwich([jacobian[b] for b in parts], [error[b] for b in parts], np.diag(prior))
+        degrees = int(interval.dof)
+        globals_ = loose[loose < k]
+        std[globals_] = interval.std[: globals_.size]
+        confounded = _confounded(problem, jacobian, prior, globals_)
+    scale = dict(zip(problem.experiments[0].outputs, map(float, problem.scale), strict=True))
+    return Calibration(
+        tuple(problem.parameters),
+        values,
+        std,
+        degrees,
+        tuple(fits),
+        scale,
+        not_excited,
+        at_bound,
+        confounded,
+        message,
+        problem.evaluations,
+    )
+
+
+def _touches(value: float, bound: float, size: float) -> bool:
+    return bool(np.isfinite(bound)) and abs(value - bound) <= 1e-6 * max(1e-12, abs(bound), abs(size), abs(value))
+
+
+def _confounded(
+    problem: FitProblem, jacobian: np.ndarray, prior: np.ndarray, columns: np.ndarray, limit: float = 1e-4
+) -> tuple[tuple[str, ...], ...]:
+    """Return groups of parameters whose effects nearly cancel: small singular values of the scaled sensitivities."""
+    n = columns.size
+    normal = jacobian.T @ jacobian
+    own, rest = normal[:n, :n], normal[n:, n:]
+    if rest.size:  # free of what each record's own unknowns take up
+        size = np.sqrt(np.maximum(np.diag(rest), 1e-300))
+        own = own - (normal[:n, n:] / size) @ np.linalg.pinv(rest / np.outer(size, size), hermitian=True) @ (
+            normal[n:, :n] / size[:, None]
+        )
+    own = own + np.diag(prior[:n])
+    size = np.sqrt(np.maximum(np.diag(own), 0.0))
+    ok = size > 0
+    if np.count_nonzero(ok) < 2:
+        return ()
+    square, directions = np.linalg.eigh(own[np.ix_(ok, ok)] / np.outer(size[ok], size[ok]))
+    s, vt = np.sqrt(np.maximum(square[::-1], 0.0)), directions.T[::-1]
+    names = [problem.parameters[j].name for j in columns[ok]]
+    groups = []
+    for value, direction in zip(s, vt, strict=True):
+        if value < limit**0.5 * s[0]:
+            members = tuple(n for n, w in zip(names, direction, strict=True) if abs(w) > 0.2)
+            if len(members) > 1:
+                groups.append(members)
+    return tuple(groups)
+
+
+def evaluate(
+    system: System,
+    experiments: Sequence[Experiment],
+    calibration: Calibration,
+    *,
+    noise: Mapping[str, float] | None = None,
+    sensors: Sequence[SensorError] = (),
+    base: np.ndarray | None = None,
+) -> Calibration:
+    """Lay a calibrated machine beside further records: parameters stay, only each record's own unknowns are fitted."""
+    base = (system.p if base is None else base).copy()
+    held = {s.name: s for s in sensors}
+    for name, value in calibration.to_dict().items():
+        if name.startswith("sensor."):
+            output, _, kind = name[7:].rpartition(".")
+            held[name] = SensorError(output, kind, value)
+        else:
+            base[system.index("parameter", name)] = value
+    found = calibrate(system, experiments, (), noise=noise, sensors=tuple(held.values()), base=base, rounds=2)
+    return found

@@ -1,0 +1,168 @@
+"""The least-squares problem of a calibration: all records stacked, priors and each record's own unknowns included."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimation.fit.calibration import UncertainParameter
+from estimation.fit.least_squares import Piece
+from estimation.response.experiment import Experiment, Response, SensorError
+from multibody.base.parallel import cores, side_by_side
+
+if TYPE_CHECKING:
+    from multibody.system.system import System
+
+__all__ = ["FitProblem"]
+
+
+@dataclass
+class FitProblem:
+    """The stacked least-squares problem over parameters and every record's own unknowns."""
+
+    system: System
+    experiments: Sequence[Experiment]
+    parameters: Sequence[UncertainParameter]
+    sensors: Sequence[SensorError]
+    base: np.ndarray
+    scale: np.ndarray = field(default_factory=lambda: np.ones(0))
+    evaluations: int = 0
+
+    def __post_init__(self) -> None:
+        self.k = len(self.parameters)
+        self._ran = False
+        self._seen: dict[bool, tuple[np.ndarray, list[Response]]] = {}
+        self.own = [(e.free, e.offsets) for e in self.experiments]
+        sizes = [len(f) + len(o) for f, o in self.own]
+        self.first = self.k + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+
+    def start(self, given: Sequence[float] | None, own: Sequence[np.ndarray] | None) -> np.ndarray:
+        """Return where to begin: what is given, else the priors' means and what the sensors read first."""
+        theta = [p.value for p in self.parameters] if given is None else [float(v) for v in given]
+        for i, e in enumerate(self.experiments):
+            if own is not None and own[i].size == len(e.free) + len(e.offsets):
+                theta += own[i].tolist()
+                continue
+            x = e.start_vector(self.system)
+            theta += [x[self.system.index("state", n)] for n in e.free] + [0.0] * len(e.offsets)
+        return np.array(theta, dtype=float)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds of all unknowns; each record's own have none."""
+        low = np.full(self.first[-1], -np.inf)
+        high = np.full(self.first[-1], np.inf)
+        low[: self.k] = [p.min for p in self.parameters]
+        high[: self.k] = [p.max for p in self.parameters]
+        return low, high
+
+    def respond(self, theta: np.ndarray, index: int, derivatives: bool) -> Response:
+        """Simulate one experiment at a point; derivatives by parameters, then by its own unknowns."""
+        experiment = self.experiments[index]
+        p, sensors = self.base.copy(), {s.name: s for s in self.sensors}
+        for parameter, value in zip(self.parameters, theta, strict=False):
+            if parameter.name.startswith("sensor."):
+                output, _, kind = parameter.name[7:].rpartition(".")
+                sensors[parameter.name] = SensorError(output, kind, float(value))
+            else:
+                p[self.system.index("parameter", parameter.name)] = value
+        x0 = experiment.start_vector(self.system)
+        mine = theta[self.first[index] : self.first[index + 1]]
+        for name, value in zip(experiment.free, mine, strict=False):
+            x0[self.system.index("state", name)] = value
+        wanted = [q.name for q in self.parameters] if derivatives else []
+        states = experiment.free if derivatives else ()
+        self.evaluations += 1
+        found = experiment.respond(
+            self.system,
+            p,
+            x0,
+            parameters=wanted,
+            states=states,
+            sensors=tuple(sensors.values()),
+            workers=cores(),
+        )
+        outputs = found.outputs.copy()
+        extra = []
+        for name, value in zip(experiment.offsets, mine[len(experiment.free) :], strict=True):
+            c = experiment.outputs.index(name)
+            outputs[:, c] += value
+            one = np.zeros_like(outputs)
+            one[:, c] = 1.0
+            extra.append(one)
+        dy = found.derivatives
+        if derivatives and extra:
+            dy = np.concatenate([dy, np.stack(extra, axis=2)], axis=2)
+        return Response(outputs, dy)
+
+    def respond_all(self, theta: np.ndarray, derivatives: bool) -> list[Response]:
+        """Simulate every experiment, side by side.
+
+        What was last simulated with derivatives, and without, is remembered and not simulated again.
+        """
+        for kind in (True,) if derivatives else (True, False):
+            point, found = self._seen.get(kind, (None, []))
+            if point is not None and np.array_equal(point, theta):
+                return found
+        found = side_by_side(lambda i: self.respond(theta, i, derivatives), range(len(self.experiments)))
+        self._seen[derivatives] = (theta.copy(), found)
+        return found
+
+    def residuals(self, theta: np.ndarray) -> list[np.ndarray] | None:
+        """Return the weighted residual of every experiment, then of the priors; None where a simulation fails."""
+        from multibody.base.errors import SimulationError
+
+        try:
+            found = self.respond_all(theta, False)
+        except SimulationError:
+            if not self._ran:
+                raise
+            return None
+        self._ran = True
+        return [
+            *(((r.outputs - e.measured) / self.scale).ravel() for r, e in zip(found, self.experiments, strict=True)),
+            self.prior_residual(theta),
+        ]
+
+    def prior_residual(self, theta: np.ndarray) -> np.ndarray:
+        """Return how far each parameter with a prior is from its mean, in standard deviations."""
+        return np.array(
+            [(v - p.value) / p.std for p, v in zip(self.parameters, theta, strict=False) if np.isfinite(p.std)]
+        )
+
+    def pieces(self, theta: np.ndarray, moving: np.ndarray) -> Iterator[Piece]:
+        """Yield the problem's rows, by what moves: every experiment, then the priors."""
+        from multibody.base.errors import SimulationError
+
+        found = self.respond_all(theta, True)
+        self._ran = True
+        for i, (e, response) in enumerate(zip(self.experiments, found, strict=True)):
+            jacobian, columns = self.weighted(response, i, moving)
+            if not np.all(np.isfinite(jacobian)) or np.max(np.abs(jacobian), initial=0.0) > 1e100:
+                raise SimulationError(
+                    f"'{self.system.name}' on record '{e.name}': the derivatives grow beyond all bounds; the machine "
+                    "runs away from these inputs, so its windows must be shorter"
+                )
+            yield Piece(jacobian, columns, ((response.outputs - e.measured) / self.scale).ravel())
+        with_prior = [k for k, p in enumerate(self.parameters) if np.isfinite(p.std)]
+        prior = np.zeros((len(with_prior), theta.size))
+        prior[np.arange(len(with_prior)), with_prior] = [1.0 / self.parameters[k].std for k in with_prior]
+        yield Piece(prior[:, moving], np.arange(moving.size), self.prior_residual(theta))
+
+    def weighted(self, response: Response, index: int, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return one record's derivatives by those of the unknowns ``moving`` that it feels, and which these are.
+
+        Each output is divided by its scale.
+        """
+        columns, picked = self.felt(index, moving)
+        dy = response.derivatives[:, :, picked] / self.scale[:, None]
+        return dy.reshape(dy.shape[0] * dy.shape[1], dy.shape[2]), columns
+
+    def felt(self, index: int, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return which of the unknowns ``moving`` a record feels, and where its derivatives have them."""
+        first, end = self.first[index], self.first[index + 1]
+        mine = (moving < self.k) | ((moving >= first) & (moving < end))
+        picked = np.where(moving < self.k, moving, moving - first + self.k)[mine]
+        return np.flatnonzero(mine), picked

@@ -1,0 +1,381 @@
+"""The virtual gear rig: a gear stage richer than the model under test, measured as a real one would be.
+
+`vtsdt bench gear` writes recordings, a study file and the truth into a folder.  Data from here are synthetic and are
+always called that.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from discrepancy.rigs.recording import BenchError, Channel, Logger, check_folder, write_csv, write_json
+from gearbox.files.operating_condition import OperatingCondition
+from gearbox.rig.hidden import KINDS, HiddenFault, choose, manufacturing
+from gearbox.signals.recordings import Recording
+from gearbox.signals.signal import Signal
+from multibody.base.progress import silent
+
+if TYPE_CHECKING:
+    from gearbox.stage.stage import Stage
+
+__all__ = ["CONDITIONS", "GearRig", "RigRecording", "main", "make_gear", "record"]
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+TEETH = (32, 44)
+#: Name, reported speed (r/min), load (N m) and whether the model may be updated from it.  The paper's Table 5, and two
+#: more loads at the base speed for the objective that compares several.
+CONDITIONS: tuple[tuple[str, float, float, bool], ...] = (
+    ("identify_1_base", 1000.0, 150.0, True),
+    ("identify_2_light", 1000.0, 75.0, True),
+    ("identify_3_heavy", 1000.0, 220.0, True),
+    ("validate_condition_1", 1006.0, 50.0, False),
+    ("validate_condition_2", 1005.0, 75.0, False),
+    ("validate_condition_3", 1003.0, 100.0, False),
+)
+SENSORS = ("input_seat", "output_seat", "base")
+AXES = ("x", "y", "z")
+ACCELEROMETERS = tuple(f"a_{sensor}_{axis}" for sensor in SENSORS for axis in AXES)
+#: What is drawn for each rig, within Table 3: name, lowest, highest, unit.
+TRUE_RANGES = (
+    ("K", 5.2e5, 11.0e5, "N at 1 mm"),
+    ("C_D", 150e3, 600e3, "N*s/m"),
+    ("e_F", 1.8, 2.3, ""),
+)
+
+
+@dataclass(frozen=True)
+class GearRig:
+    """How the rig is run.
+
+    Parameters
+    ----------
+    seed : int
+        Of everything that is drawn.
+    manufacturing : float
+        Factor on the usual errors of manufacturing and assembly; 0 for a stage without any.
+    strength : float
+        Factor on the usual size of what is hidden.
+    noise : float
+        Standard deviation of each accelerometer's noise, m/s².
+    path : float
+        Factor on what the measuring chain does that the model's accelerometers do not: a mounting resonance, a gain
+        error, a delay; 0 for none.
+    wander : float
+        Share by which the speed wanders slowly.
+    duration : float, s
+        Of a record.
+    housing : str
+        As in the model under test: "flexible", "rigid" or "clamped".
+    conditions : tuple
+        As :data:`CONDITIONS`.
+    """
+
+    seed: int = 0
+    manufacturing: float = 0.0
+    strength: float = 1.0
+    noise: float = 0.3
+    path: float = 1.0
+    wander: float = 2e-5
+    duration: float = 1.0
+    housing: str = "flexible"
+    conditions: tuple[tuple[str, float, float, bool], ...] = CONDITIONS
+    logger: Logger = field(default_factory=lambda: Logger(rate=25_600.0, fine=2, jitter=0.0, cutoff=0.8))
+
+    def __post_init__(self) -> None:
+        faults = []
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
+            faults.append(f"seed is {self.seed!r}: give a whole number, zero or more")
+        for name, value in (("manufacturing", self.manufacturing), ("noise", self.noise), ("path", self.path),
+                            ("wander", self.wander)):  # fmt: skip
+            if not (np.isfinite(value) and value >= 0.0):
+                faults.append(f"{name} is {value}: give a number of zero or more")
+        if not (np.isfinite(self.strength) and self.strength > 0.0):
+            faults.append(f"strength is {self.strength}: give a factor above zero")
+        if not (np.isfinite(self.duration) and self.duration >= 0.6):
+            faults.append(f"duration is {self.duration} s: give 0.6 s or more, so that a window of 0.5 s fits in")
+        if self.housing not in ("flexible", "rigid", "clamped"):
+            faults.append(f"housing is '{self.housing}': take flexible, rigid or clamped")
+        if faults:
+            raise BenchError(faults)
+
+    def stream(self, number: int) -> np.random.Generator:
+        """Random numbers for one purpose: a change of one thing leaves all others as they are."""
+        return np.random.default_rng([int(self.seed), number])
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What is recorded."""
+        slow = (
+            Channel("speed", "speed_rpm", "rad/s", "rpm", noise=0.02, resolution=0.01),
+            Channel("torque", "load_torque_Nm", "N*m", "N*m", noise=0.2, resolution=0.05),
+        )
+        fast = tuple(
+            Channel(name, f"{name} [m/s2]", "m/s**2", "m/s**2", noise=self.noise, resolution=2e-3, analogue=True)
+            for name in ACCELEROMETERS
+        )
+        return slow + fast
+
+    def true_values(self) -> dict[str, float]:
+        """Contact parameters of the rig, drawn within the ranges that the study allows."""
+        rng = self.stream(1)
+        return {name: float(rng.uniform(low, high)) for name, low, high, _ in TRUE_RANGES}
+
+    def faults_of(self, hide: Sequence[str]) -> list[HiddenFault]:
+        """Everything that the stage has and the model lacks: what is hidden first, then manufacturing errors.
+
+        Raises
+        ------
+        BenchError
+            With every kind or place that does not exist.
+        """
+        hidden = choose(hide, self.stream(2), self.strength)
+        places = {(each.kind.kind, each.where) for each in hidden}
+        usual = [f for f in manufacturing(self.stream(3), self.manufacturing) if (f.kind.kind, f.where) not in places]
+        return hidden + usual
+
+
+@dataclass(frozen=True, eq=False)
+class RigRecording:
+    """One recording of the rig.
+
+    Parameters
+    ----------
+    name : str
+    stamps : ndarray, shape (n,), s
+    columns : dict of str to ndarray, shape (n,)
+        As they are written.
+    reported, true : OperatingCondition
+        What the rig's display says, and what it was.
+    identify : bool
+    """
+
+    name: str
+    stamps: Array
+    columns: dict[str, Array]
+    reported: OperatingCondition
+    true: OperatingCondition
+    identify: bool
+
+    def recording(self, sensors: Sequence[str] = ACCELEROMETERS) -> Recording:
+        """The same as the updating chain takes it, without a file."""
+        rate = 1.0 / float(self.stamps[1] - self.stamps[0])
+        signals = {s: Signal(self.columns[f"{s} [m/s2]"], rate, s, "m/s**2") for s in sensors}
+        return Recording(self.reported, signals)
+
+
+def true_stage(rig: GearRig, faults: Sequence[HiddenFault]) -> tuple[Stage, dict[str, float]]:
+    """The stage on the rig and the values of its parameters by full name."""
+    from gearbox.stage.stage import Stage, Structure
+
+    pits = any(f.kind.kind == "bearing_defect" for f in faults)
+    structure = Structure(housing=rig.housing, imperfect=bool(faults), bearing_defects=pits)
+    stage = Stage(None, structure, name="rig of a gear stage")
+    mesh = stage.components["mesh"]
+    for fault in faults:
+        mesh.tables.update(fault.patterns(TEETH))
+    values = stage.values(**rig.true_values())
+    for fault in faults:
+        for name, value in fault.values().items():
+            values[name] = values.get(name, 0.0) + value if name.endswith(("clearance", "unbalance")) else value
+    return stage, values
+
+
+def _sensor_path(rig: GearRig, number: int, values: Array, step: float) -> Array:
+    """What mounting and cable do to an accelerometer's signal: a resonance, a gain error, a delay."""
+    from scipy.signal import bilinear, lfilter
+
+    if rig.path == 0.0:
+        return values
+    rng = rig.stream(500 + number)
+    frequency = 2.0 * np.pi * rng.uniform(5.0e3, 8.0e3)
+    damping = rng.uniform(0.04, 0.08)
+    gain = 1.0 + rig.path * rng.uniform(-0.06, 0.06)
+    delay = rig.path * rng.uniform(10e-6, 40e-6)
+    b, a = bilinear([frequency**2], [1.0, 2.0 * damping * frequency, frequency**2], 1.0 / step)
+    seen = lfilter(b, a, values - values[0]) + values[0]
+    mixed = values + min(rig.path, 1.0) * (seen - values)
+    t = np.arange(values.size) * step
+    return np.asarray(gain * np.interp(t - delay, t, mixed))
+
+
+def record(
+    rig: GearRig, hide: Sequence[str] = (), progress: Progress = silent
+) -> tuple[list[RigRecording], list[HiddenFault]]:
+    """Run the rig at every condition; returns the recordings and what the stage has that the model lacks."""
+    from multibody.base.units import convert
+
+    faults = rig.faults_of(hide)
+    stage, values = true_stage(rig, faults)
+    stamps = rig.logger.stamps(rig.duration)[:-1]
+    before = 0.05
+    fine = rig.logger.fine_grid(rig.duration, before)
+    step = float(fine[1] - fine[0])
+    found = []
+    for k, (name, rpm, torque, identify) in enumerate(rig.conditions):
+        progress(f"recording {k + 1} of {len(rig.conditions)}: {name}")
+        draws = rig.stream(100 + k)
+        # A drive holds its set speed to a few hundredths of a per cent, and the load to a few tenths.
+        true = OperatingCondition(
+            rpm * (1.0 + 3e-4 * draws.uniform(-1, 1)), torque * (1.0 + 3e-3 * draws.uniform(-1, 1))
+        )
+        angle, phase = draws.uniform(0.0, 2.0 * np.pi, 2)
+        omega = true.speed_rpm * np.pi / 30.0
+        span = float(fine[-1] - fine[0])
+        beginning = float(fine[0])
+        grid = np.linspace(beginning - 0.2, float(fine[-1]), 200)
+        slow = omega * (1.0 + rig.wander * np.sin(2.0 * np.pi * 0.9 * grid + phase))
+        run = stage.simulate(
+            true.speed_rpm, true.load_Nm, span + step, rate=1.0 / step, parameters=values, angle=float(angle),
+            inputs={"speed": (grid - beginning, slow)}, method="DormandPrince54", rtol=1e-7, atol=1e-10)  # fmt: skip
+        rng = rig.stream(300 + k)
+        columns: dict[str, Array] = {}
+        for number, channel in enumerate(rig.channels):
+            if channel.signal == "torque":
+                seen = np.full(fine.size, true.load_Nm)
+            elif channel.signal == "speed":
+                seen = np.full(fine.size, convert(rpm, "rpm", "rad/s"))
+            else:
+                seen = _sensor_path(rig, number, np.asarray(run[channel.signal])[: fine.size], step)
+            columns[channel.column] = rig.logger.read(channel, fine[: seen.size], seen, stamps, rng)
+        plain = name.partition("_")[2].lstrip("0123456789_").replace("_", " ")
+        reported = OperatingCondition(rpm, torque, plain)
+        found.append(RigRecording(name, stamps, columns, reported, true, identify))
+    return found, faults
+
+
+def make_gear(
+    out: str | os.PathLike[str], hide: Sequence[str] = (), *, rig: GearRig | None = None, progress: Progress = silent
+) -> Path:
+    """Write recordings of the virtual gear rig into a folder, with the study file and the truth.
+
+    Parameters
+    ----------
+    out : path
+        Folder; made if it is not there.
+    hide : sequence of str
+        ``KIND`` or ``KIND@WHERE``, see :data:`gearbox.rig.hidden.KINDS`.
+    rig : GearRig, optional
+    progress : callable
+        Gets a line of text for each recording.
+
+    Returns
+    -------
+    Path
+        The study file.
+
+    Raises
+    ------
+    BenchError
+        With everything that is not possible.
+    """
+    from gearbox.rig import texts as rig_texts
+
+    rig = rig or GearRig()
+    rig.faults_of(hide)
+    if Path(out).is_file():
+        check_folder(out)
+    recordings, faults = record(rig, hide, progress)
+    folder = check_folder(out)
+    for each in recordings:
+        progress(f"writing {each.name}")
+        write_csv(folder / f"{each.name}.csv.gz", each.stamps, each.columns)
+    study = folder / "study.toml"
+    study.write_text(rig_texts.study(rig), encoding="utf-8")
+    (folder / "README.md").write_text(rig_texts.readme(rig), encoding="utf-8")
+    write_json(folder / "truth.json", truth(rig, recordings, faults, len(hide)))
+    return study
+
+
+def truth(
+    rig: GearRig, recordings: Sequence[RigRecording], faults: Sequence[HiddenFault], hidden: int
+) -> dict[str, Any]:
+    """What ``truth.json`` holds; the first ``hidden`` faults were asked for."""
+    units = {name: unit for name, _, _, unit in TRUE_RANGES}
+    return {
+        "synthetic": True,
+        "machine": "gear",
+        "seed": int(rig.seed),
+        "effects": [f.truth() for f in faults[:hidden]],
+        "manufacturing": [f.truth() for f in faults[hidden:]],
+        "perturbed": {n: {"value": v, "unit": units[n]} for n, v in rig.true_values().items()},
+        "conditions": {
+            r.name: {"reported_rpm": r.reported.speed_rpm, "true_rpm": r.true.speed_rpm, "true_load_Nm": r.true.load_Nm}
+            for r in recordings
+        },
+        "noise": {"value": rig.noise, "unit": "m/s**2"},
+        "sensor_path": rig.path,
+        "strength": rig.strength,
+    }
+
+
+def listing(strength: float = 1.0) -> list[tuple[str, str, str, str]]:
+    """Kind, place, usual size and meaning of everything that can be hidden."""
+    rows = []
+    for kind in KINDS.values():
+        size = f"{strength * kind.usual * kind.size:.3g} {kind.unit}".rstrip()
+        rows += [(kind.kind, where, size, kind.what) for where in kind.places]
+    return rows
+
+
+def main(arguments: list[str]) -> int:
+    """Run ``vtsdt bench gear``; ``arguments`` are the words after it."""
+    import argparse
+
+    parser = argparse.ArgumentParser(
+        prog="vtsdt bench gear",
+        description="Write recordings of a virtual gear stage. They are synthetic. Without --hide nothing is hidden.",
+    )
+    parser.add_argument(
+        "--hide", metavar="KIND[@WHERE]", action="extend", nargs="+", default=[],
+        help="effect to hide; give several, or repeat the option")  # fmt: skip
+    parser.add_argument("--list", action="store_true", help="print what can be hidden, where, and its usual size")
+    parser.add_argument("--out", metavar="DIR", help="folder to write into; made if it is not there")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of all random numbers (default 0)")
+    parser.add_argument(
+        "--manufacturing", metavar="FACTOR", type=float, default=0.0,
+        help="factor on the usual errors of manufacturing and assembly of a real stage (default 0: none)")  # fmt: skip
+    parser.add_argument(
+        "--strength", metavar="FACTOR", type=float, default=1.0,
+        help="factor on the usual size of what is hidden (default 1)")  # fmt: skip
+    parser.add_argument("--noise", metavar="M_S2", type=float, default=0.3,
+                        help="noise of the accelerometers, m/s² (default 0.3)")  # fmt: skip
+    parser.add_argument("--housing", choices=("flexible", "rigid", "clamped"), default="flexible",
+                        help="of the rig and of the model under test (default flexible)")  # fmt: skip
+    parser.add_argument("--encoders", action="store_true",
+                        help="turn the stage slowly and record encoders and torque, for vtsdt diagnose")  # fmt: skip
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    given = parser.parse_args(arguments)
+    if given.list:
+        rows = [("KIND", "WHERE", "USUAL SIZE", "MEANING"), *listing(given.strength)]
+        wide = [max(len(r[i]) for r in rows) for i in range(3)]
+        for row in rows:
+            print("  ".join(text.ljust(w) for text, w in zip(row[:3], wide, strict=True)) + "  " + row[3])
+        return 0
+    if given.out is None:
+        raise BenchError(["--out DIR is missing: name a folder for the recordings, or ask for --list"])
+    from gearbox.files.progress import Teller
+
+    rig = GearRig(
+        given.seed, given.manufacturing, given.strength, noise=given.noise, housing=given.housing)  # fmt: skip
+    with Teller(given.quiet) as progress:
+        progress("preparing the stage of the rig")
+        if given.encoders:
+            from gearbox.rig.encoders import make_encoders as make
+        else:
+            make = make_gear
+        study = make(given.out, given.hide, rig=rig, progress=progress)
+    if not given.quiet:
+        command, result = ("diagnose", "diagnosis") if given.encoders else ("update-gearbox", "updating")
+        print(f"Synthetic recordings of a virtual gear stage are in {study.parent}")
+        print(f"next: vtsdt {command} {study} --out {study.parent / result}")
+    return 0

@@ -1,0 +1,122 @@
+"""The content of ``updating.json``."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gearbox.updating.result import Candidate, UpdatingResult
+
+__all__ = ["SCHEMA", "content"]
+
+SCHEMA = 1
+
+
+def content(result: UpdatingResult) -> dict[str, Any]:
+    """Everything a script may want of a result, as plain numbers and texts."""
+    s = result.settings
+    study = result.choice.study.drop(columns=["note"], errors="ignore")
+    found = {
+        "schema": SCHEMA,
+        "accepted": result.accepted,
+        "improved": result.improved,
+        "sentence": result.sentence(),
+        "objective": s.objective,
+        "lag_rule": s.rule,
+        "processing": s.processing.describe(),
+        "parameters": {
+            name: {
+                "unit": unit,
+                "min": low,
+                "max": high,
+                "start": result.start.values[name],
+                "updated": result.updated.values[name],
+                "selected": name in result.selected,
+            }
+            for name, unit, low, high in zip(s.space.names, s.space.units, s.space.lower, s.space.upper, strict=True)
+        },
+        "start": _candidate(result.start),
+        "optimum": _candidate(result.optimum),
+        "updated": _candidate(result.updated),
+        "tried": [_candidate(each) for each in result.tried],
+        "speed": {
+            "reported_rpm": result.frequencies.reported_rpm,
+            "matched_rpm": result.frequencies.condition.speed_rpm,
+        },
+        "frequencies": {
+            "mesh_Hz": result.frequencies.virtual.mesh_frequency,
+            "model": _components(result.frequencies.virtual),
+            "measured": _components(result.frequencies.measured),
+        },
+        "sensitivity": {
+            name: {"range": float(r), "slope_at_base": float(slope)}
+            for name, r, slope in zip(s.space.names, result.sensitivity.ranges, result.sensitivity.slopes, strict=True)
+        },
+        "selected": list(result.selected),
+        "surface": {
+            "points": result.choice.points,
+            "order": result.choice.order,
+            "failed_simulations": result.choice.failed,
+            "terms": list(result.choice.surface.term_names),
+            "coefficients": result.choice.surface.coefficients.tolist(),
+            "study": study.to_dict(orient="records"),
+        },
+        "search": result.search.to_dict(),
+        "conditions": [
+            {
+                "name": c.condition.label,
+                "load_Nm": c.condition.load_Nm,
+                "reported_rpm": c.reported_rpm,
+                "matched_rpm": c.condition.speed_rpm,
+                "before": c.before.to_dict(),
+                "after": c.after.to_dict(),
+                "lines_explained_before": c.amplitude_before,
+                "lines_explained_after": c.amplitude_after,
+                "model_components": _components(c.components),
+            }
+            for c in result.checks
+        ],
+        "directions": [d.to_dict() for d in result.directions],
+        "simulations": {
+            "made": result.simulations,
+            "reused": result.reused,
+            "failed": result.failed,
+            "computing_seconds": result.seconds,
+            "off_mesh_share": result.off_mesh,
+        },
+        "notes": list(result.notes),
+    }
+    return _plain(found)  # type: ignore[no-any-return]
+
+
+def _candidate(each: Candidate) -> dict[str, Any]:
+    return {
+        "origin": each.origin,
+        "values": dict(each.values),
+        "predicted": each.predicted,
+        "simulated": each.simulated,
+        "similarity": None if each.similarity is None else each.similarity.to_dict(),
+    }
+
+
+def _components(each: Any) -> dict[str, Any]:
+    return {
+        "frequencies_Hz": list(each.frequencies),
+        "orders": list(each.orders),
+        "relative_errors": list(each.errors),
+        "accepted": each.accepted,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Numbers of numpy as Python's, and what is no finite number as null."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

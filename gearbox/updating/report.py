@@ -1,0 +1,177 @@
+"""The report of the updating chain: one page that opens offline, with its figures as files beside it."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discrepancy.report.figure_style import unit_text
+from gearbox.signals.similarity import LAG_RULES
+
+if TYPE_CHECKING:
+    from gearbox.updating.result import UpdatingResult
+
+__all__ = ["render", "write"]
+
+_DPI = 150
+
+CAPTIONS = {
+    "similarity": "Cosine similarity before and after, at the condition used and at those held out (the paper's "
+    "Fig. 12). The black line is the highest value that a signal with mesh lines only can reach.",
+    "signals": "A stretch of the processed signals, each shifted by the lag of its score and scaled to the "
+    "measurement.",
+    "spectra": "Spectra of the processed signals at the base condition. What the measurement has beside the mesh "
+    "lines, no parameter of a healthy model can give.",
+    "sensitivity": "One parameter moved at a time, the others as they were (Fig. 8). This is a statement about this "
+    "model at this point: with another housing another parameter may lead.",
+    "surface_study": "Left: R² on the fitted points, with each point left out, and on test points that no fit has seen "
+    "(Fig. 9). Right: errors at the test points (Fig. 10). R² on the fitted points alone says little.",
+    "surface": "Left: what the surface predicts against what was simulated. Right: cuts through its optimum (star).",
+    "search": "Left: the search on the surface. Right: what the candidates gave when they were simulated again; a "
+    "diamond is what the surface had promised.",
+    "directions": "How well each direction of the parameters is known. Orange: the recordings cannot tell it, so the "
+    "values of these parameters are one choice among many.",
+}
+
+
+def write(result: UpdatingResult, out: str | Path) -> list[Path]:
+    """Write ``updating.json``, ``report.html`` and the figures as PNG; returns what was written."""
+    from gearbox.updating.figures import all_figures
+
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    written = [out / "updating.json"]
+    written[0].write_text(json.dumps(result.to_dict(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    pictures = {}
+    for name, figure in all_figures(result).items():
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
+        pictures[name] = buffer.getvalue()
+        path = out / f"{name}.png"
+        path.write_bytes(buffer.getvalue())
+        written.append(path)
+    page = out / "report.html"
+    page.write_text(render(result, pictures), encoding="utf-8")
+    return [written[0], page, *written[1:]]
+
+
+def render(result: UpdatingResult, pictures: dict[str, bytes]) -> str:
+    """Return the page as HTML that needs nothing from outside."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.ChoiceLoader(
+            [jinja2.PackageLoader("gearbox", "templates"), jinja2.PackageLoader("discrepancy", "templates")]
+        ),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    shown = {
+        name: {
+            "source": "data:image/png;base64," + base64.b64encode(png).decode("ascii"),
+            "caption": CAPTIONS[name],
+        }
+        for name, png in pictures.items()
+    }
+    return environment.get_template("updating.html").render(pictures=shown, **_content(result))
+
+
+def _content(result: UpdatingResult) -> dict[str, Any]:
+    s, f = result.settings, result.frequencies
+    start, updated = result.start.similarity, result.updated.similarity
+    return {
+        "headline": _headline(result),
+        "sentence": result.sentence(),
+        "improved": result.improved,
+        "objective": "cosine similarity at the first recording"
+        if s.objective == "similarity"
+        else "amplitudes and phases of the mesh lines over all recordings used",
+        "processing": s.processing.describe(),
+        "rule": f"'{s.rule}': {LAG_RULES[s.rule]}",
+        "scores": [(n, each.describe()) for n, each in (("before", start), ("after", updated)) if each is not None],
+        "speed": (f.reported_rpm, f.condition.speed_rpm, 100.0 * (f.condition.speed_rpm / f.reported_rpm - 1.0)),
+        "components": _components(result),
+        "parameters": [
+            {
+                "name": name,
+                "unit": unit_text(row["unit"]) or "–",
+                "range": f"{row['lower']:.5g} … {row['upper']:.5g}",
+                "start": f"{row['start']:.5g}",
+                "updated": f"{row['updated']:.5g}" if row["selected"] else "not selected",
+            }
+            for name, row in result.parameters().iterrows()
+        ],
+        "conditions": [
+            {
+                "name": row["condition"],
+                "speed": f"{row['speed [r/min]']:.2f}",
+                "load": f"{row['load [N·m]']:.4g}",
+                "used": "used" if row["used for updating"] else "held out",
+                "before": f"{row['before']:.4f}",
+                "after": f"{row['after']:.4f}",
+                "bound": f"{row['upper bound']:.4f}",
+                "lag": f"{row['lag [ms]']:+.4f}",
+            }
+            for _, row in result.to_frame().iterrows()
+        ],
+        "tried": [
+            {
+                "origin": c.origin,
+                "predicted": "–" if not np.isfinite(c.predicted) else f"{c.predicted:.4f}",
+                "simulated": "failed" if not np.isfinite(c.simulated) else f"{c.simulated:.4f}",
+                "taken": c is result.updated,
+            }
+            for c in result.tried
+        ],
+        "selected": ", ".join(result.selected),
+        "surface": result.choice,
+        "quality": _quality(result),
+        "directions": [each.describe() for each in result.directions],
+        "notes": result.notes,
+        "counts": f"{result.simulations} simulations were made in {result.seconds:.0f} s of computing, "
+        f"{result.reused} were taken from an earlier run, {result.failed} failed. At most "
+        f"{100 * result.off_mesh:.2g} % of a model signal's RMS was off the mesh lines.",
+    }
+
+
+def _headline(result: UpdatingResult) -> str:
+    before, after = result.start.simulated, result.updated.simulated
+    what = "Similarity" if result.settings.objective == "similarity" else "Share of mesh lines explained"
+    if not result.improved:
+        return f"The model stays as it was: nothing better than {before:.3f} was found"
+    return f"{what} {before:.3f} → {after:.3f}"
+
+
+def _components(result: UpdatingResult) -> list[dict[str, str]]:
+    rows = []
+    for whose, each in (("model", result.frequencies.virtual), ("measurement", result.frequencies.measured)):
+        for f, k, e in sorted(zip(each.frequencies, each.orders, each.errors, strict=True)):
+            rows.append(
+                {
+                    "whose": whose,
+                    "theory": f"{k} × mesh = {k * each.mesh_frequency:.1f} Hz",
+                    "found": f"{f:.1f} Hz",
+                    "error": f"{100 * e:+.2f} %",
+                    "verdict": "within 5 %" if abs(e) <= 0.05 else "off",
+                }
+            )
+    return rows
+
+
+def _quality(result: UpdatingResult) -> list[dict[str, Any]]:
+    rows = []
+    for _, row in result.choice.study.iterrows():
+        taken = int(row["points"]) == result.choice.points and int(row["order"]) == result.choice.order
+        numbers = {
+            key: "–" if key not in row or not np.isfinite(row[key]) else f"{row[key]:.3f}"
+            for key in ("r2", "r2_loo", "test_r2", "test_max_relative_error", "test_mean_relative_error")
+        }
+        rows.append({"points": str(int(row["points"])), "order": str(int(row["order"])), "taken": taken, **numbers})
+    return rows

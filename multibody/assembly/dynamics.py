@@ -1,0 +1,197 @@
+"""Newton's law for the assembled machine: mass matrix block by block, accelerations, reactions.
+
+Every inertia contributes rows ``v_row = Σ_j J_j v_j (+ …)`` over the independent coordinates ``j``.  Then
+``M_ij = Σ J_i m J_j`` and ``F_i = Σ J_i (f − m b)``, with ``b`` the acceleration that is there without any
+change of the independent speeds.  Coordinates that do not influence each other are solved on their own, so a
+machine of separate bodies pays for no matrix.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from multibody.assembly.equation_set import Unknown
+
+if TYPE_CHECKING:
+    from multibody.assembly.equation_set import Assembly
+
+__all__ = ["Contribution", "Coordinate", "accelerations", "product", "total"]
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """An independent motion.
+
+    Parameters
+    ----------
+    key : str
+        Name by which contributions refer to it.
+    name : str
+        Name for messages.
+    velocity, acceleration : str
+        Variables.
+    kind : {"free", "prescribed"}
+        Whether the acceleration follows from the forces or is given; then ``reaction`` names the variable of
+        the force that is needed.
+    """
+
+    key: str
+    name: str
+    velocity: str
+    acceleration: str
+    kind: str = "free"
+    reaction: str | None = None
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """Inertia and forces of one part, row by row, as texts over variables.
+
+    Parameters
+    ----------
+    origin : str
+        Component name.
+    rows : tuple of dict
+        For each row the factors J of the independent coordinates, by key; ``"1.0"`` and missing entries are
+        known.
+    mass : dict
+        Entries ``(i, j)`` (both triangles) of the part's own mass matrix; empty for a massless part.
+    bias : tuple of (str or None)
+        Velocity-product acceleration of each row.
+    force : tuple of (str or None)
+        Force along each row.
+    """
+
+    origin: str
+    rows: tuple[dict[str, str], ...]
+    mass: dict[tuple[int, int], str] = field(default_factory=dict)
+    bias: tuple[str | None, ...] = ()
+    force: tuple[str | None, ...] = ()
+
+
+def product(*factors: str) -> str:
+    """Return the text of a product, ones left out.
+
+    Examples
+    --------
+    >>> product("1.0", "m", "J")
+    'm * J'
+    """
+    kept = [f if f.replace(".", "").replace("_", "").isalnum() else f"({f})" for f in factors if f != "1.0"]
+    return " * ".join(kept) or "1.0"
+
+
+def total(terms: list[str]) -> str:
+    """Return the text of a sum."""
+    return " + ".join(terms) if terms else "0.0"
+
+
+def accelerations(work: Assembly) -> None:
+    """Add the statements that give every coordinate's acceleration and every prescribed coordinate's
+    reaction.
+    """
+    matrix: dict[tuple[str, str], list[str]] = {}
+    force: dict[str, list[str]] = {c.key: [] for c in work.coordinates}
+    for part in work.contributions:
+        _collect(part, matrix, force)
+    massless = {c.key for c in work.coordinates if c.kind == "free" and (c.key, c.key) not in matrix}
+    for c in work.coordinates:
+        work.add(f"{c.key}___F = {total(force[c.key])}", c.name)
+    for (i, j), terms in matrix.items():
+        if i <= j:
+            work.add(f"{_entry(i, j)} = {total(terms)}", f"mass of {i}")
+    free = [c for c in work.coordinates if c.kind == "free" and c.key not in massless]
+    given = [c for c in work.coordinates if c.kind == "prescribed"]
+    for block in _blocks([c.key for c in free], matrix):
+        members = [c for c in free if c.key in block]
+        right = []
+        for c in members:
+            terms = [f"{c.key}___F"]
+            terms += [
+                f"-{_entry(c.key, g.key)} * {g.acceleration}" for g in given if (c.key, g.key) in matrix
+            ]
+            right.append(" + ".join(terms))
+        _solve(work, members, right, matrix)
+    for g in given:
+        if g.reaction:
+            inertia = [
+                f"{_entry(g.key, c.key)} * {c.acceleration}"
+                for c in (*free, *given)
+                if (g.key, c.key) in matrix
+            ]
+            work.add(f"{g.reaction} = {total(inertia)} - {g.key}___F", g.name)
+    for c in work.coordinates:
+        if c.key in massless:  # no mass: the speed is what makes the forces balance
+            work.unknowns.append(Unknown(c.name, c.velocity, f"{c.key}___F"))
+
+
+def _collect(
+    part: Contribution, matrix: dict[tuple[str, str], list[str]], force: dict[str, list[str]]
+) -> None:
+    n = len(part.rows)
+    for r in range(n):
+        for i, j_i in part.rows[r].items():
+            if part.force and part.force[r] is not None:
+                force[i].append(product(j_i, part.force[r] or ""))
+            for s in range(n):
+                m = part.mass.get((r, s))
+                if m is None:
+                    continue
+                if part.bias and part.bias[s] is not None:
+                    force[i].append(f"-{product(j_i, m, part.bias[s] or '')}")
+                for j, j_j in part.rows[s].items():
+                    matrix.setdefault((i, j), []).append(product(j_i, m, j_j))
+
+
+def _entry(i: str, j: str) -> str:
+    return f"_M__{min(i, j)}___{max(i, j)}"
+
+
+def _blocks(keys: list[str], matrix: dict[tuple[str, str], list[str]]) -> list[set[str]]:
+    left, blocks = list(keys), []
+    while left:
+        block, stack = set(), [left[0]]
+        while stack:
+            key = stack.pop()
+            if key not in block:
+                block.add(key)
+                stack += [k for k in left if (key, k) in matrix and k not in block]
+        left = [k for k in left if k not in block]
+        blocks.append(block)
+    return blocks
+
+
+def _solve(
+    work: Assembly, members: list[Coordinate], right: list[str], matrix: dict[tuple[str, str], list[str]]
+) -> None:
+    """Write the solution of a symmetric positive definite block: division, or LDLᵀ written out."""
+    origin = ", ".join(c.name for c in members)
+    if len(members) == 1:
+        c = members[0]
+        top = right[0] if right[0] == f"{c.key}___F" else f"({right[0]})"
+        work.add(f"{c.acceleration} = {top} / {_entry(c.key, c.key)}", origin)
+        return
+    n = len(members)
+    keys = [c.key for c in members]
+    base = f"_S__{keys[0]}_"
+    present = [[(keys[i], keys[j]) in matrix for j in range(n)] for i in range(n)]
+    low = [[False] * n for _ in range(n)]
+    for i in range(n):  # U = L D is kept beside L, and one division for each row gives 1/D
+        for j in range(i + 1):
+            terms = [f"{base}__L_{i}_{k} * {base}__U_{j}_{k}" for k in range(j) if low[i][k] and low[j][k]]
+            start = _entry(keys[i], keys[j]) if present[i][j] else "0.0"
+            text = f"{start} - ({' + '.join(terms)})" if terms else start
+            if i == j:
+                work.add(f"{base}__E_{i} = 1.0 / ({text})", origin)
+            elif present[i][j] or terms:
+                low[i][j] = True
+                work.add(f"{base}__U_{i}_{j} = {text}", origin)
+                work.add(f"{base}__L_{i}_{j} = {base}__U_{i}_{j} * {base}__E_{j}", origin)
+    for i in range(n):
+        known = "".join(f" - {base}__L_{i}_{k} * {base}__y_{k}" for k in range(i) if low[i][k])
+        work.add(f"{base}__y_{i} = {right[i]}{known}", origin)
+    for i in reversed(range(n)):
+        later = [k for k in range(i + 1, n) if low[k][i]]
+        known = "".join(f" - {base}__L_{k}_{i} * {members[k].acceleration}" for k in later)
+        work.add(f"{members[i].acceleration} = {base}__y_{i} * {base}__E_{i}{known}", origin)

@@ -1,0 +1,116 @@
+"""What each frame of a model is fixed to: a body, the ground, or a frame that another component brings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from multibody.assembly.spatial.symbols import ZERO, ZERO_VECTOR, Vector, neg
+from multibody.declare.declarations import Frame
+from multibody.declare.rigid_body import RigidBody
+from multibody.equations.statements import variable
+
+if TYPE_CHECKING:
+    from multibody.model.network import Network, PortOf
+
+__all__ = ["Fixture", "circles", "fixtures"]
+
+
+@dataclass(frozen=True)
+class Fixture:
+    """Where a frame is fixed.
+
+    Parameters
+    ----------
+    base : str
+        Start of the variables of its motion.
+    body : str or None
+        Name of the body; None for the ground.
+    offset, angles : tuple of str
+        Place on the body in body axes and turn (roll, pitch, yaw) against them, as variables.
+    users : tuple of PortOf
+        Ports through which components push on the frame.
+    name : str
+        For messages.
+    """
+
+    base: str
+    body: str | None
+    offset: Vector
+    angles: Vector
+    users: tuple[PortOf, ...]
+    name: str
+
+
+def fixtures(net: Network, faults: list[str]) -> dict[str, Fixture]:
+    """Return what the frame at each endpoint is fixed to; nothing or two things go to ``faults``."""
+    found: dict[str, Fixture] = {}
+    for node in net.frames:
+        holders = [p for p in node.ports if _frame(p).offset is not None]
+        hanging = [p for p in node.ports if _frame(p).parent]
+        users = tuple(p for p in node.ports if p not in holders and p not in hanging)
+        if len(holders) + node.grounded > 1:
+            told = " and ".join([f"'{p.name}'" for p in holders] + (["the ground"] if node.grounded else []))
+            faults.append(
+                f"{told} are joined, but each is fixed already: hang one body on the other by its "
+                "'parent' frame, or put a FrameSpring between them"
+            )
+            continue
+        if not holders and not node.grounded and (users or len(hanging) > 1):
+            names = ", ".join(f"'{p.name}'" for p in node.ports)
+            faults.append(
+                f"nothing fixes the frame at {names}: connect it to a frame of a body, a FixedFrame or "
+                "the ground"
+            )
+            continue
+        fixture = (
+            _fixture(holders[0], users)
+            if holders
+            else Fixture(
+                variable(node.ports[0].owner, node.ports[0].port_name),
+                None,
+                ZERO_VECTOR,
+                ZERO_VECTOR,
+                users,
+                "the ground",
+            )
+        )
+        for p in node.ports:
+            found[p.name] = fixture
+    return found
+
+
+def _frame(port: PortOf) -> Frame:
+    assert isinstance(port.port, Frame)  # nodes of frames hold nothing else
+    return port.port
+
+
+def _fixture(holder: PortOf, users: tuple[PortOf, ...]) -> Fixture:
+    frame = _frame(holder)
+
+    def place(name: str | None) -> str:
+        """Variable of a parameter, perhaps with a minus; what the component's options leave out is zero."""
+        if name is None or name.removeprefix("-") not in holder.component.values:
+            return ZERO
+        var = variable(holder.owner, name.removeprefix("-"))
+        return neg(var) if name.startswith("-") else var
+
+    offset, angles = ((place(a), place(b), place(c)) for a, b, c in (frame.offset_names, frame.angle_names))
+    body = holder.owner if isinstance(holder.component, RigidBody) else None
+    return Fixture(variable(holder.owner, holder.port_name), body, offset, angles, users, holder.name)
+
+
+def circles(parents: dict[str, str | None]) -> list[list[str]]:
+    """Return the circles in a map from body to parent body, each as the list of its bodies."""
+    found: list[list[str]] = []
+    cleared: set[str] = set()
+    for start in parents:
+        path: list[str] = []
+        body: str | None = start
+        while body is not None and body not in cleared and body not in path:
+            path.append(body)
+            body = parents.get(body)
+        if body is not None and body in path:
+            found.append(path[path.index(body) :])
+        cleared |= set(path)
+    return found

@@ -1,0 +1,1 @@
+"""What every other room stands on: errors, units, threads, the cache folder, progress."""

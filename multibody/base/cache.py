@@ -1,0 +1,139 @@
+"""The folder of generated sources and machine code: written once, found again, never stale, never half there."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+__all__ = ["cache_dir", "digest_of", "fingerprint", "kept_text", "read_object", "write_object", "write_once"]
+
+_MARK = b"vtsdt object 1"
+_GENERATING = ("declare", "equations", "model", "assembly", "compile")
+
+
+def cache_dir() -> Path:
+    """Return the folder of generated sources and compiled code, and create it.
+
+    It is the environment variable ``VTSDT_CACHE`` if that is set, else the user's cache folder for ``vtsdt``.
+    """
+    named = os.environ.get("VTSDT_CACHE")
+    if named:
+        folder = Path(named).expanduser()
+    else:
+        from platformdirs import user_cache_path
+
+        folder = user_cache_path("vtsdt")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OSError(
+            f"the cache folder '{folder}' cannot be made ({error}): set VTSDT_CACHE to a writable folder"
+        ) from error
+    if not os.access(folder, os.W_OK):
+        raise OSError(f"the cache folder '{folder}' cannot be written to: set VTSDT_CACHE to a writable folder")
+    return folder
+
+
+def digest_of(*texts: str) -> str:
+    """Return 16 hexadecimal digits that change with the texts and with the borders between them."""
+    digest = hashlib.sha256()
+    for text in texts:
+        digest.update(len(text).to_bytes(8, "little"))
+        digest.update(text.encode())
+    return digest.hexdigest()[:16]
+
+
+@lru_cache(maxsize=1)
+def _platform() -> str:
+    """What machine code depends on beside its source: the compiler's own text, LLVM and the processor."""
+    from multibody.compile.emitter.machine import processor
+
+    folder = Path(__file__).parents[1] / "compile" / "emitter"
+    return digest_of(processor(), *(path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.py"))))
+
+
+def fingerprint(*texts: str) -> str:
+    """Return 16 hexadecimal digits that change with the texts, the compiler and the processor."""
+    return digest_of(_platform(), *texts)
+
+
+def write_once(path: Path, text: str) -> None:
+    """Put ``text`` at ``path`` unless it is there: its time stamp is part of numba's key for compiled code."""
+    if path.exists() and path.read_text(encoding="utf-8") == text:
+        return
+    handle, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
+    with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
+        stream.write(text)
+    try:
+        if path.exists():
+            os.replace(draft, path)
+        else:
+            # A link fails where another process was first; a rename would give its file a new time stamp.
+            os.link(draft, path)
+    except FileExistsError:
+        pass
+    except OSError:
+        os.replace(draft, path)
+    finally:
+        Path(draft).unlink(missing_ok=True)
+
+
+def read_object(path: Path) -> tuple[bytes, str] | None:
+    """Return object code and the note beside it, or None where there is none or the file is damaged."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    mark, _, rest = content.partition(b"\n")
+    digest, _, rest = rest.partition(b"\n")
+    if mark != _MARK or hashlib.sha256(rest).hexdigest().encode() != digest:
+        return None
+    note, _, code = rest.partition(b"\n")
+    return code, note.decode()
+
+
+def write_object(path: Path, code: bytes, note: str = "") -> None:
+    """Keep object code with a note of one line; a reader never sees half of it."""
+    rest = note.encode() + b"\n" + code
+    handle, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(b"\n".join((_MARK, hashlib.sha256(rest).hexdigest().encode(), rest)))
+        os.replace(draft, path)
+    finally:
+        Path(draft).unlink(missing_ok=True)
+
+
+@lru_cache(maxsize=1)
+def _generator() -> str:
+    """What a generated text depends on beside its source: all that generates, and the Python that writes it."""
+    home = Path(__file__).parents[1]
+    files = (path for room in _GENERATING for path in sorted((home / room).rglob("*.py")))
+    parts = (path.read_text(encoding="utf-8") for path in files)
+    return digest_of(sys.version, *parts)
+
+
+def kept_text(stem: str, source: tuple[str, ...], write: Callable[[], str]) -> str:
+    """Return a generated text: the one kept from an earlier process, or newly written and kept.
+
+    Parameters
+    ----------
+    stem : str
+        Beginning of the file's name.
+    source : tuple of str
+        Everything that the text follows from beside the package's own modules.
+    write : callable
+        Returns the text.
+    """
+    path = cache_dir() / f"{stem}_{digest_of(_generator(), *source)}.txt"
+    found = read_object(path)
+    if found is not None:
+        return found[0].decode()
+    text = write()
+    write_object(path, text.encode())
+    return text

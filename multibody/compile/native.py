@@ -1,0 +1,326 @@
+"""Generated and hand-written numerical code as native functions, compiled once per machine.
+
+A model's equations arrive as Python source text of flat functions over arrays.  Here that text becomes a file
+in the cache folder, a module, and a function with a plain C address.  Whatever drives equations (integrators,
+filters) is written against such addresses, and is therefore compiled once for all models and not once for
+each.
+
+With ``NUMBA_DISABLE_JIT=1`` the same text runs as plain Python everywhere.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import importlib.util
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+from multibody.base.cache import cache_dir, digest_of, fingerprint, write_once
+from multibody.base.compile_events import listen_to_numba, on_compile
+from multibody.compile.emitter.entries import jit_enabled, module_texts
+from multibody.compile.emitter.kinds import FLOAT, FLOATS, LanesAt, Outside
+
+__all__ = [
+    "NativeFunction",
+    "cache_dir",
+    "compile_rhs",
+    "compile_tangent",
+    "compile_text",
+    "fingerprint",
+    "jit_enabled",
+    "load_driver",
+    "load_source",
+    "on_compile",
+]
+
+RHS_ARRAYS = 4
+TANGENT_ARRAYS = 7
+
+
+#: A module stands in ``sys.modules`` while it is executed; another thread must not take it half made.
+_loading = threading.RLock()
+compiling = threading.RLock()
+
+
+def load_source(text: str, stem: str) -> ModuleType:
+    """Turn source text into a module whose functions can be compiled, cached and stepped through.
+
+    Parameters
+    ----------
+    text : str
+        Python source.  The same text gives the same file and the same module.
+    stem : str
+        Beginning of the file's name, an identifier.
+
+    Returns
+    -------
+    module : ModuleType
+        Registered in ``sys.modules`` before it is executed, because numba's cache needs that.
+    """
+    with _loading:
+        return _load(text, stem)
+
+
+def _load(text: str, stem: str) -> ModuleType:
+    name = f"{stem}_{digest_of(text)}"
+    module_name = f"vtsdt_native_{name}"
+    if module_name in sys.modules:
+        return sys.modules[module_name]
+    path = cache_dir() / f"{name}.py"
+    write_once(path, text)
+    spec = importlib.util.spec_from_file_location(module_name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"'{path}' cannot be loaded as a Python module")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[module_name]
+        raise
+    return module
+
+
+@lru_cache(maxsize=64)
+def load_driver(name: str) -> ModuleType:
+    """Load a module of compiled drivers so that its cache never serves code from before an edit.
+
+    Drivers written in the compiler's subset (`multibody.compile.calls`) are imported as they are: the key of
+    their machine code holds the texts of every project module that they import.  A driver that imports numba is
+    loaded from a copy whose name holds the hash of those texts, because numba looks only at the file of the
+    cached function, not at the files of the functions that it calls.
+
+    Parameters
+    ----------
+    name : str
+        Dotted name, such as ``"multibody.solvers.kernels.dormand_prince"``.  It may import project modules
+        only by ``from package.module import name`` or ``import package.module``.
+    """
+    if not jit_enabled():
+        return importlib.import_module(name)
+    spec = importlib.util.find_spec(name)
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        raise ImportError(f"driver module '{name}' has no source file")
+    text = Path(spec.origin).read_text(encoding="utf-8")
+    if "from numba" not in text and "import numba" not in text:
+        return importlib.import_module(name)
+    from multibody.compile.numba_backend import platform
+
+    seal = digest_of(platform(), *module_texts(name))
+    text += f"\n# Copy of {Path(spec.origin).name}; it and the modules that it calls have the hash {seal}.\n"
+    listen_to_numba()
+    return load_source(text, name.replace(".", "_"))
+
+
+@dataclass(frozen=True, eq=False)
+class NativeFunction:
+    """A flat function with a C address that compiled drivers call.
+
+    Parameters
+    ----------
+    name : str
+        Name of the function in its module.
+    address : int
+        Address of ``void f(double t, double *..., double *out)``.
+    python : callable
+        The same function as plain Python.
+    arrays : int
+        Number of array arguments after ``t``; the last one is written.
+    compiled : bool
+        False if the address leads back into Python.
+    """
+
+    name: str
+    address: int
+    python: Callable[..., None]
+    arrays: int
+    compiled: bool
+    origin: tuple[str, str] = ("", "")
+    faults: list[BaseException] = field(default_factory=list, repr=False)
+    _native: Any = field(default=None, repr=False)
+    lanes: int = 0
+
+    def __call__(self, t: float, *arrays: np.ndarray) -> np.ndarray:
+        """Evaluate once: ``f(t, x, u, p, dx)`` or the tangent form; writes and returns the last array."""
+        if len(arrays) != self.arrays:
+            raise TypeError(f"{self.name} takes t and {self.arrays} arrays, {len(arrays)} arrays were given")
+        out = arrays[-1]
+        if not (isinstance(out, np.ndarray) and out.dtype == np.float64 and out.flags.c_contiguous):
+            raise TypeError(f"{self.name} writes into its last argument: a contiguous float64 array is needed")
+        inputs = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays[:-1]]
+        self._native(float(t), *(a.ctypes.data for a in inputs), out.ctypes.data)
+        self.check()
+        return out
+
+    def check(self) -> None:
+        """Raise what a plain Python function raised when compiled code called it."""
+        if self.faults:
+            error = self.faults[0]
+            self.faults.clear()
+            raise error
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Send the source and not the address: a worker process compiles, or finds it in the cache."""
+        if not self.origin[0]:
+            raise TypeError(f"{self.name} has no source text to be rebuilt from in another process")
+        return _rebuild, (*self.origin, self.name, self.arrays, self.compiled, self.lanes)
+
+
+def _rebuild(text: str, stem: str, name: str, arrays: int, compiled: bool, lanes: int) -> NativeFunction:
+    return compile_text(text, stem, name, arrays, compiled, lanes)
+
+
+def _guard(python: Callable[..., None], faults: list[BaseException]) -> Callable[..., None]:
+    def guarded(t: float, *arrays: Any) -> None:
+        try:
+            python(t, *arrays)
+        except (ZeroDivisionError, OverflowError, ValueError):
+            arrays[-1][0] = np.nan
+        except TypeError as error:
+            # A negative number to a broken power is complex in Python and nan in compiled code.
+            if "complex" not in str(error):
+                faults.append(error)
+            arrays[-1][0] = np.nan
+        except BaseException as error:
+            faults.append(error)
+            arrays[-1][0] = np.nan
+
+    return guarded
+
+
+class _Plain:
+    """A function of a text in plain Python, with its helpers undecorated; the text is run when it is called."""
+
+    def __init__(self, text: str, stem: str, name: str) -> None:
+        self._text, self._stem, self.__name__ = text, stem, name
+        self._function: Callable[..., None] | None = None
+
+    def __call__(self, t: float, *arrays: Any) -> None:
+        if self._function is None:
+            self._function = _undecorated(load_source(self._text, self._stem), self.__name__)
+        self._function(t, *arrays)
+
+
+def _undecorated(module: ModuleType, name: str) -> Callable[..., None]:
+    plain = dict(vars(module))
+    for key, value in vars(module).items():
+        inner = getattr(value, "py_func", value)
+        if isinstance(inner, FunctionType) and inner.__module__ == module.__name__:
+            plain[key] = FunctionType(inner.__code__, plain, key, inner.__defaults__, inner.__closure__)
+    return plain[name]
+
+
+def compile_text(
+    text: str, stem: str, name: str, arrays: int, compiled: bool = True, lanes: int = 0
+) -> NativeFunction:
+    """Return the function ``name(t, *arrays)`` of a source text with a C address.
+
+    Parameters
+    ----------
+    text : str
+        Python source in the compiler's subset; what is outside it is compiled by numba.
+    stem : str
+        Beginning of the names of its files in the cache.
+    name : str
+        The function.
+    arrays : int
+        Number of its array arguments.
+    compiled : bool
+        False keeps it plain Python behind a C address, so that a debugger can step through it.
+    lanes : int
+        Of a tangent: how many directions it carries; 0 for one, without a further axis.
+
+    Raises
+    ------
+    Outside
+        If a tangent for several directions is outside the subset.
+    """
+    python = _Plain(text, stem, name)
+    if compiled and jit_enabled():
+        address, keep = _address(text, stem, name, arrays, lanes)
+        entry = _prototype(arrays)(address)
+        entry.keep = keep  # type: ignore[attr-defined]
+        return NativeFunction(name, address, python, arrays, True, (text, stem), [], entry, lanes)
+
+    from multibody.compile.calls import register_python
+
+    faults: list[BaseException] = []
+    guarded = _guard(python, faults)
+    pointer = ctypes.POINTER(ctypes.c_double)
+    back = ctypes.CFUNCTYPE(None, ctypes.c_double, *([pointer] * arrays))(guarded)
+    address = ctypes.cast(back, ctypes.c_void_p).value or 0
+    register_python(address, guarded)
+    entry = _prototype(arrays)(address)
+    entry.keep = back  # type: ignore[attr-defined]
+    return NativeFunction(name, address, python, arrays, False, (text, stem), faults, entry)
+
+
+@lru_cache(maxsize=8)
+def _prototype(arrays: int) -> Any:
+    return ctypes.CFUNCTYPE(None, ctypes.c_double, *([ctypes.c_void_p] * arrays))
+
+
+def _address(text: str, stem: str, name: str, arrays: int, lanes: int) -> tuple[int, Any]:
+    from multibody.compile.emitter.build import build
+
+    def unit() -> Any:
+        from multibody.compile.emitter.units import unit_of_text
+
+        path = cache_dir() / f"{stem}_{digest_of(text)}.py"
+        write_once(path, text)  # to read, and to step through
+        return unit_of_text(text, str(path))
+
+    given = [FLOATS] * (arrays if lanes == 0 else RHS_ARRAYS - 1)
+    try:
+        return build(stem, (text,), unit, name, (FLOAT, *given, *[LanesAt(lanes)] * (arrays - len(given))))[0], None
+    except Outside:
+        if lanes:
+            raise
+        from multibody.compile.numba_backend import compile_function, with_helpers_compiled
+
+        module = load_source(with_helpers_compiled(text, name), f"{stem}_numba")
+        function = getattr(module, name)
+        native = compile_function(getattr(function, "py_func", function), arrays)
+        return native.address, native
+
+
+def _text_of(module: ModuleType) -> tuple[str, str]:
+    path = Path(str(module.__file__))
+    return path.read_text(encoding="utf-8"), path.stem.rpartition("_")[0] or path.stem
+
+
+def compile_rhs(module: ModuleType, name: str = "rhs", compile: bool = True) -> NativeFunction:
+    """Compile ``name(t, x, u, p, out)`` of a module from `load_source`.
+
+    Parameters
+    ----------
+    module : ModuleType
+        Its helpers are called with pointers, which are indexed like arrays but have no length.
+    name : str
+        Name of the function.
+    compile : bool
+        False keeps it plain Python behind a C address, so that a debugger can step through it.
+    """
+    text, stem = _text_of(module)
+    return compile_text(text, stem, name, RHS_ARRAYS, compile)
+
+
+def compile_tangent(module: ModuleType, name: str = "rhs_tangent", compile: bool = True) -> NativeFunction:
+    """Compile ``name(t, x, u, p, x_dot, u_dot, p_dot, out)``; otherwise as `compile_rhs`."""
+    text, stem = _text_of(module)
+    return compile_text(text, stem, name, TANGENT_ARRAYS, compile)
+
+
+def __getattr__(name: str) -> Any:
+    if name in ("call_rhs", "call_tangent"):
+        return getattr(importlib.import_module("multibody.compile.calls"), name)
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

@@ -1,0 +1,141 @@
+"""Outputs and derivatives of a system at every row of a trajectory that is known."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multibody.compile.native import load_driver
+from multibody.compile.several_directions import MANY_LANES, along_directions, worth_lanes
+
+if TYPE_CHECKING:
+    from multibody.solvers.problem import Directions, NativeProblem
+    from multibody.system.system import System
+
+__all__ = ["jacobian_along", "longest_steps", "observe_along", "outputs_along"]
+
+_DRIVERS = "multibody.solvers.kernels.along"
+
+
+def outputs_along(
+    system: System, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray
+) -> np.ndarray:
+    """Return the outputs at every row; arguments and result as of `System.outputs_along`."""
+    shape = (times.size, len(system.outputs))
+    times, states, inputs, every = _contiguous(times, states, inputs, np.atleast_2d(p))
+    found, own, out = np.empty((len(every), *shape)), np.empty(every.shape[1]), np.empty(shape)
+    work = load_driver(_DRIVERS).rhs_along.bound(
+        system.outputs_function.address, times, states, inputs, own, out
+    )
+    for k, values in enumerate(every):
+        own[:] = values
+        work()
+        found[k] = out
+    system.outputs_function.check()
+    return found if p.ndim == 2 else found[0]
+
+
+def jacobian_along(
+    system: System,
+    wrt: str,
+    times: np.ndarray,
+    states: np.ndarray,
+    inputs: np.ndarray,
+    p: np.ndarray,
+    of: str,
+    columns: np.ndarray | None = None,
+    in_lanes: bool | None = None,
+) -> np.ndarray:
+    """Return the Jacobian at every row; arguments as of `System.jacobian_along`."""
+    function = system.rhs_tangent if of == "rhs" else system.outputs_tangent
+    sizes = {"x": len(system.states), "u": len(system.inputs), "p": len(system.parameters)}
+    chosen = np.arange(sizes[wrt]) if columns is None else np.asarray(columns, dtype=int)
+    rows, m = len(system.states) if of == "rhs" else len(system.outputs), chosen.size
+    driver, at = load_driver(_DRIVERS), _contiguous(times, states, inputs, p)
+    wide = None
+    if worth_lanes(times.size, m) if in_lanes is None else in_lanes:
+        # what reads the states' directions alone does less
+        wide = system.rhs_columns if (wrt, of) == ("x", "rhs") else along_directions(function, MANY_LANES)
+    if wide is None:
+        seeds = {key: np.zeros((m, size)) for key, size in sizes.items()}
+        seeds[wrt][np.arange(m), chosen] = 1.0
+        found = np.empty((times.size, m, rows))
+        driver.tangents_along(function.address, *at, *seeds.values(), found)
+        function.check()
+        return found.transpose(0, 2, 1)
+    room, out = np.empty((rows, wide.lanes)), np.empty((times.size, rows, m))
+    group, lane = np.divmod(np.arange(m), wide.lanes)
+    lanes = {key: np.zeros((-(-m // wide.lanes), size, wide.lanes)) for key, size in sizes.items()}
+    lanes[wrt][group, chosen, lane] = 1.0
+    driver.lanes_along(wide.address, *at, *lanes.values(), room, out)
+    return out
+
+
+def observe_along(
+    system: System,
+    times: np.ndarray,
+    states: np.ndarray,
+    inputs: np.ndarray,
+    p: np.ndarray,
+    directions: Directions,
+    rates: np.ndarray,
+    delays: np.ndarray,
+    shape: np.ndarray,
+) -> np.ndarray:
+    """Return the derivatives of the outputs along directions that a trajectory has carried, shape (nt, n_y, m).
+
+    Parameters
+    ----------
+    times : ndarray, shape (nt,), s
+    states : ndarray, shape (nt, n (m + 1))
+        The states, then their derivatives along each direction.
+    inputs, rates : ndarray, shape (nt, n_u)
+        The inputs and their rates.
+    p : ndarray, shape (n_p,)
+    directions : Directions
+    delays : ndarray, shape (m, n_u), s
+        How much earlier each input is looked up along each direction.
+    shape : ndarray, shape (nt, m)
+        What each direction adds to its input.
+    """
+    function, m = system.outputs_tangent, directions.count
+    driver, at = load_driver(_DRIVERS), _contiguous(times, states, inputs, rates, p)
+    shape, delays = _contiguous(shape, delays)
+    found = np.empty((times.size, m, len(system.outputs)))
+    wide = along_directions(function, MANY_LANES) if worth_lanes(times.size, m) else None
+    if wide is None:
+        room = np.empty(len(system.inputs))
+        driver.observe_along(
+            function.address, *at, directions.p_dot, shape, directions.channel, delays, room, found
+        )
+        function.check()
+        return found.transpose(0, 2, 1)
+    room = np.zeros((len(system.states) + len(system.inputs) + len(system.outputs)) * MANY_LANES)
+    for first in range(0, m, MANY_LANES):
+        p_dot = directions.p_dot[first : first + MANY_LANES]
+        lanes = np.zeros((p.size, MANY_LANES))
+        lanes[:, : len(p_dot)] = p_dot.T
+        some = np.empty((times.size, len(p_dot), found.shape[2]))
+        driver.observe_lanes_along(
+            wide.address, first, *at, lanes, shape, directions.channel, delays, room, some
+        )
+        found[:, first : first + len(p_dot)] = some
+    return found.transpose(0, 2, 1)
+
+
+def longest_steps(problem: NativeProblem, times: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """Return at every row the time, s, in which a quarter of what is narrow passes by there, shape (nt,)."""
+    longest = np.full(times.size, problem.largest_step)
+    if problem.speeds is not None and problem.widths is not None:
+        speeds = np.empty((times.size, problem.widths.size))
+        at = _contiguous(times, states, inputs, problem.p)
+        load_driver(_DRIVERS).rhs_along(problem.speeds.address, *at, speeds)
+        problem.speeds.check()
+        per_second = np.max(np.abs(speeds) / problem.widths, axis=1)
+        longest = np.minimum(longest, 0.25 / np.maximum(per_second, 1e-300))
+    return longest
+
+
+def _contiguous(*arrays: Any) -> tuple[np.ndarray, ...]:
+    return tuple(np.require(a, float, ["C", "W"]) for a in arrays)

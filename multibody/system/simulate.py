@@ -1,0 +1,351 @@
+"""One simulation: inputs and start values by name, integration through `solve_ivp`, a trajectory back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multibody.base.errors import SimulationError
+from multibody.declare.component import nearest
+from multibody.system.narrow_features import Passing, features, finer_step, look_at
+from multibody.system.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from multibody.inputs.table import InputTable
+    from multibody.solvers.problem import Directions, NativeProblem
+    from multibody.system.system import System
+
+__all__ = ["input_table", "native_problem", "simulate"]
+
+NATIVE = ("Automatic", "DormandPrince54", "Exponential43", "Rodas5P")
+SCIPY = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
+_FEATURE_RUNS = 4
+
+
+def simulate(
+    system: System,
+    until: float | tuple[float, float],
+    *,
+    inputs: Mapping[str, Any] | InputTable | None = None,
+    parameters: Mapping[str, float] | np.ndarray | None = None,
+    initial: Mapping[str, float] | np.ndarray | None = None,
+    times: np.ndarray | None = None,
+    step: float | None = None,
+    method: str = "auto",
+    interpolation: str = "linear",
+    rtol: float = 1e-6,
+    atol: float | np.ndarray = 1e-9,
+    max_step: float | None = None,
+    events: Any = None,
+) -> Trajectory:
+    """Simulate a machine.
+
+    Parameters
+    ----------
+    system : System
+        The machine.
+    until : float or (float, float), s
+        End, or start and end.
+    inputs : mapping or InputTable, optional
+        For each model input a number, a pair ``(times, values)``, or a function of time.
+    parameters, initial : mapping or ndarray, optional
+        Values that replace the model's own, by name, SI.
+    times : ndarray, shape (nt,), s, optional
+        When to record; alternatively ``step`` in s; default: 1001 even times.
+    method : str
+        ``"auto"``, a compiled method (``"Automatic"``: explicit, and stiff where that pays;
+        ``"DormandPrince54"``: explicit; ``"Rodas5P"``: stiff; ``"Exponential43"``: one fast motion apart, such
+        as a stiff damper's) or any method of SciPy (``"RK45"``,
+        ``"LSODA"``, …).  What was done is in ``statistics``.
+    interpolation : {"linear", "hold", "cubic"}
+        Between the samples of recorded inputs.
+    rtol, atol : float
+        Tolerances of the integrator.
+    max_step : float, s, optional
+        Largest step; by default no step jumps over a break of an input (see `multibody.inputs.breaks`) or over
+        something
+        narrow that passes by (see `multibody.system.narrow_features`): the compiled methods look at its speed in
+        every step, and a run
+        by a method of SciPy that turns out to have jumped is made again with shorter steps.
+    events : callable or list, optional
+        As in ``solve_ivp``, functions of ``(t, x)``; what they found is in ``statistics["events"]``.
+
+    Raises
+    ------
+    SimulationError
+        If an input is missing or unknown, or the integrator gives up: when, in which state, what it was
+        doing.
+    """
+    t0, t1 = (0.0, float(until)) if np.ndim(until) == 0 else (float(until[0]), float(until[1]))  # type: ignore[index,arg-type]
+    if not t1 > t0:
+        raise SimulationError(f"'{system.name}': the end {t1:g} s must be later than the start {t0:g} s")
+    if step is not None and not step > 0.0:
+        raise SimulationError(f"'{system.name}': the step is {step:g} s, it must be positive")
+    if times is None:
+        times = (
+            np.linspace(t0, t1, 1001)
+            if step is None
+            else t0 + step * np.arange(int((t1 - t0) / step + 1e-9) + 1)
+        )
+    times = np.ascontiguousarray(times, dtype=float)
+    inside = (
+        times.ndim == 1 and times.size and times[0] >= t0 and times[-1] <= t1 and np.all(np.diff(times) > 0)
+    )
+    if not inside:
+        raise SimulationError(f"'{system.name}': times must increase and lie between {t0:g} s and {t1:g} s")
+    p, x0 = system.parameter_vector(parameters), system.state_vector(initial)
+    functions = {} if not isinstance(inputs, Mapping) else {k: v for k, v in inputs.items() if callable(v)}
+    table = input_table(system, inputs, interpolation=interpolation)
+    passing = look_at(system, p) if max_step is None else Passing(largest_step=max_step)
+    limit, left = passing.largest_step, passing.left
+    if max_step is None and (functions or method not in ("auto", *NATIVE)):  # SciPy's methods look at no speeds
+        left = tuple(features(system, p))
+    given = (table, functions, p, x0, (t0, t1), times, method, rtol, atol)
+    run = _run(system, *given, events, passing)
+    for _ in range(_FEATURE_RUNS):  # a run that jumped over a motion does not show the speeds that it has
+        if not left or (finer := finer_step(run, left, limit)) is None:
+            break
+        limit = finer
+        run = _run(system, *given, events, replace(passing, largest_step=limit))
+    return run
+
+
+def input_table(
+    system: System, inputs: Mapping[str, Any] | InputTable | None, *, interpolation: str = "linear"
+) -> InputTable:
+    """Return the inputs of a system as one table on a common time grid.
+
+    Raises
+    ------
+    SimulationError
+        With every unknown or missing input and every pair that does not fit.
+    """
+    from multibody.inputs.table import InputTable
+
+    if isinstance(inputs, InputTable):
+        if tuple(inputs.names) != system.input_names:
+            raise SimulationError(
+                f"'{system.name}' takes the inputs {', '.join(system.input_names)}, the table has "
+                f"{', '.join(inputs.names)}"
+            )
+        return inputs
+    given = dict(inputs or {})
+    faults = [
+        f"there is no input '{n}'{nearest(n, system.input_names)}"
+        for n in given
+        if n not in system.input_names
+    ]
+    declared = system.model.inputs
+    columns: dict[str, Any] = {}
+    grids: list[np.ndarray] = []
+    for q in system.inputs:
+        value = given.get(q.name)
+        if value is None:
+            if q.name in declared and declared[q.name].default is None:
+                faults.append(
+                    f"input '{q.name}' ({q.unit}) is missing: give a number, (times, values) or a function"
+                )
+            columns[q.name] = q.value
+        elif callable(value):
+            columns[q.name] = 0.0
+        elif np.ndim(value) == 0 and not isinstance(value, tuple | list):
+            columns[q.name] = float(value)
+        else:
+            try:
+                t, v = (np.asarray(part, dtype=float) for part in value)
+            except (TypeError, ValueError):
+                faults.append(f"input '{q.name}': give a number, (times, values) or a function of time")
+                continue
+            if t.ndim != 1 or t.shape != v.shape or t.size == 0:
+                faults.append(f"input '{q.name}': there are {t.size} times and {v.size} values")
+            elif np.any(np.diff(t) <= 0):
+                faults.append(f"input '{q.name}': times must increase")
+            elif not np.all(np.isfinite(v)):
+                faults.append(f"input '{q.name}': {int(np.sum(~np.isfinite(v)))} values are not finite")
+            else:
+                columns[q.name] = (t, v)
+                grids.append(t)
+    if faults:
+        raise SimulationError(
+            f"'{system.name}' cannot be simulated:\n" + "\n".join(f"  - {f}" for f in faults)
+        )
+    if not grids:
+        return InputTable.constant(columns)
+    delays = dict(system.input_delays)
+    grid = (
+        grids[0]
+        if all(g is grids[0] or np.array_equal(g, grids[0]) for g in grids)
+        else np.unique(np.concatenate(grids))
+    )
+    same = {n: _on_grid(c, grid, interpolation) if isinstance(c, tuple) else c for n, c in columns.items()}
+    return InputTable.from_columns(grid, same, interpolation, delays)
+
+
+def _on_grid(column: tuple[np.ndarray, np.ndarray], grid: np.ndarray, interpolation: str) -> np.ndarray:
+    t, v = column
+    if t.shape == grid.shape and np.array_equal(t, grid):
+        return v
+    if interpolation == "hold":
+        return v[np.clip(np.searchsorted(t, grid, side="right") - 1, 0, t.size - 1)]
+    if interpolation == "cubic":
+        from scipy.interpolate import PchipInterpolator
+
+        return PchipInterpolator(t, v)(np.clip(grid, t[0], t[-1]))
+    return np.interp(grid, t, v)
+
+
+def native_problem(
+    system: System,
+    p: np.ndarray,
+    table: InputTable,
+    directions: Directions | None = None,
+    *,
+    tangent: bool = False,
+    in_lanes: bool = False,
+    passing: Passing | None = None,
+) -> NativeProblem:
+    """Return the initial value problem of a system for the compiled solvers; see `NativeProblem`.
+
+    ``passing`` is what no step may jump over; by default what the model names (see `multibody.system.narrow_features`).
+    """
+    from multibody.solvers.problem import NativeProblem
+
+    passing = look_at(system, p) if passing is None else passing
+    widths = passing.widths
+
+    wants_tangent = tangent or directions is not None
+    return NativeProblem(
+        rhs=system.rhs_function,
+        p=p,
+        table=table,
+        n=len(system.states),
+        tangent=system.rhs_tangent if wants_tangent else None,
+        columns=system.rhs_columns if tangent else None,
+        directions=directions,
+        colours=system.colours if wants_tangent else None,
+        pattern=system.sparsity if wants_tangent else None,
+        state_names=system.state_names,
+        in_lanes=in_lanes,
+        speeds=system.speeds_function if widths else None,
+        widths=np.array([widths.get(n, np.inf) for n in system.speed_names]) if widths else None,
+        largest_step=passing.largest_step,
+    )
+
+
+def _run(
+    system: System,
+    table: InputTable,
+    functions: dict[str, Callable[[float], float]],
+    p: np.ndarray,
+    x0: np.ndarray,
+    span: tuple[float, float],
+    times: np.ndarray,
+    method: str,
+    rtol: float,
+    atol: float | np.ndarray,
+    events: Any,
+    passing: Passing,
+) -> Trajectory:
+    name, why = _method(system, method, functions)
+    if not system.states:
+        inputs = _all_inputs(table, {system.index("input", n): f for n, f in functions.items()}, times, p)
+        return Trajectory(
+            system, times, np.empty((times.size, 0)), inputs, p, {"method": name, "why": "no states"}
+        )
+    limit = passing.largest_step
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": limit}
+    columns = {system.index("input", n): f for n, f in functions.items()}
+    if name in NATIVE:
+        from multibody import solvers
+        from multibody.solvers.automatic import in_words
+
+        cls = getattr(solvers, name)
+        problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"), passing=passing)
+        history: list[tuple[float, str]] = []
+        if name == "Automatic":
+            options["stiff_problem"] = lambda: native_problem(system, p, table, tangent=True, passing=passing)
+            options["history"] = history
+        solution = solvers.integrate(problem, span, x0, t_eval=times, method=cls, events=events, **options)
+        if name == "Automatic":
+            why = in_words(history, float(solution.t[-1]))
+    else:
+        from multibody.solvers.scipy_methods import IMPLICIT, solve_with_stops
+
+        def called(t: float, x: np.ndarray) -> np.ndarray:
+            return system.rhs(t, x, _inputs_at(table, columns, t, p), p)
+
+        # inputs and rates in one compiled call, where no input is a function and the model is compiled
+        rates = called if columns or not system.compiled else native_problem(system, p, table).fun
+        if name in IMPLICIT:
+            if columns or not system.compiled:
+                options["jac"] = lambda t, x: system.jacobian("x", t, x, _inputs_at(table, columns, t, p), p)
+            else:
+                options["jac"] = native_problem(system, p, table, tangent=True).jac
+        solution = solve_with_stops(rates, span, x0, table, p, name, t_eval=times, events=events, **options)
+    if solution.status < 0 or not np.all(np.isfinite(solution.y)):
+        raise SimulationError(_failure(system, solution, x0, span, name))
+    inputs = _all_inputs(table, columns, solution.t, p)
+    statistics = {
+        "method": name,
+        "why": why,
+        "nfev": solution.nfev,
+        "njev": solution.njev,
+        "nlu": solution.nlu,
+        "max_step": limit,
+        "longest_step": getattr(solution, "longest_step", np.inf),
+        "rtol": rtol,
+        "atol": atol,
+    }
+    if events is not None:
+        statistics["events"] = solution.t_events
+    return Trajectory(system, solution.t, np.ascontiguousarray(solution.y.T), inputs, p, statistics)
+
+
+def _all_inputs(
+    table: InputTable, columns: dict[int, Callable[[float], float]], times: np.ndarray, p: np.ndarray
+) -> np.ndarray:
+    inputs = table(times, p).reshape(times.size, -1)
+    for k, f in columns.items():
+        inputs[:, k] = [f(t) for t in times]
+    return inputs
+
+
+def _inputs_at(
+    table: InputTable, columns: dict[int, Callable[[float], float]], t: float, p: np.ndarray
+) -> np.ndarray:
+    u = table(t, p)
+    for k, f in columns.items():
+        u[k] = f(t)
+    return u
+
+
+def _method(system: System, method: str, functions: dict[str, Any]) -> tuple[str, str]:
+    if method == "auto":
+        if functions:
+            return "LSODA", "inputs that are Python functions need a method that can call them"
+        return "Automatic", ""
+    if method not in (*NATIVE, *SCIPY):
+        raise SimulationError(f"there is no method '{method}': take one of {', '.join(('auto', *NATIVE, *SCIPY))}")
+    if method in NATIVE and functions:
+        raise SimulationError(
+            f"'{method}' is compiled and cannot call the function given for '{next(iter(functions))}': "
+            "give (times, values), or take a SciPy method such as 'LSODA'"
+        )
+    return method, "asked for"
+
+
+def _failure(system: System, solution: Any, x0: np.ndarray, span: tuple[float, float], method: str) -> str:
+    good = np.all(np.isfinite(solution.y), axis=0) if solution.y.size else np.zeros(0, dtype=bool)
+    t, x = (solution.t[good][-1], solution.y[:, good][:, -1]) if good.any() else (span[0], x0)
+    values = ", ".join(f"{n} = {v:.4g}" for n, v in list(zip(system.state_names, x, strict=True))[:12])
+    return (
+        f"'{system.name}': {method} stopped between t = {t:.6g} s and the end at {span[1]:g} s. "
+        f"{solution.message} "
+        f"Last good state: {values}. Look at what acts on that state there: a stiff contact, a force that "
+        "jumps, "
+        "or a parameter far from its usual size."
+    )
+

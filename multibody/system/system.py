@@ -1,0 +1,371 @@
+"""A compiled machine: named states, inputs, parameters and outputs, rates, exact Jacobians, and what is done
+with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multibody.assembly.equation_set import Quantity
+from multibody.assembly.places import Place
+from multibody.base.errors import EquationError, ModelError
+from multibody.base.units import UnitError, quantity
+from multibody.compile.assembled import plan_of
+from multibody.declare.component import nearest
+
+if TYPE_CHECKING:
+    from multibody.compile.native import NativeFunction
+    from multibody.model.model import Model
+    from multibody.system.equilibrium import Equilibrium
+    from multibody.system.linearize import Linearization
+    from multibody.system.trajectory import Trajectory
+
+__all__ = ["System"]
+
+
+class System:
+    """The assembled equations ẋ = f(t, x, u, p), y = h(t, x, u, p) of a model.
+
+    Made by `Model.build`.  Vectors follow the order of ``state_names``, ``input_names``, ``parameter_names``
+    and ``output_names``; every number is SI.  Functions are compiled when they are first used, once per
+    structure and machine, and found again by other processes.
+
+    Parameters
+    ----------
+    model : Model
+        The machine.
+    probes : bool
+        Add an input ``probe.<place>`` for a force at every place where an effect can act.
+    energy : bool
+        Add states ``energy.lost`` and ``energy.supplied``.
+    outputs : iterable of str, optional
+        Only these outputs are computed; default: all.
+    compiled : bool
+        False evaluates the same text as plain Python, for debugging.
+
+    Raises
+    ------
+    ModelError
+        With every fault of the model.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        *,
+        probes: bool = False,
+        energy: bool = False,
+        outputs: Iterable[str] | None = None,
+        compiled: bool = True,
+    ):
+        plan = plan_of(model, probes, energy, outputs)
+        self.model = model
+        self.name = model.name
+        self.texts = plan.texts
+        self.sparsity = plan.sparsity
+        self.compiled = compiled
+        self._places = plan.places
+        self.states, self.inputs = plan.states, plan.inputs
+        self.parameters, self.outputs = plan.parameters, plan.outputs
+        self.state_names = tuple(q.name for q in self.states)
+        self.input_names = tuple(q.name for q in self.inputs)
+        self.parameter_names = tuple(q.name for q in self.parameters)
+        self.output_names = tuple(q.name for q in self.outputs)
+        #: states and outputs at whose speeds something narrow passes by (see `multibody.system.narrow_features`)
+        self.speed_names = plan.speed_names
+        #: index of the parameter that delays an input, by the input's name
+        self.input_delays: dict[str, int] = {
+            name: self.parameter_names.index(parameter) for name, parameter in plan.input_delays.items()
+        }
+        #: index of the state that is the rate of another state (position → velocity)
+        self.rate_states: dict[int, int] = plan.rate_states
+        self._index = {
+            kind: {q.name: k for k, q in enumerate(group)}
+            for kind, group in (
+                ("state", self.states),
+                ("input", self.inputs),
+                ("parameter", self.parameters),
+                ("output", self.outputs),
+            )
+        }
+
+    # ---------------------------------------------------------------- names and vectors
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Where an effect can act."""
+        if self._places is None:
+            from multibody.assembly.assemble import find_places
+
+            self._places = tuple(find_places(self.model))
+        return self._places
+
+    @property
+    def start(self) -> np.ndarray:
+        """Start values of the states, shape (n,)."""
+        return np.array([q.value for q in self.states])
+
+    @property
+    def p(self) -> np.ndarray:
+        """Parameter values of the model, shape (n_p,)."""
+        return np.array([q.value for q in self.parameters])
+
+    @property
+    def u(self) -> np.ndarray:
+        """Default values of the inputs, shape (n_u,)."""
+        return np.array([q.value for q in self.inputs])
+
+    def index(self, kind: str, name: str) -> int:
+        """Return the position of a ``"state"``, ``"input"``, ``"parameter"`` or ``"output"`` by its name.
+
+        Raises
+        ------
+        KeyError
+            With the nearest name that exists.
+        """
+        try:
+            return self._index[kind][name]
+        except KeyError:
+            raise KeyError(
+                f"'{self.name}' has no {kind} '{name}'{nearest(name, self._index[kind])}"
+            ) from None
+
+    def unit(self, name: str) -> str:
+        """Return the SI unit of an output, state, input or parameter."""
+        for group in (self.outputs, self.states, self.inputs, self.parameters):
+            for q in group:
+                if q.name == name:
+                    return q.unit
+        raise KeyError(f"'{self.name}' has no quantity '{name}'{nearest(name, self.output_names)}")
+
+    def parameter_vector(self, values: Mapping[str, float] | np.ndarray | None = None) -> np.ndarray:
+        """Return the parameter vector with some values replaced by name.
+
+        Raises
+        ------
+        ModelError
+            With every unknown name and every value outside its bounds.
+        """
+        return self._vector("parameter", self.parameters, values)
+
+    def state_vector(self, values: Mapping[str, float] | np.ndarray | None = None) -> np.ndarray:
+        """Return the start vector with some values replaced by name."""
+        return self._vector("state", self.states, values)
+
+    def input_vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
+        """Return the vector of inputs with some values replaced by name."""
+        return self._vector("input", self.inputs, values)
+
+    def _vector(
+        self, kind: str, group: tuple[Quantity, ...], values: Mapping[str, float] | np.ndarray | None
+    ) -> np.ndarray:
+        if isinstance(values, np.ndarray):
+            if values.shape != (len(group),):
+                raise ModelError(
+                    self.name, [f"there are {len(group)} {kind}s, the array has the shape {values.shape}"]
+                )
+            return np.ascontiguousarray(values, dtype=float)
+        vector = np.array([q.value for q in group])
+        faults = []
+        for name, value in (values or {}).items():
+            k = self._index[kind].get(name)
+            if k is None:
+                faults.append(f"there is no {kind} '{name}'{nearest(name, self._index[kind])}")
+                continue
+            q = group[k]
+            try:
+                value = quantity(value, q.unit)
+            except (UnitError, TypeError, ValueError) as error:
+                faults.append(f"{kind} '{name}': {error}")
+                continue
+            if not np.isfinite(value):
+                faults.append(f"{kind} '{name}' is {value}: give a finite number")
+            elif (q.min is not None and value < q.min) or (q.max is not None and value > q.max):
+                faults.append(f"{kind} '{name}' is {value:g} {q.unit}, outside its bounds [{q.min}, {q.max}]")
+            vector[k] = value
+        if faults:
+            raise ModelError(self.name, faults)
+        return vector
+
+    # ---------------------------------------------------------------- functions
+
+    def _native(self, name: str) -> NativeFunction:
+        from multibody.compile.native import RHS_ARRAYS, TANGENT_ARRAYS, compile_text, compiling
+
+        arrays = TANGENT_ARRAYS if name.endswith("tangent") else RHS_ARRAYS
+        text = self.texts[name]
+        try:
+            with compiling:  # two threads that ask at once would compile twice
+                return compile_text(text, name, name, arrays, self.compiled)
+        except Exception as error:
+            if not type(error).__module__.startswith("numba"):
+                raise
+            raise EquationError(f"'{self.name}': the equations could not be compiled: {error}") from error
+
+    @cached_property
+    def rhs_function(self) -> NativeFunction:
+        """The rates as a native function ``rhs(t, x, u, p, dx)``."""
+        return self._native("rhs")
+
+    @cached_property
+    def outputs_function(self) -> NativeFunction:
+        """The outputs as a native function ``outputs(t, x, u, p, y)``."""
+        return self._native("outputs")
+
+    @cached_property
+    def speeds_function(self) -> NativeFunction:
+        """The speeds named by ``speed_names`` as a native function ``speeds(t, x, u, p, y)``."""
+        return self._native("speeds")
+
+    @cached_property
+    def rhs_tangent(self) -> NativeFunction:
+        """Directional derivative of the rates as a native function."""
+        return self._native("rhs_tangent")
+
+    @cached_property
+    def rhs_columns(self) -> NativeFunction | None:
+        """Several columns of the rates' Jacobian by the states at once, or None where nothing is compiled.
+
+        As `multibody.compile.several_directions.along_directions`; ``u_dot`` and ``p_dot`` are not read.
+        """
+        from multibody.compile.several_directions import FEW_LANES, MANY_LANES, along_states
+
+        few = int(self.colours.max(initial=0)) < 4 * FEW_LANES
+        return along_states(self.texts["rhs_columns"], FEW_LANES if few else MANY_LANES) if self.compiled else None
+
+    @cached_property
+    def outputs_tangent(self) -> NativeFunction:
+        """Directional derivative of the outputs as a native function."""
+        return self._native("outputs_tangent")
+
+    def rhs(
+        self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the rates of the states at one instant, shape (n,)."""
+        return self.rhs_function(
+            t, x, self.u if u is None else u, self.p if p is None else p, np.empty(len(self.states))
+        )
+
+    def outputs_at(
+        self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the outputs at one instant, shape (n_y,)."""
+        return self.outputs_function(
+            t, x, self.u if u is None else u, self.p if p is None else p, np.empty(len(self.outputs))
+        )
+
+    def jacobian(
+        self,
+        wrt: str,
+        t: float,
+        x: np.ndarray,
+        u: np.ndarray | None = None,
+        p: np.ndarray | None = None,
+        *,
+        of: str = "rhs",
+    ) -> np.ndarray:
+        """Return the exact Jacobian of rates or outputs with respect to states, inputs or parameters.
+
+        Parameters
+        ----------
+        wrt : {"x", "u", "p"}
+            What is varied.
+        of : {"rhs", "outputs"}
+            What is differentiated.
+
+        Returns
+        -------
+        ndarray, shape (n or n_y, n or n_u or n_p)
+        """
+        x = np.asarray(x, dtype=float)
+        u = self.u if u is None else np.asarray(u, dtype=float)
+        p = self.p if p is None else np.asarray(p, dtype=float)
+        found = self.jacobian_along(wrt, np.array([t], dtype=float), x[None], u[None], p, of=of)
+        return found[0]
+
+    def jacobian_along(
+        self,
+        wrt: str,
+        times: np.ndarray,
+        states: np.ndarray,
+        inputs: np.ndarray,
+        p: np.ndarray,
+        *,
+        of: str = "rhs",
+        columns: np.ndarray | None = None,
+        in_lanes: bool | None = None,
+    ) -> np.ndarray:
+        """Return the exact Jacobian at every row of a trajectory.
+
+        Parameters
+        ----------
+        wrt : {"x", "u", "p"}
+            What is varied.
+        times, states, inputs : ndarray, shapes (nt,), (nt, n), (nt, n_u)
+            The trajectory.
+        p : ndarray, shape (n_p,)
+            Parameters.
+        columns : ndarray of int, optional
+            Only these columns.
+        in_lanes : bool, optional
+            Whether several columns at once; default: where there are enough for what has to be compiled.
+
+        Returns
+        -------
+        ndarray, shape (nt, n or n_y, number of columns)
+        """
+        from multibody.system.along_trajectory import jacobian_along
+
+        return jacobian_along(self, wrt, times, states, inputs, p, of, columns, in_lanes)
+
+    def outputs_along(
+        self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray
+    ) -> np.ndarray:
+        """Return the outputs at every row of a trajectory, shape (nt, n_y).
+
+        Of several parameter vectors, p (k, n_p), they have the shape (k, nt, n_y).
+        """
+        from multibody.system.along_trajectory import outputs_along
+
+        return outputs_along(self, times, states, inputs, p)
+
+    @cached_property
+    def colours(self) -> np.ndarray:
+        """Colour of each state such that columns of one colour share no row of the Jacobian, shape (n,)."""
+        n = len(self.states)
+        colours = np.full(n, -1)
+        for j in np.argsort(-self.sparsity.sum(axis=0), kind="stable"):
+            rows = self.sparsity[:, j]
+            taken = {colours[k] for k in range(n) if colours[k] >= 0 and np.any(self.sparsity[:, k] & rows)}
+            colours[j] = next(c for c in range(n) if c not in taken)
+        return colours
+
+    # ---------------------------------------------------------------- analyses
+
+    def simulate(self, *args: Any, **kwargs: Any) -> Trajectory:
+        """Simulate; see `multibody.system.simulate.simulate`."""
+        from multibody.system.simulate import simulate
+
+        return simulate(self, *args, **kwargs)
+
+    def equilibrium(self, *args: Any, **kwargs: Any) -> Equilibrium:
+        """Find a static state; see `multibody.system.equilibrium.equilibrium`."""
+        from multibody.system.equilibrium import equilibrium
+
+        return equilibrium(self, *args, **kwargs)
+
+    def linearize(self, *args: Any, **kwargs: Any) -> Linearization:
+        """Linearise about a state; see `multibody.system.linearize.linearize`."""
+        from multibody.system.linearize import linearize
+
+        return linearize(self, *args, **kwargs)
+
+    def __repr__(self) -> str:
+        return (
+            f"System({self.name!r}: {len(self.states)} states, {len(self.inputs)} inputs, "
+            f"{len(self.parameters)} parameters, {len(self.outputs)} outputs)"
+        )

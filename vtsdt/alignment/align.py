@@ -1,0 +1,321 @@
+"""The guide's alignment from a few sensors of the cabin, and the command ``vtsdt align``.
+
+González et al. 2020, sections IV-A and IV-B: rope tension, height and vertical acceleration of a few trips tell the
+equivalent deviation of the guide rails over height.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vtsdt.alignment.filter import DEFAULT, DELTA, SPEED_OFF, TUNINGS, GuideFilter, Tuning
+from vtsdt.alignment.rail import equivalent_deviation, pressing_deviation, rail_profile
+from vtsdt.alignment.result import Alignment
+from vtsdt.alignment.sections import Section, sections
+from vtsdt.alignment.trips import ROLES, AlignmentError, Trip, read_trips
+from vtsdt.files.parameters import LiftParameters
+
+__all__ = [
+    "THRESHOLD", "TUNINGS", "Alignment", "AlignmentError", "GuideFilter", "Section", "Trip", "Tuning", "align",
+    "balance", "calibrated", "equivalent_deviation", "main", "pressing_deviation", "rail_profile", "read_trips",
+    "sections",
+]  # fmt: skip
+
+#: Threshold of the paper, m: what 70 % of 14 configurations stay under (Fig. 10).
+THRESHOLD = 2.3e-3
+#: Speed below which friction tells nothing, m/s.
+LEAST_SPEED = 0.05
+_WINDOW = 0.02  # m: each height takes the samples so near
+#: Standard deviation of the weights over height, m: short against the rails' features, whose heights two levels of
+#: shoes blur anyway, and long against what shakes the cabin (5 Hz at 0.4 m/s: 80 mm).
+_SMOOTH = 0.02
+
+
+def align(
+    trips: Sequence[Trip],
+    parameters: LiftParameters | None = None,
+    *,
+    tuning: Tuning | str = DEFAULT,
+    threshold: float = THRESHOLD,
+    step: float = 0.01,
+    balanced: bool = True,
+    smooth: bool = False,
+    observe: bool = True,
+    progress: Callable[[str], Any] | None = None,
+    **options: Any,
+) -> Alignment:
+    """Estimate the equivalent deviation of the guide over height from several trips.
+
+    Parameters
+    ----------
+    trips : sequence of Trip
+        From `read_trips`.
+    parameters : LiftParameters, optional
+        Default: the shipped bench.
+    tuning : Tuning or {"quiet", "bounded", "table2", "likelihood"}
+    threshold : float, m
+        Beyond which a deviation is to be corrected.
+    step : float, m
+        Between heights.
+    balanced : bool
+        True takes what trips up and down have in common beside friction off the tension; see `balance`.
+    smooth : bool
+        True looks back over each trip with the smoother of Rauch, Tung and Striebel: four times the time, and a little
+        less error.
+    observe : bool
+        True tells from the first trip what the sensors determine.
+    progress : callable, optional
+        Takes a line of text.
+    options
+        Further arguments of `estimation.filters.extended`.
+
+    Raises
+    ------
+    AlignmentError
+        If there is no trip, or the filter loses the cabin.
+    """
+    if not trips:
+        raise AlignmentError(["no trips were given: name their files"])
+    say = progress or (lambda text: None)
+    lift = parameters if parameters is not None else LiftParameters.bench()
+    if isinstance(tuning, str):
+        if tuning not in TUNINGS:
+            raise AlignmentError([f"tuning is '{tuning}': take one of {', '.join(TUNINGS)}"])
+        tuning = TUNINGS[tuning]
+    say("prepare the model of the cabin")
+    sensor = GuideFilter(lift, tuning, any(t.payload != 0.0 for t in trips), options)
+    low, high = min(t.height.min() for t in trips), max(t.height.max() for t in trips)
+    height = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step + 0.0  # no minus zero
+    error = balance(trips, lift, height) if balanced else None
+    curves: list[np.ndarray] = []
+    faults: list[str] = []
+    notes, seen = [note for t in trips for note in t.notes], None
+    for k, trip in enumerate(trips):
+        say(f"trip {k + 1} of {len(trips)}: {trip.name}")
+        try:
+            run = sensor.run(trip, error or 0.0, keep="everything" if smooth else "variances")
+        except AlignmentError as told:
+            faults += told.faults
+            continue
+        curve, loose, wild = _over_height(run, trip, height)
+        if smooth:
+            curve, _, _ = _over_height(run.smooth(), trip, height)
+        if wild > 0.2:
+            faults.append(
+                f"{trip.name}: the filter diverges: over {wild:.0%} of the way δ stands at "
+                f"{1e3 * lift.cabin_guide.gap:g} mm, the depth of the shoe's slot; there is more friction than "
+                "guides can make: check the tension's zero, the cabin's mass and the friction coefficient "
+                "in the parameters"
+            )
+        elif loose > 0.6:
+            faults.append(
+                f"{trip.name}: over {loose:.0%} of the way there is less friction than shoes with play have in the "
+                f"model (δ below {1e3 * sensor.play:.2g} mm cannot be told): check the tension's zero"
+                f"{'' if error is not None else ' (trips of one direction do not show it)'}, the cabin's mass and the "
+                "friction coefficient in the parameters"
+            )
+        elif loose > 0.2:
+            notes.append(f"{trip.name}: over {loose:.0%} of the way the shoes are loose, δ stands at its lower bound")
+        curves.append(_smoothed(curve, _SMOOTH / step))
+        if seen is None and observe:
+            from estimation.filters import observability
+
+            moving = np.flatnonzero(np.abs(trip.speed) > LEAST_SPEED)
+            seen = observability(
+                sensor.run(trip, error or 0.0, keep="everything"), window=400, instants=40,
+                part=slice(int(moving[0]), int(moving[-1]) + 1) if moving.size else None,
+            )  # fmt: skip
+    if faults:
+        raise AlignmentError(faults)
+    return Alignment(
+        height, tuple(t.name for t in trips), np.array([t.direction for t in trips]), np.array(curves), threshold,
+        tuning, error, (lift.cabin.shoe_low, lift.cabin.shoe_high), sensor.play, sensor.stiffness, seen,
+        tuple(dict.fromkeys(notes)),
+    )  # fmt: skip
+
+
+def _over_height(run: Any, trip: Trip, height: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Return δ by height, and the shares of the way at its lower and its upper bound.
+
+    Left out is where the cabin is slow, and where the filter's speed is not the measured one.
+    """
+    followed = np.abs(run["cabin.v_z"] - trip.speed) < SPEED_OFF
+    moving = (np.abs(trip.speed) > LEAST_SPEED) & followed
+    at, delta = run["cabin.z"][moving], run[DELTA][moving]
+    order = np.argsort(at)
+    at, delta = at[order], delta[order]
+    first, last = np.searchsorted(at, height - _WINDOW), np.searchsorted(at, height + _WINDOW)
+    curve = np.array([np.median(delta[a:b]) if b > a else np.nan for a, b in zip(first, last, strict=True)])
+    low, high = run.model.bounds[run.model.index(DELTA)] + run.model.nominal(DELTA)
+    known = curve[np.isfinite(curve)]
+    if known.size == 0:
+        return curve, 0.0, 0.0
+    return curve, float(np.mean(known < low + 1e-5)), float(np.mean(known > high - 1e-5))
+
+
+def _smoothed(curve: np.ndarray, width: float) -> np.ndarray:
+    """Return Gaussian weighted means over the heights that are known; ``width`` in heights."""
+    from scipy.ndimage import gaussian_filter1d
+
+    known = np.isfinite(curve)
+    weights = gaussian_filter1d(known.astype(float), width, mode="constant")
+    sums = gaussian_filter1d(np.where(known, curve, 0.0), width, mode="constant")
+    return np.where(known, sums / np.where(known, weights, 1.0), np.nan)
+
+
+def balance(trips: Sequence[Trip], parameters: LiftParameters, height: np.ndarray) -> float | None:
+    """Return the force that trips up and down have in common where only friction should be left, N.
+
+    Tension less weight less inertia is the friction: downwards on the way up, upwards on the way down.  Half the sum
+    of the two at the same height is therefore no friction of the guides but an error of the tension's zero or of the
+    mass.  Friction that depends on the direction would be taken for such an error.
+
+    Returns
+    -------
+    float or None
+        None if the trips go one way only or do not meet at any height.
+    """
+    from estimation.signals.preparation import low_pass
+
+    ways: dict[int, list[np.ndarray]] = {1: [], -1: []}
+    for trip in trips:
+        z, a, f = low_pass(trip.time, np.column_stack([trip.height, trip.acceleration, trip.tension]), 20.0).T
+        speed = np.gradient(z, trip.time)
+        moving = speed * trip.direction > 2.0 * LEAST_SPEED
+        rest = f - (parameters.cabin.mass + trip.payload) * (9.80665 + a)
+        order = np.argsort(z[moving])
+        if order.size:
+            ways[trip.direction].append(
+                np.interp(height, z[moving][order], rest[moving][order], left=np.nan, right=np.nan)
+            )
+    if not (ways[1] and ways[-1]):
+        return None
+    with np.errstate(all="ignore"):
+        up, down = (_median(np.array(ways[d])) for d in (1, -1))
+    both = np.isfinite(up) & np.isfinite(down)
+    return float(np.mean(0.5 * (up[both] + down[both]))) if both.any() else None
+
+
+def _median(curves: np.ndarray) -> np.ndarray:
+    known = np.isfinite(curves).any(axis=0)
+    out = np.full(curves.shape[1], np.nan)
+    out[known] = np.nanmedian(curves[:, known], axis=0)
+    return out
+
+
+def calibrated(
+    parameters: LiftParameters, before: Alignment, after: Alignment, introduced: float
+) -> tuple[LiftParameters, float]:
+    """Return parameters under which δ grows by as much as a rail was moved on purpose, and the factor on friction.
+
+    The paper's way to contact parameters that nobody can measure: increments of δ are to match a misalignment that
+    was introduced in a controlled way.  Here the friction coefficient takes the factor.
+
+    Parameters
+    ----------
+    parameters : LiftParameters
+        With which both were estimated.
+    before, after : Alignment
+        Without and with the rail moved, over the same heights.
+    introduced : float, m
+        How far the whole rail was moved towards the cabin.
+
+    Raises
+    ------
+    AlignmentError
+        If the estimate did not grow.
+    """
+    import dataclasses
+
+    low, high = max(before.height[0], after.height[0]), min(before.height[-1], after.height[-1])
+    at = before.height[(before.height >= low) & (before.height <= high)]
+    grown = np.interp(at, after.height, after.estimate) - np.interp(at, before.height, before.estimate)
+    # Only where the shoes touched before: below that a part of the movement takes up play and makes no friction.
+    touching = np.interp(at, before.height, before.estimate) > before.loose + 2e-4
+    chosen = grown[np.isfinite(grown) & touching]
+    change = float(np.median(chosen)) if chosen.size else 0.0
+    factor = change / introduced
+    if not factor > 0.05:
+        raise AlignmentError(
+            [
+                f"the rail was moved by {1e3 * introduced:.3g} mm and δ grew by {1e3 * change:.3g} mm: the recordings "
+                "do not show the movement"
+            ]
+        )
+    guide = dataclasses.replace(parameters.cabin_guide, mu=parameters.cabin_guide.mu * factor)
+    return dataclasses.replace(parameters, cabin_guide=guide), factor
+
+
+# -------------------------------------------------------------------- command line
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run ``vtsdt align``."""
+    from vtsdt.alignment.report import write
+    from vtsdt.cli.arguments import CommandError, Parser, common, number
+    from vtsdt.files.progress import Progress
+
+    parser = Parser(
+        prog="vtsdt align",
+        description=(
+            "Estimate the alignment of the cabin's guide rails over height from recordings of trips: rope tension, "
+            "height and vertical acceleration of the cabin. Writes alignment.json, report.html, profile.csv (for "
+            "vtsdt what-if) and figures."
+        ),
+    )
+    add = parser.add_argument
+    add("trips", metavar="TRIP", nargs="+", help="recordings, one trip each (CSV, Parquet or MATLAB)")
+    add("--lift", metavar="FILE.toml", default=None, help="parameters of the lift (default: the shipped bench)")
+    add(
+        "--threshold", metavar="MM", type=number(True, "threshold"), default=1e3 * THRESHOLD,
+        help="deviation to be corrected, mm (default 2.3)",
+    )  # fmt: skip
+    add(
+        "--tuning", choices=tuple(TUNINGS), default=DEFAULT,
+        help="; ".join(f"{t.name}: {t.meaning}" for t in TUNINGS.values()) + f" (default {DEFAULT})",
+    )  # fmt: skip
+    for role in ("time", *ROLES):
+        add(f"--{role}", metavar="COLUMN", default=None, help=f"column of the {role}, if it is not found by itself")
+    for role in ROLES:
+        add(f"--{role}-unit", metavar="UNIT", default=None, help=_unit_help(role))
+    add(
+        "--low-pass", metavar="HZ", type=number(True, "frequency"), default=60.0,
+        help="of all signals (default 60, above which the model says nothing)",
+    )  # fmt: skip
+    add("--start", metavar="S", type=float, default=None, help="leave out what is before this time, s")
+    add("--stop", metavar="S", type=float, default=None, help="leave out what is after this time, s")
+    add("--no-balance", action="store_true", help="believe the tension's zero and the cabin's mass")
+    common(parser)
+    args = parser.parse_args(list(arguments))
+    out = Path(args.out)
+    if out.exists() and not out.is_dir():
+        raise CommandError(f"--out {out}: is a file: name a folder to write into")
+    parameters = LiftParameters.load(args.lift) if args.lift else LiftParameters.bench()
+    columns = {r: c for r in ("time", *ROLES) if (c := getattr(args, r))}
+    units = {r: u for r in ROLES if (u := getattr(args, f"{r}_unit"))}
+    with Progress(args.quiet) as progress:
+        progress("read the trips")
+        trips = read_trips(
+            args.trips, columns=columns, units=units, parameters=parameters, low_pass_hz=args.low_pass,
+            start=args.start, stop=args.stop,
+        )  # fmt: skip
+        found = align(
+            trips, parameters, tuning=args.tuning, threshold=1e-3 * args.threshold, balanced=not args.no_balance,
+            progress=progress,
+        )  # fmt: skip
+        progress("write the report")
+        page = write(found, out, parameters, trips)
+    if not args.quiet:
+        print("\n".join(found.sentences()))
+        print(f"report: {page}")
+        print(f"next: vtsdt what-if --profile {out / 'profile.csv'} --out {out / 'what-if'}")
+    return 0
+
+
+def _unit_help(role: str) -> str:
+    """Return the help of an option that says a column's unit."""
+    return f"unit of the {role}'s numbers, where the column's name does not say it or is wrong"

@@ -1,0 +1,110 @@
+"""Deviations of rails and what they are to a cabin that presses on them: equivalent deviations, and back."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from vtsdt.files.parameters import LiftParameters
+    from vtsdt.lift.lift import Lift
+
+__all__ = ["equivalent_deviation", "pressing_deviation", "rail_profile"]
+
+
+def equivalent_deviation(rails: dict[str, Any], shoes: Sequence[float], height: np.ndarray) -> np.ndarray:
+    """Return the deviation of a single rail that presses the shoes as both rails do, by the cabin's height.
+
+    With all four shoes in contact each level of shoes is squeezed by the sum of its two rails' deviations, and the
+    normal forces add up to the mean of the levels.  Where a level of shoes is loose they add up to more: see
+    `pressing_deviation`.
+
+    Parameters
+    ----------
+    rails : dict of str to Profile
+        ``left_x`` and ``right_x``; one that is missing is straight.
+    shoes : sequence of float, m
+        Heights of the shoes above the floor.
+    height : ndarray, shape (n,), m
+    """
+    used = [rails[name] for name in ("left_x", "right_x") if rails.get(name) is not None]
+    return np.array([np.mean([sum(r.at(h + s) for r in used) for s in shoes]) if used else 0.0 for h in height])
+
+
+def pressing_deviation(parameters: LiftParameters, height: np.ndarray) -> np.ndarray:
+    """Return the deviation of a single rail that presses the shoes as hard as all rails of a lift do.
+
+    This is what friction can tell of the guides, and what the model of González et al. 2020, section IV-B, means by δ:
+    the left rail and both y directions straight, and the normal forces those of the real guides.  They are taken from
+    the cabin at rest at each height, its rails as they are in both directions.  It is the sum of both rails' deviations
+    in x as long as all shoes press; one that is loose cannot press by less than nothing, and a cabin whose centre of
+    mass is off its ropes leans on it all the same.
+
+    Parameters
+    ----------
+    parameters : LiftParameters
+        With the rails, the mass and the contact as they are.
+    height : ndarray, shape (n,), m
+        Of the cabin's floor.
+    """
+    from vtsdt.lift.lift import Lift
+
+    weight = parameters.cabin.mass * 9.80665
+
+    def pressed(lift: Lift, heights: Sequence[float], name: str = "", values: Sequence[float] = (0.0,)) -> list[float]:
+        system = lift.build(outputs=["Nsum_c"])
+        told = []
+        for value in values:
+            p = system.parameter_vector({name: value} if name else None)
+            for z in heights:
+                rest = lift.equilibrium(float(z), system=system, parameters=p, inputs={"F_c": weight})
+                told.append(float(system.outputs_at(0.0, rest.state, np.array([weight]), p)[0]))
+        return told
+
+    guide = parameters.cabin_guide
+    straight = Lift.cabin(dataclasses.replace(parameters, cabin_guide=guide.straightened()))
+    two = 2.0 * guide.clearance + np.array([0.5e-3, 1.0e-3])
+    low, high = pressed(straight, (float(np.median(height)),), "cabin_guide.right_deviation", list(two))
+    forces = np.array(pressed(Lift.cabin(parameters), list(height)))
+    return two[0] + (forces - low) * (two[1] - two[0]) / (high - low)
+
+
+def rail_profile(
+    height: np.ndarray, deviation: np.ndarray, std: np.ndarray, shoes: Sequence[float], *, length: float = 0.15,
+    size: float = 0.5e-3, step: float = 0.02,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """Return a rail whose equivalent deviation is the given one: heights, deviation, standard deviation.
+
+    Two levels of shoes see the rail's mean at two heights, so waves of twice their distance cannot be told: the
+    answer is the mean of a Gaussian process (Matérn-3/2) given the equivalent deviation, whose own standard
+    deviation says where the rail remains unknown.
+
+    Parameters
+    ----------
+    height, deviation, std : ndarray, shape (n,), m
+        Equivalent deviation by the cabin's height, and how sure it is.
+    shoes : sequence of float, m
+    length, size : float, m
+        Correlation length and size of the rail's deviations about their mean.
+    step : float, m
+        Between the heights of the result.
+    """
+    low, high = height[0] + min(shoes), height[-1] + max(shoes)
+    points = np.linspace(low, high, int(np.ceil((high - low) / step)) + 1)
+
+    def covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        apart = np.sqrt(3.0) * np.abs(a[:, None] - b[None, :]) / length
+        return size**2 * (1.0 + apart) * np.exp(-apart)
+
+    levels = [height + s for s in shoes]
+    k_yy = np.mean([covariance(a, b) for a in levels for b in levels], axis=0)
+    k_xy = np.mean([covariance(points, b) for b in levels], axis=0)
+    noise = np.diag(np.maximum(std, 0.02e-3) ** 2)
+    middle = float(np.mean(deviation))
+    weights = np.linalg.solve(k_yy + noise, np.column_stack([deviation - middle, k_xy.T]))
+    mean = middle + k_xy @ weights[:, 0]
+    variance = size**2 - np.einsum("ij,ji->i", k_xy, weights[:, 1:])
+    return points, mean, np.sqrt(np.maximum(variance, 0.0))

@@ -1,0 +1,48 @@
+"""A run of ``vtsdt align`` without recordings, so that all its machine code exists before it is needed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vtsdt.alignment.trips import Trip
+from vtsdt.files.parameters import LiftParameters
+
+__all__ = ["plain_trip", "rehearse"]
+
+_STEP = 2e-3  # s
+_FRICTION = 9.0  # N
+
+
+def plain_trip(parameters: LiftParameters, direction: int, payload: float = 0.0) -> Trip:
+    """Return a trip from end to end without any vibration: weight, inertia, and one friction force.
+
+    Parameters
+    ----------
+    parameters : LiftParameters
+    direction : {1, -1}
+        Up or down.
+    payload : float, kg
+    """
+    from multibody.library.profiles import jerk_limited
+
+    trip, travel = parameters.trip, parameters.hoistway.travel
+    count = int(np.ceil(parameters.trip.duration / _STEP))
+    time = np.arange(count) * _STEP
+    made = np.array(
+        [
+            jerk_limited(t - trip.start, direction * travel, trip.speed, trip.acceleration, trip.jerk or 1e3)[:3]
+            for t in time
+        ]
+    )
+    height = made[:, 0] + (0.0 if direction > 0 else travel)
+    tension = (parameters.cabin.mass + payload) * (9.80665 + made[:, 2]) + _FRICTION * np.tanh(made[:, 1] / 0.01)
+    return Trip("up" if direction > 0 else "down", time, tension, height, made[:, 2], payload)
+
+
+def rehearse() -> None:
+    """Estimate from two plain trips of the shipped bench, empty and loaded: compiles all that the command needs."""
+    from vtsdt.alignment.align import align
+
+    lift = LiftParameters.bench()
+    for payload in (0.0, 2.0):
+        align([plain_trip(lift, direction, payload) for direction in (1, -1)], lift)

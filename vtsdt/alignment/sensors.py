@@ -1,0 +1,158 @@
+"""What sensors can tell of both rails in both directions: observability of four deviations, and what would help."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vtsdt.alignment.trips import Trip
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.files.rail_profile import Profile
+from vtsdt.lift.lift import Lift
+
+if TYPE_CHECKING:
+    import pandas
+
+__all__ = ["SENSORS", "SensorRow", "sensor_table", "table_text"]
+
+#: Sets of further sensors: outputs of the cabin model and the standard deviation of their noise.
+SENSORS: dict[str, dict[str, float]] = {
+    "as in the paper: z, z̈": {},
+    "+ lateral accelerometer x": {"cabin.a_x": 0.01},
+    "+ lateral accelerometer y": {"cabin.a_y": 0.01},
+    "+ inclinometers (roll, pitch)": {"cabin.roll": 1e-4, "cabin.pitch": 1e-4},
+    "+ gap sensor x": {"cabin.x": 2e-5},
+    "+ gap sensor y": {"cabin.y": 2e-5},
+    "+ gap sensors x and y": {"cabin.x": 2e-5, "cabin.y": 2e-5},
+    "+ gap sensors x, y and yaw": {"cabin.x": 2e-5, "cabin.y": 2e-5, "cabin.yaw": 1e-4},
+}
+_QUANTITIES = ("right rail x", "left rail x", "right rail y", "left rail y")
+#: What a deviation would wander without any reading, m; one that stays below half of it is told.
+_WANDER = 1e-3
+
+
+@dataclass(frozen=True)
+class SensorRow:
+    """What a set of sensors tells of four deviations.
+
+    Parameters
+    ----------
+    sensors : str
+    std : dict of str to float, m
+        Standard deviation of each deviation at the end of the trip.
+    detectable : bool
+    hidden : str
+        The combination that is told worst, if the lift is not detectable.
+    """
+
+    sensors: str
+    std: dict[str, float]
+    detectable: bool
+    hidden: str
+
+    def tells(self, quantity: str) -> bool:
+        """True if the deviation is known to better than half of how far it wanders."""
+        return self.std[quantity] < 0.5 * _WANDER
+
+
+def _curved(parameters: LiftParameters) -> LiftParameters:
+    """Return a lift whose four rails have profiles of two equal points, so that their values are parameters."""
+    way = parameters.hoistway
+    ends = (way.rail_bottom, way.rail_top)
+    guide = dataclasses.replace(
+        parameters.cabin_guide.straightened(), left_y=Profile(ends, (0.0, 0.0)), right_y=Profile(ends, (0.0, 0.0))
+    )
+    return dataclasses.replace(parameters, cabin_guide=guide)
+
+
+def sensor_table(
+    trip: Trip, parameters: LiftParameters | None = None, *, sensors: dict[str, dict[str, float]] | None = None,
+    progress: Callable[[str], Any] | None = None,
+) -> list[SensorRow]:  # fmt: skip
+    """Say for sets of sensors which of the four deviations they determine along a trip.
+
+    The states follow the trip with the deviations that the first set estimates; only covariances count, so the
+    further sensors need not exist.
+
+    Parameters
+    ----------
+    trip : Trip
+    parameters : LiftParameters, optional
+    sensors : dict, optional
+        Further outputs with their noise by the set's name; default: `SENSORS`.
+    progress : callable, optional
+    """
+    from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended, observability
+    from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
+
+    given = parameters if parameters is not None else LiftParameters.bench()
+    sets = sensors if sensors is not None else SENSORS
+    lift = Lift.cabin(_curved(given))
+    names = sorted({output for each in sets.values() for output in each})
+    system = lift.build(outputs=["z_c", "zdd_c", *names])
+    duration = float(trip.time[-1] - trip.time[0])
+    rate = _WANDER**2 / duration
+    targets: dict[str, dict[str, float]] = {
+        "right rail x": {"cabin_guide.right_deviation": 1.0},
+        "left rail x": {"cabin_guide.left_deviation": 1.0},
+    }
+    for side in ("right", "left"):
+        values = [n for n in system.parameter_names if n.startswith(f"cabin_guide.{side}_y.y[")]
+        targets[f"{side} rail y"] = dict.fromkeys(values, 1.0)
+    walks = [RandomWalk(t, name=n, rate=rate, std=0.2 * _WANDER) for n, t in targets.items()]
+    paper = GuideFilter(given, TUNINGS["quiet"])
+    base = paper.run(trip)
+    delta = float(np.median(base[DELTA]))
+    rest = lift.equilibrium(
+        float(trip.height[0]), system=system, parameters={DELTA: delta},
+        inputs={"F_c": given.cabin.mass * 9.80665},
+    ).to_dict()  # fmt: skip
+    rest["cabin.z"] = float(trip.height[0])
+    process = {name: 1e-8 for name in system.state_names}
+    rows = []
+    for k, (label, further) in enumerate(sets.items()):
+        if progress is not None:
+            progress(f"sensors {k + 1} of {len(sets)}: {label}")
+        model = FilterModel(system, ["z_c", "zdd_c", *further], walks, parameters={DELTA: delta})
+        # Readings of sensors that do not exist are what the model expects: they move nothing, and tell by their rows.
+        noise = Noise(process, {"z_c": 1e-8, "zdd_c": 1e-2, **{n: s**2 for n, s in further.items()}})
+        run = extended(
+            model, Samples(trip.time, trip.tension, _expected(model, trip, rest)), noise,
+            Prior(rest, {**dict.fromkeys(rest, 1e-4)}), keep="everything", once=True,
+        )  # fmt: skip
+        seen = observability(run, window=400, instants=30)
+        cruising = slice(len(trip.time) // 2, 4 * len(trip.time) // 5)
+        std = {name: float(np.median(run.std(name)[cruising])) for name in _QUANTITIES}
+        hidden = str(seen.undetectable[0]).split(" (")[0] if seen.undetectable else ""
+        rows.append(SensorRow(label, std, seen.detectable, hidden))
+    return rows
+
+
+def _expected(model: Any, trip: Trip, rest: dict[str, float]) -> np.ndarray:
+    """Return readings along the trip: those measured, and zero lateral motion for the others."""
+    columns = [trip.height, trip.acceleration]
+    columns += [np.full(trip.time.size, rest.get(name, 0.0)) for name in model.measured[2:]]
+    return np.column_stack(columns)
+
+
+def table_text(rows: Sequence[SensorRow]) -> str:
+    """Return the rows as a Markdown table; standard deviations in mm."""
+    head = "| sensors | " + " | ".join(f"{q} [mm]" for q in _QUANTITIES) + " | detectable | what is hidden |"
+    lines = [head, "|---|" + "---:|" * len(_QUANTITIES) + "---|---|"]
+    for row in rows:
+        cells = " | ".join(f"{1e3 * row.std[q]:.2f}" for q in _QUANTITIES)
+        lines.append(f"| {row.sensors} | {cells} | {'yes' if row.detectable else 'no'} | {row.hidden} |")
+    return "\n".join(lines)
+
+
+def to_frame(rows: Sequence[SensorRow]) -> pandas.DataFrame:
+    """Return the rows as a table."""
+    import pandas
+
+    data = [{"sensors": r.sensors, **{f"{q} [mm]": 1e3 * s for q, s in r.std.items()}, "detectable": r.detectable}
+            for r in rows]  # fmt: skip
+    return pandas.DataFrame(data).set_index("sensors")

@@ -1,0 +1,131 @@
+"""``vtsdt warm``: compile the shipped models before they are needed, once on a machine."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import time
+from collections.abc import Callable, Sequence
+from operator import attrgetter
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from multibody.model.model import Model
+
+__all__ = ["COMMANDS", "MODELS", "main", "shipped", "warm"]
+
+_PARTS = {"rhs_function": "rates", "outputs_function": "outputs", "rhs_tangent": "Jacobian of the rates",
+          "rhs_columns": "its columns side by side", "outputs_tangent": "Jacobian of the outputs",
+          "speeds_function": "speeds of what passes by"}  # fmt: skip
+
+
+#: The shipped models by the names that the command takes: what builds each, in its own package.
+MODELS = {
+    "lift": "vtsdt.lift.lift:Lift.reference",
+    "lift-1d": "vtsdt.lift.lift:Lift.one_dimensional",
+    "lift-cabin": "vtsdt.lift.lift:Lift.cabin",
+    "axis": "discrepancy.rigs.axis:build",
+    "gear": "gearbox.stage.stage:Stage.paper",
+}
+
+#: Commands whose own machine code is more than a model's, by the names that the command takes: what runs them once.
+COMMANDS = {"align": "vtsdt.alignment.rehearsal:rehearse"}
+
+
+def shipped(name: str) -> Model:
+    """Return a shipped model by its name among `MODELS`."""
+    module, _, path = MODELS[name].partition(":")
+    return attrgetter(path)(importlib.import_module(module))()
+
+
+def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, float]:
+    """Compile models, commands and the integrators, and return what each took, s of this process' time.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of `MODELS` and `COMMANDS`.
+    progress : callable
+        Takes a line of text.
+    """
+    from multibody.compile.several_runs import rhs_abreast
+    from multibody.solvers import DormandPrince54, Rodas5P, integrate
+    from multibody.solvers.batch import batch
+    from multibody.solvers.kernels.abreast import LANES
+
+    took = {}
+    for name in names:
+        begun = time.process_time()
+        if name in COMMANDS:
+            progress(f"vtsdt {name}: rehearse")
+            module, _, function = COMMANDS[name].partition(":")
+            getattr(importlib.import_module(module), function)()
+            took[name] = time.process_time() - begun
+            continue
+        progress(f"{name}: assemble")
+        system = shipped(name).build()
+        for part, words in _PARTS.items():
+            progress(f"{name}: {words}")
+            getattr(system, part)
+        progress(f"{name}: rates of several runs at once")
+        rhs_abreast(system.rhs_function, LANES)
+        took[name] = time.process_time() - begun
+    begun = time.process_time()
+    progress("integrators")
+    problem, x0 = _small()
+    rhs_abreast(problem.rhs, LANES)
+    for method in (DormandPrince54, Rodas5P):
+        integrate(problem, (0.0, 0.1), x0, [0.1], method)
+        integrate(problem, (0.0, 0.1), x0, [0.1], method, events=lambda t, x: x[0])
+        for count in (1, LANES):
+            list(batch([(problem, x0)] * count, (0.0, 0.1), [0.1], 1, method=method))
+    took["integrators"] = time.process_time() - begun
+    return took
+
+
+def _small():  # type: ignore[no-untyped-def]
+    """Return an oscillator with all that an integrator can be asked for."""
+    from multibody import Model
+    from multibody.library import Mass, Spring
+    from multibody.system.simulate import input_table, native_problem
+
+    model = Model("oscillator")
+    body, spring = model.add("body", Mass(m=1.0, position=0.1)), model.add("spring", Spring(stiffness=100.0))
+    model.connect(spring.a, model.ground)
+    model.connect(spring.b, body.flange)
+    system = model.build()
+    system.outputs_along(*_one_row(system))
+    system.linearize()
+    table = input_table(system, None)
+    return native_problem(system, system.p, table, tangent=True), system.start
+
+
+def _one_row(system):  # type: ignore[no-untyped-def]
+    import numpy as np
+
+    return np.zeros(1), system.start[None], system.u[None], system.p
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run ``vtsdt warm``."""
+    from vtsdt.cli.arguments import CommandError, Parser
+    from vtsdt.files.progress import Progress
+
+    parser: argparse.ArgumentParser = Parser(
+        prog="vtsdt warm", description="Compile the shipped models before they are needed; other processes find them."
+    )
+    known = [*MODELS, *COMMANDS]
+    parser.add_argument("models", nargs="*", metavar="MODEL", help=f"{', '.join(known)}; default: all")
+    parser.add_argument("--quiet", action="store_true", help="say nothing")
+    args = parser.parse_args(list(arguments))
+    if unknown := [name for name in args.models if name not in known]:
+        raise CommandError(f"there is no model '{unknown[0]}': take one of {', '.join(known)}")
+    with Progress(args.quiet) as progress:
+        took = warm(args.models or known, progress)
+    if not args.quiet:
+        from multibody.base.cache import cache_dir
+
+        width = max(map(len, took))
+        print("\n".join(f"{name:<{width}}  {seconds:6.2f} s" for name, seconds in took.items()))
+        print(f"kept in {cache_dir()}")
+    return 0

@@ -1,0 +1,72 @@
+"""The deviation of a guide rail over height."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["Profile"]
+
+_FINER = 8  # points for one between those given, where a profile is cut
+_KINK = 3e-4  # m, beside the places where it is cut
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A rail's deviation over height, shape-preserving cubic between points, constant beyond them.
+
+    Parameters
+    ----------
+    height, deviation : tuple of float, m
+    """
+
+    height: tuple[float, ...]
+    deviation: tuple[float, ...]
+
+    def clipped(self, largest: float) -> Profile:
+        """Return the profile with deviations above ``largest`` (m) straightened to it.
+
+        The curve itself is cut, not only its points, so the result has more of them.
+        """
+        if max(self.deviation) <= largest:
+            return self
+        known = np.array(self.height)
+        parts = [np.linspace(a, b, _FINER, endpoint=False) for a, b in itertools.pairwise(known)]
+        fine = np.concatenate([*parts, known[-1:]])
+        values = np.array([self.at(h) for h in fine])
+        passed = np.flatnonzero((values[1:] > largest) != (values[:-1] > largest))
+        crossings = [_crossing(self, fine[k], fine[k + 1], largest) for k in passed]
+        # the cut is a kink: points close to it keep the curve from rounding it off
+        heights = np.unique(np.concatenate([fine, *([c - _KINK, c, c + _KINK] for c in crossings)]))
+        return Profile(tuple(map(float, heights)), tuple(min(self.at(h), largest) for h in heights))
+
+    def resampled(self, heights: tuple[float, ...]) -> Profile:
+        """Return the curve through its own values at other heights."""
+        return Profile(tuple(heights), tuple(self.at(h) for h in heights))
+
+    def at(self, height: float) -> float:
+        """Return the deviation at a height, m.
+
+        Examples
+        --------
+        >>> Profile((0.0, 1.0, 2.0), (0.0, 1e-3, 0.0)).at(1.0)
+        0.001
+        """
+        from multibody.equations.tables import cubic, packed
+
+        points = packed(np.array(self.height), np.array(self.deviation), "cubic")
+        return float(cubic(points, 0, len(self.height), height))
+
+
+def _crossing(profile: Profile, low: float, high: float, level: float) -> float:
+    """Return where a profile passes a level between two heights on its two sides."""
+    rising = profile.at(high) > level
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if (profile.at(middle) > level) == rising:
+            high = middle
+        else:
+            low = middle
+    return 0.5 * (low + high)

@@ -1,0 +1,50 @@
+"""What a lift's model may state wrongly: gains of its controller, values of its motor, contacts of its shoes.
+
+Importing this adds them to the catalogue of missing effects.  González et al. (2020) name parameters of the controller
+and the stiffness and damping of the contacts among what may stand behind the vibration that their model does not have.
+"""
+
+from __future__ import annotations
+
+from discrepancy.effects.kinds import KindText, kinds, register
+from discrepancy.effects.stated_values import stated_kind
+from vtsdt.parts.control import FieldOrientedControl
+from vtsdt.parts.guide import GuidingSystem
+from vtsdt.parts.machine import GearedPMSM
+
+__all__ = ["LIFT_KINDS"]
+
+_TUNED = "The drive was tuned anew, another parameter set is loaded, units differ from the model's."
+_READ = "Read the parameter set out of the drive, or record a step of the reference."
+_SHOES = "Another lining, age, grease that has hardened, a spring of another rate."
+_PUSH = "Push the cabin against the rail at standstill and measure force and way."
+LIFT_KINDS = (
+    stated_kind("speed_control_gain", FieldOrientedControl, "K_pomega", KindText(
+        "another gain of the speed control", "The drive answers more or less strongly to an error of speed.",
+        _TUNED, _READ)),
+    stated_kind("speed_control_time", FieldOrientedControl, "T_iomega", KindText(
+        "another integration time of the speed control", "A lasting error of speed is made good faster or slower.",
+        _TUNED, _READ)),
+    stated_kind("current_control_gain", FieldOrientedControl, "K_pq", KindText(
+        "another gain of the current control", "The current follows its demand more or less closely.", _TUNED, _READ)),
+    stated_kind("motor_resistance", GearedPMSM, "R", KindText(
+        "another resistance of the motor", "The winding takes another voltage for its current than stated.",
+        "Temperature (copper: 0.4 % per kelvin), a bad contact, a partly shorted winding.",
+        "Measure voltage and current at standstill, cold and warm.")),
+    stated_kind("motor_flux", GearedPMSM, "psi", KindText(
+        "another flux of the motor's magnets", "Speed induces another voltage than stated.",
+        "Magnets that are warm or weakened, another motor type.",
+        "Turn the motor from outside and measure the open-circuit voltage.")),
+    stated_kind("contact_stiffness", GuidingSystem, "stiffness", KindText(
+        "another stiffness of the shoes", "Shoes give way more or less than stated.", _SHOES, _PUSH)),
+    stated_kind("contact_damping", GuidingSystem, "damping", KindText(
+        "another damping of the shoes", "Shoes damp a lateral motion more or less than stated.", _SHOES,
+        "Let the cabin swing sideways from a push at standstill and count how fast it dies away.")),
+    stated_kind("contact_clearance", GuidingSystem, "clearance", KindText(
+        "another clearance of the shoes", "Shoes have more or less room on the rail than stated.",
+        "Wear, rails that are thicker or thinner, an adjustment.", "Measure the play at several heights.")),
+)  # fmt: skip
+
+for _kind in LIFT_KINDS:
+    if _kind.name not in kinds():
+        register(_kind)

@@ -1,0 +1,4 @@
+"""The lift's components: car, guide, rope, machine, control.
+
+Takes from `multibody`.
+"""

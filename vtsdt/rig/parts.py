@@ -1,0 +1,61 @@
+"""Parts that the virtual lift has and no model under test: the loss torque of its gear, and what disturbs it."""
+
+from __future__ import annotations
+
+import math
+
+from multibody.declare.component import Component
+from multibody.declare.declarations import Output, Parameter, Power, Rotation
+from multibody.model.model import Model
+
+__all__ = ["GearLoss", "disturbed", "dressed"]
+
+
+class GearLoss(Component):
+    """Loss torque of the planetary gear between motor and pulley: dry, viscous, and a ripple of the meshing teeth.
+
+    torque = -(dry + viscous |ω| + ripple cos(order φ)) tanh(ω/ω_s), on the pulley (González et al. 2020, tau_L in
+    Eq. 11: "computed using a torque sensor and used as input in the model").
+    """
+
+    dry = Parameter(0.5, "N*m", "level of dry friction", min=0.0)
+    viscous = Parameter(0.05, "N*m*s/rad", "viscous part", min=0.0)
+    ripple = Parameter(0.05, "N*m", "amplitude over the pulley's angle", min=0.0)
+    order = Parameter(16.0, "1/rad", "waves in one radian of the pulley")
+    omega_s = Parameter(0.05, "rad/s", "speed below which friction fades", min=1e-9)
+
+    axis = Rotation("pulley")
+    support = Rotation("inclination of the support about the same axis")
+    torque = Output("N*m", "loss torque on the pulley")
+    loss = Power(kind="loss", meaning="power lost in the gear")
+
+    def equations(self):
+        speed = self.axis.speed - self.support.speed
+        size = self.dry + self.viscous * abs(speed) + self.ripple * math.cos(self.order * self.axis.angle)
+        self.torque = -size * math.tanh(speed / self.omega_s)
+        self.axis.torque = self.torque
+        self.support.torque = -self.torque
+        self.loss = -self.torque * speed
+
+
+def disturbed(model: Model) -> Model:
+    """Return a lift with a force on the cabin that no model knows."""
+    from multibody.library import ForceSource
+
+    rig = model.copy()
+    source = rig.add("disturbance", ForceSource())
+    rig.connect(source.flange, "cabin.z_axis")
+    rig.input("disturbance.force", source.force)
+    return rig
+
+
+def dressed(model: Model, regularisation: float) -> Model:
+    """Return the true lift with what only the rig has: loss of the gear, a force that disturbs."""
+    rig = disturbed(model)
+    loss = rig.add("gear_loss", GearLoss())
+    rig.connect(loss.axis, "pulley.axis")
+    rig.connect(loss.support, "pulley.support")
+    fades = {
+        f"{g}.v_s": regularisation * rig.components[g].values["v_s"] for g in ("cabin_guide", "counterweight_guide")
+    }
+    return rig.with_values(fades)

@@ -1,0 +1,18 @@
+"""The one-dimensional virtual lift as the suites run it: the 1D model under test lacks nothing but what is hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from discrepancy.rigs.recording import Case
+from vtsdt.rig import suite_lift
+from vtsdt.rig.one_dimensional import PlainLiftRig
+from vtsdt.rig.suite_lift import UNKNOWN, names, sizes
+
+__all__ = ["UNKNOWN", "case", "names", "sizes"]
+
+
+def case(seed: int, hidden: Sequence[str] = (), **settings: Any) -> Case:
+    """Return recordings of the 1D lift with something hidden, and the model under test."""
+    return suite_lift.case(seed, hidden, PlainLiftRig, **settings)

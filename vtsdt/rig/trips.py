@@ -1,0 +1,107 @@
+"""Trips of the virtual lift: what the reference of the pulley's speed does over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multibody.library.profiles import jerk_limited
+from vtsdt.files.parameters import LiftParameters
+
+__all__ = ["CYCLE", "Trip", "draw_trip", "express"]
+
+#: Time between two values of the reference, s.
+CYCLE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Trip:
+    """One trip.
+
+    Parameters
+    ----------
+    time, omega : ndarray, s and rad/s
+        Speed reference of the pulley; positive lets the cabin down.
+    angle : ndarray, rad
+        Its integral.
+    height : float, m
+        Where the cabin starts.
+    load : float, kg
+        Payload.
+    """
+
+    time: np.ndarray
+    omega: np.ndarray
+    angle: np.ndarray
+    height: float
+    load: float = 0.0
+
+
+def express(parameters: LiftParameters, up: bool, duration: float, load: float = 0.0) -> Trip:
+    """Return a trip from end to end as the parameters' ``[trip]`` says."""
+    p = parameters.trip
+    way = parameters.hoistway.travel * (1.0 if up else -1.0)
+    moves = [(p.start, way, p.speed, p.acceleration, p.jerk or 1e6)]
+    return _trip(parameters, moves, 0.0 if up else parameters.hoistway.travel, duration, load)
+
+
+def draw_trip(
+    parameters: LiftParameters,
+    number: int,
+    rng: np.random.Generator,
+    duration: float,
+    loads: tuple[float, ...],
+) -> Trip:
+    """Return a drawn trip: every other one down, every third from end to end, the others with stops between.
+
+    Stops are 0.15 to 0.9 m apart; speeds run from a quarter of the lift's own to the whole of it.
+
+    Parameters
+    ----------
+    parameters : LiftParameters
+    number : int
+        Of the trip, from 0: says direction and load, and whether it stops between.
+    rng : Generator
+    duration : float, s
+    loads : tuple of float, kg
+        Payloads that come in turn.
+    """
+    p, travel = parameters.trip, parameters.hoistway.travel
+    up, load = number % 2 == 0, loads[(number // 2) % len(loads)]
+    if number % 3 == 0:
+        return express(parameters, up, duration, load)
+    at = start = 0.0 if up else travel
+    now = p.start + float(rng.uniform(0.0, 0.3))
+    moves: list[tuple[float, float, float, float, float]] = []
+    while True:
+        speed = p.speed * float(rng.uniform(0.25, 1.0))
+        left = travel - at if up else at
+        way = min(float(rng.uniform(0.15, 0.9)), left)
+        limit, jerk = p.acceleration * float(rng.uniform(0.7, 1.3)), (p.jerk or 1e3) * float(rng.uniform(0.7, 1.3))
+        takes = jerk_limited(0.0, way, speed, limit, jerk)[3]
+        if way < 0.1 or now + takes > duration - 0.1:
+            if moves or way < 0.1:
+                break
+            continue  # the first move has to fit
+        moves.append((now, way if up else -way, speed, limit, jerk))
+        at += way if up else -way
+        now += takes + float(rng.uniform(0.2, 0.6))
+    return _trip(parameters, moves, start, duration, load)
+
+
+def _trip(
+    parameters: LiftParameters,
+    moves: list[tuple[float, float, float, float, float]],
+    height: float,
+    duration: float,
+    load: float,
+) -> Trip:
+    r = parameters.pulley.R_p
+    time = np.arange(round((duration + 0.5) / CYCLE) + 1) * CYCLE
+    omega, angle = np.zeros_like(time), np.zeros_like(time)
+    for begin, way, speed, limit, jerk in moves:
+        made = np.array([jerk_limited(t - begin, -way, speed, limit, jerk)[:2] for t in time[time > begin]])
+        angle[time > begin] += made[:, 0] / r
+        omega[time > begin] += made[:, 1] / r
+    return Trip(time, omega, angle, height, load)

@@ -1,0 +1,244 @@
+"""The updated reference model beside measured trips, with the metrics of González et al. 2020, Table 3."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.files.rail_profile_table import ProfileTable
+from vtsdt.lift.lift import Lift
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+    from estimation.files.record import Record
+
+__all__ = ["COLUMNS", "TABLE_3", "UNITS", "MeasuredTrip", "compare_trips", "read_trips", "updated", "weighed"]
+
+#: Columns that the virtual lift writes, by quantity; a settings file may name others.
+COLUMNS = {
+    "omega_ref": "pulley_speed_ref_rad_per_s",
+    "tau_L": "gear_loss_torque_Nm",
+    "payload": "payload_kg",
+    "omega": "pulley_speed_rad_per_s",
+    "i_q": "current_q_A",
+    "F_c": "tension_c_N",
+    "F_cw": "tension_cw_N",
+    "a_c": "cabin_acceleration_m_per_s2",
+    "z_c": "cabin_height_mm",
+}
+UNITS = {
+    "omega_ref": "rad/s", "tau_L": "N*m", "payload": "kg", "omega": "rad/s", "i_q": "A", "F_c": "N", "F_cw": "N",
+    "a_c": "m/s**2", "z_c": "m",
+}  # fmt: skip
+#: Quantities of Table 3: (name, unit, the paper's RMSE, its correlation).
+TABLE_3 = (
+    ("F_cw", "N", 5.75, 0.63), ("i_q", "A", 0.03, 0.98), ("F_fric", "N", 1.45, 0.72), ("F_c", "N", 4.8, 0.63),
+    ("a_c", "m/s²", 0.33, 0.59), ("alpha", "rad/s²", 2.39, 0.87),
+)  # fmt: skip
+#: Low-pass of measurement and model alike, and of the friction, Hz.
+LOW_PASS, FRICTION_LOW_PASS = 60.0, 5.0
+_DEFAULTS = {"tau_L": 0.0, "payload": 0.0}
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredTrip:
+    """One trip, measured and simulated, on the times of the record.
+
+    Parameters
+    ----------
+    name : str
+    time : ndarray, shape (n,), s
+    measured, model : dict of ndarray
+        Quantities of Table 3, low-passed alike; ``z_c`` and ``v_c`` beside them.
+    metrics : dict
+        Root mean square difference and correlation by quantity.
+    loss : (float, float), J
+        Energy lost in the cabin's guides, from the measurement as the paper does it, and in the model.
+    """
+
+    name: str
+    time: np.ndarray
+    measured: dict[str, np.ndarray]
+    model: dict[str, np.ndarray]
+    metrics: dict[str, tuple[float, float]]
+    loss: tuple[float, float]
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return Table 3 of this trip."""
+        import pandas
+
+        rows = [(n, u, *self.metrics[n]) for n, u, _, _ in TABLE_3]
+        return pandas.DataFrame(rows, columns=["quantity", "unit", "RMSE", "correlation"])
+
+    def plot(self) -> Figure:
+        """Draw measurement and model over time (Fig. 11)."""
+        from matplotlib.figure import Figure
+
+        shown = {
+            "F_c": "F_c [N]",
+            "F_cw": "F_cw [N]",
+            "i_q": "i_q [A]",
+            "a_c": "z̈_c [m/s²]",
+            "F_fric": "F_fric [N]",
+            "alpha": "α [rad/s²]",
+        }
+        figure = Figure(figsize=(8.4, 8.0), layout="constrained")
+        for axis, (name, label) in zip(figure.subplots(6, 1, sharex=True), shown.items(), strict=True):
+            axis.plot(self.time, self.measured[name], color="black", linewidth=1.4, label="measured")
+            axis.plot(self.time, self.model[name], color="#D55E00", linewidth=0.9, label="model")
+            axis.set_ylabel(label)
+            axis.grid(color="#eeeeee")
+            rms, rho = self.metrics[name]
+            axis.set_title(f"RMSE {rms:.3g}, ρ {rho:.2f}", loc="right", fontsize=8, pad=2)
+        figure.axes[0].legend(fontsize="small", ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
+        figure.axes[-1].set_xlabel("time [s]")
+        return figure
+
+
+def read_trips(paths: Sequence[Path], time: str = "time_s", columns: Mapping[str, str] | None = None) -> list[Record]:
+    """Read measured trips.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    time : str
+        Its column.
+    columns : mapping of str to str, optional
+        Quantity to column; default: as the virtual lift writes them.
+
+    Raises
+    ------
+    RecordError
+        With every fault of every file.
+    """
+    from estimation.files.reading import read_records
+
+    wanted = {**COLUMNS, **dict(columns or {})}
+    return list(
+        read_records(
+            list(paths),
+            time=time,
+            columns=wanted,
+            units=dict(UNITS),
+            may_be_constant=("omega_ref", "payload", "tau_L"),
+            defaults=dict(_DEFAULTS),
+        )
+    )
+
+
+def updated(parameters: LiftParameters, rail: ProfileTable | None) -> LiftParameters:
+    """Return a lift with the estimated rail in place of its cabin's own; the left rail and y count as straight."""
+    if rail is None:
+        return parameters
+    return dataclasses.replace(
+        parameters,
+        cabin_guide=dataclasses.replace(
+            parameters.cabin_guide, right_x=rail.profile, left_x=None, left_y=None, right_y=None
+        ),
+    )
+
+
+def weighed(parameters: LiftParameters, records: Sequence[Record]) -> LiftParameters:
+    """Return a lift whose cabin and counterweight weigh what the tensions say before trips begin.
+
+    The median over all trips of (tension at rest)/g, without the load; friction at rest, which has either sign, makes
+    it wrong by its size over g, less over trips up and down.
+    """
+    masses: dict[str, list[float]] = {"cabin": [], "counterweight": []}
+    for record in records:
+        still = np.asarray(record.signals["omega_ref"].values) == 0.0
+        count = int(np.argmin(still)) if not still.all() else still.size  # samples before it begins to move
+        if count < 5:
+            continue
+        rest = {n: float(np.median(np.asarray(record.signals[n].values)[:count])) for n in ("F_c", "F_cw", "payload")}
+        masses["cabin"].append(rest["F_c"] / 9.80665 - rest["payload"])
+        masses["counterweight"].append(rest["F_cw"] / 9.80665)
+    if not masses["cabin"]:
+        return parameters
+    changed: dict[str, Any] = {
+        side: dataclasses.replace(getattr(parameters, side), mass=float(np.median(values)))
+        for side, values in masses.items()
+    }
+    return dataclasses.replace(parameters, **changed)
+
+
+def compare_trips(
+    records: Sequence[Record],
+    parameters: LiftParameters | None = None,
+    rail: ProfileTable | None = None,
+    *,
+    progress: Any = None,
+) -> list[MeasuredTrip]:
+    """Simulate measured trips with the updated reference model and lay both side by side.
+
+    The model is given the measured speed reference, the gear's loss torque and the load.  Friction is not measured but
+    follows from tension and acceleration, m (z̈ + g) − F_c, below 5 Hz; for the model likewise.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        As `read_trips` returns them.
+    parameters : LiftParameters, optional
+    rail : ProfileTable, optional
+        Estimated profile.
+    progress : callable, optional
+    """
+    given = updated(parameters or LiftParameters.bench(), rail)
+    lift = Lift.reference(given, payload=(0.0, 0.0, 0.0, 0.0))
+    names = ("omega", "i_q", "F_c", "F_cw", "a_c", "z_c", "v_c", "fric_c")
+    system = lift.build(outputs=list(names))
+    found = []
+    for k, record in enumerate(records):
+        if progress is not None:
+            progress(f"simulate trip {k + 1} of {len(records)}")
+        t = np.asarray(record.time, dtype=float)
+        t = t - t[0]
+        signal = {n: np.asarray(s.values, dtype=float) for n, s in record.signals.items()}
+        load = float(np.median(signal["payload"]))
+        lift.payload = (load, 0.0, 0.0, 0.0)
+        height = float(np.clip(signal["z_c"][:20].mean(), 0.0, given.hoistway.travel))
+        run = lift.trip(
+            inputs={"omega_ref": (t, signal["omega_ref"]), "tau_L": (t, signal["tau_L"])},
+            height=height,
+            until=float(t[-1]),
+            step=None,
+            times=t,
+            system=system,
+            parameters={"payload.mass": load},
+        )
+        found.append(_side_by_side(record.name, t, signal, run, given.cabin.mass + load))
+    return found
+
+
+def _side_by_side(name: str, t: np.ndarray, signal: dict[str, np.ndarray], run: Any, mass: float) -> MeasuredTrip:
+    from estimation.signals.metrics import pearson, rmse
+    from estimation.signals.preparation import low_pass
+
+    def smooth(values: np.ndarray, cutoff: float = LOW_PASS) -> np.ndarray:
+        return np.asarray(low_pass(t, values, cutoff))
+
+    both = []
+    for source in (signal, {n: np.asarray(run[n]) for n in ("omega", "i_q", "F_c", "F_cw", "a_c", "z_c")}):
+        friction = mass * (source["a_c"] + 9.80665) - source["F_c"]
+        both.append(
+            {
+                **{n: smooth(source[n]) for n in ("F_c", "F_cw", "i_q", "a_c")},
+                "F_fric": smooth(friction, FRICTION_LOW_PASS),
+                "alpha": np.gradient(smooth(source["omega"]), t),
+                "z_c": source["z_c"],
+                "v_c": np.gradient(smooth(source["z_c"], FRICTION_LOW_PASS), t),
+            }
+        )
+    measured, model = both
+    metrics = {n: (rmse(measured[n], model[n]), pearson(measured[n], model[n])) for n, *_ in TABLE_3}
+    lost = -float(np.trapezoid(measured["F_fric"] * measured["v_c"], t))
+    in_model = -float(np.trapezoid(run["fric_c"] * run["v_c"], t))
+    return MeasuredTrip(name, t, measured, model, metrics, (lost, in_model))

@@ -1,0 +1,310 @@
+"""The page that a maintenance planner reads: where to straighten, what it saves, how sure that is."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vtsdt.lift.comfort import ComfortError, RideComfort, ride_comfort
+from vtsdt.whatif import figures as whatif_figures
+from vtsdt.whatif.compare import TABLE_3, MeasuredTrip
+from vtsdt.whatif.figures import LABELS
+from vtsdt.whatif.result import Interval, WhatIf
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from vtsdt.whatif.settings import Settings
+    from vtsdt.whatif.threshold import Threshold
+
+__all__ = ["answer", "write_what_if"]
+
+_CAPTIONS = {
+    "rail": "The rail as estimated. The sections in colour are beyond the threshold.",
+    "savings": "What straightening each section alone, and each action as a whole, saves in the guides.",
+    "energies": "Energies and efficiency of a trip; lines are intervals. What guides do not take, the machine does.",
+    "threshold": "Median and largest deviation of each configuration of the guides against the energy its trips lose.",
+    "compare": "One trip, measured and simulated; both below 60 Hz.",
+    "comfort": "The measured ride: speed, acceleration and weighted vibration.",
+}
+
+
+def answer(study: WhatIf) -> str:
+    """Return in two sentences what to do and how sure that is."""
+    if not study.sections:
+        return (
+            f"No part of the rail is beyond {1e3 * study.threshold:.2f} mm: there is nothing to straighten. "
+            f"Lubrication would save {study.saving('lubrication').told()} J on a trip."
+        )
+    where = " and ".join(_comma([f"{s.low:.2f} to {s.high:.2f} m" for s in study.sections]))
+    straight, grease = study.saving("straightened"), study.saving("lubrication")
+    share = study.better("lubrication", "straightened")
+    told = (
+        ""
+        if not np.isfinite(share)
+        else f" Lubrication saves more than straightening in {100 * share:.0f} % of the draws."
+    )
+    return (
+        f"Straighten the rail at {where}: that saves {straight.told()} J on a trip. "
+        f"Lubrication saves {grease.told()} J, both together {study.saving('both').told()} J.{told}"
+    )
+
+
+def _comma(parts: list[str]) -> list[str]:
+    return [", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts
+
+
+def write_what_if(
+    out: Path,
+    study: WhatIf,
+    settings: Settings,
+    *,
+    lift: str,
+    trips: Sequence[MeasuredTrip] = (),
+    threshold: Threshold | None = None,
+    notes: Sequence[str] = (),
+) -> Path:
+    """Write page, figures, JSON and the straightened rail into a folder; return the page."""
+    out.mkdir(parents=True, exist_ok=True)
+    figures: dict[str, Figure] = {"rail": whatif_figures.rail(study), "energies": whatif_figures.energies(study)}
+    figures["savings"] = whatif_figures.savings(study)
+    if threshold is not None:
+        figures["threshold"] = threshold.plot()
+    notes = list(notes)
+    rides: list[tuple[RideComfort, RideComfort]] = []
+    if trips:
+        figures["compare"] = trips[0].plot()
+        rides, faults = _rides(trips)
+        notes += faults
+        if rides:
+            figures["comfort"] = rides[0][0].plot()
+    pictures = {name: _png(figure) for name, figure in figures.items()}
+    for name, png in pictures.items():
+        (out / f"{name}.png").write_bytes(png)
+    content = {
+        **study.to_json(),
+        "lift": lift,
+        "notes": list(notes),
+        "threshold": None if threshold is None else threshold.to_json(),
+        "trips": [_trip_json(t) for t in trips],
+        "comfort": [{"measured": a.to_json(), "model": b.to_json()} for a, b in rides],
+        "year": _yearly(study, settings),
+    }
+    (out / "what-if.json").write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    page = out / "report.html"
+    page.write_text(_page(study, settings, lift, trips, rides, threshold, notes, pictures), encoding="utf-8")
+    return page
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=130, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def _rides(trips: Sequence[MeasuredTrip]) -> tuple[list[tuple[RideComfort, RideComfort]], list[str]]:
+    found, faults = [], []
+    for trip in trips:
+        try:
+            found.append(
+                (
+                    ride_comfort(trip.time, trip.measured["a_c"], name=f"{trip.name}, measured"),
+                    ride_comfort(trip.time, trip.model["a_c"], name=f"{trip.name}, model"),
+                )
+            )
+        except ComfortError as error:
+            faults.append(f"{trip.name}: ride comfort not judged: {error}")
+    return found, faults
+
+
+def _trip_json(trip: MeasuredTrip) -> dict[str, Any]:
+    return {
+        "name": trip.name,
+        "metrics": {n: {"rmse": trip.metrics[n][0], "pearson": trip.metrics[n][1], "unit": u} for n, u, *_ in TABLE_3},
+        "guide_loss_J": {"measured": trip.loss[0], "model": trip.loss[1]},
+    }
+
+
+def _yearly(study: WhatIf, settings: Settings) -> dict[str, Any] | None:
+    if settings.trips_per_day <= 0.0:
+        return None
+    factor = settings.trips_per_day * 365.0 / 3.6e6
+    found: dict[str, Any] = {"unit": "kWh", "trips_per_day": settings.trips_per_day}
+    for name in ("straightened", "lubrication", "both"):
+        saving = study.saving(name)
+        scaled = Interval(*(factor * v for v in (saving.value, saving.low, saving.high)))
+        found[name] = {"energy": scaled.to_json()}
+        if settings.price > 0.0:
+            money = Interval(*(settings.price * v for v in (scaled.value, scaled.low, scaled.high)))
+            found[name]["money"] = {**money.to_json(), "unit": settings.currency}
+    return found
+
+
+def _page(
+    study: WhatIf,
+    settings: Settings,
+    lift: str,
+    trips: Sequence[MeasuredTrip],
+    rides: Sequence[tuple[RideComfort, RideComfort]],
+    threshold: Threshold | None,
+    notes: Sequence[str],
+    pictures: dict[str, bytes],
+) -> str:
+    from importlib import resources
+
+    import jinja2
+    from markupsafe import Markup
+
+    def figure(name: str) -> Markup:
+        if name not in pictures:
+            return Markup("")
+        data = base64.b64encode(pictures[name]).decode("ascii")
+        return Markup(
+            f'<figure><img alt="{name}" src="data:image/png;base64,{data}">'
+            f"<figcaption>{_CAPTIONS[name]}</figcaption></figure>"
+        )
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("vtsdt", "templates"), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    css = resources.files("discrepancy").joinpath("templates/report.css").read_text(encoding="utf-8")
+    year = _yearly(study, settings)
+    draws = len(study.drawn)
+    return environment.get_template("what_if.html").render(
+        css=Markup(css),
+        figure=figure,
+        lift=lift,
+        answer=answer(study),
+        notes=list(notes),
+        sections=[_section_row(s) for s in study.sections],
+        plan=[_plan_row(study, name, year) for name in ("straightened", "lubrication", "both")],
+        yearly=year is not None,
+        sure=_how_sure(study, year),
+        direction=study.direction,
+        actions=[LABELS[a.name] for a in study.actions],
+        energies=_energy_rows(study),
+        draws=draws,
+        threshold_text="" if threshold is None else _threshold_text(threshold),
+        compared=_compared(trips),
+        comfort=_comfort_rows(rides),
+        assumed=_assumed(study, settings),
+    )
+
+
+def _section_row(s: Any) -> dict[str, str]:
+    spread = f" ± {1e3 * s.spread:.2f}" if s.spread > 0.0 else ""
+    # In words that do not claim certainty.
+    sure = ("> 99 %" if s.sure > 0.99 else f"{100 * s.sure:.0f} %") if s.spread > 0.0 else "not known"
+    return {
+        "where": f"{s.low:.2f} to {s.high:.2f} m", "worst": f"{s.worst:.2f} m",
+        "deviation": f"{1e3 * s.deviation:.2f}{spread} mm", "sure": sure, "saving": f"{s.interval.told()} J",
+    }  # fmt: skip
+
+
+def _plan_row(study: WhatIf, name: str, year: dict[str, Any] | None) -> dict[str, str]:
+    row = {
+        "name": LABELS[name],
+        "saving": f"{study.saving(name).told()} J",
+        "gain": f"+{study.gain(name).told(100.0, 1)} points",
+        "year": "",
+    }
+    if year is not None:
+        row["year"] = f"{_three_digits(year[name]['energy'])} kWh"
+        if "money" in year[name]:
+            row["year"] += f", {_three_digits(year[name]['money'])} {year[name]['money']['unit']}"
+    return row
+
+
+def _three_digits(figure: dict[str, Any]) -> str:
+    """Return a figure of the JSON with its interval in brackets, if it has one."""
+    told = f"{figure['value']:.3g}"
+    return told if figure["low"] is None else f"{told} ({figure['low']:.3g} to {figure['high']:.3g})"
+
+
+def _how_sure(study: WhatIf, year: dict[str, Any] | None) -> str:
+    if not study.drawn:
+        return "Nothing was drawn, so no figure has an interval."
+    text = (
+        f"In brackets: 95 % of {len(study.drawn)} draws, in which {', '.join(f'{n} ± {s}' for n, s in study.doubts)} "
+        "and the spread of the rail's estimate vary."
+    )
+    if not np.any(study.rail.spread > 0.0):
+        text += " The profile came without a spread: it counts as exact."
+    if year is not None:
+        text += " A year: all trips taken as this one, the machine feeding back all that it takes up."
+    return text
+
+
+def _energy_rows(study: WhatIf) -> list[dict[str, Any]]:
+    names = {
+        "E_c": ("E_c [J]", 1.0),
+        "E_cw": ("E_cw [J]", 1.0),
+        "E_cb": ("E_cb [J]", 1.0),
+        "E_m": ("E_m [J]", 1.0),
+        "eta_t": ("η_t [%]", 100.0),
+    }
+    return [
+        {"name": label, "cells": [_cell(a.figure(key), factor) for a in study.actions]}
+        for key, (label, factor) in names.items()
+    ]
+
+
+def _cell(figure: Interval, factor: float) -> tuple[str, str]:
+    value, _, interval = figure.told(factor).partition(" ")
+    return value, interval.strip("()")
+
+
+def _threshold_text(found: Threshold) -> str:
+    low, high = (1e3 * v for v in found.interval)
+    return (
+        f"{100 * found.fraction:.0f} % of {len(found.configurations)} configurations have a median deviation of "
+        f"{1e3 * found.level:.2f} mm or less (95 % interval {low:.2f} to {high:.2f} mm, by drawing the configurations "
+        f"again). A millimetre more of median deviation goes with {1e-3 * found.slope:.1f} J more on a trip "
+        f"(correlation {found.correlation:.2f})."
+    )
+
+
+def _compared(trips: Sequence[MeasuredTrip]) -> list[tuple[str, str, str]]:
+    if not trips:
+        return []
+    rows = []
+    for name, unit, *_ in TABLE_3:
+        rms, rho = (float(np.median([t.metrics[name][k] for t in trips])) for k in (0, 1))
+        rows.append((name, f"{rms:.3g} {unit}", f"{rho:.2f}"))
+    measured, model = (float(np.median([t.loss[k] for t in trips])) for k in (0, 1))
+    return [*rows, ("energy lost in the cabin's guides", f"{measured:.2f} J measured, {model:.2f} J model", "")]
+
+
+def _comfort_rows(rides: Sequence[tuple[RideComfort, RideComfort]]) -> list[tuple[str, str, str]]:
+    if not rides:
+        return []
+    found = []
+    for k, (name, _, unit) in enumerate(rides[0][0].rows()):
+        cells = []
+        for side in (0, 1):
+            values = np.array([pair[side].rows()[k][1] for pair in rides])
+            known = values[np.isfinite(values)]
+            cells.append(f"{np.median(known):.3g} {unit}" if known.size else "none")
+        found.append((name, cells[0], cells[1]))
+    return found
+
+
+def _assumed(study: WhatIf, settings: Settings) -> list[str]:
+    return [
+        "The cabin's right rail stands for all deviations; the left rail and both rails across count as straight. "
+        f"Only it is straightened, to {1e3 * study.threshold:.2f} mm.",
+        f"Lubrication takes the friction of cabin and counterweight to {study.lubrication:g} of what it was.",
+        "Friction is μ times the normal force at every shoe (González et al. 2020, Eq. 4); gear losses are left out.",
+        "Shares are of nominal values; draws are the same for all actions, so savings are differences within a draw.",
+        *(
+            []
+            if settings.lift
+            else ["The lift is the project's own bench, whose numbers are not those of the paper's bench."]
+        ),
+    ]

@@ -1,0 +1,196 @@
+"""Energies of many trips of the reference model: other rails, other parameters, one compiled structure.
+
+Rails are tables in the parameter vector, so a straightened rail, a drawn one and one as it is are the same machine
+with other numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multibody.base.errors import SimulationError
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.files.rail_profile import Profile
+from vtsdt.lift.energy import TripEnergy
+from vtsdt.lift.lift import Lift
+from vtsdt.lift.speed_reference import sampled_reference
+from vtsdt.lift.trip import rest
+
+if TYPE_CHECKING:
+    from multibody.system.system import System
+
+__all__ = ["Loaded", "TripRunner", "TripSignals"]
+
+#: Between the samples from which energies are integrated, s.
+STEP = 2e-3
+_SIGNALS = ("pulley.speed", "machine.torque", "fric_c", "fric_cw", "v_c", "z_c", "cabin.potential_energy")
+_RAIL = "cabin_guide.right_x"
+
+
+@dataclass(frozen=True, eq=False)
+class TripSignals:
+    """One simulated trip, as far as its energies need it.
+
+    Parameters
+    ----------
+    energy : TripEnergy
+    height : ndarray, shape (n,), m
+        Of the cabin.
+    loss : ndarray, shape (n,), W
+        Power lost in the cabin's guides.
+    time : ndarray, shape (n,), s
+    """
+
+    energy: TripEnergy
+    height: np.ndarray
+    loss: np.ndarray
+    time: np.ndarray
+
+    def lost_between(self, low: float, high: float) -> float:
+        """Return the energy lost in the cabin's guides while the floor is between two heights, J."""
+        inside = (self.height >= low) & (self.height <= high)
+        return float(np.trapezoid(np.where(inside, self.loss, 0.0), self.time))
+
+
+@dataclass(frozen=True, eq=False)
+class Loaded:
+    """What distinguishes one run from another.
+
+    Parameters
+    ----------
+    rail : Profile or None
+        The cabin's right rail; None: the runner's own.
+    values : mapping of str to float
+        Parameters of the model by name, SI.
+    """
+
+    rail: Profile | None = None
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+class TripRunner:
+    """Simulates trips of one lift, with other rails and parameters from run to run.
+
+    Parameters
+    ----------
+    parameters : LiftParameters
+    heights : ndarray, m
+        Heights at which every rail of the cabin is stated; a rail that is cut needs points beside its kinks.
+    direction : {"up", "down"}
+    rtol : float
+        Relative tolerance of the integration.
+    """
+
+    def __init__(
+        self, parameters: LiftParameters, heights: np.ndarray, direction: str = "up", rtol: float = 1e-7
+    ) -> None:
+        import dataclasses
+
+        self.parameters, self.direction, self.rtol = parameters, direction, rtol
+        self.heights = np.asarray(heights, dtype=float)
+        rail = parameters.cabin_guide.right_x or Profile(
+            (parameters.hoistway.rail_bottom, parameters.hoistway.rail_top), (0.0, 0.0)
+        )
+        guide = dataclasses.replace(parameters.cabin_guide, right_x=rail.resampled(tuple(map(float, self.heights))))
+        self.lift = Lift.reference(dataclasses.replace(parameters, cabin_guide=guide))
+        travel = parameters.hoistway.travel
+        self.start = 0.0 if direction == "up" else travel
+
+    @cached_property
+    def system(self) -> System:
+        """The compiled machine with the outputs that energies need."""
+        names = [n for n in _SIGNALS if n != "cabin.potential_energy"]
+        return self.lift.build(outputs=names)
+
+    @cached_property
+    def _points(self) -> slice:
+        first = self.system.index("parameter", f"{_RAIL}.x[0]")
+        return slice(first, first + 3 * self.heights.size)
+
+    def vector(self, run: Loaded) -> np.ndarray:
+        """Return the parameter vector of a run."""
+        from multibody.equations.tables import packed
+
+        p = self.system.parameter_vector(dict(run.values))
+        if run.rail is not None:
+            stated = np.array_equal(run.rail.height, self.heights)
+            deviation = np.array(run.rail.deviation if stated else [run.rail.at(h) for h in self.heights])
+            p[self._points] = packed(self.heights, deviation, "cubic")
+        return p
+
+    def run(self, runs: Sequence[Loaded], progress: Callable[[int], None] | None = None) -> Iterator[TripSignals]:
+        """Simulate trips, by threads, and yield them in order.
+
+        Raises
+        ------
+        SimulationError
+            If a run fails: which, and why.
+        """
+        from multibody.solvers.batch import batch
+        from multibody.system.simulate import input_table, native_problem
+
+        system = self.system
+        duration = self.parameters.trip.duration
+        times = np.arange(round(duration / STEP) + 1) * STEP
+        omega = sampled_reference(self.lift, self.direction)
+        table = input_table(system, {"omega_ref": omega})
+        inputs = np.ascontiguousarray(table(times, system.p).reshape(times.size, -1))
+        vectors: list[np.ndarray] = []
+        guess: dict[str, float] = {}
+
+        def problems() -> Iterator[tuple[Any, np.ndarray]]:
+            for each in runs:
+                p = self.vector(each)
+                vectors.append(p)
+                start = rest(self.lift, self.start, system=system, inputs={"omega_ref": 0.0}, parameters=p, guess=guess)
+                if not guess:  # the next hangs nearly as this one does
+                    guess.update({k: v for k, v in start.to_dict().items() if k != "pulley.angle"})
+                yield native_problem(system, p, table), start.state
+
+        options: dict[str, Any] = {"rtol": self.rtol, "atol": 1e-3 * self.rtol}
+        for found in batch(problems(), (0.0, float(times[-1])), times, **options):
+            if not found.success:
+                raise SimulationError(f"'{self.lift.name}', run {found.index + 1} of {len(runs)}: {found.message}")
+            states = np.ascontiguousarray(found.y[: len(system.states)].T)
+            p = vectors[found.index]
+            y = system.outputs_along(times, states, inputs, p)
+            yield self._signals(times, states, y, p)
+            if progress is not None:
+                progress(found.index + 1)
+
+    def _signals(self, t: np.ndarray, states: np.ndarray, y: np.ndarray, p: np.ndarray) -> TripSignals:
+        system = self.system
+
+        def out(name: str) -> np.ndarray:
+            return y[:, system.index("output", name)]
+
+        def state(name: str) -> np.ndarray:
+            return states[:, system.index("state", name)]
+
+        loss_c = -out("fric_c") * state("cabin.v_z")
+        loss_cw = -out("fric_cw") * state("counterweight.v_z")
+        braked = -float(np.trapezoid(out("machine.torque") * out("pulley.speed"), t))
+        given_up = 0.0
+        for body in ("cabin", "counterweight"):
+            mass = p[system.index("parameter", f"{body}.mass")]
+            given_up -= mass * 9.80665 * float(_com_height(body, states, system, p)[[-1, 0]] @ (1.0, -1.0))
+        energy = TripEnergy(float(np.trapezoid(loss_c, t)), float(np.trapezoid(loss_cw, t)), given_up, braked)
+        return TripSignals(energy, out("z_c"), loss_c, t)
+
+
+def _com_height(body: str, states: np.ndarray, system: System, p: np.ndarray) -> np.ndarray:
+    """Return the height of a body's centre of mass over time, m."""
+
+    def state(name: str) -> np.ndarray:
+        return states[:, system.index("state", f"{body}.{name}")]
+
+    x, y, z = (float(p[system.index("parameter", f"{body}.com_{axis}")]) for axis in "xyz")
+    roll, pitch = state("roll"), state("pitch")
+    # third row of R_z(yaw) R_y(pitch) R_x(roll)
+    lifted = -np.sin(pitch) * x + np.cos(pitch) * (np.sin(roll) * y + np.cos(roll) * z)
+    return np.asarray(state("z") + lifted)

@@ -1,0 +1,221 @@
+"""The alignment that most installations reach: a threshold from several configurations of the guides.
+
+González et al. 2020, section IV-C and Fig. 10: the level of the median deviation that a share of all configurations
+stays under, beside the energy that the guides of each take.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vtsdt.files.rail_profile_table import ProfileTable
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+__all__ = ["Configuration", "Threshold", "configuration", "friction_loss", "threshold"]
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """One alignment of the guides.
+
+    Parameters
+    ----------
+    name : str
+    median, largest : float, m
+        Of the absolute deviation over the height that the shoes pass.
+    energy : float, J
+        Lost in the cabin's guides on one trip.
+    energy_std : float, J
+        Standard error of it, from repeated trips; NaN where there is one trip only.
+    """
+
+    name: str
+    median: float
+    largest: float
+    energy: float
+    energy_std: float = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Threshold:
+    """A threshold and what it rests on.
+
+    Parameters
+    ----------
+    level : float, m
+        Median deviation that a share ``fraction`` of the configurations stays under.
+    interval : (float, float), m
+        95 % interval, by drawing the configurations again.
+    fraction : float
+    configurations : tuple of Configuration
+    slope : float, J/m
+        Of the energy over the median deviation, by least squares.
+    correlation : float
+        Of energy and median deviation.
+    """
+
+    level: float
+    interval: tuple[float, float]
+    fraction: float
+    configurations: tuple[Configuration, ...]
+    slope: float
+    correlation: float
+
+    @property
+    def under(self) -> tuple[str, ...]:
+        """Names of the configurations that stay under the level."""
+        return tuple(c.name for c in self.configurations if c.median <= self.level)
+
+    def __repr__(self) -> str:
+        low, high = (1e3 * v for v in self.interval)
+        return (
+            f"Threshold {1e3 * self.level:.2f} mm (95 %: {low:.2f} to {high:.2f}): "
+            f"{len(self.under)} of {len(self.configurations)} configurations stay under it"
+        )
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the configurations as a table."""
+        import pandas
+
+        rows = [(c.name, 1e3 * c.median, 1e3 * c.largest, c.energy, c.energy_std) for c in self.configurations]
+        return pandas.DataFrame(
+            rows, columns=["configuration", "median [mm]", "largest [mm]", "energy loss [J]", "its error [J]"]
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return level, interval and configurations in mm and J."""
+        return {
+            "level_mm": 1e3 * self.level,
+            "interval_mm": [1e3 * v for v in self.interval],
+            "fraction": self.fraction,
+            "slope_J_per_mm": 1e-3 * self.slope,
+            "correlation": self.correlation,
+            "configurations": [
+                {"name": c.name, "median_mm": 1e3 * c.median, "largest_mm": 1e3 * c.largest, "energy_J": c.energy}
+                for c in self.configurations
+            ],
+        }
+
+    def plot(self) -> Figure:
+        """Draw median and largest deviation of each configuration against its energy loss (Fig. 10)."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+        axis = figure.subplots()
+        energy = [c.energy for c in self.configurations]
+        median = np.array([1e3 * c.median for c in self.configurations])
+        largest = np.array([1e3 * c.largest for c in self.configurations])
+        axis.vlines(energy, median, largest, color="#bbbbbb", linewidth=1.0, zorder=1)
+        axis.plot(energy, median, "o", color="#0072B2", label="median deviation")
+        axis.plot(energy, largest, "^", color="#D55E00", label="largest deviation")
+        low, high = (1e3 * v for v in self.interval)
+        axis.axhspan(low, high, color="#eeeeee", zorder=0, label="its 95 % interval")
+        axis.axhline(
+            1e3 * self.level,
+            color="black",
+            linewidth=1.2,
+            linestyle="--",
+            label=f"threshold {1e3 * self.level:.2f} mm: {100 * self.fraction:.0f} % of the medians stay under it",
+        )
+        axis.set_xlabel("energy lost in the cabin's guides on one trip [J]")
+        axis.set_ylabel("guide deviation [mm]")
+        axis.legend(fontsize="small")
+        axis.grid(color="#eeeeee")
+        return figure
+
+
+def configuration(
+    name: str, rail: ProfileTable, energies: Sequence[float], low: float | None = None, high: float | None = None
+) -> Configuration:
+    """Return one configuration from the estimated rail and the energies of its trips.
+
+    Parameters
+    ----------
+    name : str
+    rail : ProfileTable
+    energies : sequence of float, J
+        Lost in the cabin's guides, one for each trip.
+    low, high : float, m, optional
+        Heights between which the deviation is judged; default: the whole table.
+    """
+    a = rail.height[0] if low is None else low
+    b = rail.height[-1] if high is None else high
+    heights = np.linspace(a, b, 400)  # evenly over the height, whatever the table's points
+    deviation = np.abs([rail.profile.at(h) for h in heights])
+    given = np.asarray(energies, dtype=float)
+    error = float(given.std(ddof=1) / np.sqrt(given.size)) if given.size > 1 else float("nan")
+    return Configuration(name, float(np.median(deviation)), float(deviation.max()), float(given.mean()), error)
+
+
+def friction_loss(
+    time: np.ndarray, tension: np.ndarray, acceleration: np.ndarray, speed: np.ndarray, mass: float
+) -> float:
+    """Return the energy lost in the cabin's guides on a trip, from what the paper measures, J.
+
+    Friction is what is left of m (z̈ + g) − F_c, with the mean of the tension's error unknown: its share of the
+    energy is that error times the way.
+
+    Parameters
+    ----------
+    time, tension, acceleration, speed : ndarray, s, N, m/s² and m/s
+        Of the cabin, up positive; acceleration without gravity.
+    mass : float, kg
+        Of the cabin with its load.
+    """
+    friction = mass * (np.asarray(acceleration) + 9.80665) - np.asarray(tension)
+    return float(-np.trapezoid(friction * np.asarray(speed), time))
+
+
+def threshold(
+    configurations: Sequence[Configuration], fraction: float = 0.7, *, draws: int = 2000, seed: int = 0
+) -> Threshold:
+    """Return the level of the median deviation that a share of the configurations stays under.
+
+    The level is the smallest of the medians that at least ``fraction`` of them do not pass, as one reads it off
+    Fig. 10: with 14 configurations and 70 % it is the tenth.
+
+    Parameters
+    ----------
+    configurations : sequence of Configuration
+    fraction : float
+        Between 0 and 1; the paper takes 0.7.
+    draws : int
+        Sets of configurations drawn with replacement for the interval.
+    seed : int
+
+    Raises
+    ------
+    ValueError
+        If there are less than three configurations or the fraction is none.
+
+    Examples
+    --------
+    >>> made = [Configuration(f"{k}", 1e-3 * k, 2e-3 * k, 10.0 + k) for k in range(1, 15)]
+    >>> round(1e3 * threshold(made).level, 6)
+    10.0
+    """
+    if len(configurations) < 3:
+        raise ValueError(f"{len(configurations)} configurations make no threshold: give three or more")
+    if not 0.0 < fraction < 1.0:
+        raise ValueError(f"the fraction is {fraction:g}: give a share between 0 and 1, such as 0.7")
+    medians = np.array([c.median for c in configurations])
+    energy = np.array([c.energy for c in configurations])
+    rng = np.random.default_rng(seed)
+    drawn = medians[rng.integers(medians.size, size=(draws, medians.size))]
+    levels = np.quantile(drawn, fraction, axis=1, method="inverted_cdf")
+    varied = np.ptp(medians) > 0.0 and np.ptp(energy) > 0.0
+    return Threshold(
+        float(np.quantile(medians, fraction, method="inverted_cdf")),
+        (float(np.quantile(levels, 0.025)), float(np.quantile(levels, 0.975))),
+        fraction,
+        tuple(configurations),
+        float(np.polyfit(medians, energy, 1)[0]) if varied else float("nan"),
+        float(np.corrcoef(medians, energy)[0, 1]) if varied else float("nan"),
+    )
