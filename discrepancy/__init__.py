@@ -27,3 +27,12 @@ def __getattr__(name: str) -> Any:
     if name not in _WHERE:
         raise AttributeError(f"module 'discrepancy' has no attribute '{name}'")
     return getattr(import_module(_WHERE[name]), name)
+
+#: Modules that stand in files of earlier versions, and where they are now (`multibody.base.references`).
+MOVED = {
+    "discrepancy.axis_model": "discrepancy.rigs.axis_model",
+    "discrepancy.effect_laws": "discrepancy.effects.laws",
+    "discrepancy.inverse_parts": "discrepancy.residual.inverse_parts",
+    "discrepancy.sensor_parts": "discrepancy.effects.sensor_errors",
+    "discrepancy.unknown_laws": "discrepancy.effects.uncatalogued_laws",
+}

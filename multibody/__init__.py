@@ -23,3 +23,8 @@ __all__ = [
     "Component", "Energy", "EquationError", "Frame", "Input", "Model", "ModelError", "Option", "Output", "Parameter",
     "Pin", "Power", "Rotation", "SimulationError", "State", "Table", "Translation", "Unknown",
 ]
+
+#: Modules that stand in files of earlier versions, and where they are now (`multibody.base.references`).
+MOVED = {
+    "multibody.spatial.body": "multibody.declare.rigid_body",
+}

@@ -15,3 +15,15 @@ def __getattr__(name: str) -> str:
         except PackageNotFoundError:  # a source tree that was put on the path and never installed
             return "0+unknown"
     raise AttributeError(f"module 'vtsdt' has no attribute '{name}'")
+
+#: Modules that stand in files of earlier versions, and where they are now (`multibody.base.references`).
+MOVED = {
+    "vtsdt.bench_model": "vtsdt.rig.models",
+    "vtsdt.bench_parts": "vtsdt.rig.parts",
+    "vtsdt.car": "vtsdt.parts.car",
+    "vtsdt.control": "vtsdt.parts.control",
+    "vtsdt.guide": "vtsdt.parts.guide",
+    "vtsdt.lift": "vtsdt.lift.lift",
+    "vtsdt.machine": "vtsdt.parts.machine",
+    "vtsdt.rope": "vtsdt.parts.rope",
+}

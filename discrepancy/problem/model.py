@@ -18,6 +18,7 @@ import numpy as np
 
 from discrepancy.problem.study_file import StudyError, StudyFile
 from estimation.files.columns import nearest, pint_unit, to_si
+from multibody.base.references import module_named
 from multibody.base.units import UnitError
 
 __all__ = ["check_names", "load_builder", "load_model"]
@@ -55,7 +56,7 @@ def _theirs(error: BaseException, study: StudyFile, doing: str) -> StudyError:
 
 def _module(study: StudyFile, source: str) -> ModuleType:
     if not source.endswith(".py"):
-        return importlib.import_module(source)
+        return module_named(source)
     file = (study.path.parent / source).resolve()
     # Two studies may both have an axis.py: the folder makes the module's name unique.
     name = f"_study_{hashlib.sha256(str(file).encode()).hexdigest()[:12]}_{file.stem}"

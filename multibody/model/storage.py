@@ -21,6 +21,7 @@ from types import ModuleType
 from typing import Any
 
 from multibody.base.errors import ModelError
+from multibody.base.references import module_named
 from multibody.declare.component import Component, nearest
 from multibody.model.model import Model, ModelInput
 
@@ -266,7 +267,7 @@ def _named_module(name: str) -> ModuleType:
     if not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", name):
         raise LookupError(f"'{name}' is neither the name of a module nor a file ending in .py")
     try:
-        return importlib.import_module(name)
+        return module_named(name)
     except ImportError as error:
         raise LookupError(
             f"module '{name}' cannot be imported ({error}): install the package it belongs to"
