@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.search.omnibus import knots_for, tents
 from discrepancy.sensitivities.stage_residuals import Residuals
+from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
 from estimation.response.perturbations import Push
 from multibody.base.parallel import cores
 
@@ -142,10 +142,10 @@ def _generic_forces(position: np.ndarray, speed: np.ndarray, acceleration: np.nd
     fast = max(float(np.quantile(np.abs(speed), 0.95)), 1e-300)
     forces.append(np.tanh(speed / (0.02 * fast)))
     for values, count in ((speed, _SPEED_KNOTS), (position, _POSITION_KNOTS)):
-        knots = knots_for(values, count)
+        knots = quantile_knots(values, count)
         if len(knots):
-            # The tents sum to one, which the constant is already.
-            forces += list(tents(values, knots)[:, 1:].T)
+            # The hat functions sum to one, which the constant is already.
+            forces += list(hat_functions(values, knots)[:, 1:].T)
     if np.ptp(acceleration) > 0.0:
         forces.append(acceleration / np.max(np.abs(acceleration)))
     return forces

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.search.omnibus import knots_for, tents
 from discrepancy.statistics.blocks import Array
+from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
 from discrepancy.statistics.periodicity import find_period, pieces
 
 if TYPE_CHECKING:
@@ -173,16 +173,16 @@ def _basis(
 ) -> _Basis | None:
     if period is not None:
         knots = np.linspace(0.0, period, n_knots + 1)
-        T = tents(np.mod(x, period), knots)
+        T = hat_functions(np.mod(x, period), knots)
         T[:, 0] += T[:, -1]
         T = T[:, :-1]
         m = T.shape[1]
         D = np.eye(m) - 2 * np.roll(np.eye(m), 1, axis=1) + np.roll(np.eye(m), 2, axis=1)
     else:
-        knots = knots_for(x, n_knots)
+        knots = quantile_knots(x, n_knots)
         if len(knots) == 0:
             return None
-        T = tents(x, knots)
+        T = hat_functions(x, knots)
         # Curvature on the true spacing, so that straight lines cost nothing.
         D = np.zeros((len(knots) - 2, len(knots)))
         h = np.diff(knots) / np.mean(np.diff(knots))
@@ -323,7 +323,7 @@ def explain_force(
             "direction",
             "even",
             np.array([-1.0, 1.0]),
-            tents(direction, np.array([-1.0, 1.0])),
+            hat_functions(direction, np.array([-1.0, 1.0])),
             np.zeros((2, 2)),
             None,
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from discrepancy.questions.force_curves import Curve
 from discrepancy.statistics.blocks import Array
+from discrepancy.statistics.hat_functions import hat_functions
 from discrepancy.statistics.periodicity import pieces
 
 
@@ -129,10 +130,8 @@ def suggest_laws(
             err += float(np.sum((f[s] - columns[s] @ c) ** 2))
         return float(np.sqrt(err / len(f)))
 
-    from discrepancy.search.omnibus import tents
-
     z = np.mod(x, curve.period) if curve.period else x
-    free = held_out(tents(z, knots) * turn[:, None])
+    free = held_out(hat_functions(z, knots) * turn[:, None])
     out = []
     for name, (formula, linear, grid, columns) in _catalogue(x).items():
         fits = [(held_out(columns(x, **g) * turn[:, None]), g) for g in grid]

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.statistics.blocks import Array, Candidate, Residual, Sensitivities
+from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
 from discrepancy.statistics.null import cut, shuffled
 from discrepancy.statistics.scan import scan
 from discrepancy.statistics.scan_result import ScanResult
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from discrepancy.stages.stage import Stage
 
 LAGS_S = (0.0, 0.01, 0.03, 0.1, 0.3)
-N_TENTS = 7
+N_COARSE = 7
 N_FINE = 17
 FINE = "fine curve"
 
@@ -74,27 +75,6 @@ class Omnibus:
         return "\n".join(lines)
 
 
-def tents(values: Array, knots: Array) -> Array:
-    """Piecewise-linear basis, shape (n, len(knots)); rows sum to one."""
-    x = np.clip(values, knots[0], knots[-1])
-    i = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-    w = (x - knots[i]) / (knots[i + 1] - knots[i])
-    out = np.zeros((len(values), len(knots)))
-    rows = np.arange(len(values))
-    out[rows, i] = 1.0 - w
-    out[rows, i + 1] += w
-    return out
-
-
-def knots_for(values: Array, n: int = N_TENTS) -> Array:
-    """Knots at quantiles of the distinct values, so that long rests do not take them all."""
-    v = np.unique(np.round(values, 12))
-    if len(v) < 2:
-        return np.empty(0)
-    k = np.unique(np.quantile(v, np.linspace(0, 1, n)))
-    return k if len(k) >= 3 else np.empty(0)
-
-
 def with_effect(sens: Sensitivities, candidate: Candidate, shape: int = 0) -> Sensitivities:
     """Sensitivities in which an effect's amplitudes are further uncertain parameters without prior.
 
@@ -132,9 +112,9 @@ def generic_candidates(
             continue
         mean = float(np.mean(pooled))
         lags = sorted({round(s / residual.dt) for s in LAGS_S})
-        curves = {"curve": knots_for(pooled, N_TENTS)}
+        curves = {"curve": quantile_knots(pooled, N_COARSE)}
         if name not in coarse:
-            curves[FINE] = knots_for(pooled, N_FINE)
+            curves[FINE] = quantile_knots(pooled, N_FINE)
         for c, channel in enumerate(residual.channels):
             grid = []
             for lag in lags:
@@ -156,8 +136,8 @@ def generic_candidates(
             )
             for kind, knots in curves.items():
                 if len(knots):
-                    # One tent is left out: their sum is an offset, which the catalogue holds.
-                    cols = tuple(place(tents(s, knots)[:, 1:], c, b) for b, s in enumerate(signal))
+                    # One hat function is left out: their sum is an offset, which the catalogue holds.
+                    cols = tuple(place(hat_functions(s, knots)[:, 1:], c, b) for b, s in enumerate(signal))
                     out.append(Candidate(f"{kind} of {name}", channel, (cols,)))
     return out
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.search.omnibus import knots_for, tents
 from discrepancy.statistics.blocks import Array
+from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
 
 __all__ = ["find_period", "pieces", "split_directions"]
 
@@ -26,11 +26,11 @@ def split_directions(
     force: Array, x: Array, direction: Array, n_knots: int = 12
 ) -> tuple[Array, Array, Array]:
     """Even and odd part of a force over a regressor: knots, even, odd; NaN where a direction is missing."""
-    knots = knots_for(np.asarray(x), n_knots)
+    knots = quantile_knots(np.asarray(x), n_knots)
     means = []
     for sign in (1.0, -1.0):
         sel = np.sign(direction) == sign
-        T = tents(np.asarray(x)[sel], knots)
+        T = hat_functions(np.asarray(x)[sel], knots)
         mass = T.sum(axis=0)
         means.append(np.where(mass > 3, T.T @ force[sel] / np.maximum(mass, 1e-12), np.nan))
     return knots, 0.5 * (means[0] + means[1]), 0.5 * (means[0] - means[1])

@@ -1,0 +1,36 @@
+"""Hat functions: the piecewise-linear basis of a curve that is given by its values at knots."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discrepancy.statistics.blocks import Array
+
+__all__ = ["hat_functions", "quantile_knots"]
+
+
+def hat_functions(values: Array, knots: Array) -> Array:
+    """Return each knot's hat function at the values, shape (n, len(knots)); rows sum to one.
+
+    Values beyond the first or last knot are treated as if they lay on it.
+    """
+    x = np.clip(values, knots[0], knots[-1])
+    i = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    w = (x - knots[i]) / (knots[i + 1] - knots[i])
+    out = np.zeros((len(values), len(knots)))
+    rows = np.arange(len(values))
+    out[rows, i] = 1.0 - w
+    out[rows, i + 1] += w
+    return out
+
+
+def quantile_knots(values: Array, n: int) -> Array:
+    """Return up to n knots at quantiles of the distinct values, so that long rests do not take them all.
+
+    Empty where the values give fewer than three knots.
+    """
+    v = np.unique(np.round(values, 12))
+    if len(v) < 2:
+        return np.empty(0)
+    k = np.unique(np.quantile(v, np.linspace(0, 1, n)))
+    return k if len(k) >= 3 else np.empty(0)
