@@ -1,12 +1,13 @@
 """What MkDocs does for this site beyond its settings.
 
 A page dropped into one of the folders below stands in the navigation by itself, in the order of the file
-names, with the folder's ``index.md`` first; every public module gets a reference page; equations between
+names, with the folder's ``index.md`` first; what a package offers to users gets a reference page; equations between
 dollars become MathML at build time, because a reader of the pages may have no network.
 """
 
 from __future__ import annotations
 
+import ast
 import html
 import re
 from pathlib import Path
@@ -32,17 +33,35 @@ INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 DISPLAY = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DOTALL)
 
 
-def modules(root: Path) -> list[str]:
-    """Dotted names of the public modules of the project, packages before what is in them."""
+def public_names(root: Path) -> dict[str, list[str]]:
+    """Full names of what each package offers, by the package that one imports it from.
+
+    A package offers what its ``__init__`` names in ``__all__`` or, where it loads names when they are first asked for,
+    in the ``__init__.pyi`` beside it.
+    """
+    pages = {}
+    for top in PACKAGES:
+        for source in sorted((root / top).rglob("__init__.py"), key=lambda path: path.parent.as_posix()):
+            package = ".".join(source.parent.relative_to(root).parts)
+            stub = source.with_suffix(".pyi")
+            if names := _offered(stub if stub.is_file() else source, package):
+                pages[package] = names
+    return pages
+
+
+def _offered(file: Path, package: str) -> list[str]:
+    """Full names of what an ``__init__`` takes from modules and lists in ``__all__``."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    listed: set[str] = set()
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
+            listed = {str(each.value) for each in ast.walk(node.value) if isinstance(each, ast.Constant)}
     names = []
-    for package in PACKAGES:
-        for path in sorted((root / package).rglob("*.py"), key=lambda p: p.relative_to(root).as_posix()):
-            parts = path.relative_to(root).with_suffix("").parts
-            if parts[-1] == "__init__":
-                parts = parts[:-1]
-            if not any(part.startswith("_") for part in parts):
-                names.append(".".join(parts))
-    return sorted(names, key=lambda name: (PACKAGES.index(name.split(".")[0]), name))
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom) and node.module:
+            module = f"{package}.{node.module}" if node.level else node.module
+            names += [f"{module}.{each.name}" for each in node.names if (each.asname or each.name) in listed]
+    return sorted(names, key=lambda name: name.rpartition(".")[2].lower())
 
 
 def _root(config: MkDocsConfig) -> Path:
@@ -61,16 +80,13 @@ def _pages(folder: Path, docs: Path) -> list[Any]:
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Lay out the navigation from the folders and the modules."""
+    """Lay out the navigation from the folders and the packages."""
     docs = Path(config.docs_dir)
     nav: list[Any] = ["index.md"]
     for folder, title in SECTIONS.items():
         entries = _pages(docs / folder, docs) if (docs / folder).is_dir() else []
         if folder == "reference":
-            names = modules(_root(config))
-            for package in PACKAGES:
-                pages = [{n: f"reference/{n}.md"} for n in names if n.split(".")[0] == package]
-                entries.append({package: pages})
+            entries += [{package: f"reference/{package}.md"} for package in public_names(_root(config))]
         if entries:
             nav.append({title: entries})
     config.nav = nav
@@ -79,9 +95,10 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the reference pages and the style sheet of the coloured code."""
-    for name in modules(_root(config)):
-        text = f"# {name}\n\n::: {name}\n"
-        files.append(File.generated(config, f"reference/{name}.md", content=text))
+    for package, names in public_names(_root(config)).items():
+        parts = [f"# {package}", f"::: {package}\n    options:\n      members: []"]
+        parts += [f"## {name.rpartition('.')[2]}\n\n::: {name}\n    options:\n      heading_level: 3" for name in names]
+        files.append(File.generated(config, f"reference/{package}.md", content="\n\n".join(parts) + "\n"))
     style = HtmlFormatter(style="friendly").get_style_defs(".highlight")
     files.append(File.generated(config, "assets/pygments.css", content=style))
     return files

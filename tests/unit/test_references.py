@@ -38,7 +38,7 @@ def test_a_model_saved_by_an_earlier_version_loads(tmp_path: Path) -> None:
     from vtsdt.parts.rope import DrivingPulley
 
     model = Model("old")
-    model.add("pulley", DrivingPulley())
+    model.add("pulley", DrivingPulley(J_p=0.1))
     path = model.save(tmp_path / "model.json")
     content = json.loads(path.read_text())
     content["components"]["pulley"]["class"] = "vtsdt.rope:DrivingPulley"
