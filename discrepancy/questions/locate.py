@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from discrepancy.questions.connections import connections_or_why
-from discrepancy.report.wording import quantity
 from discrepancy.sensitivities.stage_residuals import PlaceMotion, Residuals, residuals_of
 from discrepancy.stages.stage import Stage
 from estimation.signals.metrics import spectral_density
+from multibody.base.quantity_text import quantity_text
 
 __all__ = ["REGIMES", "WhereItFails", "locate", "regimes_of"]
 
@@ -123,16 +123,16 @@ def _signals(facts: Residuals) -> list[Entry]:
         name, unit, known = facts.outputs[c], facts.units[c], facts.stage.noise.get(facts.outputs[c])
         ratio = float(rms[c] / facts.noise[c]) if known else None
         if ratio is None:
-            told = f"{name}: error {quantity(float(rms[c]), unit)}; its noise is not known."
+            told = f"{name}: error {quantity_text(float(rms[c]), unit)}; its noise is not known."
         elif ratio <= 1.1:
             told = (
-                f"{name}: error {quantity(float(rms[c]), unit)}, no more than the noise of the sensor "
-                f"({quantity(known, unit)})."
+                f"{name}: error {quantity_text(float(rms[c]), unit)}, no more than the noise of the sensor "
+                f"({quantity_text(known, unit)})."
             )
         else:
             told = (
-                f"{name}: error {quantity(float(rms[c]), unit)}, {quantity(ratio, digits=2)} times the noise of the "
-                f"sensor; {100 * share[c]:.0f} % of all error above noise is here."
+                f"{name}: error {quantity_text(float(rms[c]), unit)}, {quantity_text(ratio, digits=2)} times the noise "
+                f"of the sensor; {100 * share[c]:.0f} % of all error above noise is here."
             )
         found.append(
             {
@@ -221,10 +221,10 @@ def _regime_entry(
     name, unit, factor = facts.outputs[c], facts.units[c], float(np.exp(ratio))
     said = []
     if louder:
-        said.append(f"the error is {quantity(factor, digits=2)} times its overall size")
+        said.append(f"the error is {quantity_text(factor, digits=2)} times its overall size")
     if shifted:
         side = "more" if centre > 0.0 else "less"
-        said.append(f"the machine reads {quantity(abs(centre), unit)} {side} than the model on average")
+        said.append(f"the machine reads {quantity_text(abs(centre), unit)} {side} than the model on average")
     told = f"{name}, {REGIMES[regime]} ({motion.name}): {' and '.join(said)}."
     return {
         "regime": regime,
@@ -320,9 +320,9 @@ def _dependence_entry(
     of = f"{name} of {place}" if place else "time"
     told = (
         f"{output}: the mean error goes with the {of} ({100 * share:.0f} % of it): "
-        f"{quantity(float(mean[low]), out_unit)} around "
-        f"{quantity(float(centre[low]), unit)}, {quantity(float(mean[top]), out_unit)} around "
-        f"{quantity(float(centre[top]), unit)}."
+        f"{quantity_text(float(mean[low]), out_unit)} around "
+        f"{quantity_text(float(centre[low]), unit)}, {quantity_text(float(mean[top]), out_unit)} around "
+        f"{quantity_text(float(centre[top]), unit)}."
     )
     return {
         "place": place or None,

@@ -15,9 +15,9 @@ from discrepancy.effects.effect import Effect
 from discrepancy.questions.compare import PARTS, Comparison, compare, signal_entry
 from discrepancy.questions.explained_share import explained, explained_by_output
 from discrepancy.questions.locate import WhereItFails, locate
-from discrepancy.report.figure_style import bare_unit
 from discrepancy.report.schema import SCHEMA, VERDICTS, check_diagnosis
 from discrepancy.stages.stage import Accepted, Rival, Stage
+from multibody.base.quantity_text import bare_unit
 
 if TYPE_CHECKING:
     from estimation.fit.calibrate import Calibration

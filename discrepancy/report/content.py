@@ -9,19 +9,11 @@ from typing import Any
 from discrepancy.effects.kinds import KindText, kinds
 from discrepancy.questions.compare import PARTS
 from discrepancy.report.conclusion import Conclusion, Evidence, effect_parameters, parameter_unit
-from discrepancy.report.figure_style import unit_text
 from discrepancy.report.figures import PART_WORDS, stage_title, worst_outputs
 from discrepancy.report.method_section import how, records
-from discrepancy.report.wording import (
-    interval_words,
-    luck_words,
-    quantity,
-    ratio_words,
-    rival_title,
-    rival_words,
-    share_words,
-)
+from discrepancy.report.wording import interval_words, luck_words, ratio_words, rival_title, rival_words, share_words
 from discrepancy.stages.stage import Accepted, Stage
+from multibody.base.quantity_text import quantity_text, unit_text
 
 __all__ = ["content"]
 
@@ -120,7 +112,7 @@ def _outputs(conclusion: Conclusion) -> list[Entry]:
         {
             "name": n,
             "column": columns[n].column if n in columns else "",
-            "noise": quantity(noise.get(n), system.unit(n)) if noise.get(n) else "not known",
+            "noise": quantity_text(noise.get(n), system.unit(n)) if noise.get(n) else "not known",
         }
         for n in conclusion.final.outputs
     ]
@@ -137,12 +129,12 @@ def _table(conclusion: Conclusion, evidence: Evidence, outputs: list[str]) -> li
             noise = stage.noise.get(output)
             for part in PARTS:
                 a = pooled[part].get(output)
-                cells[part] = "" if a is None else quantity(a.rmse, stage.system.unit(output))
+                cells[part] = "" if a is None else quantity_text(a.rmse, stage.system.unit(output))
                 cells[f"{part}_share"] = (
                     "" if a is None or not math.isfinite(a.nrmse) else share_words(a.nrmse)
                 )
             a = pooled[conclusion.judged_on].get(output)
-            cells["over_noise"] = f"{quantity(a.rmse / noise, digits=2)} ×" if a is not None and noise else ""
+            cells["over_noise"] = f"{quantity_text(a.rmse / noise, digits=2)} ×" if a is not None and noise else ""
             rows.append(cells)
         number += stage.accepted is not None
         told = stage_title(stage) + (f" (effect {number})" if stage.accepted is not None else "")
@@ -164,11 +156,11 @@ def _effect(conclusion: Conclusion, accepted: Accepted) -> Entry:
                 low, high = final.identify.interval(full)
                 told = interval_words(entry["value"], low, high, parameter_unit(effect, name, final))
             else:
-                told = quantity(entry["value"], entry["unit"])
+                told = quantity_text(entry["value"], entry["unit"])
             if effect.definition.stated:
                 given = conclusion.stages[0]
                 stated = float(given.p[given.system.index("parameter", full)])
-                told += f"; the model states {quantity(stated, entry['unit'])}"
+                told += f"; the model states {quantity_text(stated, entry['unit'])}"
             sizes.append({"name": _words(name), "told": told})
     stage = next(
         s
@@ -230,8 +222,8 @@ def _falls(conclusion: Conclusion, before: Stage, after: Stage) -> list[str]:
     for output in worst_outputs(conclusion, 99):
         unit = after.system.unit(output)
         found.append(
-            f"{output}: error {ratio_words(old[output], new[output])}, from {quantity(old[output], unit)} to "
-            f"{quantity(new[output], unit)}"
+            f"{output}: error {ratio_words(old[output], new[output])}, from {quantity_text(old[output], unit)} to "
+            f"{quantity_text(new[output], unit)}"
         )
     return found
 
@@ -281,8 +273,8 @@ def _hidden(conclusion: Conclusion) -> Entry:
         row = {
             "title": kind_text(kind).title,
             "where": where,
-            "mde": quantity(mde, unit, 2),
-            "delta": quantity(delta, unit, 2),
+            "mde": quantity_text(mde, unit, 2),
+            "delta": quantity_text(delta, unit, 2),
         }
         (seen if mde < delta else blind).append(row)
     for rows in (seen, blind):
@@ -293,7 +285,7 @@ def _hidden(conclusion: Conclusion) -> Entry:
 def _slight(conclusion: Conclusion) -> list[Entry]:
     found = []
     for kind, where, size, std, p, unit in conclusion.slight:
-        told = f"{quantity(size, unit)} ± {quantity(std, unit, 2)}"
+        told = f"{quantity_text(size, unit)} ± {quantity_text(std, unit, 2)}"
         found.append({"title": kind_text(kind).title, "where": where, "size": told, "luck": luck_words(p)})
     return found
 
@@ -350,9 +342,9 @@ def _parameters(conclusion: Conclusion) -> list[Entry]:
             {
                 "name": p.name,
                 "unit": unit_text(p.unit),
-                "given": quantity(p.value, "", 4),
-                "believed": f"± {quantity(p.std, '', 2)}" if math.isfinite(p.std) else "free",
-                "recalibrated": quantity(recalibrated[p.name], "", 4) if p.name in recalibrated else "",
+                "given": quantity_text(p.value, "", 4),
+                "believed": f"± {quantity_text(p.std, '', 2)}" if math.isfinite(p.std) else "free",
+                "recalibrated": quantity_text(recalibrated[p.name], "", 4) if p.name in recalibrated else "",
                 "final": told.replace("95 % interval ", ""),
                 "remark": remark,
             }

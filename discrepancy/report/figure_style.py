@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 
 import numpy as np
 
+from multibody.base.quantity_text import unit_text
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -20,14 +22,12 @@ __all__ = [
     "BEFORE",
     "FLOOR",
     "MEASURED",
-    "bare_unit",
     "drawing",
     "label",
     "new_figure",
     "noise_band",
     "plain_log",
     "thinned",
-    "unit_text",
     "wants_log",
 ]
 
@@ -89,25 +89,6 @@ def new_figure(
     figure = Figure(figsize=(width, height * rows), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
-
-
-def unit_text(unit: str) -> str:
-    """Return a unit as engineers write it.
-
-    Examples
-    --------
-    >>> unit_text("N*s/m"), unit_text("kg*m**2"), unit_text("(N*m)/(rad/s)"), unit_text("(m/s)")
-    ('N·s/m', 'kg·m²', 'N·m/(rad/s)', 'm/s')
-    """
-    return bare_unit(unit).replace("**2", "²").replace("**3", "³").replace("*", "·")
-
-
-def bare_unit(unit: str) -> str:
-    """Return a unit without brackets that only mattered where it was put together."""
-    inside, closed, rest = unit[1:].partition(")")
-    if not unit.startswith("(") or not closed or "(" in inside or ("/" in inside and rest):
-        return unit
-    return inside + rest
 
 
 def label(name: str, unit: str) -> str:

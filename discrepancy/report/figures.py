@@ -22,11 +22,10 @@ from discrepancy.report.figure_style import (
     noise_band,
     plain_log,
     thinned,
-    unit_text,
     wants_log,
     wrapped,
 )
-from discrepancy.report.wording import scaled
+from multibody.base.quantity_text import readable_scale, unit_text
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -92,7 +91,7 @@ def falling_error(conclusion: Conclusion) -> Figure:
         }
         noise = conclusion.baseline.noise.get(output) or 0.0
         known = np.concatenate([*per_part.values(), [noise or np.nan]])
-        factor, unit = scaled(float(np.nanmedian(known)), conclusion.final.system.unit(output))
+        factor, unit = readable_scale(float(np.nanmedian(known)), conclusion.final.system.unit(output))
         for part, style in styles.items():
             values = per_part[part] / factor
             if not np.any(np.isfinite(values)):
@@ -176,7 +175,7 @@ _Models = list[tuple[SignalComparison, dict[str, Any], str]]
 
 
 def _signals(axes: Axes, first: SignalComparison, models: _Models, part: slice) -> None:
-    factor, unit = scaled(float(np.max(np.abs(first.measured))), first.unit)
+    factor, unit = readable_scale(float(np.max(np.abs(first.measured))), first.unit)
     axes.plot(*thinned(first.time[part], first.measured[part] / factor), label="measured", **MEASURED)
     for signal, style, name in models:
         axes.plot(*thinned(signal.time[part], signal.model[part] / factor), label=f"model, {name}", **style)
@@ -185,7 +184,7 @@ def _signals(axes: Axes, first: SignalComparison, models: _Models, part: slice) 
 
 
 def _residuals(axes: Axes, first: SignalComparison, models: _Models, part: slice) -> None:
-    factor, unit = scaled(float(np.max(np.abs(first.residual))), first.unit)
+    factor, unit = readable_scale(float(np.max(np.abs(first.residual))), first.unit)
     noise_band(axes, first.noise / factor if first.noise else None)
     for signal, style, name in models:
         axes.plot(
@@ -223,7 +222,7 @@ def residual_against(before: Residuals, after: Residuals | None, place: str, out
     """Draw an output's residual against speed and position of a place, before and after."""
     figure, axes = new_figure(2, height=2.7)
     column = before.outputs.index(output)
-    factor, unit = scaled(float(np.max(np.abs(before.values[:, column]))), before.units[column])
+    factor, unit = readable_scale(float(np.max(np.abs(before.values[:, column]))), before.units[column])
     motion = next((m for m in before.motions if place in (m.name, *m.also)), before.guides()[0])
     units = dict(motion.place.motion_names())
     names = [n for n, _ in motion.place.motion_names()]

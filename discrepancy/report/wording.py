@@ -5,68 +5,17 @@ from __future__ import annotations
 import math
 
 from discrepancy.effects.kinds import kind_named
-from discrepancy.report.figure_style import bare_unit, unit_text
 from discrepancy.stages.stage import Rival
+from multibody.base.quantity_text import number_text, quantity_text, readable_scale
 
 __all__ = [
     "interval_words",
     "luck_words",
-    "quantity",
     "ratio_words",
     "rival_title",
     "rival_words",
-    "scaled",
     "share_words",
 ]
-
-_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_PREFIXED = ("m", "N", "N*m", "s", "V", "A", "W", "J", "Pa", "m/s", "rad", "rad/s")
-
-
-def scaled(size: float, unit: str) -> tuple[float, str]:
-    """Return the factor and the unit with which a size reads well, such as (1e-6, "µm").
-
-    Examples
-    --------
-    >>> scaled(2e-5, "m"), scaled(20.0, "N"), scaled(2e-5, "kg")
-    ((1e-06, 'µm'), (1.0, 'N'), (1.0, 'kg'))
-    """
-    unit = bare_unit(unit)
-    if unit not in _PREFIXED or size == 0.0 or not math.isfinite(size) or 0.1 <= size < 1e4:
-        return 1.0, unit_text(unit)
-    for factor, prefix in _PREFIXES:
-        if size >= 0.9995 * factor:
-            return factor, prefix + unit_text(unit)
-    return 1.0, unit_text(unit)
-
-
-def _number(value: float, digits: int) -> str:
-    if value == 0.0:
-        return "0"
-    places = digits - 1 - math.floor(math.log10(abs(value)))
-    # Rounding may add a digit in front, as from 9.99 to 10.0.
-    value = round(value, places)
-    places = digits - 1 - math.floor(math.log10(abs(value)))
-    if not 1e-4 <= abs(value) < 1e7 and value != 0.0:
-        mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
-        return f"{mantissa}·10{str(int(exponent)).translate(_RAISED)}".replace("-", "−")
-    return f"{value:.{max(0, places)}f}".replace("-", "−")
-
-
-def quantity(value: float | None, unit: str = "", digits: int = 3) -> str:
-    """Return a value with its unit, with a prefix where that reads better.
-
-    Examples
-    --------
-    >>> quantity(1.23e-5, "m"), quantity(12.04, "N"), quantity(240.4, "N*s/m"), quantity(None)
-    ('12.3 µm', '12.0 N', '240 N·s/m', 'not known')
-    """
-    if value is None or not math.isfinite(value):
-        return "not known"
-    factor, text = scaled(abs(value), unit)
-    return f"{_number(value / factor, digits)} {text}".rstrip()
-
 
 def interval_words(value: float, low: float, high: float, unit: str) -> str:
     """Return a value with its interval, rounded to what the interval supports.
@@ -80,15 +29,15 @@ def interval_words(value: float, low: float, high: float, unit: str) -> str:
     """
     half = 0.5 * (high - low)
     if not math.isfinite(half) or half <= 0.0:
-        return f"{quantity(value, unit)} (no interval: these records do not determine it)"
-    factor, text = scaled(max(abs(value), half), unit)
+        return f"{quantity_text(value, unit)} (no interval: these records do not determine it)"
+    factor, text = readable_scale(max(abs(value), half), unit)
     lead = math.floor(math.log10(half / factor))
     places = max(0, (1 if half / factor < 3.0 * 10.0**lead else 0) - lead)
     if places > 9:
-        return f"{quantity(value, unit, 9)} (95 % interval far narrower than the last digit)"
+        return f"{quantity_text(value, unit, 9)} (95 % interval far narrower than the last digit)"
     a, b = (f"{x / factor:.{places}f}".replace("-", "−") for x in (low, high))
     vague = abs(value) < half
-    v = _number(value / factor, 2) if vague else f"{value / factor:.{places}f}".replace("-", "−")
+    v = number_text(value / factor, 2) if vague else f"{value / factor:.{places}f}".replace("-", "−")
     told = f"{v} {text} (95 % interval {a} to {b} {text}".rstrip() + ")"
     return (told[:-1] + ": these records hardly determine it)" if vague else told).replace("  ", " ")
 

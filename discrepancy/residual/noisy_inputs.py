@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discrepancy.problem.problem import Setup, noise_floors
-from discrepancy.report.wording import quantity
 from discrepancy.residual.initial_state import signal_bandwidth
 from estimation.response.perturbations import Push
 from estimation.signals.correlation import correlation_time
 from estimation.signals.preparation import SignalError, low_pass
 from multibody.base.parallel import side_by_side
+from multibody.base.quantity_text import quantity_text
 
 if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
@@ -86,13 +86,13 @@ class NoisyInput:
         """What was seen and done."""
         unit, times = self.output_unit, self.made / self.floor
         text = (
-            f"The recorded input {self.input} is noisy: {quantity(self.noise, self.input_unit)}, which alone would "
-            f"make {quantity(self.made, unit)} in {self.output}, {times:.2g} times its noise floor."
+            f"The recorded input {self.input} is noisy: {quantity_text(self.noise, self.input_unit)}, which alone "
+            f"would make {quantity_text(self.made, unit)} in {self.output}, {times:.2g} times its noise floor."
         )
         if self.low_passed:
             text += (
                 f" It is used low-passed at {self.cutoff:.3g} Hz, above which nothing stands out of its noise; that "
-                f"leaves {quantity(self.left, unit)}."
+                f"leaves {quantity_text(self.left, unit)}."
             )
         if self.weighed:
             text += f" What its noise makes below {self.cutoff:.3g} Hz is weighed down in the scan."

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discrepancy.report.wording import quantity
 from discrepancy.search.step import LOOKS, scan_preparation
 from discrepancy.sensitivities.disturbance import facts_of
 from discrepancy.statistics.blocks import Candidate
 from discrepancy.statistics.verdicts import Verdict
+from multibody.base.quantity_text import quantity_text
 
 if TYPE_CHECKING:
     from discrepancy.stages.stage import Stage
@@ -53,9 +53,9 @@ class Trend:
     def sentence(self) -> str:
         """What changes, and what to do."""
         return (
-            f"{self.parameter} changes along the records, by {quantity(self.change, self.unit, 2)} ± "
-            f"{quantity(self.std, self.unit, 1)} from the first to the last (p = {self.p:.1g}): something may wear, "
-            "warm up or have been changed. Fit the first and the last records apart to see it."
+            f"{self.parameter} changes along the records, by {quantity_text(self.change, self.unit, 2)} ± "
+            f"{quantity_text(self.std, self.unit, 1)} from the first to the last (p = {self.p:.1g}): something may "
+            "wear, warm up or have been changed. Fit the first and the last records apart to see it."
         )
 
     def to_dict(self) -> dict[str, Any]:

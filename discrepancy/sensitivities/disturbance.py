@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discrepancy.report.wording import quantity
 from discrepancy.residual.windows import keeps_growing
 from discrepancy.sensitivities.force_estimate import ForceEquations, correlated, force_posterior, force_responses
 from discrepancy.sensitivities.linearised_problem import Confrontation
@@ -24,6 +23,7 @@ from discrepancy.statistics.null import WHOLE_RECORDS, cut
 from discrepancy.statistics.whitened import plain_projection, projection_in
 from discrepancy.statistics.whitening import identity
 from estimation.response.perturbations import Push
+from multibody.base.quantity_text import quantity_text
 
 if TYPE_CHECKING:
     from discrepancy.stages.stage import Stage
@@ -66,8 +66,9 @@ class Disturbance:
         """What it is and what was done."""
         return (
             f"What is left wanders as if a random {'torque' if self.unit == 'N*m' else 'force'} of "
-            f"{quantity(self.size, self.unit, 2)} that changes within about {self.memory:.2g} s acted at {self.where}: "
-            "nothing holds the machine against it, so it adds up along the records. Effects were judged beside it."
+            f"{quantity_text(self.size, self.unit, 2)} that changes within about {self.memory:.2g} s acted at "
+            f"{self.where}: nothing holds the machine against it, so it adds up along the records. "
+            "Effects were judged beside it."
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.report.wording import quantity
+from multibody.base.quantity_text import quantity_text
 
 if TYPE_CHECKING:
     from estimation.fit.calibration import Calibration, UncertainParameter
@@ -67,5 +67,5 @@ def brings_back(richer: Calibration, poorer: Calibration) -> bool:
 
 def told(parameter: UncertainParameter, value: float) -> str:
     """Return a parameter's value beside what was stated, as it stands in a sentence."""
-    stated, deviation = quantity(parameter.value, parameter.unit), quantity(parameter.std, parameter.unit)
-    return f"{parameter.name} = {quantity(value, parameter.unit)} (stated: {stated} ± {deviation})"
+    stated, deviation = quantity_text(parameter.value, parameter.unit), quantity_text(parameter.std, parameter.unit)
+    return f"{parameter.name} = {quantity_text(value, parameter.unit)} (stated: {stated} ± {deviation})"

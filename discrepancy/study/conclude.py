@@ -16,7 +16,7 @@ from discrepancy.questions.next_measurement import next_measurements
 from discrepancy.questions.unknown_force import describe_unknown
 from discrepancy.questions.unnamed_force import nameless_force
 from discrepancy.report.conclusion import Conclusion, UnknownCurve, explained
-from discrepancy.report.wording import quantity, rival_title
+from discrepancy.report.wording import rival_title
 from discrepancy.residual.noisy_inputs import told_in_short
 from discrepancy.search.parameter_trend import Trend, parameter_trends
 from discrepancy.search.step import scan_preparation
@@ -26,6 +26,7 @@ from discrepancy.sensitivities.linearised_problem import Confrontation
 from discrepancy.stages.prior_conflict import outside, told
 from discrepancy.stages.stage import Accepted, Stage
 from discrepancy.statistics.verdicts import Verdict
+from multibody.base.quantity_text import quantity_text
 
 if TYPE_CHECKING:
     from discrepancy.study.study import Study
@@ -189,7 +190,7 @@ def _slight_words(found: Conclusion) -> str:
     if not found.slight:
         return ""
     kind, where, size, std, p, unit = found.slight[0]
-    strength = f"{quantity(size, unit)} ± {quantity(std, unit, 2)}, p = {p:.1g}"
+    strength = f"{quantity_text(size, unit)} ± {quantity_text(std, unit, 2)}, p = {p:.1g}"
     return (
         f" {_title(kind).capitalize()} at {where} shows ({strength}), but what it changes in the calibrated model "
         "stays below the noise floor of every output."
@@ -203,7 +204,8 @@ def _fall(before: Stage, after: Stage, part: str) -> str:
     held = "on records that were not used to find it" if part == "validate" else "on the records used to find it"
     unit = after.system.unit(name)
     them = "it" if len(after.effects) == 1 else "them"
-    return f" With {them} the error of {name} falls from {quantity(a[name], unit)} to {quantity(b[name], unit)} {held}."
+    before_text, after_text = quantity_text(a[name], unit), quantity_text(b[name], unit)
+    return f" With {them} the error of {name} falls from {before_text} to {after_text} {held}."
 
 
 def _not_lasting(stages: Sequence[Stage]) -> list[str]:
@@ -314,8 +316,8 @@ def _next(
     if weak and not accepted:
         kind, where, mde, delta, unit = weak[0]
         found.append(
-            f"To rule out {_title(kind)} at {where} (now seen above {quantity(mde, unit)}, and it would matter "
-            f"above {quantity(delta, unit)}): {kind_named(kind).text.confirm}"
+            f"To rule out {_title(kind)} at {where} (now seen above {quantity_text(mde, unit)}, and it would matter "
+            f"above {quantity_text(delta, unit)}): {kind_named(kind).text.confirm}"
         )
     if study.stages[-1].validate is None:
         found.append("Hold a record back ([records] validate): without one nobody knows whether the improvement lasts.")

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discrepancy.report.figure_style import unit_text
 from gearbox.signals.similarity import LAG_RULES
+from multibody.base.quantity_text import unit_text
 
 if TYPE_CHECKING:
     from gearbox.updating.result import UpdatingResult

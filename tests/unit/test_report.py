@@ -15,9 +15,10 @@ import pytest
 
 from discrepancy.report.conclusion import UnknownCurve
 from discrepancy.report.schema import check_diagnosis
-from discrepancy.report.wording import interval_words, quantity
+from discrepancy.report.wording import interval_words
 from discrepancy.report.write import pictures, render, write
 from discrepancy.stages.stage import Rival
+from multibody.base.quantity_text import quantity_text
 
 SECTIONS = [
     "compared",
@@ -219,10 +220,10 @@ def test_legends_of_long_names_stay_on_the_figure(conclusion, evidence, monkeypa
 
 
 def test_numbers_read_as_an_engineer_writes_them() -> None:
-    assert quantity(9.996, "N") == "10.0 N"
-    assert quantity(-0.0005, "m") == "−500 µm"
-    assert quantity(0.0, "m") == "0 m"
-    assert quantity(float("nan"), "N") == "not known"
+    assert quantity_text(9.996, "N") == "10.0 N"
+    assert quantity_text(-0.0005, "m") == "−500 µm"
+    assert quantity_text(0.0, "m") == "0 m"
+    assert quantity_text(float("nan"), "N") == "not known"
     assert interval_words(12.3456, 12.0, 12.7, "N") == "12.3 N (95 % interval 12.0 to 12.7 N)"
     assert "no interval" in interval_words(1.0, float("-inf"), float("inf"), "N")
 
