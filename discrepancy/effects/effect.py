@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import discrepancy.effects.stated_values  # noqa: F401 - values of controllers and circuits join the catalogue
 from discrepancy.effects.kinds import Kind, kind_named
-from multibody.declare.component import nearest
+from multibody.base.spelling import nearest
 
 if TYPE_CHECKING:
     from estimation.fit.calibrate import UncertainParameter

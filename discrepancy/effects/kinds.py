@@ -198,7 +198,7 @@ def kind_named(name: str) -> Kind:
     KeyError
         With the nearest name.
     """
-    from multibody.declare.component import nearest
+    from multibody.base.spelling import nearest
 
     if name not in _KINDS:
         raise KeyError(f"there is no effect '{name}'{nearest(name, _KINDS)}")

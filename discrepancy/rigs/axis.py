@@ -21,10 +21,10 @@ from discrepancy.rigs.axis_model import build
 from discrepancy.rigs.axis_trips import CYCLE, trip
 from discrepancy.rigs.hidden_effects import Hidden
 from discrepancy.rigs.recording import Case, Channel, Disturbance, check_folder
-from discrepancy.rigs.rig import Progress, Rig, Run, write_case
+from discrepancy.rigs.rig import Rig, Run, write_case
 from estimation.fit.calibrate import UncertainParameter
-from multibody.base.progress import silent
-from multibody.declare.component import nearest
+from multibody.base.progress import Progress, silent
+from multibody.base.spelling import nearest
 from multibody.model.model import Model
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from discrepancy.effects.kinds import MotionRange, kinds
 from discrepancy.effects.uncatalogued_laws import OVER, UNKNOWN_LAWS
 from discrepancy.rigs.recording import BenchError
 from multibody import Component
-from multibody.declare.component import nearest
+from multibody.base.spelling import nearest
 from multibody.model.model import Model
 
 __all__ = [

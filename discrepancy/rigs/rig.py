@@ -7,7 +7,7 @@ see `discrepancy.rigs.axis` and `vtsdt.rig.command`.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -39,7 +39,7 @@ from discrepancy.rigs.recording import (
     write_csv,
     write_json,
 )
-from multibody.base.progress import silent
+from multibody.base.progress import Progress, silent
 
 if TYPE_CHECKING:
     from estimation.fit.calibrate import UncertainParameter
@@ -49,9 +49,8 @@ if TYPE_CHECKING:
     from multibody.system.system import System
     from multibody.system.trajectory import Trajectory
 
-__all__ = ["Progress", "Rig", "Run", "write_case"]
+__all__ = ["Rig", "Run", "write_case"]
 
-Progress = Callable[[str], None]
 #: Name of a recording, its time stamps, and its columns as they are written.
 Run = tuple[str, np.ndarray, dict[str, np.ndarray]]
 

@@ -188,7 +188,7 @@ class Matern32(Latent):
 
 def readouts(system: System, latents: tuple[Latent, ...]) -> tuple[list[tuple[int, int, int, float]], list[str]]:
     """Return (latent state, kind 0 input or 1 parameter, index, factor) for each target, and faults."""
-    from multibody.declare.component import nearest
+    from multibody.base.spelling import nearest
 
     found, faults, at = [], [], len(system.states)
     delays = set(system.input_delays.values())

@@ -74,7 +74,7 @@ class FilterModel:
         steps: Mapping[str, float] | None = None,
         bounds: Mapping[str, tuple[float, float]] | None = None,
     ):
-        from multibody.declare.component import nearest
+        from multibody.base.spelling import nearest
 
         self.system = system
         self.measured = tuple(measured)
@@ -164,7 +164,7 @@ class FilterModel:
         KeyError
             With the nearest name that exists.
         """
-        from multibody.declare.component import nearest
+        from multibody.base.spelling import nearest
 
         if name not in self.state_names:
             raise KeyError(f"the filter has no state '{name}'{nearest(name, self.state_names)}")

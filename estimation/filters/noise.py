@@ -44,7 +44,7 @@ class Noise:
         FilterError
             With every fault.
         """
-        from multibody.declare.component import nearest
+        from multibody.base.spelling import nearest
 
         n, plant, faults = model.n, len(model.system.states), []
         if self.kind not in _KINDS:
@@ -101,7 +101,7 @@ class Prior:
 
     def of(self, model: FilterModel) -> tuple[np.ndarray, np.ndarray]:
         """Return the state, shape (n,), and its covariance, shape (n, n), for a model."""
-        from multibody.declare.component import nearest
+        from multibody.base.spelling import nearest
 
         n, plant, faults = model.n, len(model.system.states), []
         x = np.concatenate([model.system.start, np.zeros(n - plant)])

@@ -93,8 +93,8 @@ def virtual_sensors(run: FilterRun, names: Sequence[str], every: int = 1) -> Vir
     FilterError
         If an output does not exist.
     """
+    from multibody.base.spelling import nearest
     from multibody.compile.several_directions import along_directions
-    from multibody.declare.component import nearest
 
     model, system = run.model, run.model.system
     faults = [

@@ -1,14 +1,14 @@
-"""Errors of the gear package: each lists everything that is wrong."""
+"""The error of this package."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from multibody.base.parameter_file import ParameterError
 
 __all__ = ["GearError"]
 
 
-class GearError(ValueError):
-    """A gear stage cannot be built or run; the message lists all faults.
+class GearError(ParameterError):
+    """A gear stage cannot be built or run, or a recording not used; the message lists all faults.
 
     Parameters
     ----------
@@ -17,7 +17,3 @@ class GearError(ValueError):
     faults : iterable of str
         One sentence each, saying what to do.
     """
-
-    def __init__(self, source: str, faults: Iterable[str]):
-        self.faults = list(dict.fromkeys(faults))
-        super().__init__(f"{source} cannot be used:\n" + "\n".join(f"  - {f}" for f in self.faults))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +11,7 @@ from typing import Any
 
 from gearbox.files.errors import GearError
 from gearbox.files.geometry import GearPair
-from gearbox.files.parameter_file import hint, number, section
+from multibody.base.parameter_file import load_parameters, number
 
 __all__ = [
     "PAPER", "BearingParameters", "ContactParameters", "DriveParameters", "GearParameters", "MaterialParameters",
@@ -136,7 +134,7 @@ class BearingParameters:
 class DriveParameters:
     """How the input is driven; an infinite stiffness turns the input shaft itself."""
 
-    stiffness: float = number("N*m/rad", "torsional stiffness of the coupling (inf: rigid)", above=0.0)
+    stiffness: float = number("N*m/rad", "torsional stiffness of the coupling (inf: rigid)", above=0.0, infinite=True)
     damping: float = number("N*m*s/rad", "damping of the coupling", least=0.0)
     lag: float = number("s", "time constant with which the speed follows its reference", above=0.0, default=1e-3)
 
@@ -176,12 +174,7 @@ class StageParameters:
         FileNotFoundError
             If there is no such file.
         """
-        path = Path(path)
-        try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise GearError(f"'{path}'", [f"is not valid TOML: {error}"]) from None
-        return _read(content, f"'{path}'")
+        return load_parameters(StageParameters, path, "gear stage", {"paper": StageParameters.paper}, GearError)
 
     def replaced(self, part: str, **changes: float) -> StageParameters:
         """Return the stage with values of one part replaced, such as ``replaced("contact", K=7e5)``."""
@@ -230,35 +223,3 @@ class StageParameters:
 @lru_cache(maxsize=1)
 def _paper() -> StageParameters:
     return StageParameters.load(PAPER)
-
-
-_SECTIONS: dict[str, type] = {
-    "gears": GearParameters, "material": MaterialParameters, "contact": ContactParameters,
-    "input_shaft": ShaftParameters, "output_shaft": ShaftParameters, "bearings": BearingParameters,
-    "drive": DriveParameters,
-}  # fmt: skip
-
-
-def _read(content: Mapping[str, Any], source: str) -> StageParameters:
-    content, faults = dict(content), []
-    extends = content.pop("extends", None)
-    if extends not in (None, "paper"):
-        faults.append(f'extends = {extends!r}: only "paper" can be extended')
-    base = StageParameters.paper() if extends == "paper" else None
-    name = content.pop("name", base.name if base else "gear stage")
-    if not isinstance(name, str):
-        faults.append("name must be a text")
-    faults += [f"[{k}] is not a section of a gear stage{hint(k, _SECTIONS)}" for k in content if k not in _SECTIONS]
-    parts: dict[str, Any] = {}
-    for key, cls in _SECTIONS.items():
-        given = content.get(key, {})
-        if not isinstance(given, Mapping):
-            faults.append(f"'{key}' must be a section: [{key}]")
-            continue
-        parts[key] = section(cls, given, key, getattr(base, key) if base else None, faults)
-    if faults:
-        raise GearError(source, faults)
-    stage = StageParameters(name=str(name), **parts)
-    if misfits := stage.faults():
-        raise GearError(source, misfits)
-    return stage

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gearbox.papers.rows import AGREES, DIFFERS, UNCHECKED, Chapter, Row, counted
+from multibody.base.progress import Progress
 
 if TYPE_CHECKING:
     from gearbox.signals.recordings import Recording
@@ -20,7 +21,6 @@ __all__ = [
     "success_chapter",
 ]  # fmt: skip
 
-Progress = Callable[[str], None]
 
 #: Seed of the rig that stands for the paper's measurement; its truth lies inside the model.
 RIG_SEED = 1

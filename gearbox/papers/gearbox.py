@@ -6,7 +6,7 @@ is made on the virtual rig and says so: it shows the same chain at work, not the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ from gearbox.papers.balances import balances_chapter
 from gearbox.papers.chain import chain_on_rig, one_load, rig_recordings, success_chapter
 from gearbox.papers.rows import AGREES, DIFFERS, UNCHECKED, Chapter, Row, compared
 from gearbox.papers.surface import eq_18_chapter, figs_9_10
+from multibody.base.progress import Progress
 
 if TYPE_CHECKING:
     from gearbox.updating.chain import UpdatingChain
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = ["chain_on_rig", "chapters", "rig_recordings", "sensitivity_of"]
 
-Progress = Callable[[str], None]
 
 #: Tables 5 and 6: speed (r/min), load (N m), joint speed printed (°/s), mesh frequencies and main components (Hz).
 TABLE_5_6 = (

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gearbox.papers.rows import AGREES, DIFFERS, UNCHECKED, Chapter, Row, compared, counted
-from multibody.base.progress import silent
+from multibody.base.progress import Progress, silent
 
 if TYPE_CHECKING:
     from gearbox.updating.result import UpdatingResult
 
 __all__ = ["eq_18", "eq_18_chapter", "figs_9_10"]
 
-Progress = Callable[[str], None]
 
 #: Eq. 18 as printed: coefficients of 1, t1, t2, t3, t1², t2², t3², t1t2, t1t3, t2t3, then the cubes and mixed squares.
 EQ_18 = {

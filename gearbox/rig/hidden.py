@@ -10,7 +10,7 @@ import numpy as np
 
 from discrepancy.rigs.recording import BenchError
 from gearbox.stage.faults import BEARINGS, FAULTS, SHAFTS, Fault, FaultKind
-from multibody.declare.component import nearest
+from multibody.base.spelling import nearest
 
 __all__ = ["KINDS", "HiddenFault", "choose", "manufacturing"]
 

@@ -7,7 +7,7 @@ always called that.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from gearbox.files.operating_condition import OperatingCondition
 from gearbox.rig.hidden import KINDS, HiddenFault, choose, manufacturing
 from gearbox.signals.recordings import Recording
 from gearbox.signals.signal import Signal
-from multibody.base.progress import silent
+from multibody.base.progress import Progress, silent
 
 if TYPE_CHECKING:
     from gearbox.stage.stage import Stage
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 __all__ = ["CONDITIONS", "GearRig", "RigRecording", "main", "make_gear", "record"]
 
 Array = NDArray[np.float64]
-Progress = Callable[[str], None]
 
 TEETH = (32, 44)
 #: Name, reported speed (r/min), load (N m) and whether the model may be updated from it.  The paper's Table 5, and two
@@ -363,11 +362,11 @@ def main(arguments: list[str]) -> int:
         return 0
     if given.out is None:
         raise BenchError(["--out DIR is missing: name a folder for the recordings, or ask for --list"])
-    from gearbox.files.progress import Teller
+    from multibody.base.progress import ProgressLine
 
     rig = GearRig(
         given.seed, given.manufacturing, given.strength, noise=given.noise, housing=given.housing)  # fmt: skip
-    with Teller(given.quiet) as progress:
+    with ProgressLine(given.quiet) as progress:
         progress("preparing the stage of the rig")
         if given.encoders:
             from gearbox.rig.encoders import make_encoders as make

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gearbox.files.errors import GearError
-from gearbox.files.parameter_file import hint
+from multibody.base.spelling import nearest
 
 if TYPE_CHECKING:
     from gearbox.stage.stage import Stage
@@ -178,7 +178,8 @@ def fault(label: str, where: str = "", severity: float = 1.0, *, tooth: int = 0,
     {'mesh.eccentricity_2': 2e-05, 'mesh.high_2': 0.0}
     """
     if label not in FAULTS:
-        raise GearError(f"the fault '{label}'", [f"there is no such kind{hint(label, FAULTS)}: take one of {_all()}"])
+        hint = nearest(label, FAULTS)
+        raise GearError(f"the fault '{label}'", [f"there is no such kind{hint}: take one of {_all()}"])
     kind = FAULTS[label]
     where = where or kind.where[0]
     faults = []

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gearbox.files.errors import GearError
 from gearbox.stage.rest import balanced, touching
 from multibody.base.errors import ModelError
-from multibody.declare.component import nearest
+from multibody.base.spelling import nearest
 
 if TYPE_CHECKING:
     from gearbox.stage.stage import Stage

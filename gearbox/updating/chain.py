@@ -6,7 +6,7 @@ Each step is a method and can be looked at by itself; :meth:`UpdatingChain.run` 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -26,7 +26,7 @@ from gearbox.updating.result import Candidate, FrequencyCheck, SurfaceChoice, Up
 from gearbox.updating.runs import Runs
 from gearbox.updating.settings import UpdatingSettings
 from gearbox.updating.virtual import PERIODIC_LIMIT, Run
-from multibody.base.progress import silent
+from multibody.base.progress import Progress, silent
 from surrogate import (
     DesignSpace,
     OneAtATimeResult,
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 __all__ = ["UpdatingChain"]
 
 Array = NDArray[np.float64]
-Progress = Callable[[str], None]
 Surface = ResponseSurface | OutputSurfaces
 
 

@@ -6,11 +6,10 @@ The steps are in :mod:`gearbox.updating.chain`; here is the command and the way 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from multibody.base.progress import silent
+from multibody.base.progress import Progress, silent
 
 if TYPE_CHECKING:
     from gearbox.updating.result import UpdatingResult
@@ -19,8 +18,6 @@ __all__ = ["STORE", "main", "update"]
 
 #: File with the simulations, in the folder that is written to.
 STORE = "simulations.jsonl"
-
-Progress = Callable[[str], None]
 
 
 def update(
@@ -105,9 +102,9 @@ def main(arguments: list[str]) -> int:
     # Simulations run side by side: threads of linear algebra in each would only stand in each other's way.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    from gearbox.files.progress import Teller
+    from multibody.base.progress import ProgressLine
 
-    with Teller(given.quiet) as progress:
+    with ProgressLine(given.quiet) as progress:
         result = update(
             given.study, given.out, processes=given.processes, progress=progress, seed=given.seed,
             objective=given.objective)  # fmt: skip

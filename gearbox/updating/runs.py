@@ -20,13 +20,12 @@ import numpy as np
 from gearbox.files.operating_condition import OperatingCondition
 from gearbox.signals.signal import Signal
 from gearbox.updating.virtual import Run, Settings, VibrationModel, run_model
-from multibody.base.progress import silent
+from multibody.base.progress import Progress, silent
 
 __all__ = ["ModelSource", "Runs"]
 
 _log = logging.getLogger(__name__)
 _SCHEMA = 1
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from multibody.assembly.kinematics import Kinematics, resolve_nodes
 from multibody.assembly.places import Place, places_of
 from multibody.assembly.spatial.tree import assemble_spatial
 from multibody.base.errors import EquationError, ModelError
-from multibody.declare.component import Component, nearest
+from multibody.base.spelling import nearest
+from multibody.declare.component import Component
 from multibody.declare.declarations import Energy, Input, Output, Parameter, Power, State
 from multibody.declare.declarations import Unknown as UnknownDeclaration
 from multibody.equations import tables

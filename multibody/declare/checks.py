@@ -7,8 +7,9 @@ import re
 from functools import lru_cache
 from typing import Any
 
+from multibody.base.spelling import nearest
 from multibody.base.units import UnitError, convert, same_dimension
-from multibody.declare.component import Component, nearest
+from multibody.declare.component import Component
 from multibody.declare.declarations import Output, Parameter, Port, Power, Rotation, State, Table
 
 __all__ = ["declaration_faults", "name_fault"]

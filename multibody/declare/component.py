@@ -3,35 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 import operator
 from typing import Any, ClassVar
 
 import numpy as np
 
+from multibody.base.spelling import nearest
 from multibody.base.units import UnitError, quantity, same_dimension
 from multibody.declare.declarations import Declaration, Input, Option, Output, Parameter, Port, State, Table, Unit
 from multibody.declare.source_text import remember
 
-__all__ = ["Component", "nearest"]
+__all__ = ["Component"]
 
 _COMMON_UNITS = frozenset(
     ("", "1", "m", "m/s", "m/s**2", "rad", "rad/s", "rad/s**2", "N", "N*m", "A", "V", "W", "J", "kg", "s", "Hz")
 )
 _COMPARE = {">=": operator.ge, ">": operator.gt, "==": operator.eq, "<": operator.lt, "<=": operator.le}
-
-
-def nearest(word: str, known: Any) -> str:
-    """Return a hint ``; did you mean 'x'?`` for a misspelt name, or an empty text.
-
-    Examples
-    --------
-    >>> nearest("stifness", ["stiffness", "damping"])
-    "; did you mean 'stiffness'?"
-    """
-    close = difflib.get_close_matches(word, [str(k) for k in known], n=1, cutoff=0.55)
-    return f"; did you mean '{close[0]}'?" if close else ""
 
 
 class Component:

@@ -16,7 +16,8 @@ from typing import Any
 
 from multibody.base.errors import EquationError
 from multibody.base.parsing import parse
-from multibody.declare.component import Component, nearest
+from multibody.base.spelling import nearest
+from multibody.declare.component import Component
 from multibody.declare.declarations import Input, Option, Output, Parameter, Port, State, Table, Unknown
 from multibody.declare.source_text import function_lines
 from multibody.equations.rewriter import Rewriter, constant

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from multibody.base.errors import ModelError
-from multibody.declare.component import Component, nearest
+from multibody.base.spelling import nearest
+from multibody.declare.component import Component
 from multibody.declare.declarations import Input, Output, Port
 
 if TYPE_CHECKING:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from multibody.base.spelling import nearest
 from multibody.base.units import same_dimension
 from multibody.declare.checks import declaration_faults, name_fault
-from multibody.declare.component import Component, nearest
+from multibody.declare.component import Component
 from multibody.declare.declarations import Frame, Input, Output, Pin, Port, Rotation, Translation
 from multibody.model.model import GROUND, Model
 

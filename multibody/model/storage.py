@@ -22,7 +22,8 @@ from typing import Any
 
 from multibody.base.errors import ModelError
 from multibody.base.references import module_named
-from multibody.declare.component import Component, nearest
+from multibody.base.spelling import nearest
+from multibody.declare.component import Component
 from multibody.model.model import Model, ModelInput
 
 __all__ = ["SCHEMA", "load", "save", "write_whole"]

@@ -45,7 +45,7 @@ def batch(
     workers : int, optional
         Threads; as many as processors without it.
     progress : callable, optional
-        Takes a line of text now and then, such as `vtsdt.files.progress.Progress`.
+        Takes a line of text now and then, such as `multibody.base.progress.ProgressLine`.
 
     Yields
     ------

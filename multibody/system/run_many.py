@@ -70,7 +70,7 @@ def run_many(
     workers : int, optional
         Processes of the pool, and how many workers the executor is taken to have; default: the processors here.
     progress : callable, optional
-        Takes a line of text now and then, such as `vtsdt.files.progress.Progress`.
+        Takes a line of text now and then, such as `multibody.base.progress.ProgressLine`.
 
     Examples
     --------

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multibody.base.errors import SimulationError
-from multibody.declare.component import nearest
+from multibody.base.spelling import nearest
 from multibody.system.narrow_features import Passing, features, finer_step, look_at
 from multibody.system.trajectory import Trajectory
 

@@ -13,9 +13,9 @@ import numpy as np
 from multibody.assembly.equation_set import Quantity
 from multibody.assembly.places import Place
 from multibody.base.errors import EquationError, ModelError
+from multibody.base.spelling import nearest
 from multibody.base.units import UnitError, quantity
 from multibody.compile.assembled import plan_of
-from multibody.declare.component import nearest
 
 if TYPE_CHECKING:
     from multibody.compile.native import NativeFunction

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multibody.declare.component import nearest
+from multibody.base.spelling import nearest
 
 if TYPE_CHECKING:
     import pandas

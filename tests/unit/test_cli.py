@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from multibody.base.progress import ProgressLine
 from vtsdt.cli import command_line as cli
 from vtsdt.cli.arguments import ELSEWHERE, Elsewhere
-from vtsdt.files.progress import Progress
 
 STUDY = """
 [model]
@@ -244,7 +244,7 @@ def test_diagnose_hands_its_arguments_over(run: Run, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(cli, "_function", lambda target, command: seen.update(target=target) or work)
     assert run("diagnose", "s.toml", "--out", "o", "--seed", "4", "--max-effects", "2", "--quiet")[0] == 0
-    assert isinstance(seen.pop("progress"), Progress)
+    assert isinstance(seen.pop("progress"), ProgressLine)
     wanted = {
         "target": "discrepancy.study.command:diagnose",
         "study": "s.toml",
@@ -268,7 +268,7 @@ def test_other_commands_go_to_their_modules(
     assert (code, out.strip()) == (7, "['--hide', 'x', '--out', 'o']")
 
 
-@pytest.mark.parametrize("target", ["vtsdt.no_such_module:main", "vtsdt.files.progress:main"])
+@pytest.mark.parametrize("target", ["vtsdt.no_such_module:main", "vtsdt.files.parameters:main"])
 def test_a_command_that_is_not_there_says_so(run: Run, monkeypatch: pytest.MonkeyPatch, target: str) -> None:
     monkeypatch.setitem(ELSEWHERE, ("align",), Elsewhere(target, "alignment"))
     code, _, err = run("align", "--out", "o")
@@ -293,9 +293,9 @@ def test_output_into_a_closed_pipe_is_no_error() -> None:
 
 
 def test_progress_waits_before_it_writes_lines(capsys: pytest.CaptureFixture[str]) -> None:
-    with Progress() as progress:
+    with ProgressLine() as progress:
         progress("at once")
-        progress._begun -= 10.0
+        progress._start -= 10.0
         progress("later")
     assert [line.split("s  ")[1] for line in capsys.readouterr().err.splitlines()] == ["later"]
 
@@ -303,7 +303,10 @@ def test_progress_waits_before_it_writes_lines(capsys: pytest.CaptureFixture[str
 def test_progress_on_a_terminal_is_taken_away_again() -> None:
     import pty
 
-    code = "from vtsdt.files.progress import Progress\nwith Progress() as p:\n    p('working')\nprint('done')\n"
+    code = (
+        "from multibody.base.progress import ProgressLine\n"
+        "with ProgressLine() as p:\n    p('working')\nprint('done')\n"
+    )
     main, other = pty.openpty()
     subprocess.run(
         [sys.executable, "-c", code],

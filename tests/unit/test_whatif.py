@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vtsdt.files.parameter_file import ParameterError
+from multibody.base.parameter_file import ParameterError
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile import Profile
 from vtsdt.files.rail_profile_table import ProfileTable

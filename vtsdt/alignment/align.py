@@ -255,9 +255,9 @@ def calibrated(
 
 def main(arguments: Sequence[str]) -> int:
     """Run ``vtsdt align``."""
+    from multibody.base.progress import ProgressLine
     from vtsdt.alignment.report import write
     from vtsdt.cli.arguments import CommandError, Parser, common, number
-    from vtsdt.files.progress import Progress
 
     parser = Parser(
         prog="vtsdt align",
@@ -297,7 +297,7 @@ def main(arguments: Sequence[str]) -> int:
     parameters = LiftParameters.load(args.lift) if args.lift else LiftParameters.bench()
     columns = {r: c for r in ("time", *ROLES) if (c := getattr(args, r))}
     units = {r: u for r in ROLES if (u := getattr(args, f"{r}_unit"))}
-    with Progress(args.quiet) as progress:
+    with ProgressLine(args.quiet) as progress:
         progress("read the trips")
         trips = read_trips(
             args.trips, columns=columns, units=units, parameters=parameters, low_pass_hz=args.low_pass,

@@ -271,8 +271,8 @@ def _draw(case: Case, folder: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the study and write its page, JSON and a figure."""
+    from multibody.base.progress import ProgressLine
     from vtsdt.alignment.study_page import page
-    from vtsdt.files.progress import Progress
 
     parser = argparse.ArgumentParser(prog="python -m vtsdt.alignment.study", description=__doc__)
     parser.add_argument("--out", metavar="DIR", required=True, help="folder for alignment.md and lift-SEED.json")
@@ -289,7 +289,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command += f" --full {args.full}"
     out = Path(args.out)
     out.mkdir(parents=True, exist_ok=True)
-    with Progress(args.quiet) as progress:
+    with ProgressLine(args.quiet) as progress:
         told = run_study(args.seeds, out, progress, args.groups, args.full)
     (out / "alignment.md").write_text(page(told, command), encoding="utf-8")
     return 0

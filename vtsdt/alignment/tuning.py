@@ -245,14 +245,14 @@ def page_text(rows: Sequence[Believed], every: Sequence[Sequence[Tuned]], comman
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Find the tuning, lay the others beside it, and print or write both tables."""
-    from vtsdt.files.progress import Progress
+    from multibody.base.progress import ProgressLine
 
     parser = argparse.ArgumentParser(prog="python -m vtsdt.alignment.tuning", description=__doc__)
     parser.add_argument("--seed", type=int, default=41, help="of the virtual lift (default 41)")
     parser.add_argument("--steps", type=int, default=25, help="of the search, at most (default 25)")
     parser.add_argument("--out", metavar="FILE.md", default=None, help="write there instead of printing")
     args = parser.parse_args(arguments)
-    with Progress(False) as progress:
+    with ProgressLine(False) as progress:
         trips = recorded(args.seed, progress=progress)
         found, every = likely(trips, args.steps, progress)
         found = dataclasses.replace(found, name="found now")

@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from vtsdt.cli.arguments import ELSEWHERE, CommandError, parser
-from vtsdt.files.progress import Progress
 
 __all__ = ["BAD_INPUT", "main"]
 
@@ -25,12 +24,11 @@ BAD_INPUT = {
     "discrepancy.rigs.recording": "BenchError",
     "estimation.files.checks": "RecordError",
     "estimation.signals.preparation": "SignalError",
-    "gearbox.files.errors": "GearError",
     "multibody.base.errors": "ModelError SimulationError EquationError",
+    "multibody.base.parameter_file": "ParameterError",
     "multibody.base.units": "UnitError",
     "multibody.inputs.table": "InputError",
     "vtsdt.cli.arguments": "CommandError",
-    "vtsdt.files.parameter_file": "ParameterError",
     "vtsdt.lift.comfort": "ComfortError",
     "vtsdt.alignment.trips": "AlignmentError",
     "estimation.filters.errors": "FilterError FilterDivergence",
@@ -51,20 +49,24 @@ def _check_out(out: str) -> None:
 
 
 def _run_study(args: argparse.Namespace) -> int:
+    from multibody.base.progress import ProgressLine
+
     _check_out(args.out)
     if not hasattr(args, "max_effects"):
         args.max_effects = None
     function = _function(f"discrepancy.study.command:{args.command}", f"vtsdt {args.command}")
-    with Progress(args.quiet) as args.progress:
+    with ProgressLine(args.quiet) as args.progress:
         return function(args) or 0
 
 
 def _run_axis(args: argparse.Namespace) -> int:
+    from multibody.base.progress import ProgressLine
+
     if not args.list and args.out is None:
         raise CommandError("--out DIR is missing: name a folder for the recordings, or ask for --list")
     if args.out is not None:
         _check_out(args.out)
-    with Progress(args.quiet) as progress:
+    with ProgressLine(args.quiet) as progress:
         progress("prepare the model of the axis")
         from discrepancy.questions.trip_plan import TripPlan
         from discrepancy.rigs.axis import list_axis, make_axis

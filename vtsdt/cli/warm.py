@@ -108,8 +108,8 @@ def _one_row(system):  # type: ignore[no-untyped-def]
 
 def main(arguments: Sequence[str]) -> int:
     """Run ``vtsdt warm``."""
+    from multibody.base.progress import ProgressLine
     from vtsdt.cli.arguments import CommandError, Parser
-    from vtsdt.files.progress import Progress
 
     parser: argparse.ArgumentParser = Parser(
         prog="vtsdt warm", description="Compile the shipped models before they are needed; other processes find them."
@@ -120,7 +120,7 @@ def main(arguments: Sequence[str]) -> int:
     args = parser.parse_args(list(arguments))
     if unknown := [name for name in args.models if name not in known]:
         raise CommandError(f"there is no model '{unknown[0]}': take one of {', '.join(known)}")
-    with Progress(args.quiet) as progress:
+    with ProgressLine(args.quiet) as progress:
         took = warm(args.models or known, progress)
     if not args.quiet:
         from multibody.base.cache import cache_dir

@@ -6,15 +6,14 @@ The shipped bench (``bench.toml``) says where its numbers come from.
 from __future__ import annotations
 
 import dataclasses
-import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from vtsdt.files.parameter_file import ParameterError, hint, section
-from vtsdt.files.rail_profile import Profile
+from multibody.base.parameter_file import ParameterError, load_parameters, number
+from vtsdt.files.rail_profile import Profile, read_profile
 
 __all__ = [
     "BENCH", "BodyParameters", "ControlParameters", "GuideParameters", "HoistwayParameters", "LiftParameters",
@@ -26,45 +25,38 @@ __all__ = [
 BENCH = Path(__file__).with_name("data") / "bench.toml"
 
 
-def _number(
-    unit: str, meaning: str, *, above: float | None = None, least: float | None = None, default: Any = None
-) -> Any:
-    data = {"unit": unit, "meaning": meaning, "above": above, "least": least}
-    return field(metadata=data) if default is None else field(default=default, metadata=data)
-
-
-def _three(unit: str, meaning: str, *, above: float | None = None) -> Any:
-    return field(metadata={"unit": unit, "meaning": meaning, "above": above, "size": 3})
+#: How a rail's profile is read from a section.
+_RAIL = {"read": read_profile}
 
 
 @dataclass(frozen=True)
 class BodyParameters:
     """Cabin or counterweight, from its origin (the middle of the floor)."""
 
-    mass: float = _number("kg", "mass", above=0.0)
-    com: tuple[float, ...] = _three("m", "centre of mass")
-    inertia: tuple[float, ...] = _three("kg*m**2", "principal inertia about the centre of mass", above=0.0)
-    hitch: float = _number("m", "height of the rope hitch")
-    shoe_x: float = _number("m", "shoes at x = ±shoe_x", above=0.0)
-    shoe_low: float = _number("m", "height of the lower shoes")
-    shoe_high: float = _number("m", "height of the upper shoes")
+    mass: float = number("kg", "mass", above=0.0)
+    com: tuple[float, ...] = number("m", "centre of mass", size=3)
+    inertia: tuple[float, ...] = number("kg*m**2", "principal inertia about the centre of mass", size=3, above=0.0)
+    hitch: float = number("m", "height of the rope hitch")
+    shoe_x: float = number("m", "shoes at x = ±shoe_x", above=0.0)
+    shoe_low: float = number("m", "height of the lower shoes")
+    shoe_high: float = number("m", "height of the upper shoes")
 
 
 @dataclass(frozen=True)
 class GuideParameters:
     """Shoes on two rails."""
 
-    stiffness: float = _number("N/m", "contact stiffness of a flange", above=0.0)
-    damping: float = _number("N*s/m", "contact damping", least=0.0)
-    clearance: float = _number("m", "clearance of a flange", least=0.0)
-    mu: float = _number("", "friction coefficient", least=0.0)
-    v_s: float = _number("m/s", "speed below which friction fades", above=0.0, default=0.01)
-    ramp: float = _number("m", "depth over which damping sets in", above=0.0, default=5e-5)
-    gap: float = _number("m", "depth of the shoe's slot", above=0.0, default=8e-3)
-    left_x: Profile | None = None
-    right_x: Profile | None = None
-    left_y: Profile | None = None
-    right_y: Profile | None = None
+    stiffness: float = number("N/m", "contact stiffness of a flange", above=0.0)
+    damping: float = number("N*s/m", "contact damping", least=0.0)
+    clearance: float = number("m", "clearance of a flange", least=0.0)
+    mu: float = number("", "friction coefficient", least=0.0)
+    v_s: float = number("m/s", "speed below which friction fades", above=0.0, default=0.01)
+    ramp: float = number("m", "depth over which damping sets in", above=0.0, default=5e-5)
+    gap: float = number("m", "depth of the shoe's slot", above=0.0, default=8e-3)
+    left_x: Profile | None = field(default=None, metadata=_RAIL)
+    right_x: Profile | None = field(default=None, metadata=_RAIL)
+    left_y: Profile | None = field(default=None, metadata=_RAIL)
+    right_y: Profile | None = field(default=None, metadata=_RAIL)
 
     def profiles(self) -> dict[str, Profile]:
         """Return the profiles that are given, by name."""
@@ -89,80 +81,80 @@ class GuideParameters:
 class RopeParameters:
     """Suspension ropes; lengths with the cabin at the bottom."""
 
-    EA: float = _number("N", "longitudinal stiffness of one rope", above=0.0)
-    damping: float = _number("N*s", "damping d of all ropes, d/L for a length L", least=0.0)
-    lambda_m: float = _number("kg/m", "longitudinal density of all ropes", least=0.0)
-    L_0_c: float = _number("m", "free length on the cabin's side", above=0.0)
-    L_0_cw: float = _number("m", "free length on the counterweight's side", above=0.0)
-    n: float = _number("", "number of ropes", least=1.0, default=1.0)
+    EA: float = number("N", "longitudinal stiffness of one rope", above=0.0)
+    damping: float = number("N*s", "damping d of all ropes, d/L for a length L", least=0.0)
+    lambda_m: float = number("kg/m", "longitudinal density of all ropes", least=0.0)
+    L_0_c: float = number("m", "free length on the cabin's side", above=0.0)
+    L_0_cw: float = number("m", "free length on the counterweight's side", above=0.0)
+    n: float = number("", "number of ropes", least=1.0, default=1.0)
 
 
 @dataclass(frozen=True)
 class PulleyParameters:
     """Driving pulley."""
 
-    R_p: float = _number("m", "radius", above=0.0)
-    J_p: float = _number("kg*m**2", "inertia with gear and rotor", above=0.0)
+    R_p: float = number("m", "radius", above=0.0)
+    J_p: float = number("kg*m**2", "inertia with gear and rotor", above=0.0)
 
 
 @dataclass(frozen=True)
 class SupportParameters:
     """Machine support on four mounts."""
 
-    mass: float = _number("kg", "mass", above=0.0)
-    J_A: float = _number("kg*m**2", "inertia about x", above=0.0)
-    J_B: float = _number("kg*m**2", "inertia about y", above=0.0)
-    stiffness: float = _number("N/m", "stiffness of one mount", above=0.0)
-    damping: float = _number("N*s/m", "damping of one mount", least=0.0)
-    mount_x: float = _number("m", "mounts at x = ±mount_x", above=0.0)
-    mount_y: float = _number("m", "mounts at y = ±mount_y", above=0.0)
-    arm: float = _number("m", "x at which the ropes pull")
+    mass: float = number("kg", "mass", above=0.0)
+    J_A: float = number("kg*m**2", "inertia about x", above=0.0)
+    J_B: float = number("kg*m**2", "inertia about y", above=0.0)
+    stiffness: float = number("N/m", "stiffness of one mount", above=0.0)
+    damping: float = number("N*s/m", "damping of one mount", least=0.0)
+    mount_x: float = number("m", "mounts at x = ±mount_x", above=0.0)
+    mount_y: float = number("m", "mounts at y = ±mount_y", above=0.0)
+    arm: float = number("m", "x at which the ropes pull")
 
 
 @dataclass(frozen=True)
 class MotorParameters:
     """Permanent-magnet motor, motor side, and its gear."""
 
-    R: float = _number("ohm", "phase resistance", above=0.0)
-    L_d: float = _number("H", "inductance along the magnet axis", above=0.0)
-    L_q: float = _number("H", "inductance across it", above=0.0)
-    pole_pairs: float = _number("", "pole pairs", least=1.0)
-    psi: float = _number("Wb", "flux linkage", above=0.0)
-    K_T: float = _number("N*m/A", "torque constant", above=0.0)
-    gear: float = _number("", "turns of the motor for one of the pulley", above=0.0, default=1.0)
+    R: float = number("ohm", "phase resistance", above=0.0)
+    L_d: float = number("H", "inductance along the magnet axis", above=0.0)
+    L_q: float = number("H", "inductance across it", above=0.0)
+    pole_pairs: float = number("", "pole pairs", least=1.0)
+    psi: float = number("Wb", "flux linkage", above=0.0)
+    K_T: float = number("N*m/A", "torque constant", above=0.0)
+    gear: float = number("", "turns of the motor for one of the pulley", above=0.0, default=1.0)
 
 
 @dataclass(frozen=True)
 class ControlParameters:
     """Field-oriented control."""
 
-    K_T: float = _number("N*m/A", "torque constant that the controller knows", above=0.0)
-    K_pomega: float = _number("", "gain of the speed loop")
-    T_iomega: float = _number("s", "integration time of the speed loop", above=0.0)
-    K_pq: float = _number("V/A", "gain of the q loop")
-    T_iq: float = _number("s", "integration time of the q loop", above=0.0)
-    K_pd: float = _number("V/A", "gain of the d loop")
-    T_id: float = _number("s", "integration time of the d loop", above=0.0)
+    K_T: float = number("N*m/A", "torque constant that the controller knows", above=0.0)
+    K_pomega: float = number("", "gain of the speed loop")
+    T_iomega: float = number("s", "integration time of the speed loop", above=0.0)
+    K_pq: float = number("V/A", "gain of the q loop")
+    T_iq: float = number("s", "integration time of the q loop", above=0.0)
+    K_pd: float = number("V/A", "gain of the d loop")
+    T_id: float = number("s", "integration time of the d loop", above=0.0)
 
 
 @dataclass(frozen=True)
 class HoistwayParameters:
     """How far the cabin travels and where the rails begin and end."""
 
-    travel: float = _number("m", "travel", above=0.0)
-    rail_bottom: float = _number("m", "height at which the rails begin")
-    rail_top: float = _number("m", "height at which the rails end")
+    travel: float = number("m", "travel", above=0.0)
+    rail_bottom: float = number("m", "height at which the rails begin")
+    rail_top: float = number("m", "height at which the rails end")
 
 
 @dataclass(frozen=True)
 class TripParameters:
     """The speed reference of a trip from end to end."""
 
-    speed: float = _number("m/s", "largest speed", above=0.0)
-    acceleration: float = _number("m/s**2", "largest acceleration", above=0.0)
-    jerk: float = _number("m/s**3", "largest jerk; 0 makes a trapezoidal speed without limit of jerk", least=0.0)
-    start: float = _number("s", "when the reference begins to move", least=0.0, default=0.0)
-    duration: float = _number("s", "how long the record lasts", above=0.0, default=6.0)
+    speed: float = number("m/s", "largest speed", above=0.0)
+    acceleration: float = number("m/s**2", "largest acceleration", above=0.0)
+    jerk: float = number("m/s**3", "largest jerk; 0 makes a trapezoidal speed without limit of jerk", least=0.0)
+    start: float = number("s", "when the reference begins to move", least=0.0, default=0.0)
+    duration: float = number("s", "how long the record lasts", above=0.0, default=6.0)
 
 
 @dataclass(frozen=True)
@@ -206,12 +198,7 @@ class LiftParameters:
         FileNotFoundError
             If there is no such file.
         """
-        path = Path(path)
-        try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except tomllib.TOMLDecodeError as error:
-            raise ParameterError(f"'{path}'", [f"is not valid TOML: {error}"]) from None
-        return _read(content, f"'{path}'")
+        return load_parameters(LiftParameters, path, "lift", {"bench": LiftParameters.bench})
 
     def straightened(self, largest: float | None = None) -> LiftParameters:
         """Return the lift with all rail deviations above ``largest`` (m) corrected to it; None: straight rails."""
@@ -280,40 +267,3 @@ def _profile_faults(name: str, profile: Profile, low: float, high: float, guide:
                 f"{name} deviates by {d * 1e3:g} mm at {h:g} m, more than the shoe's gap of {guide.gap * 1e3:g} mm "
                 "(are the units right?)")
             return
-
-
-# ---------------------------------------------------------------- reading
-
-
-def _read(content: Mapping[str, Any], source: str) -> LiftParameters:
-    content, faults = dict(content), []
-    extends = content.pop("extends", None)
-    if extends not in (None, "bench"):
-        faults.append(f"extends = {extends!r}: only \"bench\" can be extended")
-    base = LiftParameters.bench() if extends == "bench" else None
-    sections = {f.name: _SECTIONS[f.name] for f in dataclasses.fields(LiftParameters) if f.name != "name"}
-    name = content.pop("name", base.name if base else "lift")
-    if not isinstance(name, str):
-        faults.append("name must be a text")
-    faults += [f"[{k}] is not a section of a lift{hint(k, sections)}" for k in content if k not in sections]
-    parts: dict[str, Any] = {}
-    for key, cls in sections.items():
-        given = content.get(key, {})
-        if not isinstance(given, Mapping):
-            faults.append(f"'{key}' must be a section: [{key}]")
-            continue
-        parts[key] = section(cls, given, key, getattr(base, key) if base else None, faults)
-    if faults:
-        raise ParameterError(source, faults)
-    lift = LiftParameters(name=name, **parts)
-    if misfits := lift.faults():
-        raise ParameterError(source, misfits)
-    return lift
-
-
-_SECTIONS: dict[str, type] = {
-    "cabin": BodyParameters, "counterweight": BodyParameters, "cabin_guide": GuideParameters,
-    "counterweight_guide": GuideParameters, "ropes": RopeParameters, "pulley": PulleyParameters,
-    "support": SupportParameters, "motor": MotorParameters, "control": ControlParameters,
-    "hoistway": HoistwayParameters, "trip": TripParameters,
-}  # fmt: skip

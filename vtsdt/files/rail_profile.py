@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-__all__ = ["Profile"]
+from multibody.base.units import UnitError, convert
+
+__all__ = ["Profile", "read_profile"]
 
 _FINER = 8  # points for one between those given, where a profile is cut
 _KINK = 3e-4  # m, beside the places where it is cut
@@ -70,3 +74,29 @@ def _crossing(profile: Profile, low: float, high: float, level: float) -> float:
         else:
             low = middle
     return 0.5 * (low + high)
+
+
+def read_profile(given: Any, where: str, faults: list[str]) -> Profile | None:
+    """Return the profile of a section of a parameter file, or None for a straight rail; faults are added to a list."""
+    if given is False:  # a file that extends another one says that its rail is straight
+        return None
+    if not isinstance(given, Mapping) or not {"height", "deviation"} <= set(given):
+        faults.append(f"{where} needs 'height' and 'deviation' (two lists of the same length)")
+        return None
+    faults += [f"{where} has no entry '{k}'" for k in given if k not in ("height", "deviation", "unit")]
+    try:
+        height = np.array(given["height"], dtype=float)
+        deviation = np.array(given["deviation"], dtype=float) * convert(1.0, given.get("unit", "m"), "m")
+    except (TypeError, ValueError, UnitError) as error:
+        faults.append(f"{where}: {error}")
+        return None
+    if height.ndim != 1 or height.shape != deviation.shape or height.size < 2:
+        faults.append(f"{where} needs at least two points, as many heights as deviations")
+    elif not (np.all(np.isfinite(height)) and np.all(np.isfinite(deviation))):
+        faults.append(f"{where} has values that are not finite")
+    elif not np.all(np.diff(height) > 0):
+        k = int(np.argmax(np.diff(height) <= 0)) + 1
+        faults.append(f"{where}: heights must increase, but {height[k]:g} m follows {height[k - 1]:g} m")
+    else:
+        return Profile(tuple(map(float, height)), tuple(map(float, deviation)))
+    return None

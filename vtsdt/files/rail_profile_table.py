@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vtsdt.files.parameter_file import ParameterError
+from multibody.base.parameter_file import ParameterError
 from vtsdt.files.rail_profile import Profile
 
 if TYPE_CHECKING:

@@ -7,12 +7,12 @@ through a rig with everything that the cabin model lacks.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multibody.base.progress import Progress
 from vtsdt.papers.validation import AGREES, DIFFERS, UNCHECKED, Chapter, Row
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["chapters_of_alignment"]
 
-Progress = Callable[[str], None]
 _THRESHOLD = 2.3e-3
 _BEFORE, _SCALING, _AFTER = 10, 10, 6  # trips
 _INTRODUCED = 1e-3  # m, by which the rail is moved for the scaling

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from multibody.base.progress import Progress
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile_table import ProfileTable
 from vtsdt.lift.energy import TripEnergy
@@ -30,7 +31,6 @@ TABLE_4 = {
 TABLE_4_MEASURED = {"original": (12.46, 7.96, 42.85, 21.42, 52.35), "straightened": (10.63, 8.41, 42.66, 22.78, 55.37)}
 _NAMES = ("E_c", "E_cw", "E_cb", "|E_m|", "η_t")
 _OWN = "the project's own bench; the paper's masses, stiffnesses and gains are not published"
-Progress = Callable[[str], None]
 
 
 def chapters(progress: Progress) -> Iterator[Chapter]:

@@ -225,8 +225,8 @@ def write(out: Path, chapters: Sequence[Chapter]) -> Path:
 
 def main(arguments: Sequence[str]) -> int:
     """Run ``vtsdt validate papers``."""
+    from multibody.base.progress import ProgressLine
     from vtsdt.cli.arguments import CommandError, Parser, common
-    from vtsdt.files.progress import Progress
 
     parser = Parser(
         prog="vtsdt validate papers",
@@ -241,7 +241,7 @@ def main(arguments: Sequence[str]) -> int:
     out = Path(args.out)
     if out.is_file():
         raise CommandError(f"--out {args.out}: is a file: name a folder to write into")
-    with Progress(args.quiet) as progress:
+    with ProgressLine(args.quiet) as progress:
         found = validate(progress, args.only, out / "simulations")
         chapters = [c for part in found.values() for c in part]
         page = write(out, chapters)

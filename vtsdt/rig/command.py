@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from discrepancy.rigs.recording import Disturbance, Logger, check_folder, write_json
-from discrepancy.rigs.rig import Progress, write_case
-from multibody.base.progress import silent
+from discrepancy.rigs.rig import write_case
+from multibody.base.progress import Progress, silent
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.rig import texts as bench_texts
 from vtsdt.rig.models import MODELS
@@ -224,8 +224,8 @@ def _parser() -> Any:
 
 def main(arguments: Sequence[str]) -> int:
     """Run ``vtsdt bench lift``."""
+    from multibody.base.progress import ProgressLine
     from vtsdt.cli.arguments import CommandError
-    from vtsdt.files.progress import Progress as Shown
 
     args = _parser().parse_args(list(arguments))
     if not args.list and args.out is None:
@@ -247,7 +247,7 @@ def main(arguments: Sequence[str]) -> int:
         only_express=args.express or many,
     )
     command = " ".join(("vtsdt bench lift", *_told(arguments)))
-    with Shown(args.quiet) as progress:
+    with ProgressLine(args.quiet) as progress:
         progress("prepare the models of the lift")
         if args.list:
             rows = rig.list()

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from discrepancy.rigs.hidden_effects import Hidden
-from discrepancy.rigs.rig import Progress, Run
+from discrepancy.rigs.rig import Run
 from estimation.response.experiment import SensorError
+from multibody.base.progress import Progress
 from multibody.model.model import Model
 from vtsdt.lift.lift import Lift
 from vtsdt.rig.models import weigh

@@ -16,9 +16,10 @@ import numpy as np
 
 from discrepancy.rigs.hidden_effects import Hidden
 from discrepancy.rigs.recording import Channel, Disturbance, Logger
-from discrepancy.rigs.rig import Progress, Rig, Run
+from discrepancy.rigs.rig import Rig, Run
 from estimation.fit.calibrate import UncertainParameter
 from estimation.response.experiment import SensorError
+from multibody.base.progress import Progress
 from multibody.model.model import Model
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.lift import Lift

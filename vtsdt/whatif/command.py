@@ -152,8 +152,8 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str]) -> int:
     """Run ``vtsdt what-if``."""
+    from multibody.base.progress import ProgressLine
     from vtsdt.cli.arguments import CommandError
-    from vtsdt.files.progress import Progress
     from vtsdt.whatif.report import answer
 
     args = _parser().parse_args(list(arguments))
@@ -175,7 +175,7 @@ def main(arguments: Sequence[str]) -> int:
     )
     if Path(args.out).is_file():
         raise CommandError(f"--out {args.out}: is a file: name a folder to write into")
-    with Progress(args.quiet) as progress:
+    with ProgressLine(args.quiet) as progress:
         progress("read the settings")
         try:
             study, page = run(settings, args.out, progress)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from vtsdt.files.parameter_file import ParameterError, hint
+from multibody.base.parameter_file import ParameterError
+from multibody.base.spelling import nearest
 from vtsdt.whatif.study import Doubt, as_doubts, default_doubts
 
 __all__ = ["ConfigurationFiles", "Settings", "read_settings"]
@@ -119,7 +120,7 @@ class _Reader:
             return {}
         known = _TABLES[name]
         if known:
-            self.faults += [f"[{name}] has no entry '{k}'{hint(k, known)}" for k in value if k not in known]
+            self.faults += [f"[{name}] has no entry '{k}'{nearest(k, known)}" for k in value if k not in known]
         return value
 
     def number(self, table: str, key: str, default: float, low: float, high: float) -> float:
@@ -153,7 +154,7 @@ class _Reader:
         return tuple(dict.fromkeys(found))
 
     def read(self) -> Settings:
-        self.faults += [f"there is no table [{k}]{hint(k, _TABLES)}" for k in self.content if k not in _TABLES]
+        self.faults += [f"there is no table [{k}]{nearest(k, _TABLES)}" for k in self.content if k not in _TABLES]
         lift, profile, trips, actions = (self.table(n) for n in ("lift", "profile", "trips", "actions"))
         direction = actions.get("direction", "up")
         if direction not in ("up", "down"):
@@ -166,7 +167,7 @@ class _Reader:
             from vtsdt.whatif.compare import COLUMNS
 
             self.faults += [
-                f"[trips.columns] has no quantity '{k}'{hint(k, COLUMNS)}" for k in columns if k not in COLUMNS
+                f"[trips.columns] has no quantity '{k}'{nearest(k, COLUMNS)}" for k in columns if k not in COLUMNS
             ]
         try:
             doubts = as_doubts(self.table("uncertain")) if "uncertain" in self.content else default_doubts()

@@ -8,12 +8,13 @@ and the profile's own spread are drawn, the same for all actions, so that every 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from multibody.base.progress import Progress
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile import Profile
 from vtsdt.files.rail_profile_table import ProfileTable
@@ -28,7 +29,6 @@ ACTIONS = ("original", "straightened", "lubrication", "both")
 GRID = 0.02
 #: Correlation length of the error of an estimated profile, m: about the distance of a filter's knots.
 ERROR_LENGTH = 0.1
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def _values(runner: TripRunner, doubts: Sequence[Doubt]) -> dict[str, float]:
     names = [*dict.fromkeys([*_MU, *(n for d in doubts for n in d.names())])]
     unknown = [n for n in names if n not in system.parameter_names]
     if unknown:
-        from multibody.declare.component import nearest
+        from multibody.base.spelling import nearest
 
         raise ValueError("; ".join(f"there is no parameter '{n}'{nearest(n, system.parameter_names)}" for n in unknown))
     return {n: float(system.p[system.index("parameter", n)]) for n in names}
