@@ -9,7 +9,7 @@ def _study():  # type: ignore[no-untyped-def]
     from discrepancy.rigs.axis import axis_case
     from discrepancy.study.study import Study
 
-    return Study(axis_case(1, ["coulomb_friction@guide"]).setup(seed=1))
+    return Study(axis_case(1, ["coulomb_friction@guide"]).problem(seed=1))
 
 
 def bench_columns() -> Callable[[], None]:

@@ -16,7 +16,7 @@ def _diagnosis(hidden: Sequence[str]) -> Callable[[], None]:
     case = PlainLiftRig(seed=11).case(hidden)
 
     def work() -> None:
-        conclusion = Study(case.setup(seed=11)).diagnose()
+        conclusion = Study(case.problem(seed=11)).diagnose()
         named = ", ".join(str(a.effect) for a in conclusion.accepted)
         work.note = f"{conclusion.verdict}: {named}" if named else conclusion.verdict  # type: ignore[attr-defined]
 

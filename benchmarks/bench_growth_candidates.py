@@ -20,7 +20,7 @@ def _stage() -> tuple[Any, Any, Any]:
     from discrepancy.search.step import scan_preparation
     from discrepancy.study.study import Study
 
-    stage = Study(axis_case(1, ["coulomb_friction@guide"]).setup(seed=1)).stage
+    stage = Study(axis_case(1, ["coulomb_friction@guide"]).problem(seed=1)).stage
     experiment = stage.identify.fits[0].experiment
     return stage, scan_preparation(stage), catalogue(stage.system, experiment.outputs, experiment.inputs)
 

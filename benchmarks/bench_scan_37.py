@@ -27,16 +27,16 @@ def _facts() -> tuple[Any, Any, list[Any]]:
     from vtsdt.rig.rig import LiftRig
 
     case = LiftRig(seed=1, trips=2, under_test="reference").case()
-    setup = case.setup(seed=1, residual="simulation")
-    setup = replace(setup, identify=(_followed(setup, setup.identify[0]),), validate=())
-    study = Study(setup)
+    problem = case.problem(seed=1, residual="simulation")
+    problem = replace(problem, identify=(_followed(problem, problem.identify[0]),), validate=())
+    study = Study(problem)
     study.prepare()
-    experiment = study.setup.identify[0]
-    system = study.setup.model.build(probes=True, outputs=experiment.outputs)
+    experiment = study.problem.identify[0]
+    system = study.problem.model.build(probes=True, outputs=experiment.outputs)
     x = experiment.start_vector(system)
     own = np.array([x[system.index("state", n)] for n in experiment.free])
-    noise = noise_floors(study.setup.identify, {})
-    values = {q.name: q.value for q in study.setup.uncertain}
+    noise = noise_floors(study.problem.identify, {})
+    values = {q.name: q.value for q in study.problem.uncertain}
     scale = {n: noise[n] for n in experiment.outputs}
     stage = study.held_stage("recalibrated", (), values, [own], scale, noise)
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs)
@@ -44,12 +44,12 @@ def _facts() -> tuple[Any, Any, list[Any]]:
     return stage, scan_preparation(stage), picked
 
 
-def _followed(setup: Any, experiment: Any) -> Any:
+def _followed(problem: Any, experiment: Any) -> Any:
     """Return an experiment whose record the model follows but for noise, as after a calibration."""
     import numpy as np
 
-    system = setup.model.build(probes=True, outputs=experiment.outputs)
-    p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
+    system = problem.model.build(probes=True, outputs=experiment.outputs)
+    p = system.parameter_vector({q.name: q.value for q in problem.uncertain})
     y = experiment.simulate(system, p)
     rng, signals = np.random.default_rng(1), dict(experiment.record.signals)
     for k, name in enumerate(experiment.outputs):

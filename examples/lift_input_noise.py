@@ -26,10 +26,10 @@ WAYS = ("as recorded", "auto")
 def told(seed: int) -> None:
     """Diagnose one lift both ways and print what is named and how far off each is on the trip held out."""
     case = PlainLiftRig(seed=seed, trips=TRIPS, sensor_noise=NOISE).case()
-    setup = replace(case, offsets=("a_c",)).setup(seed=seed)
+    problem = replace(case, offsets=("a_c",)).problem(seed=seed)
     print(f"\n## Lift {seed}\n")
     for inputs in WAYS:
-        study = Study(replace(setup, inputs=inputs))
+        study = Study(replace(problem, inputs=inputs))
         conclusion = study.diagnose()
         print(f"Inputs {inputs}. {conclusion.sentence}\n")
         errors = {n: study.stages[k].rmse("validate") for n, k in (("calibrated", 1), ("in the end", -1))}

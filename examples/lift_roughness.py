@@ -66,7 +66,7 @@ def rail_of(found: Alignment, side: str) -> Rails:
 def calibrated(case: Case, rails: Rails) -> Study:
     """Return the study of the reference model on these rails, calibrated."""
     given = replace(case, model=build("reference", rails=rails), offsets=("a_c",))
-    study = Study(given.setup(seed=SEED), progress=lambda text: print(f"    {text}", file=sys.stderr))
+    study = Study(given.problem(seed=SEED), progress=lambda text: print(f"    {text}", file=sys.stderr))
     study.compare()
     return study
 

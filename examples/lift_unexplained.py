@@ -14,7 +14,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from discrepancy.problem.problem import Setup
+from discrepancy.problem.problem import Problem
 from discrepancy.report.conclusion import Conclusion
 from discrepancy.study.study import Study
 from estimation.fit.calibrate import UncertainParameter
@@ -53,24 +53,24 @@ def nominal(name: str) -> float:
     return float(getattr(getattr(LiftParameters.bench(), section), key))
 
 
-def setup_of(**settings: object) -> Setup:
+def problem_of(**settings: object) -> Problem:
     """Return recordings of a virtual lift, and the reference model under test."""
     rig = ChangedLift(seed=SEED, trips=TRIPS, under_test="reference", **settings)  # type: ignore[arg-type]
-    return replace(rig.case(), offsets=("a_c",)).setup(seed=SEED)
+    return replace(rig.case(), offsets=("a_c",)).problem(seed=SEED)
 
 
-def knowing(setup: Setup, names: Mapping[str, float]) -> Setup:
+def knowing(problem: Problem, names: Mapping[str, float]) -> Problem:
     """Return the study with some parameters vaguely known in place of exactly or nearly so."""
-    kept = tuple(q for q in setup.uncertain if q.name not in names)
-    system = setup.model.build()
+    kept = tuple(q for q in problem.uncertain if q.name not in names)
+    system = problem.model.build()
     units = dict(zip(system.parameter_names, (p.unit for p in system.parameters), strict=True))
     more = [UncertainParameter(n, nominal(n), std=VAGUE * nominal(n), min=0.0, unit=units[n]) for n in names]
-    return replace(setup, uncertain=(*kept, *more))
+    return replace(problem, uncertain=(*kept, *more))
 
 
-def told(title: str, setup: Setup) -> Conclusion:
+def told(title: str, problem: Problem) -> Conclusion:
     """Diagnose a study and print what it says and how the error held out falls."""
-    study = Study(setup, progress=lambda text: print(f"    {text}", file=sys.stderr))
+    study = Study(problem, progress=lambda text: print(f"    {text}", file=sys.stderr))
     conclusion = study.diagnose()
     print(f"\n## {title}\n\n{conclusion.sentence}\n")
     for warning in conclusion.warnings:
@@ -85,16 +85,16 @@ def told(title: str, setup: Setup) -> Conclusion:
 
 def contact() -> None:
     """Contacts of the shoes that are softer and better damped than stated."""
-    setup = setup_of(changed=CONTACT)
-    told("contacts stated too well", setup)
-    told("contacts known vaguely", knowing(setup, CONTACT))
+    problem = problem_of(changed=CONTACT)
+    told("contacts stated too well", problem)
+    told("contacts known vaguely", knowing(problem, CONTACT))
 
 
 def controller() -> None:
     """A speed controller that somebody has tuned."""
-    setup = setup_of(changed=CONTROLLER)
-    told("controller as drawn", setup)
-    told("controller known vaguely", knowing(setup, CONTROLLER))
+    problem = problem_of(changed=CONTROLLER)
+    told("controller as drawn", problem)
+    told("controller known vaguely", knowing(problem, CONTROLLER))
 
 
 CASES = {"contact": contact, "controller": controller}

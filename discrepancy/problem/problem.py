@@ -1,4 +1,4 @@
-"""From a study file to what a study works with: model, uncertain parameters, experiments."""
+"""The problem that a study solves: a model, its uncertain parameters, and experiments to compare it with."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from multibody.model.model import Model
     from multibody.system.system import System
 
-__all__ = ["Setup", "experiments_of", "from_file", "noise_floors"]
+__all__ = ["Problem", "make_experiments", "noise_floors", "read_problem"]
 
 
-@dataclass(frozen=True, eq=False)
-class Setup:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Problem:
     """Everything that a study starts from.
 
     Parameters
@@ -68,7 +68,7 @@ class Setup:
     inputs: str = "auto"
 
 
-def experiments_of(
+def make_experiments(
     model: Model,
     records: Sequence[Record],
     inputs: Sequence[str],
@@ -80,10 +80,10 @@ def experiments_of(
     offsets: Sequence[str] = (),
     held: Sequence[str] = (),
 ) -> tuple[Experiment, ...]:
-    """Return experiments of a model on records.
+    """Return one experiment for each record: what drives the model, what is compared, and where it starts.
 
-    Start values that the study does not give are estimated for each record, because a machine is seldom exactly
-    where the model starts.
+    Start values that are not given are estimated for each record, because a machine is seldom exactly where the model
+    starts.
 
     Parameters
     ----------
@@ -120,8 +120,14 @@ def experiments_of(
     )
 
 
-def from_file(path: str | Path, *, seed: int | None = None, max_effects: int | None = None) -> Setup:
+def read_problem(path: str | Path, *, seed: int | None = None, max_effects: int | None = None) -> Problem:
     """Read a study file, its model and its records, and check that they fit each other.
+
+    Parameters
+    ----------
+    path : str or Path
+    seed, max_effects : int, optional
+        Replace those of the file.
 
     Raises
     ------
@@ -151,31 +157,30 @@ def from_file(path: str | Path, *, seed: int | None = None, max_effects: int | N
         "start": study.initial.values,
         "free": study.initial.free or None,
         "offsets": study.offsets.outputs,
-        "held": tuple(n for n, each in study.inputs.items() if each.interpolation == "hold"),
+        "held": tuple(n for n, column in study.inputs.items() if column.interpolation == "hold"),
     }
-    uncertain = _uncertain(study, system)
-    warned = [w for r in (*records.identify, *records.validate) for w in r.warnings]
-    return Setup(
-        study.path.stem if study.path.stem != "study" else study.path.parent.name,
-        model,
-        uncertain,
-        experiments_of(model, records.identify, **common),
-        experiments_of(model, records.validate, **common),
-        {n: c.noise for n, c in study.outputs.items() if c.noise is not None},
-        tuple(study.candidates.include),
-        tuple(study.candidates.exclude),
-        study.study.level,
-        study.study.seed if seed is None else seed,
-        study.study.max_effects if max_effects is None else max_effects,
-        study.study.residual,
-        study.path,
-        (*study.warnings, *dict.fromkeys(warned)),
-        study.study.inputs,
+    of_records = dict.fromkeys(w for r in (*records.identify, *records.validate) for w in r.warnings)
+    return Problem(
+        name=study.path.stem if study.path.stem != "study" else study.path.parent.name,
+        model=model,
+        uncertain=_uncertain(study, system),
+        identify=make_experiments(model, records.identify, **common),
+        validate=make_experiments(model, records.validate, **common),
+        noise={n: column.noise for n, column in study.outputs.items() if column.noise is not None},
+        include=tuple(study.candidates.include),
+        exclude=tuple(study.candidates.exclude),
+        level=study.study.level,
+        seed=study.study.seed if seed is None else seed,
+        max_effects=study.study.max_effects if max_effects is None else max_effects,
+        residual=study.study.residual,
+        path=study.path,
+        warnings=(*study.warnings, *of_records),
+        inputs=study.study.inputs,
     )
 
 
 def _uncertain(study: StudyFile, system: System) -> tuple[UncertainParameter, ...]:
-    found, faults = [], []
+    parameters, faults = [], []
     for name, given in study.uncertain.items():
         q = system.parameters[system.index("parameter", name)]
         value = q.value if given.value is None else given.value
@@ -189,28 +194,28 @@ def _uncertain(study: StudyFile, system: System) -> tuple[UncertainParameter, ..
             )
             continue
         std = np.inf if given.std is None else given.std
-        found.append(UncertainParameter(name, float(value), float(std), float(low), float(high), q.unit))
+        parameters.append(UncertainParameter(name, float(value), float(std), float(low), float(high), q.unit))
     if faults:
         raise StudyError(faults)
-    return tuple(found)
+    return tuple(parameters)
 
 
 def noise_floors(experiments: Sequence[Experiment], known: Mapping[str, float]) -> dict[str, float]:
     """Return the noise floor of every output: as given, else estimated from the records."""
     from estimation.signals.metrics import noise_floor, quantisation_step
 
-    def least(e: Experiment, name: str) -> float:
-        """Return what rounding leaves after the low-pass, also where the machine stands and nothing is seen of it."""
+    def quantisation(e: Experiment, name: str) -> float:
+        """Return what rounding leaves after the low-pass, also where the machine stands still and no step is seen."""
         cutoff = e.preparation.cutoff(e.record.rate)
         share = 1.0 if cutoff is None else min(1.0, 2.0 * cutoff / e.record.rate)
         return float(quantisation_step(e.record.values(name)[:, 0])) * (share / 12.0) ** 0.5
 
-    found = {}
+    floors = {}
     for c, name in enumerate(experiments[0].outputs):
         if name in known:
-            found[name] = float(known[name])
+            floors[name] = float(known[name])
         else:
-            found[name] = float(
-                np.median([max(noise_floor(e.measured[:, c]).std, least(e, name)) for e in experiments])
+            floors[name] = float(
+                np.median([max(noise_floor(e.measured[:, c]).std, quantisation(e, name)) for e in experiments])
             )
-    return found
+    return floors

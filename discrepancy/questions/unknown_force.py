@@ -175,8 +175,8 @@ def described(
         blocks=estimate.record,
         units=estimate.units,
         draws=DRAWS,
-        level=study.setup.level if level is None else level,
-        seed=study.setup.seed,
+        level=study.problem.level if level is None else level,
+        seed=study.problem.seed,
     )
     laws: tuple[Law, ...] = ()
     best = report.best

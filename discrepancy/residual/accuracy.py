@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from discrepancy.problem.problem import Setup
+    from discrepancy.problem.problem import Problem
     from estimation.response.experiment import Experiment
     from multibody.system.system import System
 
@@ -21,8 +21,8 @@ LOOSER = (1e-4, 1e-5)  # relative tolerances that are tried in the place of an e
 UNSEEN = 1e-3  # share of an output's noise below which an error of integration does no harm
 
 
-def bounded_effort(setup: Setup) -> Setup:
-    """Return a setup whose experiments are simulated as exactly as their noise asks for, and not without end.
+def bounded_effort(problem: Problem) -> Problem:
+    """Return a problem whose experiments are simulated as exactly as their noise asks for, and not without end.
 
     A simulation that takes a hundred times the model as given is given up: friction that locks a drive against its own
     load, or a spring a million times too stiff, can make one take hours.  A model that cannot be simulated as given
@@ -30,27 +30,27 @@ def bounded_effort(setup: Setup) -> Setup:
 
     Parameters
     ----------
-    setup : Setup
+    problem : Problem
     """
     from discrepancy.problem.problem import noise_floors
     from multibody.base.errors import SimulationError
 
-    records = [*setup.identify, *setup.validate]
-    system = setup.model.build(probes=True, outputs=records[0].outputs)
-    p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
+    records = [*problem.identify, *problem.validate]
+    system = problem.model.build(probes=True, outputs=records[0].outputs)
+    p = system.parameter_vector({q.name: q.value for q in problem.uncertain})
     try:
         found = [e.respond(system, p) for e in records]
         rtol = tolerance(
-            records, system, p, [f.outputs for f in found], noise_floors(setup.identify, setup.noise)
+            records, system, p, [f.outputs for f in found], noise_floors(problem.identify, problem.noise)
         )
     except SimulationError:
-        return setup
+        return problem
     bounded = [
         replace(e, max_evaluations=TIMES * f.evaluations + LEAST, rtol=max(rtol, e.rtol))
         for e, f in zip(records, found, strict=True)
     ]
-    count = len(setup.identify)
-    return replace(setup, identify=tuple(bounded[:count]), validate=tuple(bounded[count:]))
+    count = len(problem.identify)
+    return replace(problem, identify=tuple(bounded[:count]), validate=tuple(bounded[count:]))
 
 
 def tolerance(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.problem.problem import Setup
+from discrepancy.problem.problem import Problem
 from discrepancy.residual.free_rotations import free_turns
 from discrepancy.residual.initial_state import Followed, follow
 from discrepancy.residual.noisy_inputs import NoisyInput, without_noise
@@ -44,11 +44,11 @@ What a scan, which is linear in the error, says about it is worth nothing."""
 
 @dataclass(frozen=True, eq=False)
 class Confronted:
-    """A study's setup in the form in which it is worked on.
+    """A study's problem in the form in which it is worked on.
 
     Parameters
     ----------
-    setup : Setup
+    problem : Problem
         With the experiments (and, in inverse mode, the model) that the residual is taken from.
     mode : {"simulation", "prediction", "inverse"}
     reason : str
@@ -57,19 +57,19 @@ class Confronted:
         Recorded inputs that simulations use low-passed, because their noise matters.
     """
 
-    setup: Setup
+    problem: Problem
     mode: str
     reason: str
     noisy: tuple[NoisyInput, ...] = ()
 
 
-def confront(setup: Setup, progress: Callable[[str], None] = silent) -> Confronted:
+def confront(problem: Problem, progress: Callable[[str], None] = silent) -> Confronted:
     """Choose how to confront a model with its records, and prepare the experiments for it.
 
     Parameters
     ----------
-    setup : Setup
-        ``setup.residual`` asks for a mode, or is ``"auto"``.
+    problem : Problem
+        ``problem.residual`` asks for a mode, or is ``"auto"``.
     progress : callable
         Gets a line of text now and then.
 
@@ -80,37 +80,37 @@ def confront(setup: Setup, progress: Callable[[str], None] = silent) -> Confront
     SimulationError
         If the machine cannot be simulated at all.
     """
-    found = _chosen(setup, progress)
+    found = _chosen(problem, progress)
     # windows weigh the noise of inputs, and a given motion has its own low-pass
-    if found.mode != "simulation" or setup.inputs == "as recorded":
+    if found.mode != "simulation" or problem.inputs == "as recorded":
         return found
-    quiet, noisy = without_noise(found.setup, progress)
-    return replace(found, setup=quiet, noisy=noisy)
+    quiet, noisy = without_noise(found.problem, progress)
+    return replace(found, problem=quiet, noisy=noisy)
 
 
-def _chosen(setup: Setup, progress: Callable[[str], None]) -> Confronted:
+def _chosen(problem: Problem, progress: Callable[[str], None]) -> Confronted:
     """Return the mode that the study asks for, or that suits the machine."""
-    if setup.residual == "simulation":
-        return Confronted(setup, "simulation", "asked for by the study")
-    if setup.residual == "inverse":
-        from discrepancy.residual.inverse import inverse_setup
+    if problem.residual == "simulation":
+        return Confronted(problem, "simulation", "asked for by the study")
+    if problem.residual == "inverse":
+        from discrepancy.residual.inverse import inverse_problem
 
         progress("give the machine its recorded motion")
-        found = inverse_setup(setup)
-        return Confronted(found.setup, "inverse", f"asked for by the study; {found.told}")
+        found = inverse_problem(problem)
+        return Confronted(found.problem, "inverse", f"asked for by the study; {found.told}")
     progress("how fast the machine runs away from a start that is slightly off")
-    if setup.residual == "auto":  # two records tell a machine that stays where it is put, which most do
-        whole = _Look.of(setup, telling_only=True).whole()
+    if problem.residual == "auto":  # two records tell a machine that stays where it is put, which most do
+        whole = _Look.of(problem, telling_only=True).whole()
         if not np.isfinite(whole.within) and not _feels_inputs(whole):
-            return Confronted(setup, "simulation", _stays(whole))
-    look = _Look.of(setup)
+            return Confronted(problem, "simulation", _stays(whole))
+    look = _Look.of(problem)
     whole = look.whole()
-    if setup.residual == "auto" and not np.isfinite(whole.within):
-        return Confronted(setup, "simulation", _stays(whole))
+    if problem.residual == "auto" and not np.isfinite(whole.within):
+        return Confronted(problem, "simulation", _stays(whole))
     length = look.length()
     least = max(samples_needed(e.preparation, e.record.rate) / e.record.rate for e in look.identify)
-    if length < least and setup.residual == "auto":
-        inverse = _inverse_instead(setup, length)
+    if length < least and problem.residual == "auto":
+        inverse = _inverse_instead(problem, length)
         if inverse is not None:
             return inverse
     progress(f"cut the records into windows of at most {max(length, least):.3g} s")
@@ -118,19 +118,19 @@ def _chosen(setup: Setup, progress: Callable[[str], None]) -> Confronted:
     reason = f"{_runs_away(whole)}; the records are cut into {count} windows, most of about {max(length, least):.2g} s"
     if length < least:
         reason += f", the least that leaves {LEAST_SAMPLES} samples (errors grow within {length:.2g} s: record faster)"
-    if setup.residual == "prediction":
+    if problem.residual == "prediction":
         reason = f"asked for by the study; {reason}"
     return Confronted(windowed, "prediction", reason)
 
 
 def windows_instead(
-    setup: Setup, errors: Mapping[str, float] | None = None, progress: Callable[[str], None] = silent
+    problem: Problem, errors: Mapping[str, float] | None = None, progress: Callable[[str], None] = silent
 ) -> Confronted | None:
-    """Return the setup cut into windows, where calibrated simulations of whole records do not follow them.
+    """Return the problem cut into windows, where calibrated simulations of whole records do not follow them.
 
     Parameters
     ----------
-    setup : Setup
+    problem : Problem
         As handed in.
     errors : mapping of str to float, optional
         Root mean square error of each output after calibration, SI; None cuts in any case.
@@ -142,9 +142,9 @@ def windows_instead(
         None where the simulations follow, and where windows would be as long as the records: the machine does not run
         away from its start, it is the model that is wrong.
     """
-    if errors is not None and _surely_follow(setup, errors):
+    if errors is not None and _surely_follow(problem, errors):
         return None
-    look = _Look.of(setup)
+    look = _Look.of(problem)
     reason = "as before"
     if errors is not None:
         shares = {n: errors[n] / s for n, s in zip(look.identify[0].outputs, look.spread, strict=True)}
@@ -168,9 +168,9 @@ def _spread_of(experiments: Sequence[Experiment]) -> np.ndarray:
     return np.maximum(np.std(values, axis=0), 1e-9 * np.maximum(np.max(np.abs(values), axis=0), 1e-300))
 
 
-def _surely_follow(setup: Setup, errors: Mapping[str, float]) -> bool:
+def _surely_follow(problem: Problem, errors: Mapping[str, float]) -> bool:
     """Tell whether the errors are small against every spread that an output may have: then no simulation is needed."""
-    experiments = tuple(crop(e) for e in setup.identify)
+    experiments = tuple(crop(e) for e in problem.identify)
     for name, spread in zip(experiments[0].outputs, _spread_of(experiments), strict=True):
         angle = experiments[0].record.signals[name].unit in ("rad", "")  # of one that counts no turns 1 rad at most
         if errors[name] > LOST * (min(spread, 1.0) if angle else spread):
@@ -180,9 +180,9 @@ def _surely_follow(setup: Setup, errors: Mapping[str, float]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """A setup's records with the states that the machine had along them."""
+    """A problem's records with the states that the machine had along them."""
 
-    setup: Setup
+    problem: Problem
     system: System
     p: np.ndarray
     identify: tuple[Experiment, ...]
@@ -191,10 +191,10 @@ class _Look:
     scale: np.ndarray
 
     @classmethod
-    def of(cls, setup: Setup, *, telling_only: bool = False) -> _Look:
-        experiments = tuple(crop(e) for e in setup.identify)
-        system = setup.model.build(outputs=experiments[0].outputs)
-        p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
+    def of(cls, problem: Problem, *, telling_only: bool = False) -> _Look:
+        experiments = tuple(crop(e) for e in problem.identify)
+        system = problem.model.build(outputs=experiments[0].outputs)
+        p = system.parameter_vector({q.name: q.value for q in problem.uncertain})
         spread = _spread_of(experiments)
         units = np.array([system.unit(n) for n in experiments[0].outputs])
         if telling_only:
@@ -208,7 +208,7 @@ class _Look:
         spread = np.where((units == "rad") & ~counted, np.minimum(spread, 1.0), spread)
         angles = np.array([q.unit == "rad" for q in system.states], dtype=bool)
         scale = np.where(angles & ~turns, np.minimum(scale, 1.0), scale)
-        return cls(setup, system, p, experiments, followed, spread, scale)
+        return cls(problem, system, p, experiments, followed, spread, scale)
 
     def whole(self) -> Growth:
         """Return how errors grow over the record in which they grow the soonest, or the farthest."""
@@ -228,12 +228,12 @@ class _Look:
         """Return the longest window over which errors stay small, s."""
         return divergence_time(self.identify, self.system, self.p, self.followed, self.spread, self.scale)
 
-    def windowed(self, length: float) -> tuple[Setup, int]:
-        """Return the setup with every record cut into windows, and how many there are for choosing."""
+    def windowed(self, length: float) -> tuple[Problem, int]:
+        """Return the problem with every record cut into windows, and how many there are for choosing."""
         identify = self._cut(self.identify, self.followed, length)
-        held = [crop(e) for e in self.setup.validate]
+        held = [crop(e) for e in self.problem.validate]
         validate = self._cut(held, [follow(e, self.system, self.p) for e in held], length)
-        return replace(self.setup, identify=identify, validate=validate), len(identify)
+        return replace(self.problem, identify=identify, validate=validate), len(identify)
 
     def _cut(
         self, experiments: Sequence[Experiment], followed: Sequence[Followed], length: float
@@ -245,16 +245,16 @@ class _Look:
         )
 
 
-def _inverse_instead(setup: Setup, length: float) -> Confronted | None:
+def _inverse_instead(problem: Problem, length: float) -> Confronted | None:
     from discrepancy.problem.study_file import StudyError
-    from discrepancy.residual.inverse import inverse_setup
+    from discrepancy.residual.inverse import inverse_problem
 
     try:
-        found = inverse_setup(setup)
+        found = inverse_problem(problem)
     except StudyError:
         return None
     return Confronted(
-        found.setup,
+        found.problem,
         "inverse",
         f"errors grow {WINDOW_FACTOR:.0f} times within {length:.2g} s, too short a time for windows of "
         f"{LEAST_SAMPLES} samples; {found.told}",

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.problem.problem import Setup
+from discrepancy.problem.problem import Problem
 from discrepancy.problem.study_file import StudyError
 from discrepancy.residual.initial_state import follow, signal_bandwidth
 from discrepancy.residual.inverse_model import UNITS, Motion, cut_loops, measured_motions, prescribed, shows_motion
@@ -26,16 +26,16 @@ from estimation.signals.preparation import Preparation, edge_time, low_pass
 if TYPE_CHECKING:
     from multibody.system.system import System
 
-__all__ = ["Inverse", "derivatives", "inverse_setup"]
+__all__ = ["Inverse", "derivatives", "inverse_problem"]
 
 
 @dataclass(frozen=True, eq=False)
 class Inverse:
-    """A setup whose records give the motion.
+    """A problem whose records give the motion.
 
     Parameters
     ----------
-    setup : Setup
+    problem : Problem
     motions : tuple of Motion
     bandwidth : float
         Of the low-pass that every signal has passed, Hz.
@@ -43,18 +43,18 @@ class Inverse:
         What was done, for the reason of the mode.
     """
 
-    setup: Setup
+    problem: Problem
     motions: tuple[Motion, ...]
     bandwidth: float
     told: str
 
 
-def inverse_setup(setup: Setup, bandwidth: float | None = None) -> Inverse:
-    """Return a setup in which the measured motion is given and the force that it needs is compared.
+def inverse_problem(problem: Problem, bandwidth: float | None = None) -> Inverse:
+    """Return a problem in which the measured motion is given and the force that it needs is compared.
 
     Parameters
     ----------
-    setup : Setup
+    problem : Problem
     bandwidth : float, optional, Hz
         Of the smoothing; default: the study's low-pass, else where the motion disappears in its noise.
 
@@ -63,12 +63,12 @@ def inverse_setup(setup: Setup, bandwidth: float | None = None) -> Inverse:
     StudyError
         If no position, angle or speed of a free motion is measured.
     """
-    first = setup.identify[0]
-    model, cut = cut_loops(setup.model, first.outputs)
+    first = problem.identify[0]
+    model, cut = cut_loops(problem.model, first.outputs)
     recorded = tuple(n for n in (*first.inputs, *cut) if n in model.inputs)
     outputs = tuple(n for n in first.outputs if n not in cut)
     system = model.build(outputs=outputs)
-    motions = measured_motions(model, system, outputs, recorded, setup)
+    motions = measured_motions(model, system, outputs, recorded, problem)
     if not motions:
         raise StudyError(
             [
@@ -87,31 +87,31 @@ def inverse_setup(setup: Setup, bandwidth: float | None = None) -> Inverse:
             if asked is not None
             else max(
                 signal_bandwidth(e.record.time, e.record.values(m.output)[:, 0])
-                for e in setup.identify
+                for e in problem.identify
                 for m in motions
             )
         )
     compared = tuple(n for n in outputs if n not in shown)
     built = copy.build(outputs=(*(m.compared for m in motions), *compared))
     known = set(built.parameter_names)
-    whole = setup.model.build(outputs=first.outputs)
+    whole = problem.model.build(outputs=first.outputs)
 
     def given(e: Experiment) -> Experiment:
         return _experiment(crop(e), motions, inputs, compared, built, bandwidth, whole)
 
-    identify, validate = tuple(map(given, setup.identify)), tuple(map(given, setup.validate))
-    excluded = (*setup.exclude, "sensor_*@needed.*", "input_*@motion.*")
+    identify, validate = tuple(map(given, problem.identify)), tuple(map(given, problem.validate))
+    excluded = (*problem.exclude, "sensor_*@needed.*", "input_*@motion.*")
     if any(not m.force for m in motions):  # what is compared with zero is least where every signal counts for nothing
         excluded = (*excluded, "sensor_gain@*", "input_gain@*")
-    noise = {n: v for n, v in setup.noise.items() if n in compared}
+    noise = {n: v for n, v in problem.noise.items() if n in compared}
     changed = replace(
-        setup,
+        problem,
         model=copy,
         identify=identify,
         validate=validate,
         exclude=excluded,
         noise=noise,
-        uncertain=tuple(q for q in setup.uncertain if q.name in known),
+        uncertain=tuple(q for q in problem.uncertain if q.name in known),
     )
     changed = replace(changed, noise={**noise, **_floors(changed, built, motions)})
     names = " and ".join(m.output for m in motions)
@@ -223,13 +223,13 @@ def _experiment(
     )
 
 
-def _floors(setup: Setup, system: System, motions: Sequence[Motion]) -> dict[str, float]:
+def _floors(problem: Problem, system: System, motions: Sequence[Motion]) -> dict[str, float]:
     """Return the noise of what is compared: the model's force carries the noise of the differentiated motion."""
     from estimation.signals.metrics import noise_floor
 
-    p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
+    p = system.parameter_vector({q.name: q.value for q in problem.uncertain})
     found: dict[str, list[float]] = {}
-    for e in setup.identify:
+    for e in problem.identify:
         rest = e.measured - e.simulate(system, p)
         for c, m in enumerate(motions):
             found.setdefault(m.compared, []).append(noise_floor(rest[:, c]).std)

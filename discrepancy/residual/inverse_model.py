@@ -11,7 +11,7 @@ import numpy as np
 from discrepancy.residual.inverse_parts import GivenAngle, GivenPosition
 
 if TYPE_CHECKING:
-    from discrepancy.problem.problem import Setup
+    from discrepancy.problem.problem import Problem
     from multibody.model.model import Model
     from multibody.system.system import System
 
@@ -158,11 +158,11 @@ def free_motions(model: Model, system: System) -> dict[tuple[str, ...], tuple[st
 
 
 def measured_motions(
-    model: Model, system: System, outputs: Sequence[str], recorded: Sequence[str], setup: Setup
+    model: Model, system: System, outputs: Sequence[str], recorded: Sequence[str], problem: Problem
 ) -> tuple[Motion, ...]:
     """Return the free motions that an output shows by itself, one output for each, positions before rates."""
     labels = free_motions(model, system)
-    values = _affine(system, outputs, setup)
+    values = _affine(system, outputs, problem)
     found: dict[tuple[str, ...], Motion] = {}
     for order in (0, 1):
         for states, (name, flange, domain) in labels.items():
@@ -176,9 +176,9 @@ def measured_motions(
     return tuple(found.values())
 
 
-def _affine(system: System, outputs: Sequence[str], setup: Setup) -> dict[str, tuple[str, float, float]]:
+def _affine(system: System, outputs: Sequence[str], problem: Problem) -> dict[str, tuple[str, float, float]]:
     """Return the outputs that are ``offset + factor · state`` for one state, by name."""
-    p = system.parameter_vector({q.name: q.value for q in setup.uncertain if q.name in system.parameter_names})
+    p = system.parameter_vector({q.name: q.value for q in problem.uncertain if q.name in system.parameter_names})
     points = [system.start + shift * np.arange(1, system.start.size + 1) for shift in (0.0, 0.0137, -0.0291)]
     slopes = [system.jacobian("x", 0.0, x, None, p, of="outputs") for x in points]
     by_input = [system.jacobian("u", 0.0, x, None, p, of="outputs") for x in points]

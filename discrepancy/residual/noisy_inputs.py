@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discrepancy.problem.problem import Setup, noise_floors
+from discrepancy.problem.problem import Problem, noise_floors
 from discrepancy.residual.initial_state import signal_bandwidth
 from estimation.response.perturbations import Push
 from estimation.signals.correlation import correlation_time
@@ -103,8 +103,8 @@ class NoisyInput:
         return asdict(self)
 
 
-def without_noise(setup: Setup, progress: Callable[[str], None]) -> tuple[Setup, tuple[NoisyInput, ...]]:
-    """Return the setup with the inputs low-passed, or their noise to be weighed, where it matters, and what was done.
+def without_noise(problem: Problem, progress: Callable[[str], None]) -> tuple[Problem, tuple[NoisyInput, ...]]:
+    """Return the problem with the inputs low-passed, or their noise to be weighed, where it matters, and what was done.
 
     What is above the cutoff counts as noise where the records lack what it makes of the outputs (`_noise_share`).
     Nothing is done to inputs that keep their value until the next sample or are compared as well, and where sampling
@@ -112,28 +112,28 @@ def without_noise(setup: Setup, progress: Callable[[str], None]) -> tuple[Setup,
 
     Parameters
     ----------
-    setup : Setup
+    problem : Problem
         Simulations of whole records.
     progress : callable
         Gets a line of text now and then.
     """
-    system = setup.model.build(outputs=setup.identify[0].outputs)
-    p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
-    floors = np.array(list(noise_floors(setup.identify, setup.noise).values()))
+    system = problem.model.build(outputs=problem.identify[0].outputs)
+    p = system.parameter_vector({q.name: q.value for q in problem.uncertain})
+    floors = np.array(list(noise_floors(problem.identify, problem.noise).values()))
     floors = np.maximum(floors, 1e-300)
-    every = {n: _cutoff(setup.identify, n) for n in _free_inputs(setup.identify[0])}
+    every = {n: _cutoff(problem.identify, n) for n in _free_inputs(problem.identify[0])}
     try:
-        share = _noise_share(setup, system, p, every)
-        noise = {n: _noise_of(setup.identify, n, every[n]) * share[n] ** 0.5 for n in every if share[n] > 0.0}
-        made, left = (_made_by_noise(setup, system, p, noise, c) for c in ({}, every))
+        share = _noise_share(problem, system, p, every)
+        noise = {n: _noise_of(problem.identify, n, every[n]) * share[n] ** 0.5 for n in every if share[n] > 0.0}
+        made, left = (_made_by_noise(problem, system, p, noise, c) for c in ({}, every))
     except SignalError as error:
         progress(f"the inputs stay as recorded: {error}")
-        return setup, ()
+        return problem, ()
     gone = {n: np.sqrt(np.maximum(made[n] ** 2 - left[n] ** 2, 0.0)) / floors for n in noise}
     cutoffs = {n: every[n] for n in noise if np.max(gone[n]) > MATTERS}
     weighed = {n: noise[n] for n in noise if np.max(left[n] / floors) > MATTERS}
     if not cutoffs and not weighed:
-        return setup, ()
+        return problem, ()
     progress(f"noise of recorded inputs matters: {', '.join(dict.fromkeys((*cutoffs, *weighed)))}")
     band = max((every[n] for n in weighed), default=0.0)
 
@@ -141,17 +141,17 @@ def without_noise(setup: Setup, progress: Callable[[str], None]) -> tuple[Setup,
         quiet = (_low_passed(e, cutoffs) for e in experiments)
         return tuple(replace(e, input_noise=weighed, noise_band=band, _cache={}) for e in quiet)
 
-    quiet = replace(setup, identify=used(setup.identify), validate=used(setup.validate))
-    compared = [each.validate or each.identify for each in (setup, quiet)]
+    quiet = replace(problem, identify=used(problem.identify), validate=used(problem.validate))
+    compared = [each.validate or each.identify for each in (problem, quiet)]
     before, after = (_errors(each, system, p) for each in compared)
     found = []
     for n in dict.fromkeys((*cutoffs, *weighed)):
         c = int(np.argmax(gone[n] if n in cutoffs else left[n] / floors))
-        output = setup.identify[0].outputs[c]
-        units = setup.identify[0].record.signals[n].unit, system.unit(output)
+        output = problem.identify[0].outputs[c]
+        units = problem.identify[0].record.signals[n].unit, system.unit(output)
         done = every[n], n in cutoffs, n in weighed
         of_noise = float(made[n][c]), float(left[n][c]), float(floors[c])
-        errors = float(before[c]), float(after[c]), bool(setup.validate)
+        errors = float(before[c]), float(after[c]), bool(problem.validate)
         found.append(NoisyInput(n, noise[n], units[0], *done, output, *of_noise, units[1], *errors))
     return quiet, tuple(found)
 
@@ -181,7 +181,7 @@ def _noise_of(experiments: Sequence[Experiment], name: str, cutoff: float) -> fl
     return float(np.median(found))
 
 
-def _noise_share(setup: Setup, system: System, p: np.ndarray, cutoffs: Mapping[str, float]) -> dict[str, float]:
+def _noise_share(problem: Problem, system: System, p: np.ndarray, cutoffs: Mapping[str, float]) -> dict[str, float]:
     """Return how much of what each input has above its cutoff is noise, in terms of variance; 0 where that is open.
 
     What the machine did not feel is in the simulation and not in the record: the error then is minus what it makes, and
@@ -196,7 +196,7 @@ def _noise_share(setup: Setup, system: System, p: np.ndarray, cutoffs: Mapping[s
     names, lowest = list(cutoffs), min(cutoffs.values(), default=0.0)
     if not names:
         return {}
-    parameters = [q.name for q in setup.uncertain if not q.name.startswith("sensor.")]
+    parameters = [q.name for q in problem.uncertain if not q.name.startswith("sensor.")]
 
     def above(e: Experiment) -> tuple[np.ndarray, np.ndarray]:
         """Return error, inputs' and parameters' columns (n, n_y, ·), and those of the start, above the cutoff."""
@@ -211,7 +211,7 @@ def _noise_share(setup: Setup, system: System, p: np.ndarray, cutoffs: Mapping[s
         shared = [high[:, :, :1], high[:, :, last:], high[:, :, 1:first]]
         return np.concatenate(shared, axis=2), high[:, :, first:last]
 
-    records = side_by_side(above, setup.identify)
+    records = side_by_side(above, problem.identify)
     scale = np.sqrt(np.mean(np.concatenate([shared[:, :, 0] for shared, _ in records]) ** 2, axis=0))
     for _ in range(ROUNDS):  # each output is weighed by what is left of it
         scale = np.maximum(scale, 1e-300)
@@ -241,7 +241,7 @@ def _without_own(block: np.ndarray, own: np.ndarray) -> np.ndarray:
 
 
 def _made_by_noise(
-    setup: Setup, system: System, p: np.ndarray, noise: Mapping[str, float], cutoffs: Mapping[str, float]
+    problem: Problem, system: System, p: np.ndarray, noise: Mapping[str, float], cutoffs: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
     """Return the root mean square that noise of inputs makes in every output of the longest record, low-passed or not.
 
@@ -254,8 +254,8 @@ def _made_by_noise(
     """
     if not noise:
         return {}
-    longest = max(setup.identify, key=lambda e: e.record.duration)
-    rng = np.random.default_rng(setup.seed)
+    longest = max(problem.identify, key=lambda e: e.record.duration)
+    rng = np.random.default_rng(problem.seed)
     time = np.asarray(longest.record.time)
     pushes = []
     for n, s in noise.items():

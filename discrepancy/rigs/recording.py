@@ -24,7 +24,7 @@ from estimation.files.record import Record, Signal
 from estimation.fit.calibrate import UncertainParameter
 
 if TYPE_CHECKING:
-    from discrepancy.problem.problem import Setup
+    from discrepancy.problem.problem import Problem
     from estimation.response.experiment import SensorError
     from multibody.model.model import Model
 
@@ -287,9 +287,9 @@ class Case:
     channels: tuple[Channel, ...] = field(default=(), repr=False)
     offsets: tuple[str, ...] = ()
 
-    def setup(self, **options: Any) -> Setup:
-        """Return what a `Study` starts from; ``options`` such as ``seed`` and ``include`` go to `Setup`."""
-        from discrepancy.problem.problem import Setup, experiments_of
+    def problem(self, **options: Any) -> Problem:
+        """Return what a `Study` starts from; ``options`` such as ``seed`` and ``include`` go to `Problem`."""
+        from discrepancy.problem.problem import Problem, make_experiments
 
         common: dict[str, Any] = {
             "inputs": self.inputs,
@@ -298,12 +298,12 @@ class Case:
             "free": self.free,
             "offsets": self.offsets,
         }
-        return Setup(
-            self.model.name,
-            self.model,
-            self.uncertain,
-            experiments_of(self.model, self.identify, **common),
-            experiments_of(self.model, self.validate, **common),
+        return Problem(
+            name=self.model.name,
+            model=self.model,
+            uncertain=self.uncertain,
+            identify=make_experiments(self.model, self.identify, **common),
+            validate=make_experiments(self.model, self.validate, **common),
             **options,
         )
 

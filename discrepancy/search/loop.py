@@ -57,7 +57,7 @@ class Search:
     def _add_significant(self) -> None:
         """Explain and add, as long as there is something significant and room for it."""
         study = self.study
-        while len(study.stage.effects) < study.setup.max_effects:
+        while len(study.stage.effects) < study.problem.max_effects:
             step = study.unless_it_fails("what is still missing", study.explain) if study.steps else study.explain()
             if step is None or step.accepted is None or step.stage is None:
                 return
@@ -100,14 +100,14 @@ class Search:
         from discrepancy.search.omnibus import omnibus_of_stage
         from discrepancy.search.without_significance import last_resort
 
-        study, setup = self.study, self.study.setup
+        study, problem = self.study, self.study.problem
         study.progress("does anything that is left follow the inputs?")
-        study.follows = omnibus_of_stage(study.stage, level=setup.level / LOOKS, seed=setup.seed)
-        if study.follows is None or not study.follows.rejects or not setup.max_effects:
+        study.follows = omnibus_of_stage(study.stage, level=problem.level / LOOKS, seed=problem.seed)
+        if study.follows is None or not study.follows.rejects or not problem.max_effects:
             return False
         found = last_resort(
             study.stage, study.steps[-1].scan, study.tried,
-            include=setup.include, exclude=setup.exclude,
+            include=problem.include, exclude=problem.exclude,
             p_value=min(1.0, LOOKS * study.follows.p), progress=study.progress,
         )  # fmt: skip
         if found is None or found.accepted is None:
@@ -141,7 +141,7 @@ class Search:
             stage = self.study.fitted(trial.name, trial.effects, trial, trial.noise)
         except RuntimeError as error:  # the trial could be simulated, what is near it cannot
             self.study.progress(f"{trial.effects[-1]} could not be fitted further, the trial's fit stands: {error}")
-            stage = beside_held_out(self.study.setup, trial)
+            stage = beside_held_out(self.study.problem, trial)
         told = replace(accepted, effect=stage.effects[-1]) if accepted is not None else None
         there = set(map(str, stage.effects))
         self.study.stages[:] = [_told_alone(s, there) for s in self.study.stages]
@@ -234,11 +234,11 @@ class Search:
         """Ask whether a curve tells the truth better than the laws found, or finds what no law did."""
         from discrepancy.search.backward_elimination import free_curve
 
-        level, seed = self.study.setup.level, self.study.setup.seed
+        level, seed = self.study.problem.level, self.study.problem.seed
         if any(s.accepted is not None for s in self.study.stages):
             if not self._swap_for_curve():
                 self._swap_for_curve(anywhere=True)
-        elif len(self.study.stage.effects) < self.study.setup.max_effects:
+        elif len(self.study.stage.effects) < self.study.problem.max_effects:
             found = free_curve(self.study.stage, self.study.refit, level=level, seed=seed, progress=self.study.progress)
             if found is not None and self._recalibrated(found):
                 self._add_significant()
@@ -259,7 +259,7 @@ class Search:
         study = self.study
         look = curve_instead if anywhere else partial(replace_by_curve, last_word=last_word)
         swapped = look(
-            study.stages, study.refit, level=study.setup.level, seed=study.setup.seed, progress=study.progress
+            study.stages, study.refit, level=study.problem.level, seed=study.problem.seed, progress=study.progress
         )
         if swapped is None:
             return False

@@ -63,14 +63,14 @@ def beyond_priors(study: Study, baseline: Stage, found: Stage) -> Beyond | None:
     Beyond or None
         None where no parameter has to leave its uncertainty, or the effect explains more.
     """
-    if not any(np.isfinite(q.std) for q in study.setup.uncertain):
+    if not any(np.isfinite(q.std) for q in study.problem.uncertain):
         return None
-    wide = tuple(replace(q, std=WIDER * q.std) for q in study.setup.uncertain)
+    wide = tuple(replace(q, std=WIDER * q.std) for q in study.problem.uncertain)
     try:
         free = study.with_uncertain(wide, baseline)
     except RuntimeError:  # values at which the machine cannot be simulated explain nothing
         return None
-    moved = outside(free.identify, {q.name: q for q in study.setup.uncertain})
+    moved = outside(free.identify, {q.name: q for q in study.problem.uncertain})
     difference = bic_difference(free, found)
     if not moved or difference > TIE:
         return None

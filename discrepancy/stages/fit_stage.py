@@ -14,7 +14,7 @@ from estimation.fit.calibrate import calibrate, evaluate
 
 if TYPE_CHECKING:
     from discrepancy.effects.effect import Effect
-    from discrepancy.problem.problem import Setup
+    from discrepancy.problem.problem import Problem
     from multibody.model.model import Model
 
 __all__ = ["Held", "beside_held_out", "fitted_stage"]
@@ -24,7 +24,7 @@ Held = tuple[Mapping[str, float], Sequence[np.ndarray], Mapping[str, float]]
 
 
 def fitted_stage(
-    setup: Setup,
+    problem: Problem,
     origin: Model,
     name: str,
     effects: tuple[Effect, ...],
@@ -41,7 +41,7 @@ def fitted_stage(
 
     Parameters
     ----------
-    setup : Setup
+    problem : Problem
         Model, records and uncertain parameters as they are confronted.
     origin : Model
         The machine as the user gave it, which the stage's own machine is built from.
@@ -61,27 +61,27 @@ def fitted_stage(
         What an earlier fit has given: nothing is fitted to the records for identification then.
     progress : callable
     """
-    model = setup.model
+    model = problem.model
     for effect in effects:
         model = effect.added_to(model)
-    measured = setup.identify[0].outputs
+    measured = problem.identify[0].outputs
     system = model.build(probes=True)
     slim = model.build(probes=True, outputs=measured)
     sensors = tuple(s for e in effects if (s := e.sensor_error()) is not None)
-    parameters = list(setup.uncertain) if move else []
+    parameters = list(problem.uncertain) if move else []
     begun = start.identify.to_dict() if start is not None else {}
     own, scale = _own(start), start.identify.scale if trial and start is not None else None
     if stated:
-        begun, own = {k: v for k, v in begun.items() if k not in {q.name for q in setup.uncertain}}, None
+        begun, own = {k: v for k, v in begun.items() if k not in {q.name for q in problem.uncertain}}, None
     if held is not None:
         begun, own, scale = dict(held[0]), list(held[1]), dict(held[2])
-    base = system.parameter_vector({p.name: p.value for p in setup.uncertain})
+    base = system.parameter_vector({p.name: p.value for p in problem.uncertain})
     for effect in effects:
         parameters += effect.uncertain()
     first = [begun.get(p.name, p.value) for p in parameters]
     found = calibrate(
         slim,
-        setup.identify,
+        problem.identify,
         parameters,
         noise=noise,
         sensors=sensors,
@@ -100,10 +100,10 @@ def fitted_stage(
     fitted = tuple(e.with_values(found.to_dict()) for e in effects)
     sensors = tuple(s for e in fitted if (s := e.sensor_error()) is not None)
     beside = None
-    if setup.validate and not trial:
-        beside = evaluate(slim, setup.validate, found, noise=noise, sensors=sensors, base=base)
+    if problem.validate and not trial:
+        beside = evaluate(slim, problem.validate, found, noise=noise, sensors=sensors, base=base)
     values = {k: v for k, v in found.to_dict().items() if not k.startswith("sensor.")}
-    given = {} if move else {q.name: q.value for q in setup.uncertain}
+    given = {} if move else {q.name: q.value for q in problem.uncertain}
     machine = None
     if not trial:
         units = {n: system.unit(n) for n in measured}
@@ -124,13 +124,13 @@ def fitted_stage(
     )
 
 
-def beside_held_out(setup: Setup, stage: Stage) -> Stage:
+def beside_held_out(problem: Problem, stage: Stage) -> Stage:
     """Return a stage laid beside the held-out records as it is."""
-    if not setup.validate:
+    if not problem.validate:
         return stage
-    base = stage.system.parameter_vector({p.name: p.value for p in setup.uncertain})
+    base = stage.system.parameter_vector({p.name: p.value for p in problem.uncertain})
     held = evaluate(
-        stage.slim, setup.validate, stage.identify, noise=stage.noise, sensors=stage.sensors, base=base
+        stage.slim, problem.validate, stage.identify, noise=stage.noise, sensors=stage.sensors, base=base
     )
     return replace(stage, validate=held)
 

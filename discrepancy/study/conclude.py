@@ -44,7 +44,7 @@ _NUMBER = {1: "one effect", 2: "two effects", 3: "three effects"}
 
 def conclude(study: Study) -> Conclusion:
     """Return what a study found, in words and figures."""
-    setup, stages = study.setup, tuple(study.stages)
+    problem, stages = study.problem, tuple(study.stages)
     accepted = [s.accepted for s in stages if s.accepted is not None]
     verdict = _verdict(accepted)
     unknown = described = None
@@ -66,7 +66,7 @@ def conclude(study: Study) -> Conclusion:
     refused, hidden = _left_over(study)
     slight = _slight(study)
     separating = study.unless_it_fails("what to measure next", lambda: next_measurements(study)) or ()
-    warnings = setup.warnings
+    warnings = problem.warnings
     if study.beyond is not None and accepted:
         warnings = (*warnings, study.beyond.told(f"{_title(accepted[0].effect.kind)} at {accepted[0].effect.where}"))
     if not accepted and (far := outside(stages[-1].identify)):
@@ -83,8 +83,8 @@ def conclude(study: Study) -> Conclusion:
     if study.interrupted:
         warnings = (*warnings, "The search was interrupted: there may be more to find than what stands here.")
         verdict = verdict if accepted else ""
-    paths = [str(setup.path)] if setup.path is not None else []
-    paths += [str(e.record.path) for e in (*setup.identify, *setup.validate)]
+    paths = [str(problem.path)] if problem.path is not None else []
+    paths += [str(e.record.path) for e in (*problem.identify, *problem.validate)]
     found = Conclusion(
         verdict=verdict,
         sentence="",
@@ -97,9 +97,9 @@ def conclude(study: Study) -> Conclusion:
         warnings=warnings,
         residual_mode=study.mode,
         residual_reason=study.mode_reason,
-        seed=setup.seed,
-        level=setup.level,
-        name=setup.name,
+        seed=problem.seed,
+        level=problem.level,
+        name=problem.name,
         paths=tuple(paths),
         extra={
             "separating_trips": [s.to_dict() for s in separating],
@@ -130,7 +130,7 @@ def _trends(study: Study) -> tuple[Trend, ...]:
     """Return the parameters that change along the records, if a search has asked for anything at all."""
     if not study.steps:
         return ()
-    return parameter_trends(study.stages[-1], study.setup.level, study.setup.seed)
+    return parameter_trends(study.stages[-1], study.problem.level, study.problem.seed)
 
 
 def _verdict(accepted: Sequence[Accepted]) -> str:

@@ -29,17 +29,17 @@ SCHEMA = 1
 
 def fingerprint(study: Study) -> str:
     """Return digits that change with the model, the records, and what the study asks."""
-    setup = study.given
+    problem = study.given
     digest = hashlib.sha256()
     parts = [
-        setup.model.describe(),
-        *(f"{q.name} {q.value!r} {q.std!r} {q.min!r} {q.max!r}" for q in setup.uncertain),
-        *(f"{n} {v!r}" for n, v in sorted(setup.noise.items())),
-        repr((setup.include, setup.exclude, setup.level, setup.seed, setup.residual, setup.inputs)),
+        problem.model.describe(),
+        *(f"{q.name} {q.value!r} {q.std!r} {q.min!r} {q.max!r}" for q in problem.uncertain),
+        *(f"{n} {v!r}" for n, v in sorted(problem.noise.items())),
+        repr((problem.include, problem.exclude, problem.level, problem.seed, problem.residual, problem.inputs)),
     ]
     for text in parts:
         digest.update(text.encode() + b"\0")
-    for e in (*setup.identify, *setup.validate):
+    for e in (*problem.identify, *problem.validate):
         digest.update(repr((e.inputs, e.outputs, e.preparation, sorted(e.start.items()), e.free, e.offsets)).encode())
         digest.update(np.ascontiguousarray(e.record.time).tobytes())
         for name in (*e.inputs, *e.outputs):
@@ -76,9 +76,9 @@ def save_history(study: Study, path: str | Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {
         "schema": SCHEMA,
-        "study": study.setup.name,
+        "study": study.problem.name,
         "fingerprint": fingerprint(study),
-        "seed": study.setup.seed,
+        "seed": study.problem.seed,
         "settled": study.settled,
         "in_windows_instead": study.mode_reason if study.in_windows_instead else "",
         "stages": [_entry(s) for s in study.stages],

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from discrepancy.effects.effect import Effect
-from discrepancy.problem.problem import Setup, from_file, noise_floors
+from discrepancy.problem.problem import Problem, noise_floors, read_problem
 from discrepancy.search.effect_presence import standing
 from discrepancy.search.look_ahead import look_ahead
 from discrepancy.search.step import Step, scored, search_step
@@ -45,7 +45,7 @@ class Study:
 
     Parameters
     ----------
-    setup : Setup
+    problem : Problem
     progress : callable
         Gets a line of text for everything that takes a while.
     checkpoint : callable, optional
@@ -65,11 +65,11 @@ class Study:
 
     Attributes
     ----------
-    given : Setup
-        As handed in; ``setup`` may hold windows, or a copy of the model whose motion is prescribed.
+    given : Problem
+        As handed in; ``problem`` may hold windows, or a copy of the model whose motion is prescribed.
     """
 
-    setup: Setup
+    problem: Problem
     progress: Callable[[str], None] = silent
     stages: list[Stage] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
@@ -83,7 +83,7 @@ class Study:
     troubles: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.given = self.setup
+        self.given = self.problem
 
     @classmethod
     def from_file(
@@ -94,8 +94,8 @@ class Study:
         max_effects: int | None = None,
         progress: Callable[[str], None] = silent,
     ) -> Study:
-        """Return the study that a study file describes; see `discrepancy.problem.problem.from_file`."""
-        return cls(from_file(path, seed=seed, max_effects=max_effects), progress)
+        """Return the study that a study file describes; see `discrepancy.problem.problem.read_problem`."""
+        return cls(read_problem(path, seed=seed, max_effects=max_effects), progress)
 
     # ---------------------------------------------------------------- stages
 
@@ -111,13 +111,13 @@ class Study:
         from discrepancy.residual.confront import confront
 
         if self.confronted is None:
-            self._confront(confront(self.setup, self.progress))
+            self._confront(confront(self.problem, self.progress))
 
     def _confront(self, confronted: Confronted) -> None:
         from discrepancy.residual.accuracy import bounded_effort
 
         self.confronted = confronted
-        self.setup = bounded_effort(confronted.setup)
+        self.problem = bounded_effort(confronted.problem)
 
     def cut_into_windows(self, errors: Mapping[str, float] | None = None) -> bool:
         """Begin again in windows where simulations with these errors (or any) do not follow; say whether that is so."""
@@ -137,7 +137,7 @@ class Study:
     def _begin(self) -> None:
         self.prepare()
         self.progress("simulate the model as given")
-        noise = noise_floors(self.setup.identify, self.setup.noise)
+        noise = noise_floors(self.problem.identify, self.problem.noise)
         self.stages.append(self.fitted("as given", (), None, noise, move=False))
         self.progress("recalibrate the uncertain parameters")
         self.stages.append(self.fitted("recalibrated", (), None, noise))
@@ -178,7 +178,7 @@ class Study:
     ) -> Stage:
         """Return a fitted stage of this study; options as of `fitted_stage`."""
         return fitted_stage(
-            self.setup, self.given.model, name, effects, start, noise, progress=self.progress, **options
+            self.problem, self.given.model, name, effects, start, noise, progress=self.progress, **options
         )
 
     def add(self, effect: Effect, accepted: Accepted | None = None) -> Stage:
@@ -233,7 +233,7 @@ class Study:
     @property
     def mode(self) -> str:
         """How the model is confronted with the records: ``"simulation"``, ``"prediction"`` or ``"inverse"``."""
-        return self.confronted.mode if self.confronted is not None else self.setup.residual
+        return self.confronted.mode if self.confronted is not None else self.problem.residual
 
     @property
     def mode_reason(self) -> str:
@@ -259,7 +259,7 @@ class Study:
         stage = self.stage  # the first call makes stages
         asked = self._asked(len(self.stages))
         step = search_step(stage, self.tried, **asked)
-        if self.setup.max_effects - len(stage.effects) > 1:
+        if self.problem.max_effects - len(stage.effects) > 1:
             step = look_ahead(step, stage, self.refit, **asked)
         step = standing(step, stage, lambda trial: self.fitted(trial.name, trial.effects, trial, trial.noise))
         self.steps.append(step)
@@ -268,7 +268,7 @@ class Study:
 
     def _asked(self, count: int) -> dict[str, Any]:
         """Return how candidates are scored on the last of so many stages."""
-        given = self.setup
+        given = self.problem
         return {
             "include": given.include, "exclude": given.exclude, "level": given.level, "seed": given.seed + count,
             "progress": self.progress,
@@ -300,7 +300,7 @@ class Study:
 
     def with_uncertain(self, uncertain: tuple[UncertainParameter, ...], start: Stage) -> Stage:
         """Fit a stage's model on trial with other deviations of the uncertain parameters."""
-        other = Study(replace(self.setup, uncertain=uncertain), self.progress, confronted=self.confronted)
+        other = Study(replace(self.problem, uncertain=uncertain), self.progress, confronted=self.confronted)
         return other.fitted(start.name, start.effects, start, start.noise, trial=True)
 
     def refit(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
@@ -331,5 +331,5 @@ class Study:
         return pandas.DataFrame(cells, index=list(rows), columns=columns)
 
     def __repr__(self) -> str:
-        records = f"{len(self.setup.identify)} + {len(self.setup.validate)} records"
-        return f"Study({self.setup.name!r}: {records}, {len(self.stages)} stages)"
+        records = f"{len(self.problem.identify)} + {len(self.problem.validate)} records"
+        return f"Study({self.problem.name!r}: {records}, {len(self.stages)} stages)"

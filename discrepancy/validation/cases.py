@@ -47,7 +47,7 @@ def diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axis
 
     begun = time.perf_counter()
     case = machine_module(machine).case(seed, list(hidden), **rig)
-    study = Study(case.setup(seed=seed))
+    study = Study(case.problem(seed=seed))
     conclusion = study.diagnose()
     found = [s.accepted for s in study.stages if s.accepted is not None]
     names = tuple(str(a.effect) for a in found)
@@ -94,7 +94,7 @@ def _beside_truth(study: Any, hidden: Sequence[str], named: Sequence[str], truth
         return math.nan
     if set(hidden) == set(named):
         return 1.0
-    start, experiment = study.stages[1], study.setup.identify[0]
+    start, experiment = study.stages[1], study.problem.identify[0]
     entries = {e.name: e for e in catalogue(start.system, experiment.outputs, experiment.inputs)}
     effects, bent = [], False
     for each in truth:
@@ -127,7 +127,7 @@ def _visible(seed: int, machine: str = "axis") -> dict[str, float]:
     """Return the smallest visible strength of every candidate on the records of a seed, nothing being hidden."""
     from discrepancy.study.study import Study
 
-    study = Study(machine_module(machine).case(seed).setup(seed=seed))
+    study = Study(machine_module(machine).case(seed).problem(seed=seed))
     scan = study.explain().scan
     return {r.name: float(r.mde) for r in scan.rows}
 

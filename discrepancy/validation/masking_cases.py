@@ -56,7 +56,7 @@ def masking_pair(seed: int, machine: str = "axis") -> Strengths:
     from discrepancy.study.study import Study
 
     module = machine_module(machine)
-    scan = Study(module.case(seed).setup(seed=seed)).explain().scan
+    scan = Study(module.case(seed).problem(seed=seed)).explain().scan
     sizes = {f"{e['kind']}@{e['where']}": e["parameters"] for e in module.sizes(seed, list(module.names()))}
     stated = {n: [v.get("stated", 0.0) for k, v in p.items() if k in kind_named(n.partition("@")[0]).strengths]
               for n, p in sizes.items()}  # fmt: skip

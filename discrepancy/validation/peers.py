@@ -77,7 +77,7 @@ def peer_trial(seed: int, hidden: Sequence[str], module: str = AXIS) -> PeerTria
     from discrepancy.validation.peers_methods import methods_on
 
     case = import_module(module).case(seed, list(hidden))
-    study = Study(case.setup(seed=seed))
+    study = Study(case.problem(seed=seed))
     begun = time.perf_counter()
     stage = study.stage
     calibrated = time.perf_counter()

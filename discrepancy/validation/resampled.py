@@ -336,10 +336,10 @@ def best_stage(study_file: Path, out: Path, progress: Callable[[str], None] = la
         study.diagnose()
         out.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps([asdict(e) for e in study.stage.effects], indent=1) + "\n")
-        return study.stage, study.setup.level
+        return study.stage, study.problem.level
     effects = tuple(Effect(**{**e, "ports": tuple(e["ports"])}) for e in json.loads(path.read_text()))
     first = study.stage
-    return study.fitted("best", effects, first, first.noise), study.setup.level
+    return study.fitted("best", effects, first, first.noise), study.problem.level
 
 
 def read_resampled(path: Path) -> list[Resampled]:

@@ -29,7 +29,7 @@ def figures() -> dict[str, float]:
     place = next(p for p in study.stage.system.places if p.name == "guide")
     kind, strengths, shape = WORN
     stage = study.add(Effect.at_place(kind, place, strengths=strengths, shape=shape))
-    (fitted,), (held,) = study.setup.identify, study.setup.validate
+    (fitted,), (held,) = study.problem.identify, study.problem.validate
     found = {
         "position, model": stage.rmse("validate")["carriage.position"],
         "position, copy of the other recording": rms(

@@ -19,7 +19,7 @@ from gearbox.rig.hidden import HiddenFault
 from gearbox.rig.rig import TEETH, GearRig
 
 if TYPE_CHECKING:
-    from discrepancy.problem.problem import Setup
+    from discrepancy.problem.problem import Problem
 
 __all__ = ["SCALED", "TRIALS", "UNKNOWN", "GearCase", "case", "names", "sizes"]
 
@@ -52,13 +52,13 @@ class GearCase:
         """What was hidden, by the names of the model under test."""
         return {"effects": sizes(self.seed, self.hidden)}
 
-    def setup(self, seed: int = 0) -> Setup:
+    def problem(self, seed: int = 0) -> Problem:
         """Make the recordings and read them back as anybody's."""
-        from discrepancy.problem.problem import from_file
+        from discrepancy.problem.problem import read_problem
 
         with TemporaryDirectory() as folder:
             path = make_encoders(Path(folder), [_on_rig(name) for name in self.hidden], rig=GearRig(seed=self.seed))
-            return from_file(path, seed=seed)
+            return read_problem(path, seed=seed)
 
 
 def _on_rig(name: str) -> str:

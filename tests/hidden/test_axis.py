@@ -19,7 +19,7 @@ from discrepancy.validation.trials import wilson
 
 def diagnosed(seed, hide):
     case = axis_case(seed, hide)
-    study = Study(case.setup(seed=seed))
+    study = Study(case.problem(seed=seed))
     return case, study, study.diagnose()
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.kinds import Kind, KindText, kinds, register
-from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal
 from estimation.fit.calibrate import UncertainParameter
@@ -75,14 +75,16 @@ def record(name: str, hidden: dict[str, float], seed: int) -> Record:
 def test_a_built_in_effect_is_found_where_it_is(side: str, hidden: dict[str, float]) -> None:
     model = oscillator()
     groups = [
-        experiments_of(model, [record(n, hidden, k) for n, k in names], ["push"], ["body.position"])
+        make_experiments(model, [record(n, hidden, k) for n, k in names], ["push"], ["body.position"])
         for names in ([("a", 1), ("b", 2)], [("c", 3)])
     ]
     uncertain = (UncertainParameter("damper.damping", 6.0, 1.0, 0.0, 50.0, "N*s/m"),
                  UncertainParameter("springs.stiffness", 400.0, 40.0, 1.0, 4000.0, "N/m"))  # fmt: skip
-    setup = Setup("springs", model, uncertain, *groups, max_effects=1, residual="simulation",
-                  include=("test_hardening@*", "coulomb_friction@*", "sensor_*"))  # fmt: skip
-    study = Study(setup)
+    problem = Problem(
+        name="springs", model=model, uncertain=uncertain, identify=groups[0], validate=groups[1],
+        max_effects=1, residual="simulation", include=("test_hardening@*", "coulomb_friction@*", "sensor_*"),
+    )  # fmt: skip
+    study = Study(problem)
     conclusion = study.diagnose()
     if not side:
         assert conclusion.verdict == "nothing missing"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.residual.confront import Confronted, windows_instead
 from discrepancy.study.history import restore, save_history
 from discrepancy.study.study import Study
@@ -45,9 +45,18 @@ def study_of(offset: float) -> Study:
         angle = run["rod.angle"] + 3e-4 * rng.standard_normal(time.size)
         signals = {"drive.torque": Signal(torque, "N*m", "u", "N*m"), "rod.angle": Signal(angle, "rad", "y", "rad")}
         records.append(Record(f"run{k}", Path(f"run{k}.csv"), time, signals))
-    experiments = experiments_of(model, records, ("drive.torque",), ("rod.angle",))
+    experiments = make_experiments(model, records, ("drive.torque",), ("rod.angle",))
     uncertain = (UncertainParameter("pivot.viscous", 0.01, 0.003, 0.0, unit="N*m*s/rad"),)
-    return Study(Setup("pendulum", model, uncertain, experiments[:2], experiments[2:], include=INCLUDE))
+    return Study(
+        Problem(
+            name="pendulum",
+            model=model,
+            uncertain=uncertain,
+            identify=experiments[:2],
+            validate=experiments[2:],
+            include=INCLUDE,
+        )
+    )
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from vtsdt.rig.suite_lift import case, names, sizes
 
 def diagnosed(seed, hide):
     made = case(seed, hide)
-    study = Study(made.setup(seed=seed))
+    study = Study(made.problem(seed=seed))
     return made, study, study.diagnose()
 
 

@@ -16,13 +16,13 @@ HIDDEN = {
 
 
 @pytest.fixture(scope="module")
-def setup():
-    return AxisRig(seed=1, strengths=HIDDEN).case(list(HIDDEN)).setup(seed=1)
+def problem():
+    return AxisRig(seed=1, strengths=HIDDEN).case(list(HIDDEN)).problem(seed=1)
 
 
 @pytest.fixture(scope="module")
-def study(setup):
-    study = Study(setup)
+def study(problem):
+    study = Study(problem)
     study.diagnose()
     return study
 
@@ -49,22 +49,24 @@ def test_the_story_says_that_they_hide_each_other(study):
     assert not any("do not trust it" in w for w in told["warnings"])
 
 
-def test_one_step_at_a_time_names_something_else(setup, monkeypatch):
+def test_one_step_at_a_time_names_something_else(problem, monkeypatch):
     """What the look-ahead is for: without it the search of this case ends with effects that are not there."""
     from discrepancy.study import study as module
 
     monkeypatch.setattr(module, "look_ahead", lambda step, *args, **settings: step)
-    alone = Study(setup)
+    alone = Study(problem)
     alone.diagnose()
     assert not {str(e) for e in alone.stage.effects} & set(HIDDEN)
 
 
-def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(setup, interrupter, tmp_path):
+def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(problem, interrupter, tmp_path):
     from dataclasses import replace
 
     from discrepancy.study.history import restore, save_history
 
-    few = replace(setup, include=("sensor_delay@*", "position_loop_gain@*", "speed_loop_gain@*", "viscous_friction@*"))
+    few = replace(
+        problem, include=("sensor_delay@*", "position_loop_gain@*", "speed_loop_gain@*", "viscous_friction@*")
+    )
     whole, broken, again = Study(few), Study(few, progress=interrupter("add position_loop")), Study(few)
     whole.diagnose()
     broken.checkpoint = lambda s: save_history(s, tmp_path / "history.json")
@@ -100,10 +102,10 @@ def test_what_is_left_of_the_two_is_hidden_by_nothing(study, monkeypatch):
     assert not study.stages[3].half
 
 
-def test_no_room_for_two_is_no_look_ahead(setup):
+def test_no_room_for_two_is_no_look_ahead(problem):
     from dataclasses import replace
 
-    one = Study(replace(setup, max_effects=1))
+    one = Study(replace(problem, max_effects=1))
     assert one.explain().first is None
 
 
@@ -115,8 +117,8 @@ def test_pairs_of_the_suite_cancel_as_far_as_they_can():
     assert len(pair) == 2
     for name, strengths in pair.items():
         assert set(strengths) == set(kind_named(name.partition("@")[0]).strengths)
-    none = Study(AxisRig(seed=1).case([]).setup(seed=1)).explain().scan
-    both = Study(AxisRig(seed=1, strengths=pair).case(list(pair)).setup(seed=1)).explain().scan
+    none = Study(AxisRig(seed=1).case([]).problem(seed=1)).explain().scan
+    both = Study(AxisRig(seed=1, strengths=pair).case(list(pair)).problem(seed=1)).explain().scan
     from discrepancy.statistics.masking_pairs import PairScores
 
     seen = next(p for p in PairScores(both).masking() if set(p.names) == set(pair))

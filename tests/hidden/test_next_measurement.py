@@ -20,7 +20,7 @@ from estimation.signals.preparation import smooth_derivative
 
 def explained_by(case, *kinds):
     """Return a fitted stage for each kind at the guide in turn."""
-    study = Study(case.setup(seed=1))
+    study = Study(case.problem(seed=1))
     stage = study.stage
     place = next(p for p in stage.system.places if p.name == "guide")
     return [
@@ -100,9 +100,9 @@ def test_bench_carries_out_a_plan(tmp_path):
     assert '"coupling.twist_torque"' in text
     assert json.loads((study.parent / "truth.json").read_text())["load"]["value"] == pytest.approx(20.0)
     assert "1.5 times the speed" in (study.parent / "README.md").read_text()
-    from discrepancy.problem.problem import from_file
+    from discrepancy.problem.problem import read_problem
 
-    setup = from_file(study)
-    assert setup.identify[0].record.time[-1] == pytest.approx(4.0, abs=0.05)
-    mass = next(u for u in setup.uncertain if u.name == "carriage.m")
+    problem = read_problem(study)
+    assert problem.identify[0].record.time[-1] == pytest.approx(4.0, abs=0.05)
+    mass = next(u for u in problem.uncertain if u.name == "carriage.m")
     assert mass.value == 60.0

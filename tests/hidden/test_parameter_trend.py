@@ -15,12 +15,12 @@ from discrepancy.study.study import Study
 NAME, CHANGE = "guide.viscous", 20.0
 
 
-def growing(setup):
-    """Return the setup with recordings of an axis whose friction grows from trip to trip."""
-    system = setup.model.build(outputs=setup.identify[0].outputs)
-    nominal = system.parameter_vector({q.name: q.value for q in setup.uncertain})
+def growing(problem):
+    """Return the problem with recordings of an axis whose friction grows from trip to trip."""
+    system = problem.model.build(outputs=problem.identify[0].outputs)
+    nominal = system.parameter_vector({q.name: q.value for q in problem.uncertain})
     found = []
-    for experiment, along in zip(setup.identify, np.linspace(-0.5, 0.5, len(setup.identify)), strict=True):
+    for experiment, along in zip(problem.identify, np.linspace(-0.5, 0.5, len(problem.identify)), strict=True):
         changed = nominal.copy()
         changed[system.index("parameter", NAME)] += CHANGE * along
         raw = replace(experiment, preparation=type(experiment.preparation)(), _cache={})
@@ -30,16 +30,16 @@ def growing(setup):
         for c, name in enumerate(experiment.outputs):
             signals[name] = replace(signals[name], values=signals[name].values + more[:, c])
         found.append(replace(experiment, record=replace(record, signals=signals), _cache={}))
-    return replace(setup, identify=tuple(found))
+    return replace(problem, identify=tuple(found))
 
 
 @pytest.fixture(scope="module")
-def setup():
-    return axis_case(3, [], trips=8).setup(seed=3)
+def problem():
+    return axis_case(3, [], trips=8).problem(seed=3)
 
 
-def test_friction_that_grows_from_trip_to_trip_is_told_and_nothing_is_named(setup):
-    study = Study(growing(setup))
+def test_friction_that_grows_from_trip_to_trip_is_told_and_nothing_is_named(problem):
+    study = Study(growing(problem))
     conclusion = study.diagnose()
     assert not conclusion.accepted
     (trend,) = to_diagnosis(conclusion)["parameter_trends"]
@@ -49,7 +49,7 @@ def test_friction_that_grows_from_trip_to_trip_is_told_and_nothing_is_named(setu
     assert any(w.startswith(f"{NAME} changes along the records") for w in conclusion.warnings)
 
 
-def test_where_nothing_changes_nothing_is_told(setup):
-    study = Study(setup)
+def test_where_nothing_changes_nothing_is_told(problem):
+    study = Study(problem)
     study.compare()
-    assert parameter_trends(study.stage, setup.level, setup.seed) == ()
+    assert parameter_trends(study.stage, problem.level, problem.seed) == ()

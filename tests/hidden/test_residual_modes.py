@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from discrepancy.effects.effect import Effect
-from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal
 from estimation.fit.calibrate import UncertainParameter
@@ -53,8 +53,8 @@ def coloured(rng, n, cutoff_hz, step):
     return values / np.std(values)
 
 
-def found_in(setup):
-    study = Study(setup)
+def found_in(problem):
+    study = Study(problem)
     conclusion = study.diagnose()
     return study, conclusion, [s.accepted.effect for s in study.stages if s.accepted is not None]
 
@@ -72,7 +72,7 @@ def slide():
     return model
 
 
-def slide_setup(dry, seed):
+def slide_problem(dry, seed):
     rng = np.random.default_rng(seed)
     truth = with_effect(slide(), "guide", "coulomb_friction", coulomb=dry, v_s=2e-3) if dry else slide()
     system, step = truth.build(), 0.005
@@ -90,13 +90,18 @@ def slide_setup(dry, seed):
     model, io = slide(), (("drive.force",), ("carriage.position",))
     uncertain = (
         UncertainParameter("guide.viscous", 3.0, 3.0, 0.0), UncertainParameter("carriage.m", 20.0, 0.2))
-    return Setup(
-        "slide", model, uncertain, experiments_of(model, records[:2], *io), experiments_of(model, records[2:], *io),
-        seed=seed)
+    return Problem(
+        name="slide",
+        model=model,
+        uncertain=uncertain,
+        identify=make_experiments(model, records[:2], *io),
+        validate=make_experiments(model, records[2:], *io),
+        seed=seed,
+    )
 
 
 def test_friction_of_a_free_slide_is_found_in_windows():
-    study, conclusion, effects = found_in(slide_setup(1.0, seed=1))
+    study, conclusion, effects = found_in(slide_problem(1.0, seed=1))
     assert study.mode == "prediction"
     assert [(e.kind in DRY, e.where) for e in effects] == [(True, "guide")]
     # 0.5 % of gain error and the noise: 5 % are allowed
@@ -107,7 +112,7 @@ def test_friction_of_a_free_slide_is_found_in_windows():
 
 
 def test_nothing_is_invented_on_a_free_slide():
-    _, conclusion, effects = found_in(slide_setup(0.0, seed=2))
+    _, conclusion, effects = found_in(slide_problem(0.0, seed=2))
     assert (conclusion.verdict, effects) == ("nothing missing", [])
 
 
@@ -129,7 +134,7 @@ def arm():
     return model
 
 
-def arm_setup(dry, seed):
+def arm_problem(dry, seed):
     rng = np.random.default_rng(seed)
     truth = arm().with_values({"shoulder_bearing.damping": 0.024, "elbow_bearing.damping": 0.017})
     if dry:
@@ -152,14 +157,19 @@ def arm_setup(dry, seed):
     uncertain = (
         UncertainParameter("shoulder_bearing.damping", 0.02, 0.01, 0.0),
         UncertainParameter("elbow_bearing.damping", 0.02, 0.01, 0.0), UncertainParameter("fore.mass", 0.7, 0.03))
-    return Setup(
-        "arm", model, uncertain, experiments_of(model, records[:2], *io), experiments_of(model, records[2:], *io),
-        seed=seed)
+    return Problem(
+        name="arm",
+        model=model,
+        uncertain=uncertain,
+        identify=make_experiments(model, records[:2], *io),
+        validate=make_experiments(model, records[2:], *io),
+        seed=seed,
+    )
 
 
 @pytest.mark.slow
 def test_friction_at_a_joint_of_a_tumbling_arm_is_found():
-    study, _, effects = found_in(arm_setup(0.15, seed=2))
+    study, _, effects = found_in(arm_problem(0.15, seed=2))
     assert study.mode == "prediction"
     assert "a start 1 % off grows" in study.mode_reason
     assert (effects[0].kind in DRY, effects[0].where) == (True, "elbow_bearing")
@@ -168,7 +178,7 @@ def test_friction_at_a_joint_of_a_tumbling_arm_is_found():
 
 @pytest.mark.slow
 def test_nothing_is_invented_on_a_tumbling_arm():
-    study, conclusion, effects = found_in(arm_setup(0.0, seed=1))
+    study, conclusion, effects = found_in(arm_problem(0.0, seed=1))
     assert (study.mode, conclusion.verdict, effects) == ("prediction", "nothing missing", [])
 
 
@@ -199,7 +209,7 @@ def speed_controlled(model):
     return loop
 
 
-def drive_setup(seed, kind="", **parameters):
+def drive_problem(seed, kind="", **parameters):
     rng = np.random.default_rng(seed)
     truth = with_effect(drive(), "bearing", kind, **parameters) if kind else drive()
     system, step, records = speed_controlled(truth).build(), 0.002, []
@@ -219,33 +229,39 @@ def drive_setup(seed, kind="", **parameters):
     model, io = drive(), (("motor.torque",), ("rotor.angle", "rotor.speed"))
     uncertain = (
         UncertainParameter("bearing.damping", 0.01, 0.01, 0.0), UncertainParameter("rotor.J", 0.02, 0.002))
-    return Setup(
-        "drive", model, uncertain, experiments_of(model, records[:2], *io), experiments_of(model, records[2:], *io),
-        seed=seed, residual="inverse")
+    return Problem(
+        name="drive",
+        model=model,
+        uncertain=uncertain,
+        identify=make_experiments(model, records[:2], *io),
+        validate=make_experiments(model, records[2:], *io),
+        seed=seed,
+        residual="inverse",
+    )
 
 
 def test_dry_friction_of_a_drive_is_found_by_the_inverse_residual():
-    study, _, effects = found_in(drive_setup(1, "coulomb_friction", coulomb=0.1, v_s=0.2))
+    study, _, effects = found_in(drive_problem(1, "coulomb_friction", coulomb=0.1, v_s=0.2))
     assert (study.mode, study.stage.outputs) == ("inverse", ("motor.torque",))
     assert [(e.kind in DRY, e.where) for e in effects] == [(True, "bearing")]
     assert all(v == pytest.approx(0.1, rel=0.05) for v in effects[0].strengths.values())
 
 
 def test_stribeck_friction_of_a_drive_is_found_by_the_inverse_residual():
-    _, _, effects = found_in(drive_setup(2, "stribeck_friction", breakaway=0.1, v_s=0.2, v_stribeck=3.0))
+    _, _, effects = found_in(drive_problem(2, "stribeck_friction", breakaway=0.1, v_s=0.2, v_stribeck=3.0))
     assert [(e.kind, e.where) for e in effects] == [("stribeck_friction", "bearing")]
     assert effects[0].strengths["breakaway"] == pytest.approx(0.1, rel=0.1)
 
 
 def test_nothing_is_invented_on_a_drive():
-    _, conclusion, effects = found_in(drive_setup(3))
+    _, conclusion, effects = found_in(drive_problem(3))
     assert (conclusion.verdict, effects) == ("nothing missing", [])
 
 
 def test_a_trip_that_ends_at_rest_does_not_speak_for_the_others():
     """On its guides a cabin that stands feels its rope no more; in the other trips 3 N of noise throw it far."""
     case = LiftRig(seed=9404, trips=4, under_test="cabin", sensor_noise={"F_c": 3.0}).case()
-    study = Study(case.setup(seed=9404))
+    study = Study(case.problem(seed=9404))
     study.prepare()
     assert study.mode == "inverse"
     assert "errors grow" in study.mode_reason

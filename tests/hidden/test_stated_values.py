@@ -10,7 +10,7 @@ import pytest
 
 from discrepancy.effects.catalogue import catalogue
 from discrepancy.effects.effect import Effect
-from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.report.write import write
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal
@@ -59,11 +59,21 @@ def record(name: str, true: dict[str, float], seed: int) -> Record:
 
 def study_of(true: dict[str, float], *more: UncertainParameter) -> Study:
     groups = [
-        experiments_of(drive(), [record(n, true, k) for n, k in names], ["reference", "torque"], OUTPUTS)
+        make_experiments(drive(), [record(n, true, k) for n, k in names], ["reference", "torque"], OUTPUTS)
         for names in ([("a", 1), ("b", 2), ("c", 3)], [("d", 4)])
     ]
     uncertain = (UncertainParameter("rotor.J", 4e-4, 2e-5, 1e-6, 1e-2, "kg*m**2"), *more)
-    return Study(Setup("drive", drive(), uncertain, *groups, residual="simulation", seed=1))
+    return Study(
+        Problem(
+            name="drive",
+            model=drive(),
+            uncertain=uncertain,
+            identify=groups[0],
+            validate=groups[1],
+            residual="simulation",
+            seed=1,
+        )
+    )
 
 
 @pytest.mark.parametrize(("kind", "name", "factor"), [

@@ -19,7 +19,7 @@ from discrepancy.study.study import Study
 @pytest.fixture(scope="module")
 def found():
     case = axis_case(1, ["unknown_force@guide"], over="position", trips=4)
-    study = Study(case.setup(seed=1))
+    study = Study(case.problem(seed=1))
     stage = free_curve(study.stage, study.refit, level=0.02, seed=1, progress=lambda text: None)
     Search(study).accept(stage.accepted, stage)
     return case, study, conclude(study)
@@ -71,14 +71,14 @@ def test_a_force_that_no_sensor_sees_is_not_called_measured(found):
 def test_what_is_left_follows_the_inputs_only_where_something_is_missing(found):
     _, study, _ = found
     assert omnibus_of_stage(study.stages[1], level=0.02).rejects
-    assert not omnibus_of_stage(Study(axis_case(7, trips=4).setup(seed=1)).stage, level=0.02).rejects
+    assert not omnibus_of_stage(Study(axis_case(7, trips=4).problem(seed=1)).stage, level=0.02).rejects
 
 
 @pytest.mark.parametrize(("seed", "over"), [(8015, "time"), (8013, "position")])
 def test_a_curve_takes_the_place_of_names_that_only_resemble_it(seed, over):
     """A slow force was taken for a drift of the torque sensor, a step over position for three waves."""
     case = axis_case(seed, ["unknown_force@guide"], over=over)
-    conclusion = Study(case.setup(seed=seed)).diagnose()
+    conclusion = Study(case.problem(seed=seed)).diagnose()
     assert conclusion.verdict == "unknown effect"
     assert conclusion.unknown.where == "guide"
     assert conclusion.extra["unknown"]["depends_on"] == over

@@ -14,7 +14,7 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "lead_screw"
 def test_dry_friction_with_the_weight_of_the_payload(measured_data, monkeypatch):
     monkeypatch.setenv("VTSDT_DATA", str(measured_data))
     study = Study.from_file(EXAMPLE / "study.toml")
-    assert len(study.setup.identify) == 32
+    assert len(study.problem.identify) == 32
     before = study.stage.rmse("validate")["motor.torque"]
     step = study.explain()
     assert step.accepted is not None

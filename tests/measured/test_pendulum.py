@@ -34,7 +34,7 @@ def test_dry_friction_is_named_on_small_swings_where_the_machine_stops_and_the_m
 ):
     monkeypatch.setenv("VTSDT_DATA", str(measured_data))
     study = Study.from_file(EXAMPLE / "study.toml")
-    study = Study(replace(study.setup, identify=study.setup.validate, validate=(), residual="simulation"))
+    study = Study(replace(study.problem, identify=study.problem.validate, validate=(), residual="simulation"))
     before = study.stage.rmse("identify")["rod.angle"]
     step = study.explain()
     assert step.accepted is not None
@@ -46,7 +46,7 @@ def test_dry_friction_is_named_on_small_swings_where_the_machine_stops_and_the_m
 def test_the_inverse_residual_of_small_swings_names_dry_friction_too(measured_data, monkeypatch):
     monkeypatch.setenv("VTSDT_DATA", str(measured_data))
     study = Study.from_file(EXAMPLE / "study.toml")
-    study = Study(replace(study.setup, identify=study.setup.validate, validate=(), residual="inverse"))
+    study = Study(replace(study.problem, identify=study.problem.validate, validate=(), residual="inverse"))
     step = study.explain()
     # The torque that a standing pendulum needs has no noise to estimate: what is left then says what would matter.
     assert all(row.delta < float("inf") for row in step.scan.rows)

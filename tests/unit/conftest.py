@@ -224,6 +224,6 @@ def sticking():
     from discrepancy.rigs.axis import axis_case
     from discrepancy.study.study import Study
 
-    found = Study(axis_case(3, ["coulomb_friction@guide"], trips=4).setup(seed=3))
+    found = Study(axis_case(3, ["coulomb_friction@guide"], trips=4).problem(seed=3))
     found.compare()
     return found

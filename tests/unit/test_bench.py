@@ -106,10 +106,10 @@ def test_dry_axis_hands_its_friction_to_the_model(tmp_path: Path) -> None:
 
 
 def test_setup_for_a_study_in_memory() -> None:
-    setup = axis_case(seed=5, trips=3).setup(seed=3)
-    assert [e.name for e in setup.identify] == ["identify_01", "identify_02"]
-    assert setup.seed == 3
-    assert setup.identify[0].free == ("controller.integral", "motor.angle", "carriage.position")
+    problem = axis_case(seed=5, trips=3).problem(seed=3)
+    assert [e.name for e in problem.identify] == ["identify_01", "identify_02"]
+    assert problem.seed == 3
+    assert problem.identify[0].free == ("controller.integral", "motor.angle", "carriage.position")
 
 
 # -------------------------------------------------------------------- what is hidden

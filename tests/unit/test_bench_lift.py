@@ -223,7 +223,7 @@ def test_a_weighed_load_hangs_on_the_rope() -> None:
 def test_a_hidden_offset_of_the_speed_reference_moves_the_lift_that_is_asked_to_stand(rig: type[LiftRig]) -> None:
     case = rig(seed=4, trips=2).case(["input_offset@omega_ref"])  # there is no rest with a reference of zero
     offset = case.truth["effects"][0]["parameters"]["offset"]["value"]
-    signals = case.setup(seed=4).identify[0].record.signals
+    signals = case.problem(seed=4).identify[0].record.signals
     assert not signals["omega_ref"].values[:10].any()
     assert np.mean(signals["omega"].values[:10]) == pytest.approx(offset, rel=0.2)
 

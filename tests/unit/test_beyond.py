@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.search.effect_presence import standing
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal
@@ -39,11 +39,11 @@ def study_of(true_mass: float, std: float) -> Study:
         position = run["carriage.position"] + 2e-4 * rng.standard_normal(time.size)
         signals = {"drive.force": Signal(force, "N", "f", "N"), "carriage.position": Signal(position, "m", "x", "m")}
         records.append(Record(f"run{k}", Path(f"run{k}.csv"), time, signals))
-    experiments = experiments_of(model, records, ("drive.force",), ("carriage.position",))
+    experiments = make_experiments(model, records, ("drive.force",), ("carriage.position",))
     uncertain = (UncertainParameter("carriage.m", 20.0, std, 1.0, unit="kg"),)
     return Study(
-        Setup(
-            "slide", model, uncertain, experiments, (), {"carriage.position": 2e-4},
+        Problem(
+            name="slide", model=model, uncertain=uncertain, identify=experiments, noise={"carriage.position": 2e-4},
             include=("added_inertia@*", "coulomb_friction@*", "linear_stiffness@*"), residual="simulation",
         )
     )  # fmt: skip
@@ -68,7 +68,7 @@ def test_a_mass_that_calibration_takes_out_of_its_uncertainty_is_an_effect_or_a_
     assert [str(a.effect) for a in conclusion.accepted] == ["added_inertia@guide"]
     assert abs(study.stages[-1].effects[-1].strengths["inertia"] - 4.0) < 3 * 0.6, "known as well as the mass"
     assert "carriage.m = 24.0 kg (stated: 20.0 kg ± 0.600 kg)" in conclusion.sentence
-    blind = Study(replace(study.setup, include=("coulomb_friction@*",))).diagnose()
+    blind = Study(replace(study.problem, include=("coulomb_friction@*",))).diagnose()
     assert blind.accepted == ()
     assert any("carriage.m = 24.0 kg (stated: 20.0 kg ± 0.600 kg)" in w for w in blind.warnings)
 
@@ -100,7 +100,7 @@ def test_a_real_effect_is_not_doubted():
     place = next(p for p in slide().places() if p.name == "guide")
     effect = Effect.at_place("coulomb_friction", place, strengths={"coulomb": 6.0}, shape={"v_s": 2e-3})
     machine, experiments = effect.added_to(slide()).build(), []
-    for e in study.setup.identify:
+    for e in study.problem.identify:
         force = e.record.signals["drive.force"].values
         run = machine.simulate(
             (0.0, float(e.record.time[-1])), inputs={"drive.force": (e.record.time, force)}, times=e.record.time
@@ -109,7 +109,7 @@ def test_a_real_effect_is_not_doubted():
         position = replace(e.record.signals["carriage.position"], values=run["carriage.position"] + noise)
         signals = {**e.record.signals, "carriage.position": position}
         experiments.append(replace(e, record=replace(e.record, signals=signals), _cache={}))
-    study = Study(replace(study.setup, identify=tuple(experiments)))
+    study = Study(replace(study.problem, identify=tuple(experiments)))
     conclusion = study.diagnose()
     assert [a.effect.kind for a in conclusion.accepted][:1] == ["coulomb_friction"]
     assert study.beyond is None

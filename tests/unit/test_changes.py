@@ -17,12 +17,12 @@ from multibody.compile.native import jit_enabled, load_driver
 @pytest.fixture(scope="module")
 def rubbing():
     """One record of the axis, and friction of no strength at its guide."""
-    setup = axis_case(2000).setup(seed=1)
-    place = next(p for p in setup.model.places() if p.name == "guide")
+    problem = axis_case(2000).problem(seed=1)
+    place = next(p for p in problem.model.places() if p.name == "guide")
     friction = Effect.at_place("coulomb_friction", place, strengths={"coulomb": 0.0}, shape={"v_s": 2.5e-3})
-    experiment = setup.identify[0]
-    system = friction.added_to(setup.model).build(probes=True, outputs=experiment.outputs)
-    return experiment, system, system.parameter_vector({q.name: q.value for q in setup.uncertain}), friction
+    experiment = problem.identify[0]
+    system = friction.added_to(problem.model).build(probes=True, outputs=experiment.outputs)
+    return experiment, system, system.parameter_vector({q.name: q.value for q in problem.uncertain}), friction
 
 
 def test_changes_agree_with_the_integrated_derivatives(rubbing):

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.problem.study_file import StudyError
 from discrepancy.residual.confront import confront, windows_instead
 from discrepancy.residual.initial_state import follow, signal_bandwidth
 from discrepancy.residual.input_noise import shaping_of
-from discrepancy.residual.inverse import derivatives, inverse_setup
+from discrepancy.residual.inverse import derivatives, inverse_problem
 from discrepancy.residual.windows import WINDOW_FACTOR, cut_windows, growth_from
 from estimation.files.record import Record, Signal
 from estimation.fit.calibrate import UncertainParameter
@@ -54,7 +54,7 @@ def slide(stiffness=0.0):
     return model
 
 
-def slide_setup(stiffness=0.0, noise=0.0, residual="auto", duration=8.0):
+def slide_problem(stiffness=0.0, noise=0.0, residual="auto", duration=8.0):
     model = slide(stiffness)
     rng = np.random.default_rng(1)
     time = np.arange(0.0, duration, DT)
@@ -66,9 +66,11 @@ def slide_setup(stiffness=0.0, noise=0.0, residual="auto", duration=8.0):
         drive__force=(force + noise * rng.standard_normal(time.size), "N"),
         carriage__position=(run["carriage.position"] + 1e-4 * rng.standard_normal(time.size), "m"),
     )
-    experiments = experiments_of(model, [record], ("drive.force",), ("carriage.position",))
+    experiments = make_experiments(model, [record], ("drive.force",), ("carriage.position",))
     uncertain = (UncertainParameter("guide.viscous", 3.0, 3.0, 0.0),)
-    return Setup("slide", model, uncertain, experiments, experiments, residual=residual), run
+    return Problem(
+        name="slide", model=model, uncertain=uncertain, identify=experiments, validate=experiments, residual=residual
+    ), run
 
 
 def standing_pendulum(residual="auto"):
@@ -84,37 +86,37 @@ def standing_pendulum(residual="auto"):
     rng = np.random.default_rng(2)
     angle = run["rod.angle"] + 1e-4 * rng.standard_normal(time.size)
     record = record_of("swing", time, drive__torque=(torque, "N*m"), rod__angle=(angle, "rad"))
-    experiments = experiments_of(model, [record], ("drive.torque",), ("rod.angle",))
-    return Setup("pendulum", model, (), experiments, residual=residual), run
+    experiments = make_experiments(model, [record], ("drive.torque",), ("rod.angle",))
+    return Problem(name="pendulum", model=model, uncertain=(), identify=experiments, residual=residual), run
 
 
 def test_machine_on_a_spring_is_simulated():
-    setup, _ = slide_setup(stiffness=2000.0, noise=0.05)
-    found = confront(setup)
-    assert (found.mode, found.setup) == ("simulation", setup)
+    problem, _ = slide_problem(stiffness=2000.0, noise=0.05)
+    found = confront(problem)
+    assert (found.mode, found.problem) == ("simulation", problem)
     assert "stays where its inputs put it" in found.reason
 
 
 def test_a_wrong_model_of_a_calm_machine_is_not_cut_into_windows():
-    setup, _ = slide_setup(stiffness=2000.0, noise=0.05)
-    assert windows_instead(setup, {"carriage.position": 1.0}) is None
+    problem, _ = slide_problem(stiffness=2000.0, noise=0.05)
+    assert windows_instead(problem, {"carriage.position": 1.0}) is None
 
 
 def test_free_mass_with_a_noisy_force_is_cut_into_windows():
-    setup, _ = slide_setup(noise=0.1, duration=16.0)
-    found = confront(setup)
+    problem, _ = slide_problem(noise=0.1, duration=16.0)
+    found = confront(problem)
     assert found.mode == "prediction"
     assert "noise of drive.force" in found.reason
-    assert len(found.setup.identify) > 2
+    assert len(found.problem.identify) > 2
 
 
 def test_free_mass_with_an_exact_force_may_be_simulated():
-    setup, _ = slide_setup(noise=0.0)
-    assert confront(setup).mode == "simulation"
+    problem, _ = slide_problem(noise=0.0)
+    assert confront(problem).mode == "simulation"
 
 
 def test_standing_pendulum_runs_away_at_its_known_rate():
-    setup, _ = standing_pendulum()
+    problem, _ = standing_pendulum()
     time = np.arange(0.0, 1.0, DT)
     record = record_of(
         "upright",
@@ -122,8 +124,8 @@ def test_standing_pendulum_runs_away_at_its_known_rate():
         drive__torque=(np.zeros(time.size), "N*m"),
         rod__angle=(np.full(time.size, np.pi - 1e-3), "rad"),
     )
-    e = experiments_of(setup.model, [record], ("drive.torque",), ("rod.angle",))[0]
-    system = setup.model.build(outputs=e.outputs)
+    e = make_experiments(problem.model, [record], ("drive.torque",), ("rod.angle",))[0]
+    system = problem.model.build(outputs=e.outputs)
     growth = growth_from(e, system, system.p, follow(e, system, system.p), 0, np.ones(1), np.ones(2))
     rate = np.sqrt(9.80665 / 0.5)
     # d angle / d (angle, speed) at the start, linearised about upright; relative to the first 20 samples.  The rod
@@ -133,9 +135,9 @@ def test_standing_pendulum_runs_away_at_its_known_rate():
 
 
 def test_windows_do_not_cross_records_and_cover_them():
-    setup, _ = standing_pendulum("prediction")
-    found = confront(setup)
-    record, windows = setup.identify[0].record, found.setup.identify
+    problem, _ = standing_pendulum("prediction")
+    found = confront(problem)
+    record, windows = problem.identify[0].record, found.problem.identify
     ends = [(w.record.time[0], w.record.time[-1]) for w in windows]
     assert ends[0][0] == record.time[0]
     assert ends[-1][1] == record.time[-1]
@@ -146,8 +148,8 @@ def test_windows_do_not_cross_records_and_cover_them():
 
 
 def test_windows_start_where_the_machine_was():
-    setup, run = standing_pendulum("prediction")
-    for window in confront(setup).setup.identify:
+    problem, run = standing_pendulum("prediction")
+    for window in confront(problem).problem.identify:
         k = int(np.argmin(np.abs(run.times - window.record.time[0])))
         # The angle is known to its noise of 1e-4 rad; a parabola over half-width 3 samples at least gives its rate
         # to 1e-4/(0.015 s·√2): 0.02 rad/s, three times that is allowed, and the same for its bias in fast motion.
@@ -156,9 +158,9 @@ def test_windows_start_where_the_machine_was():
 
 
 def test_within_a_window_errors_grow_less_than_the_factor():
-    setup, _ = standing_pendulum()
-    e = setup.identify[0]
-    system = setup.model.build(outputs=e.outputs)
+    problem, _ = standing_pendulum()
+    e = problem.identify[0]
+    system = problem.model.build(outputs=e.outputs)
     up = follow(e, system, system.p)
     spread, scale = np.ones(1), np.array([1.0, 3.0])
     for window in cut_windows(e, system, system.p, up, 1.0, spread, scale):
@@ -168,9 +170,11 @@ def test_within_a_window_errors_grow_less_than_the_factor():
 
 
 def test_a_window_of_the_preparation_is_kept():
-    setup, _ = slide_setup(noise=0.1)
-    narrow = [e.with_preparation(Preparation(start=1.0, stop=5.0)) for e in setup.identify]
-    windows = confront(Setup("slide", setup.model, (), tuple(narrow), residual="prediction")).setup.identify
+    problem, _ = slide_problem(noise=0.1)
+    narrow = [e.with_preparation(Preparation(start=1.0, stop=5.0)) for e in problem.identify]
+    windows = confront(
+        Problem(name="slide", model=problem.model, uncertain=(), identify=tuple(narrow), residual="prediction")
+    ).problem.identify
     assert windows[0].record.time[0] == pytest.approx(1.0)
     assert windows[-1].record.time[-1] == pytest.approx(5.0)
 
@@ -193,31 +197,31 @@ def test_bandwidth_of_a_sine_in_noise():
 
 
 def test_inverse_of_the_right_model_needs_the_recorded_torque():
-    setup, _ = standing_pendulum("inverse")
-    found = confront(setup)
+    problem, _ = standing_pendulum("inverse")
+    found = confront(problem)
     assert found.mode == "inverse"
     assert "rod.angle" in found.reason
-    e = found.setup.identify[0]
-    system = found.setup.model.build(outputs=e.outputs)
+    e = found.problem.identify[0]
+    system = found.problem.model.build(outputs=e.outputs)
     assert e.outputs == ("drive.torque",)
     assert system.state_names == ()
     needed = e.simulate(system, system.p)
     # 1e-4 rad of noise, twice differentiated within the bandwidth, times the inertia, against 0.5 N·m of torque
-    bandwidth = inverse_setup(setup).bandwidth
+    bandwidth = inverse_problem(problem).bandwidth
     noise = 0.25 * 1e-4 * (2 * np.pi * bandwidth) ** 2
     assert np.std(e.measured - needed) < max(3.0 * noise, 0.02)
     assert np.std(needed) > 0.2
 
 
 def test_inverse_keeps_places_and_treats_signals_alike():
-    setup, _ = slide_setup(noise=0.05, residual="inverse")
-    found = inverse_setup(setup, bandwidth=4.0)
-    assert {p.name for p in found.setup.model.places()} == {p.name for p in setup.model.places()}
-    record, whole = found.setup.identify[0].record, setup.identify[0].record
+    problem, _ = slide_problem(noise=0.05, residual="inverse")
+    found = inverse_problem(problem, bandwidth=4.0)
+    assert {p.name for p in found.problem.model.places()} == {p.name for p in problem.model.places()}
+    record, whole = found.problem.identify[0].record, problem.identify[0].record
     expected = low_pass(np.array(whole.time), whole.signals["drive.force"].values, 4.0)
     k = int(np.argmin(np.abs(whole.time - record.time[0])))
     np.testing.assert_array_equal(record.signals["drive.force"].values, expected[k : k + len(record.time)])
-    assert "sensor_*@needed.*" in found.setup.exclude
+    assert "sensor_*@needed.*" in found.problem.exclude
 
 
 def test_inverse_without_a_drive_force_is_compared_with_zero():
@@ -228,10 +232,16 @@ def test_inverse_without_a_drive_force_is_compared_with_zero():
     time = np.arange(0.0, 4.0, DT)
     run = model.build().simulate((0.0, time[-1]), times=time, rtol=1e-10)
     record = record_of("spin", time, rotor__speed=(run["rotor.speed"], "rad/s"))
-    setup = Setup("spin", model, (), experiments_of(model, [record], (), ("rotor.speed",)), residual="inverse")
-    found = inverse_setup(setup, bandwidth=5.0)
-    e = found.setup.identify[0]
-    system = found.setup.model.build(outputs=e.outputs)
+    problem = Problem(
+        name="spin",
+        model=model,
+        uncertain=(),
+        identify=make_experiments(model, [record], (), ("rotor.speed",)),
+        residual="inverse",
+    )
+    found = inverse_problem(problem, bandwidth=5.0)
+    e = found.problem.identify[0]
+    system = found.problem.model.build(outputs=e.outputs)
     assert e.outputs == ("needed.bearing.torque",)
     assert not np.any(e.measured)
     # exact data: what is left is the five-point formula and the filter's edge, far below the 0.1 N·m that act
@@ -255,9 +265,11 @@ def test_inverse_takes_the_controller_out_when_its_output_is_measured():
         encoder__angle=(run["motor.angle"], "rad"),
     )
     uncertain = (UncertainParameter("carriage.m", 40.0, 4.0), UncertainParameter("controller.k_speed", 0.12, 0.01))
-    experiments = experiments_of(model, [record], ("reference.position",), ("motor.torque", "encoder.angle"))
-    assert confront(Setup("axis", model, uncertain, experiments)).mode == "simulation"
-    found = inverse_setup(Setup("axis", model, uncertain, experiments, residual="inverse"), bandwidth=20.0).setup
+    experiments = make_experiments(model, [record], ("reference.position",), ("motor.torque", "encoder.angle"))
+    assert confront(Problem(name="axis", model=model, uncertain=uncertain, identify=experiments)).mode == "simulation"
+    found = inverse_problem(
+        Problem(name="axis", model=model, uncertain=uncertain, identify=experiments, residual="inverse"), bandwidth=20.0
+    ).problem
     assert "controller" not in found.model.components
     assert [q.name for q in found.uncertain] == ["carriage.m"]
     e = found.identify[0]
@@ -268,13 +280,17 @@ def test_inverse_takes_the_controller_out_when_its_output_is_measured():
 
 
 def test_inverse_refuses_a_machine_without_measured_motion():
-    setup, _ = slide_setup()
-    model = setup.model.copy()
+    problem, _ = slide_problem()
+    model = problem.model.copy()
     model.output("guide.loss_shown", "guide.loss")
-    time = np.array(setup.identify[0].record.time)
+    time = np.array(problem.identify[0].record.time)
     record = record_of("run", time, drive__force=(np.ones(time.size), "N"), guide__loss=(np.ones(time.size), "W"))
-    wrong = Setup(
-        "slide", model, (), experiments_of(model, [record], ("drive.force",), ("guide.loss",)), residual="inverse"
+    wrong = Problem(
+        name="slide",
+        model=model,
+        uncertain=(),
+        identify=make_experiments(model, [record], ("drive.force",), ("guide.loss",)),
+        residual="inverse",
     )
     with pytest.raises(StudyError, match=r"none of the measured outputs \(guide.loss\)"):
         confront(wrong)
@@ -282,9 +298,9 @@ def test_inverse_refuses_a_machine_without_measured_motion():
 
 def test_noise_of_a_force_is_weighed_down_to_white():
     """A free mass pushed by white noise alone: after weighing, deviation and output noise together are white."""
-    setup, _ = slide_setup(noise=0.0, duration=4.0)
-    e = setup.identify[0]
-    system = setup.model.build(outputs=e.outputs)
+    problem, _ = slide_problem(noise=0.0, duration=4.0)
+    e = problem.identify[0]
+    system = problem.model.build(outputs=e.outputs)
     x0, noise, sigma = system.start, np.array([1e-4]), 0.5
     noisy = replace(e, input_noise={"drive.force": sigma}, _cache={})
     weigh = shaping_of(noisy, system, system.p, x0, noise)

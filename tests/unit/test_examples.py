@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from discrepancy.problem.model import check_names, load_model
-from discrepancy.problem.problem import experiments_of
+from discrepancy.problem.problem import make_experiments
 from discrepancy.problem.study_file import StudyError, read_study
 from estimation import Record
 from estimation.files.record import Signal
@@ -131,7 +131,7 @@ def test_a_held_input_keeps_its_value_until_the_next_sample():
         "motor.force": Signal(np.arange(5.0), "N", "F", "N"),
     }
     model = load_model_of("emps/emps.py")
-    (experiment,) = experiments_of(
+    (experiment,) = make_experiments(
         model,
         [Record("made", Path("made.csv"), time, signals)],
         ["reference.position", "added.pulse"],

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.residual.confront import confront
 from discrepancy.residual.free_rotations import free_turns
 from discrepancy.residual.initial_state import follow
@@ -65,7 +65,7 @@ def recorded(model: Model, signal: np.ndarray, unit: str):
     for name, unit_of, noise in zip(outputs, ("rad", "rad/s"), (1e-3, 0.1), strict=True):
         signals[name] = Signal(run[name] + noise * rng.standard_normal(TIME.size), unit_of, name, unit_of)
     record = Record("run", Path("run.csv"), TIME, signals)
-    return experiments_of(model, [record], ("drive.signal",), outputs)
+    return make_experiments(model, [record], ("drive.signal",), outputs)
 
 
 @pytest.mark.parametrize(
@@ -89,4 +89,4 @@ def test_a_rotor_whose_angle_is_recorded_is_simulated():
     model = fan()
     experiments = recorded(model, 12.0 * np.sin(1.3 * TIME) + 4.0, "V")
     assert np.ptp(experiments[0].record.signals["rotor.angle"].values) > 200.0
-    assert confront(Setup("fan", model, (), experiments)).mode == "simulation"
+    assert confront(Problem(name="fan", model=model, uncertain=(), identify=experiments)).mode == "simulation"

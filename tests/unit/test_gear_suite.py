@@ -69,16 +69,16 @@ def test_sizes_are_in_the_strengths_of_the_kind() -> None:
 def test_the_truth_is_where_the_gears_stand_as_a_record_begins(name: str) -> None:
     """The model under test with the true strengths shows what the encoders see of the gear that runs out of true."""
     case = suite_gear.case(5, [name])
-    setup = case.setup(seed=5)
+    problem = case.problem(seed=5)
     (truth,) = case.truth["effects"]
     number = name[-1]
     told = {f"mesh.{k}_{number}": v["value"] for k, v in truth["parameters"].items()}
-    at = setup.identify[0].outputs.index("transmission_error")
+    at = problem.identify[0].outputs.index("transmission_error")
 
     def swing(values: dict[str, float]) -> float:
-        system = setup.model.with_values(values).build(outputs=setup.identify[0].outputs)
-        run = setup.identify[0].simulate(system, system.p)
-        return float(np.std((setup.identify[0].measured - run)[:, at]))
+        system = problem.model.with_values(values).build(outputs=problem.identify[0].outputs)
+        run = problem.identify[0].simulate(system, system.p)
+        return float(np.std((problem.identify[0].measured - run)[:, at]))
 
     other = dict(zip(told, (-told[f"mesh.runout_y_{number}"], told[f"mesh.runout_x_{number}"]), strict=True))
     assert swing(told) < 0.05 * swing({}) < 0.1 * swing(other), "a quarter of a turn on it is as wrong as can be"

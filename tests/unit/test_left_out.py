@@ -22,16 +22,16 @@ def with_law(sticking):
 
 
 def test_a_residual_left_out_is_that_of_a_fit_to_the_others(sticking, with_law):
-    setup, weights = sticking.setup, with_law.identify.scale
-    found = left_out_residuals(with_law, setup.identify[0].preparation, weights)
-    others = Study(replace(setup, identify=setup.identify[1:], validate=setup.identify[:1]))
+    problem, weights = sticking.problem, with_law.identify.scale
+    found = left_out_residuals(with_law, problem.identify[0].preparation, weights)
+    others = Study(replace(problem, identify=problem.identify[1:], validate=problem.identify[:1]))
     others.confronted = sticking.confronted
     fitted = others.fitted("law", with_law.effects, None, with_law.noise)
-    first = setup.identify[0]
+    first = problem.identify[0]
     rows = len(first.measured)
     held = fitted.validate.fits[0].residual
     inside = with_law.identify.fits[0].residual
-    assert found.shape[0] == sum(len(e.measured) for e in setup.identify)
+    assert found.shape[0] == sum(len(e.measured) for e in problem.identify)
     for c, name in enumerate(first.outputs):
         size = {k: float(np.sqrt(np.mean(v[:rows, c] ** 2))) * u for k, v, u in (
             ("found", found, weights[name]), ("held out", held, 1.0), ("inside", inside, 1.0))}  # fmt: skip

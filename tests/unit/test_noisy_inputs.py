@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.residual.noisy_inputs import MATTERS, without_noise
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal
@@ -47,18 +47,26 @@ def record(name: str, noise: float, seed: int, jitter: float = 0.0) -> Record:
     )  # fmt: skip
 
 
-def setup_of(noise: float, jitter: float = 0.0, **settings: object) -> Setup:
+def problem_of(noise: float, jitter: float = 0.0, **settings: object) -> Problem:
     groups = [
-        experiments_of(oscillator(), [record(n, noise, k, jitter) for n, k in names], ["push"], ["body.position"])
+        make_experiments(oscillator(), [record(n, noise, k, jitter) for n, k in names], ["push"], ["body.position"])
         for names in ([("a", 1), ("b", 2)], [("c", 3)])
     ]
     uncertain = (UncertainParameter("damper.damping", 6.0, 1.0, 0.0, 50.0, "N*s/m"),)
-    return Setup("pushed", oscillator(), uncertain, *groups, {"body.position": FLOOR}, **settings)  # type: ignore[arg-type]
+    return Problem(
+        name="pushed",
+        model=oscillator(),
+        uncertain=uncertain,
+        identify=groups[0],
+        validate=groups[1],
+        noise={"body.position": FLOOR},
+        **settings,
+    )  # type: ignore[arg-type]
 
 
 def test_noise_that_matters_is_taken_out_and_told() -> None:
-    setup = setup_of(20.0)
-    quiet, (found,) = without_noise(setup, silent)
+    problem = problem_of(20.0)
+    quiet, (found,) = without_noise(problem, silent)
     assert found.noise == pytest.approx(20.0, rel=0.1)
     assert 2 * 3.1 < found.cutoff < 10.0
     assert found.low_passed
@@ -67,7 +75,7 @@ def test_noise_that_matters_is_taken_out_and_told() -> None:
     assert found.held_out
     assert found.after < found.before
     assert found.sentence.startswith("The recorded input push is noisy: ")
-    for before, after in zip((*setup.identify, *setup.validate), (*quiet.identify, *quiet.validate), strict=True):
+    for before, after in zip((*problem.identify, *problem.validate), (*quiet.identify, *quiet.validate), strict=True):
         assert "push: low-pass at" in after.record.log[-1]
         assert np.std(np.diff(after.record.signals["push"].values, 2)) < 0.2 * np.std(
             np.diff(before.record.signals["push"].values, 2)
@@ -77,7 +85,7 @@ def test_noise_that_matters_is_taken_out_and_told() -> None:
 
 def test_what_the_noise_makes_is_what_simulations_show() -> None:
     """The machine is linear: simulated from pushes with and without their noise it differs by as much."""
-    noisy, clean = setup_of(20.0), setup_of(0.0)
+    noisy, clean = problem_of(20.0), problem_of(0.0)
     _, (found,) = without_noise(noisy, silent)
     system = oscillator().build(outputs=["body.position"])
     both = ([e.simulate(system, system.p) for e in s.identify] for s in (noisy, clean))
@@ -86,22 +94,22 @@ def test_what_the_noise_makes_is_what_simulations_show() -> None:
 
 
 def test_noise_that_does_not_matter_stays() -> None:
-    setup = setup_of(20.0)
-    _, (found,) = without_noise(setup, silent)
+    problem = problem_of(20.0)
+    _, (found,) = without_noise(problem, silent)
     for times, stays in ((0.9, False), (1.1, True)):
-        rough = replace(setup, noise={"body.position": times * found.made / MATTERS})
+        rough = replace(problem, noise={"body.position": times * found.made / MATTERS})
         assert (without_noise(rough, silent) == (rough, ())) is stays
 
 
 @pytest.mark.parametrize("why", ["held", "uneven", "felt", "open"])
 def test_inputs_stay_as_recorded(why: str) -> None:
     said: list[str] = []
-    setup = setup_of(0.1 if why == "open" else 20.0, jitter=0.4 if why == "uneven" else 0.0)
+    problem = problem_of(0.1 if why == "open" else 20.0, jitter=0.4 if why == "uneven" else 0.0)
     if why == "held":
-        setup = replace(setup, identify=tuple(replace(e, held=("push",), _cache={}) for e in setup.identify))
+        problem = replace(problem, identify=tuple(replace(e, held=("push",), _cache={}) for e in problem.identify))
     if why == "felt":  # the machine really feels what looks like noise
-        setup = replace(setup, identify=tuple(_felt(e) for e in setup.identify))
-    assert without_noise(setup, said.append) == (setup, ())
+        problem = replace(problem, identify=tuple(_felt(e) for e in problem.identify))
+    assert without_noise(problem, said.append) == (problem, ())
     assert said == [] or (why == "uneven" and said[-1].startswith("the inputs stay as recorded: "))
 
 
@@ -114,18 +122,18 @@ def _felt(experiment):
 
 
 def test_a_study_does_it_by_itself_unless_told_not_to() -> None:
-    setup = setup_of(
+    problem = problem_of(
         20.0, residual="simulation", include=("coulomb_friction@*", "input_gain@*", "sensor_*"), max_effects=1
     )
-    conclusion = Study(setup).diagnose()
+    conclusion = Study(problem).diagnose()
     assert conclusion.verdict == "nothing missing"
     assert conclusion.sentence.endswith(
         "Noise of the recorded input push shakes the model and is no missing law; it was taken out or weighed down."
     )
     assert any(w.startswith("The recorded input push is noisy") for w in conclusion.warnings)
     assert conclusion.extra["noisy_inputs"][0]["input"] == "push"
-    as_recorded = Study(replace(setup, inputs="as recorded"))
+    as_recorded = Study(replace(problem, inputs="as recorded"))
     as_recorded.prepare()
     assert as_recorded.confronted is not None
     assert not as_recorded.confronted.noisy
-    assert as_recorded.setup.identify[0].record is setup.identify[0].record
+    assert as_recorded.problem.identify[0].record is problem.identify[0].record

@@ -22,7 +22,7 @@ def missed_by(stage, share):
 
 @pytest.fixture
 def study():
-    found = Study(axis_case(1, [], trips=3).setup(seed=1))
+    found = Study(axis_case(1, [], trips=3).problem(seed=1))
     found.compare()
     return found
 

@@ -19,13 +19,13 @@ from multibody.base.errors import SimulationError
 @pytest.fixture(scope="module")
 def sticking():
     """One record of the axis with dry friction at its elastic coupling: rates of 2e6/s while it sticks."""
-    setup = axis_case(2000).setup(seed=1)
-    place = next(p for p in setup.model.places() if p.name == "coupling")
+    problem = axis_case(2000).problem(seed=1)
+    place = next(p for p in problem.model.places() if p.name == "coupling")
     friction = Effect.at_place("coulomb_friction", place, strengths={"coulomb": 0.26}, shape={"v_s": 2.5e-3})
-    experiment = setup.identify[0]
-    system = friction.added_to(setup.model).build(probes=True, outputs=experiment.outputs)
-    p = system.parameter_vector({q.name: q.value for q in setup.uncertain})
-    return setup, experiment, system, p
+    experiment = problem.identify[0]
+    system = friction.added_to(problem.model).build(probes=True, outputs=experiment.outputs)
+    p = system.parameter_vector({q.name: q.value for q in problem.uncertain})
+    return problem, experiment, system, p
 
 
 def pushes(experiment):
@@ -75,8 +75,8 @@ def test_transitions_at_hand_serve_a_few_pushes_too(sticking):
 
 
 def test_a_simulation_that_crawls_is_given_up(sticking):
-    setup, experiment, system, p = sticking
-    bounded = bounded_effort(setup).identify[0]
+    problem, experiment, system, p = sticking
+    bounded = bounded_effort(problem).identify[0]
     assert bounded.max_evaluations > LEAST
     assert (bounded.max_evaluations - LEAST) % TIMES == 0
     with pytest.raises(SimulationError, match=r"more than the 100 allowed, came only to t ="):

@@ -341,7 +341,7 @@ def test_an_effect_leaves_the_names_of_the_places_as_they_are():
     from discrepancy.effects.effect import Effect
     from discrepancy.rigs.axis import axis_case
 
-    model = axis_case(1).setup(seed=1).model
+    model = axis_case(1).problem(seed=1).model
     before = {p.name: (p.first_port, p.second_port) for p in model.places()}
     for name in before:
         place = next(p for p in model.places() if p.name == name)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from discrepancy.effects.effect import Effect
-from discrepancy.problem.problem import Setup, experiments_of
+from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.problem.study_file import StudyError
 from discrepancy.report.write import write
 from discrepancy.study.history import restore, save_history
@@ -35,7 +35,7 @@ def slide() -> Model:
     return model
 
 
-def setup_of(dry: float = 6.0, offset: float = 0.0) -> Setup:
+def problem_of(dry: float = 6.0, offset: float = 0.0) -> Problem:
     """Return a study of a slide with dry friction that the model lacks, and a sensor that is off by ``offset`` m."""
     model, rng = slide(), np.random.default_rng(5)
     truth = Effect.at_place(
@@ -52,17 +52,17 @@ def setup_of(dry: float = 6.0, offset: float = 0.0) -> Setup:
             "carriage.position": Signal(position, "m", "x", "m"),
         }
         records.append(Record(f"run{k}", Path(f"run{k}.csv"), time, signals))
-    experiments = experiments_of(
+    experiments = make_experiments(
         model, records, ("drive.force",), ("carriage.position",), start={"carriage.position": 0.0}, free=()
     )
     uncertain = (UncertainParameter("guide.viscous", 30.0, 5.0, 0.0),)
-    return Setup(
-        "slide",
-        model,
-        uncertain,
-        experiments[:2],
-        experiments[2:],
-        {"carriage.position": 2e-4},
+    return Problem(
+        name="slide",
+        model=model,
+        uncertain=uncertain,
+        identify=experiments[:2],
+        validate=experiments[2:],
+        noise={"carriage.position": 2e-4},
         include=("coulomb_friction@*", "viscous_friction@*", "constant_force@*", "sensor_*"),
         residual="simulation",
     )
@@ -76,7 +76,7 @@ def guide_of(model: Model):
 def whole(tmp_path_factory):
     """A diagnosis without interruption, and what it wrote."""
     folder = tmp_path_factory.mktemp("whole")
-    study = Study(setup_of())
+    study = Study(problem_of())
     study.checkpoint = lambda s: save_history(s, folder / "history.json")
     conclusion = study.diagnose()
     write(conclusion, folder)
@@ -95,12 +95,12 @@ def test_dry_friction_is_found_here(whole):
 @pytest.mark.parametrize("word", ["sensitivities of", "add coulomb", "scores of"])
 def test_a_search_that_is_broken_off_goes_on_to_the_same_answer(whole, interrupter, tmp_path, word):
     study, _, _ = whole
-    broken = Study(setup_of(), progress=interrupter(word))
+    broken = Study(problem_of(), progress=interrupter(word))
     broken.checkpoint = lambda s: save_history(s, tmp_path / "history.json")
     told = broken.diagnose()
     assert broken.interrupted
     assert any("interrupted" in w for w in told.warnings)
-    again = Study(setup_of())
+    again = Study(problem_of())
     restore(again, tmp_path / "history.json")
     assert len(again.stages) == len(broken.stages)
     again.diagnose()
@@ -110,14 +110,14 @@ def test_a_search_that_is_broken_off_goes_on_to_the_same_answer(whole, interrupt
 
 
 def test_an_interruption_before_anything_was_found_passes_on(interrupter):
-    study = Study(setup_of(), progress=interrupter("recalibrate"))
+    study = Study(problem_of(), progress=interrupter("recalibrate"))
     with pytest.raises(KeyboardInterrupt):
         study.diagnose()
 
 
 def test_a_history_builds_the_stages_again_to_the_last_digit(whole):
     study, _, folder = whole
-    again = Study(setup_of())
+    again = Study(problem_of())
     restore(again, folder / "history.json")
     assert errors_of(again) == errors_of(study)
     for mine, theirs in zip(again.stages, study.stages, strict=True):
@@ -128,7 +128,7 @@ def test_a_history_builds_the_stages_again_to_the_last_digit(whole):
 
 def test_a_history_of_another_study_is_refused(whole):
     _, _, folder = whole
-    other = Study(replace(setup_of(), seed=9))
+    other = Study(replace(problem_of(), seed=9))
     with pytest.raises(StudyError, match="belongs to another"):
         restore(other, folder / "history.json")
 
@@ -141,7 +141,7 @@ def test_a_damaged_history_says_what_is_wrong(tmp_path, text, message):
     path = tmp_path / "history.json"
     path.write_text(text)
     with pytest.raises(StudyError, match=message):
-        restore(Study(setup_of()), path)
+        restore(Study(problem_of()), path)
 
 
 def test_a_history_with_a_damaged_stage_names_the_stage(whole, tmp_path):
@@ -150,12 +150,12 @@ def test_a_history_with_a_damaged_stage_names_the_stage(whole, tmp_path):
     del content["stages"][1]["scale"]
     (tmp_path / "history.json").write_text(json.dumps(content))
     with pytest.raises(StudyError, match="stage 1 is damaged"):
-        restore(Study(setup_of()), tmp_path / "history.json")
+        restore(Study(problem_of()), tmp_path / "history.json")
 
 
 def test_every_stage_is_a_model_that_runs_on_its_own(whole):
     study, _, folder = whole
-    record = study.setup.validate[0].record
+    record = study.problem.validate[0].record
     force = record.signals["drive.force"].values
     for k, stage in enumerate(study.stages):
         model = Model.load(folder / "stages" / f"{k}.json")
@@ -170,7 +170,7 @@ def test_every_stage_is_a_model_that_runs_on_its_own(whole):
 
 
 def test_an_error_of_a_sensor_is_in_the_saved_model(tmp_path):
-    study = Study(replace(setup_of(offset=0.01), include=("sensor_offset@*",)))
+    study = Study(replace(problem_of(offset=0.01), include=("sensor_offset@*",)))
     _ = study.stage
     study.add(Effect("sensor_offset", "carriage.position", {"offset": 0.0}))
     found = study.stage.effects[-1].strengths["offset"]
@@ -181,7 +181,7 @@ def test_an_error_of_a_sensor_is_in_the_saved_model(tmp_path):
 
 
 def test_the_inverse_residual_saves_the_machine_and_not_the_copy_that_is_moved():
-    study = Study(replace(setup_of(), residual="inverse"))
+    study = Study(replace(problem_of(), residual="inverse"))
     assert "needed.carriage" in study.stage.model.components or any(
         n.startswith("needed.") for n in study.stage.model.components
     )
@@ -194,7 +194,7 @@ def test_the_inverse_residual_saves_the_machine_and_not_the_copy_that_is_moved()
 
 
 def test_an_effect_without_strengths_begins_at_absence_and_is_fitted():
-    study = Study(setup_of())
+    study = Study(problem_of())
     place = next(p for p in study.stage.system.places if p.name == "guide")
     effect = Effect.at_place("coulomb_friction", place)
     assert effect.strengths == {"coulomb": 0.0}
@@ -214,7 +214,7 @@ def test_an_effect_with_unknown_names_says_so():
 
 
 def test_an_effect_too_strong_to_simulate_is_begun_at_a_smaller_strength(monkeypatch):
-    study = Study(setup_of())
+    study = Study(problem_of())
     place = next(p for p in study.stage.system.places if p.name == "guide")
     fit = Study.fitted
 
