@@ -26,8 +26,8 @@ def _stage() -> tuple[Any, Any, Any]:
 
 
 def _columns(every: int) -> Callable[[], None]:
-    from discrepancy.sensitivities.candidates import candidate_columns
-    from discrepancy.sensitivities.linearised_problem import Confrontation
+    from discrepancy.sensitivities.candidates import candidate_sensitivities
+    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
     stage, preparation, entries = _stage()
     drawn = np.random.default_rng(0).permutation(len(entries))[: -(-len(entries) // every)]
@@ -35,7 +35,7 @@ def _columns(every: int) -> Callable[[], None]:
 
     def work() -> None:
         stage.worked_out.clear()  # nothing kept from the round before
-        candidate_columns(Confrontation.of_stage(stage, preparation), chosen)
+        candidate_sensitivities(LinearisedProblem.of_stage(stage, preparation), chosen)
 
     work()
     work.note = f"{len(chosen)} effects"  # type: ignore[attr-defined]

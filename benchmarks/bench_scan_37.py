@@ -59,7 +59,7 @@ def _followed(problem: Any, experiment: Any) -> Any:
 
 
 def _columns(each: int) -> Callable[[], None]:
-    from discrepancy.sensitivities.candidates import Confrontation, candidate_columns
+    from discrepancy.sensitivities.candidates import LinearisedProblem, candidate_sensitivities
 
     stage, preparation, entries = _facts()
     shapes = 0
@@ -69,8 +69,8 @@ def _columns(each: int) -> Callable[[], None]:
         stage.worked_out.clear()
         for fit in stage.identify.fits:
             fit.experiment._cache.clear()
-        facts = Confrontation.of_stage(stage, preparation)
-        candidates, _ = candidate_columns(facts, entries[::each])
+        facts = LinearisedProblem.of_stage(stage, preparation)
+        candidates, _ = candidate_sensitivities(facts, entries[::each])
         shapes = sum(len(c.columns) for c in candidates)
 
     work()

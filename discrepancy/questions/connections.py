@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.sensitivities.stage_residuals import Residuals
+from discrepancy.sensitivities.stage_residuals import ResidualsAlongMotion
 from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
 from estimation.response.perturbations import Push
 from multibody.base.parallel import cores
@@ -28,7 +28,7 @@ _CLOSE = 0.1
 """Difference of shares within which two places are told as equally good."""
 
 
-def connections_or_why(facts: Residuals) -> tuple[tuple[dict[str, Any], ...], str]:
+def connections_or_why(facts: ResidualsAlongMotion) -> tuple[tuple[dict[str, Any], ...], str]:
     """Return how much a force at each place would explain; nothing, and why, where the model cannot be simulated so."""
     from multibody.base.errors import SimulationError
 
@@ -38,12 +38,12 @@ def connections_or_why(facts: Residuals) -> tuple[tuple[dict[str, Any], ...], st
         return (), f"At which connection '{facts.stage.name}' fails was not asked: {error}"
 
 
-def failing_connections(facts: Residuals) -> list[dict[str, Any]]:
+def failing_connections(facts: ResidualsAlongMotion) -> list[dict[str, Any]]:
     """Return, for every place that can be probed, how much of the residual a force there would explain.
 
     Parameters
     ----------
-    facts : Residuals
+    facts : ResidualsAlongMotion
         Of a stage whose system has probes.
 
     Returns
@@ -104,7 +104,7 @@ def _sentence(entry: dict[str, Any], found: list[dict[str, Any]]) -> str:
     return told + "."
 
 
-def _projector(facts: Residuals, weight: np.ndarray) -> np.ndarray | None:
+def _projector(facts: ResidualsAlongMotion, weight: np.ndarray) -> np.ndarray | None:
     """Orthonormal basis of what calibration and each record's own unknowns can do, shape (n·channels, k)."""
     sens = facts.facts.sensitivities()
     k = len(sens.names)
@@ -131,7 +131,7 @@ def _without(basis: np.ndarray | None, x: np.ndarray) -> np.ndarray:
     return x if basis is None else x - basis @ (basis.T @ x)
 
 
-def _folds(facts: Residuals) -> list[np.ndarray]:
+def _folds(facts: ResidualsAlongMotion) -> list[np.ndarray]:
     """Blocks as rows of the stacked outputs."""
     channels = facts.values.shape[1]
     return [(b[:, None] * channels + np.arange(channels)).ravel() for b in facts.blocks]
@@ -152,7 +152,7 @@ def _generic_forces(position: np.ndarray, speed: np.ndarray, acceleration: np.nd
 
 
 def _responses(
-    facts: Residuals, places: list[str], weight: np.ndarray
+    facts: ResidualsAlongMotion, places: list[str], weight: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Responses to each place's own forces, and to the same three forces everywhere; each (n·channels, k)."""
     own: dict[str, list[np.ndarray]] = {p: [] for p in places}

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from discrepancy.questions.connections import connections_or_why
-from discrepancy.sensitivities.stage_residuals import PlaceMotion, Residuals, residuals_of
+from discrepancy.sensitivities.stage_residuals import PlaceMotion, ResidualsAlongMotion, residuals_along_motion
 from discrepancy.stages.stage import Stage
 from estimation.signals.metrics import spectral_density
 from multibody.base.quantity_text import quantity_text
@@ -99,7 +99,7 @@ def locate(stage: Stage, part: str = "identify") -> WhereItFails:
     part : {"identify", "validate"}
         Records to look at.
     """
-    facts = residuals_of(stage, part)
+    facts = residuals_along_motion(stage, part)
     return WhereItFails(
         stage.name,
         part,
@@ -114,7 +114,7 @@ def locate(stage: Stage, part: str = "identify") -> WhereItFails:
 # ---------------------------------------------------------------- signals
 
 
-def _signals(facts: Residuals) -> list[Entry]:
+def _signals(facts: ResidualsAlongMotion) -> list[Entry]:
     rms = np.sqrt(np.mean(facts.values**2, axis=0))
     excess = np.maximum((rms / facts.noise) ** 2 - 1.0, 0.0)
     share = excess / excess.sum() if excess.sum() > 0.0 else np.zeros_like(excess)
@@ -148,7 +148,7 @@ def _signals(facts: Residuals) -> list[Entry]:
     return found
 
 
-def _above_noise(facts: Residuals, column: int) -> bool:
+def _above_noise(facts: ResidualsAlongMotion, column: int) -> bool:
     known = facts.stage.noise.get(facts.outputs[column])
     return not known or float(np.sqrt(np.mean(facts.values[:, column] ** 2))) > 1.1 * known
 
@@ -174,7 +174,7 @@ def regimes_of(motion: PlaceMotion) -> dict[str, np.ndarray]:
     }
 
 
-def _jackknife_error(facts: Residuals, of: Callable[[np.ndarray], float]) -> float:
+def _jackknife_error(facts: ResidualsAlongMotion, of: Callable[[np.ndarray], float]) -> float:
     """Standard error of a figure of rows, by leaving out one block at a time."""
     values = np.array([of(rows) for rows in facts.jackknife()])
     values = values[np.isfinite(values)]
@@ -182,7 +182,7 @@ def _jackknife_error(facts: Residuals, of: Callable[[np.ndarray], float]) -> flo
     return float(np.sqrt((n - 1) * np.var(values))) if n > 2 else float("inf")
 
 
-def _regimes(facts: Residuals) -> list[Entry]:
+def _regimes(facts: ResidualsAlongMotion) -> list[Entry]:
     found = []
     for motion in facts.guides():
         for regime, inside in regimes_of(motion).items():
@@ -198,7 +198,7 @@ def _regimes(facts: Residuals) -> list[Entry]:
 
 
 def _regime_entry(
-    facts: Residuals, motion: PlaceMotion, regime: str, inside: np.ndarray, c: int
+    facts: ResidualsAlongMotion, motion: PlaceMotion, regime: str, inside: np.ndarray, c: int
 ) -> Entry | None:
     e = facts.values[:, c]
 
@@ -244,7 +244,7 @@ def _regime_entry(
 # ---------------------------------------------------------------- position, speed, load, time
 
 
-def _regressors(facts: Residuals) -> list[tuple[str, str, str, np.ndarray]]:
+def _regressors(facts: ResidualsAlongMotion) -> list[tuple[str, str, str, np.ndarray]]:
     """What the residual may depend on: (place, name, unit, values)."""
     from discrepancy.effects.catalogue import catalogue
 
@@ -263,7 +263,7 @@ def _regressors(facts: Residuals) -> list[tuple[str, str, str, np.ndarray]]:
     return [f for f in found if np.ptp(f[3]) > 0.0]
 
 
-def _prepared(facts: Residuals, output: str) -> np.ndarray:
+def _prepared(facts: ResidualsAlongMotion, output: str) -> np.ndarray:
     parts = []
     for i, experiment in enumerate(facts.facts.experiments):
         parts.append(
@@ -274,7 +274,7 @@ def _prepared(facts: Residuals, output: str) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _dependence(facts: Residuals) -> list[Entry]:
+def _dependence(facts: ResidualsAlongMotion) -> list[Entry]:
     found = []
     for place, name, unit, x in _regressors(facts):
         edges = np.linspace(x.min(), x.max(), _BINS + 1)
@@ -289,7 +289,7 @@ def _dependence(facts: Residuals) -> list[Entry]:
     return sorted(found, key=lambda e: -e["share"])
 
 
-def _cross_validated(e: np.ndarray, bin_of: np.ndarray, facts: Residuals) -> float:
+def _cross_validated(e: np.ndarray, bin_of: np.ndarray, facts: ResidualsAlongMotion) -> float:
     """Share of the variance that bin means from other blocks explain; luck gives zero or less."""
     e = e - e.mean()
     count = np.array([np.bincount(bin_of[b], minlength=_BINS) for b in facts.blocks], dtype=float)
@@ -301,7 +301,7 @@ def _cross_validated(e: np.ndarray, bin_of: np.ndarray, facts: Residuals) -> flo
 
 
 def _dependence_entry(
-    facts: Residuals,
+    facts: ResidualsAlongMotion,
     place: str,
     name: str,
     unit: str,
@@ -341,7 +341,7 @@ def _dependence_entry(
 # ---------------------------------------------------------------- frequencies
 
 
-def _frequencies(facts: Residuals) -> list[Entry]:
+def _frequencies(facts: ResidualsAlongMotion) -> list[Entry]:
     found = []
     fits = facts.facts.calibration.fits
     rate = float(1.0 / np.median(np.diff(fits[0].experiment.time)))

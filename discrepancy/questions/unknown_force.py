@@ -124,7 +124,7 @@ def describe_unknown(study: Study) -> UnknownForce | None:
     """
     from discrepancy.search.step import scan_preparation
     from discrepancy.sensitivities.force_estimate import estimate_force
-    from discrepancy.sensitivities.linearised_problem import Confrontation
+    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
     stages = study.stages
     k = next(
@@ -141,7 +141,7 @@ def describe_unknown(study: Study) -> UnknownForce | None:
     assert accepted is not None
     effect = accepted.effect
     study.progress(f"the force at {effect.where} over time")
-    facts = Confrontation.of_stage(before, scan_preparation(before))
+    facts = LinearisedProblem.of_stage(before, scan_preparation(before))
     place = next(p for p in before.system.places if p.name == effect.where)
     estimate = estimate_force(before, facts, place, stages[k])
     alike = _alike(study, effect, k)

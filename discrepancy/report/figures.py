@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from discrepancy.report.conclusion import Conclusion, Evidence
-    from discrepancy.sensitivities.stage_residuals import Residuals
+    from discrepancy.sensitivities.stage_residuals import ResidualsAlongMotion
     from discrepancy.stages.stage import Stage
 
 __all__ = [
@@ -218,7 +218,9 @@ def _zoom(signal: SignalComparison, share: float = 0.12) -> slice:
 
 
 @drawing
-def residual_against(before: Residuals, after: Residuals | None, place: str, output: str) -> Figure:
+def residual_against(
+    before: ResidualsAlongMotion, after: ResidualsAlongMotion | None, place: str, output: str
+) -> Figure:
     """Draw an output's residual against speed and position of a place, before and after."""
     figure, axes = new_figure(2, height=2.7)
     column = before.outputs.index(output)
@@ -226,7 +228,7 @@ def residual_against(before: Residuals, after: Residuals | None, place: str, out
     motion = next((m for m in before.motions if place in (m.name, *m.also)), before.guides()[0])
     units = dict(motion.place.motion_names())
     names = [n for n, _ in motion.place.motion_names()]
-    sets: list[tuple[Residuals, dict[str, Any], str, str]] = [(before, BEFORE, "recalibrated", "s")]
+    sets: list[tuple[ResidualsAlongMotion, dict[str, Any], str, str]] = [(before, BEFORE, "recalibrated", "s")]
     if after is not None:
         sets.append((after, AFTER, "with what was added", "o"))
     for a, over, name in ((axes[0, 0], "speed", names[1]), (axes[1, 0], "position", names[0])):

@@ -51,7 +51,7 @@ def how(conclusion: Conclusion) -> list[tuple[str, str]]:
     scan = conclusion.baseline.scan
     lines = [
         (
-            "Confronted by",
+            "PreparedProblem by",
             conclusion.residual_mode
             + ": "
             + _MODES.get(conclusion.residual_mode, "")

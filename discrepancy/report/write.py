@@ -13,7 +13,7 @@ from discrepancy.report import effect_figures as figures_effects
 from discrepancy.report import figures
 from discrepancy.report.conclusion import VERDICTS, Conclusion, Evidence, evidence_of, save_diagnosis
 from discrepancy.report.content import content
-from discrepancy.sensitivities.stage_residuals import residuals_of
+from discrepancy.sensitivities.stage_residuals import residuals_along_motion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -92,8 +92,8 @@ def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
         )
     place = _named_place(conclusion, evidence)
     if place and conclusion.baseline.system.places:
-        before = residuals_of(conclusion.baseline)
-        after = residuals_of(conclusion.final) if conclusion.final is not conclusion.baseline else None
+        before = residuals_along_motion(conclusion.baseline)
+        after = residuals_along_motion(conclusion.final) if conclusion.final is not conclusion.baseline else None
         if before.motions:
             found.append(
                 _picture(

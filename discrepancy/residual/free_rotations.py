@@ -12,14 +12,14 @@ if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
     from multibody.system.system import System
 
-__all__ = ["free_turns"]
+__all__ = ["free_rotations"]
 
 INSTANTS = 32  # of a record at which the machine is asked
 NOTHING = 1e-9  # influence of a turn, relative to that of an angle alone, which is rounding
 PART = 0.1  # share in a turn from which an angle takes part in it
 
 
-def free_turns(
+def free_rotations(
     system: System, p: np.ndarray, experiments: Sequence[Experiment], followed: Sequence[Followed]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return which states and which outputs are angles that count turns, and nothing depends on how many.

@@ -17,7 +17,7 @@ import numpy as np
 from discrepancy.problem.problem import Problem
 from discrepancy.problem.study_file import StudyError
 from discrepancy.residual.initial_state import follow, signal_bandwidth
-from discrepancy.residual.inverse_model import UNITS, Motion, cut_loops, measured_motions, prescribed, shows_motion
+from discrepancy.residual.prescribed_motion import UNITS, Motion, cut_loops, measured_motions, prescribed, shows_motion
 from discrepancy.residual.windows import crop
 from estimation.files.record import Record, Signal
 from estimation.response.experiment import Experiment

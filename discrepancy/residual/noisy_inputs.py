@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
     from multibody.system.system import System
 
-__all__ = ["NoisyInput", "told_in_short", "without_noise"]
+__all__ = ["NoisyInput", "noise_summary", "reduce_input_noise"]
 
 MATTERS = 0.1
 """Root mean square in an output, over its noise floor, from which it is worth while to take it out of an input.
@@ -103,7 +103,7 @@ class NoisyInput:
         return asdict(self)
 
 
-def without_noise(problem: Problem, progress: Callable[[str], None]) -> tuple[Problem, tuple[NoisyInput, ...]]:
+def reduce_input_noise(problem: Problem, progress: Callable[[str], None]) -> tuple[Problem, tuple[NoisyInput, ...]]:
     """Return the problem with the inputs low-passed, or their noise to be weighed, where it matters, and what was done.
 
     What is above the cutoff counts as noise where the records lack what it makes of the outputs (`_noise_share`).
@@ -156,7 +156,7 @@ def without_noise(problem: Problem, progress: Callable[[str], None]) -> tuple[Pr
     return quiet, tuple(found)
 
 
-def told_in_short(noisy: Sequence[NoisyInput]) -> str:
+def noise_summary(noisy: Sequence[NoisyInput]) -> str:
     """Say of which inputs the noise was reckoned with."""
     names = " and ".join(n.input for n in noisy)
     which = f"Noise of the recorded input{'s' * (len(noisy) > 1)} {names}"

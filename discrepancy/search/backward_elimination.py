@@ -14,7 +14,7 @@ from discrepancy.search.record_left_out import left_out_difference
 from discrepancy.search.step import LOOKS, scan_preparation
 from discrepancy.search.trial_fits import Fit, tried
 from discrepancy.sensitivities.disturbance import facts_of
-from discrepancy.sensitivities.free_curve_scan import CurveOffer, offer_curves
+from discrepancy.sensitivities.free_curve_scan import FreeCurveScan, scan_free_curves
 from discrepancy.stages.stage import Accepted, Rival, Stage
 
 __all__ = ["curve_instead", "drop_idle", "free_curve", "lasts", "replace_by_curve"]
@@ -131,9 +131,9 @@ def _since(before: Stage, last: Stage) -> list[Effect]:
 
 def _offered(
     before: Stage, level: float, seed: int, progress: Callable[[str], None], where: Sequence[str] | None = None
-) -> CurveOffer:
+) -> FreeCurveScan:
     facts = facts_of(before, scan_preparation(before))
-    return offer_curves(before, facts, level=level, seed=seed, where=where, progress=progress)
+    return scan_free_curves(before, facts, level=level, seed=seed, where=where, progress=progress)
 
 
 def _promise(before: Stage, last: Stage, where: str | None = None) -> set[tuple[str, str]]:
@@ -142,7 +142,7 @@ def _promise(before: Stage, last: Stage, where: str | None = None) -> set[tuple[
     return {curve for curve, share in shares.items() if BENT * share > SHARE and where in (None, curve[0])}
 
 
-def _two_of(offer: CurveOffer, promise: set[tuple[str, str]] | None) -> tuple[list[Effect], list[float]]:
+def _two_of(offer: FreeCurveScan, promise: set[tuple[str, str]] | None) -> tuple[list[Effect], list[float]]:
     """Return the two best curves of an offer, with their p-values; of these only the promising ones, if asked."""
     two = list(zip(offer.effects, offer.p_values, strict=True))[:2]
     kept = [(e, p) for e, p in two if promise is None or (e.where, e.over) in promise]
@@ -154,7 +154,7 @@ def _waves(laws: Sequence[Effect]) -> bool:
 
 
 def _instead_of_waves(
-    before: Stage, last: Stage, waves: Sequence[Effect], offer: CurveOffer, fit: Fit, progress: Callable[[str], None]
+    before: Stage, last: Stage, waves: Sequence[Effect], offer: FreeCurveScan, fit: Fit, progress: Callable[[str], None]
 ) -> Stage | None:
     """Return a curve over position in the place of several waves that do not repeat, if it does as much.
 

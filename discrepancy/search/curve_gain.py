@@ -13,7 +13,7 @@ import numpy as np
 from discrepancy.search.model_comparison import above_floor
 from discrepancy.search.step import scan_preparation
 from discrepancy.sensitivities.disturbance import facts_of
-from discrepancy.sensitivities.free_curve_scan import curve_candidates
+from discrepancy.sensitivities.free_curve_scan import free_curve_candidates
 from discrepancy.statistics.blocks import Array, Candidate
 from discrepancy.statistics.projection import Projection
 from discrepancy.statistics.whitened import plain_projection
@@ -60,7 +60,7 @@ def _drops(last: Stage) -> dict[tuple[str, str], Array]:
         e = projection.remove(projection.layout.stack(projection.whitener, residual.blocks))
         last.worked_out[_KEY] = {
             (c.where, str(c.info["over"])): _drop(projection, e, e - _fitted(c, projection, e), c.k)
-            for c in curve_candidates(facts, last.system.places)
+            for c in free_curve_candidates(facts, last.system.places)
         }
     return last.worked_out[_KEY]
 

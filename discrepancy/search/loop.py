@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from discrepancy.effects.effect import Effect
 from discrepancy.search.model_comparison import bic_difference
 from discrepancy.search.step import LOOKS, TIE
-from discrepancy.stages.fit_stage import beside_held_out
+from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.stage import Accepted, Stage
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ class Search:
             stage = self.study.fitted(trial.name, trial.effects, trial, trial.noise)
         except RuntimeError as error:  # the trial could be simulated, what is near it cannot
             self.study.progress(f"{trial.effects[-1]} could not be fitted further, the trial's fit stands: {error}")
-            stage = beside_held_out(self.study.problem, trial)
+            stage = with_validation(self.study.problem, trial)
         told = replace(accepted, effect=stage.effects[-1]) if accepted is not None else None
         there = set(map(str, stage.effects))
         self.study.stages[:] = [_told_alone(s, there) for s in self.study.stages]

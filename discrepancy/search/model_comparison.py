@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.sensitivities.disturbance import residuals_beside
-from discrepancy.stages.prior_conflict import pull
+from discrepancy.sensitivities.disturbance import comparable_residuals
+from discrepancy.stages.prior_conflict import prior_penalty
 from discrepancy.stages.stage import Stage
 from estimation.signals.correlation import correlation_time
 
@@ -20,12 +20,12 @@ def bic_difference(richer: Stage, poorer: Stage) -> float:
 
     Residuals are coloured, so the number of samples of an output is divided by how long the richer model's residual
     remembers: BIC = Σ_c N_c·ln(SSE_c) + k·ln(Σ_c N_c) + Σ (θ − θ₀)²/s² with N_c the effective number and the last sum
-    what the stated uncertainty says about the parameters (`discrepancy.stages.prior_conflict.pull`).  Where a
+    what the stated uncertainty says about the parameters (`discrepancy.stages.prior_conflict.prior_penalty`).  Where a
     disturbance adds up
     along the records, the residuals are those that `discrepancy.sensitivities.disturbance` weighs down.
     """
     total, samples = 0.0, 0.0
-    all_a, all_b = residuals_beside(richer, poorer)
+    all_a, all_b = comparable_residuals(richer, poorer)
     for c, name in enumerate(richer.outputs):
         a, b = [e[:, c] for e in all_a], [e[:, c] for e in all_b]
         n = sum(e.size / correlation_time(e) for e in a)
@@ -34,7 +34,7 @@ def bic_difference(richer: Stage, poorer: Stage) -> float:
         total += n * (np.log(max(sse_a, 1e-300)) - np.log(max(sse_b, 1e-300)))
         samples += n
     more = len(richer.identify.parameters) - len(poorer.identify.parameters)
-    stated = pull(richer.identify, poorer.identify) - pull(poorer.identify, richer.identify)
+    stated = prior_penalty(richer.identify, poorer.identify) - prior_penalty(poorer.identify, richer.identify)
     return float(total + more * np.log(max(samples, 2.0)) + stated)
 
 

@@ -150,12 +150,12 @@ def omnibus_of_stage(stage: Stage, *, level: float, draws: int = 200, seed: int 
     """
     from discrepancy.search.step import scan_preparation
     from discrepancy.sensitivities.disturbance import facts_of
-    from discrepancy.sensitivities.input_feedback import reacting_inputs
-    from discrepancy.sensitivities.linearised_problem import Confrontation
+    from discrepancy.sensitivities.input_feedback import inputs_with_feedback
+    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
     preparation = scan_preparation(stage)
     facts = facts_of(stage, preparation)
-    reacting = reacting_inputs(Confrontation.of_stage(stage, preparation))
+    reacting = inputs_with_feedback(LinearisedProblem.of_stage(stage, preparation))
     drivers: dict[str, list[Array]] = {}
     rates = set()
     for experiment in facts.experiments:

@@ -9,7 +9,7 @@ import numpy as np
 
 from discrepancy.search.model_comparison import bic_difference
 from discrepancy.search.step import TIE
-from discrepancy.stages.prior_conflict import outside, told
+from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 
 if TYPE_CHECKING:
     from discrepancy.stages.stage import Stage
@@ -38,7 +38,7 @@ class Beyond:
 
     def told(self, effect: str) -> str:
         """Say it in a sentence or two."""
-        parts = [told(q, value) for q, value in self.moved]
+        parts = [conflict_text(q, value) for q, value in self.moved]
         better = "better than" if self.delta_bic < -TIE else "as well as"
         return (
             f"Before {effect} is believed: {' and '.join(parts)} explain{'s' if len(parts) == 1 else ''} these records "
@@ -70,7 +70,7 @@ def beyond_priors(study: Study, baseline: Stage, found: Stage) -> Beyond | None:
         free = study.with_uncertain(wide, baseline)
     except RuntimeError:  # values at which the machine cannot be simulated explain nothing
         return None
-    moved = outside(free.identify, {q.name: q for q in study.problem.uncertain})
+    moved = prior_conflicts(free.identify, {q.name: q for q in study.problem.uncertain})
     difference = bic_difference(free, found)
     if not moved or difference > TIE:
         return None

@@ -15,9 +15,9 @@ from discrepancy.effects.from_scan_row import effect_of, simpler_in
 from discrepancy.effects.kinds import kind_named
 from discrepancy.search.model_comparison import bic_difference, matters, taken
 from discrepancy.search.trial_fits import Refit, best_of, fits_with
-from discrepancy.sensitivities.candidates import candidate_columns, cannot_be_built
+from discrepancy.sensitivities.candidates import candidate_sensitivities, cannot_be_built
 from discrepancy.sensitivities.disturbance import facts_of
-from discrepancy.stages.prior_conflict import brings_back
+from discrepancy.stages.prior_conflict import needs_prior_conflict
 from discrepancy.stages.stage import Accepted, Rival, Stage
 from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
 from estimation.signals.preparation import Preparation
@@ -117,7 +117,7 @@ def scored(
     facts = facts_of(stage, scan_preparation(stage))
     experiment = stage.identify.fits[0].experiment
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
-    candidates, refused = candidate_columns(facts, entries, progress, stage.effects, curves=not stage.effects)
+    candidates, refused = candidate_sensitivities(facts, entries, progress, stage.effects, curves=not stage.effects)
     residual, sensitivities = facts.residual(), facts.sensitivities()
     progress(f"scores of {len(candidates)} candidates")
     return _scans(residual, sensitivities, candidates, level, seed, stage.noise), candidates, refused
@@ -174,7 +174,7 @@ def search_step(
             if isinstance(found, ModelError):
                 refused.append((by_name[row.name].info["entry"], cannot_be_built(found)))
             elif found is not None and bic_difference(found, stage) < 0.0:
-                if matters(found, stage) or brings_back(found.identify, stage.identify):
+                if matters(found, stage) or needs_prior_conflict(found.identify, stage.identify):
                     tried.append((found, row))
                 else:
                     slight.append(row)

@@ -19,7 +19,7 @@ from discrepancy.effects.catalogue import Entry, catalogue
 from discrepancy.search.model_comparison import bic_difference, loud, taken
 from discrepancy.search.step import FINALISTS, LOOKS, TIE, scan_preparation
 from discrepancy.search.trial_fits import Refit, best_of, fits_with
-from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Accepted, Rival, Stage
 from discrepancy.statistics.verdicts import Verdict
 from multibody.base.parallel import side_by_side
@@ -66,7 +66,7 @@ def last_resort(
     small = _small(stage, scan, refit, entries, progress)
     if small is not None or not loud(stage):
         return small
-    facts = Confrontation.of_stage(stage, scan_preparation(stage))
+    facts = LinearisedProblem.of_stage(stage, scan_preparation(stage))
     by_drop = sorted((r for r in scan.rows if r.name in entries), key=lambda r: -r.error_drop)
     bent = [r for r in by_drop if not entries[r.name].kind.linear]
     rows = list({r.name: r for r in (*bent, *by_drop[:FINALISTS])}.values())

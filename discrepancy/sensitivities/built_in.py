@@ -15,10 +15,10 @@ from discrepancy.effects.catalogue import Entry
 from estimation.response.perturbations import Change
 
 if TYPE_CHECKING:
-    from discrepancy.sensitivities.linearised_problem import Confrontation
+    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
     from multibody.system.system import System
 
-__all__ = ["Plan", "Wanted", "changes_of", "integrated_columns"]
+__all__ = ["Plan", "Wanted", "changes_of", "integrated_sensitivities"]
 
 #: an entry of the catalogue, its shapes, its strengths
 Plan = tuple[Entry, list[dict[str, float]], list[str]]
@@ -41,8 +41,8 @@ def changes_of(plans: Sequence[Plan], system: System) -> tuple[list[Wanted], lis
     return carried, others
 
 
-def integrated_columns(
-    facts: Confrontation, index: int, wanted: Sequence[Wanted]
+def integrated_sensitivities(
+    facts: LinearisedProblem, index: int, wanted: Sequence[Wanted]
 ) -> list[tuple[tuple[str, int], np.ndarray]]:
     """Return one record's derivatives (nt, n_y) by some strengths, in any order; what shares a shape at once.
 

@@ -17,10 +17,10 @@ from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import DIFFERENCE, differs_from
 from discrepancy.effects.kinds import MotionRange
 from discrepancy.effects.law_along_motion import MOTION, law_forces
-from discrepancy.sensitivities.built_in import Plan, changes_of, integrated_columns
-from discrepancy.sensitivities.curves import curve_columns, free_curves
-from discrepancy.sensitivities.finite_amplitude import far_away, secant_columns, takes_secants
-from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.sensitivities.built_in import Plan, changes_of, integrated_sensitivities
+from discrepancy.sensitivities.finite_amplitude import far_away, finite_amplitude_sensitivities, takes_finite_amplitudes
+from discrepancy.sensitivities.free_curves import free_curve_sensitivities, free_curves
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.blocks import Candidate
 from estimation.response.experiment import Experiment
 from estimation.response.perturbation_response import forget, response_of, worth_it
@@ -28,7 +28,7 @@ from estimation.response.perturbations import Change, Push
 from multibody.base.errors import ModelError
 from multibody.base.parallel import cores, side_by_side
 
-__all__ = ["candidate_columns", "cannot_be_built"]
+__all__ = ["candidate_sensitivities", "cannot_be_built"]
 
 STILL = 1e-12  # share of its value by which an input that is held may vary
 
@@ -38,8 +38,8 @@ def _small_strength(motion: MotionRange) -> float:
     return 0.01 / max(motion.scale, 1e-300)
 
 
-def candidate_columns(
-    facts: Confrontation,
+def candidate_sensitivities(
+    facts: LinearisedProblem,
     entries: Sequence[Entry],
     progress: Any = None,
     effects: Sequence[Effect] = (),
@@ -50,7 +50,7 @@ def candidate_columns(
 
     Parameters
     ----------
-    facts : Confrontation
+    facts : LinearisedProblem
     entries : sequence of Entry
     progress : callable, optional
         Gets a line of text now and then.
@@ -85,10 +85,10 @@ def candidate_columns(
     far = far_away(facts)
     for entry, shapes, strengths in plans:
         cols = [columns[entry.name, k] for k in range(len(shapes))]
-        if far and takes_secants(entry):
+        if far and takes_finite_amplitudes(entry):
             if progress is not None:
                 progress(f"simulate {entry.name} at strengths that matter: the model is far from the machine")
-            bent = secant_columns(facts, entry, shapes, cols)
+            bent = finite_amplitude_sensitivities(facts, entry, shapes, cols)
             shapes, cols = [*shapes, *(s for s, _ in bent)], [*cols, *(c for _, c in bent)]
         quiet = [not any(np.any(b) for b in shape) for shape in cols]
         if all(quiet):
@@ -114,7 +114,7 @@ def candidate_columns(
 
 
 def _all_columns(
-    facts: Confrontation, plans: Sequence[Plan], progress: Any, curves: bool
+    facts: LinearisedProblem, plans: Sequence[Plan], progress: Any, curves: bool
 ) -> dict[tuple[str, int], list[np.ndarray]]:
     """Return the columns of every candidate, record by record, side by side."""
     through = [c.channel for c in free_curves(facts)] if curves else []
@@ -135,7 +135,7 @@ def cannot_be_built(error: ModelError) -> str:
     return f"the model with it cannot be built: {'; '.join(error.faults)}"
 
 
-def _no_model(facts: Confrontation, entry: Entry) -> str:
+def _no_model(facts: LinearisedProblem, entry: Entry) -> str:
     """Return why the model cannot take an effect that needs a load, or an empty text.
 
     Where the load is itself worked out from the force that is asked for (a given motion needs it), the two would
@@ -150,7 +150,7 @@ def _no_model(facts: Confrontation, entry: Entry) -> str:
     return ""
 
 
-def _calibrated(facts: Confrontation, entry: Entry) -> str:
+def _calibrated(facts: LinearisedProblem, entry: Entry) -> str:
     """Return why a value of the model is no candidate where calibration moves it, or an empty text."""
     if entry.kind.at != "parameter":
         return ""
@@ -162,7 +162,7 @@ def _calibrated(facts: Confrontation, entry: Entry) -> str:
 
 
 def _record_columns(
-    facts: Confrontation,
+    facts: LinearisedProblem,
     index: int,
     plans: Sequence[Plan],
     curves: Sequence[str] = (),
@@ -213,16 +213,16 @@ def _record_columns(
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])
     if together and curves:
-        curve_columns(facts, index)
+        free_curve_sensitivities(facts, index)
     forget(experiment)
-    for key, column in integrated_columns(facts, index, integrated):
+    for key, column in integrated_sensitivities(facts, index, integrated):
         parts.setdefault(key, []).append(column)
     columns = {key: np.stack(group, axis=2) for key, group in parts.items()} | sensors
     return {key: facts.shaped(index, column) for key, column in columns.items()}
 
 
 def _forces(
-    facts: Confrontation,
+    facts: LinearisedProblem,
     entry: Entry,
     run: dict[str, np.ndarray],
     time: np.ndarray,

@@ -17,7 +17,7 @@ import numpy as np
 
 from discrepancy.residual.windows import keeps_growing
 from discrepancy.sensitivities.force_estimate import ForceEquations, correlated, force_posterior, force_responses
-from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.low_rank_noise import Shaping, shaping_along
 from discrepancy.statistics.null import WHOLE_RECORDS, cut
 from discrepancy.statistics.whitened import plain_projection, projection_in
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from estimation.signals.preparation import Preparation
     from multibody.assembly.places import Place
 
-__all__ = ["Disturbance", "disturbance_of", "facts_of", "residuals_beside"]
+__all__ = ["Disturbance", "comparable_residuals", "disturbance_of", "facts_of"]
 
 ROUNDS = 5  # of force against noise, each told by the other; a sixth changes them by less than 0.1 % on two drives
 _KEY = "disturbance"
@@ -81,7 +81,7 @@ def disturbance_of(stage: Stage) -> Disturbance | None:
     return stage.worked_out.get(_KEY)
 
 
-def facts_of(stage: Stage, preparation: Preparation) -> Confrontation:
+def facts_of(stage: Stage, preparation: Preparation) -> LinearisedProblem:
     """Return a stage's machine beside its records, weighed down where a disturbance adds up along them.
 
     Parameters
@@ -92,13 +92,13 @@ def facts_of(stage: Stage, preparation: Preparation) -> Confrontation:
     """
     key = ("weighed facts", preparation)
     if key not in stage.worked_out:
-        facts = Confrontation.of_stage(stage, preparation)
+        facts = LinearisedProblem.of_stage(stage, preparation)
         stage.worked_out[_KEY] = found = _found(facts) if _adds_up(facts) else None
         stage.worked_out[key] = facts.weighed_down(found.weighing) if found is not None else facts
     return stage.worked_out[key]
 
 
-def residuals_beside(one: Stage, other: Stage) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def comparable_residuals(one: Stage, other: Stage) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Return the residuals of two stages on the identification records, each a list of (n, n_channels).
 
     Where a disturbance adds up along the records of either they are weighed down alike, and free of what calibration
@@ -113,7 +113,7 @@ def residuals_beside(one: Stage, other: Stage) -> tuple[list[np.ndarray], list[n
 def _weighed(stage: Stage, beside: Disturbance) -> list[np.ndarray]:
     key = ("weighed residuals", beside)
     if key not in stage.worked_out:
-        facts = Confrontation.of_stage(stage, beside.preparation).weighed_down(beside.weighing)
+        facts = LinearisedProblem.of_stage(stage, beside.preparation).weighed_down(beside.weighing)
         residual = facts.residual()
         noise = beside.weighing[0].noise
         scale = identity(list(noise), residual.channels, residual.dt)
@@ -124,7 +124,7 @@ def _weighed(stage: Stage, beside: Disturbance) -> list[np.ndarray]:
     return stage.worked_out[key]
 
 
-def _adds_up(facts: Confrontation) -> bool:
+def _adds_up(facts: LinearisedProblem) -> bool:
     """Tell whether a force would add up, and the residual remembers so long that there are few pieces of it.
 
     An effect that is missing makes a residual remember as well; where the machine is held, that is all there is to it.
@@ -141,7 +141,7 @@ def _adds_up(facts: Confrontation) -> bool:
     return any(_runs_on(facts, i) for i in range(len(facts.experiments)))
 
 
-def _runs_on(facts: Confrontation, index: int) -> bool:
+def _runs_on(facts: LinearisedProblem, index: int) -> bool:
     """Tell whether a steady force at some connection moves an output ever further along a record.
 
     Dry friction holds a machine where it stands still, and so one record may say no where another says yes.
@@ -156,7 +156,7 @@ def _runs_on(facts: Confrontation, index: int) -> bool:
     return any(keeps_growing(np.abs(moved[:, c, k])) for c in range(moved.shape[1]) for k in range(moved.shape[2]))
 
 
-def _found(facts: Confrontation) -> Disturbance | None:
+def _found(facts: LinearisedProblem) -> Disturbance | None:
     """Return the force that explains a residual best; None if none does."""
     tried = [(place, _Force.at(facts, place)) for place in facts.system.places]
     place, best = max(tried, key=lambda t: t[1].log_likelihood, default=(None, None))
@@ -192,7 +192,7 @@ class _Force:
     log_likelihood: float
 
     @classmethod
-    def at(cls, facts: Confrontation, place: Place) -> _Force:
+    def at(cls, facts: LinearisedProblem, place: Place) -> _Force:
         """Estimate the force at a place, and the noise beside it, which each tell what the other is."""
         residual = facts.residual()
         given = [force_responses(facts, place, i) for i in range(len(facts.experiments))]

@@ -21,10 +21,10 @@ from multibody.base.parallel import side_by_side
 
 if TYPE_CHECKING:
     from discrepancy.effects.catalogue import Entry
-    from discrepancy.sensitivities.linearised_problem import Confrontation
+    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
     from multibody.system.system import System
 
-__all__ = ["bent", "far_away", "secant_columns", "takes_secants"]
+__all__ = ["bent", "far_away", "finite_amplitude_sensitivities", "takes_finite_amplitudes"]
 
 #: a column, record by record
 Blocks = Sequence[np.ndarray]
@@ -34,7 +34,7 @@ ALIKE = 1e-3  # share of a column's energy beyond which its direction is another
 SIZES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # strengths, over the force that the connection's motion takes
 
 
-def far_away(facts: Confrontation) -> bool:
+def far_away(facts: LinearisedProblem) -> bool:
     """Tell whether the model misses most of what some output does."""
     residual = np.concatenate(facts.residual().blocks)
     spread = np.std(np.concatenate([e.measured for e in facts.experiments]), axis=0)
@@ -42,7 +42,7 @@ def far_away(facts: Confrontation) -> bool:
     return bool(np.any(error > FAR * np.maximum(spread, 1e-300)))
 
 
-def takes_secants(entry: Entry) -> bool:
+def takes_finite_amplitudes(entry: Entry) -> bool:
     """Tell whether an effect is a dry friction of one strength, which can bring a machine to rest."""
     kind = entry.kind
     return (
@@ -54,7 +54,7 @@ def takes_secants(entry: Entry) -> bool:
     )
 
 
-def force_scale(facts: Confrontation, entry: Entry) -> float:
+def force_scale(facts: LinearisedProblem, entry: Entry) -> float:
     """Return the force or torque that a connection's own motion takes: its inertia there times its acceleration."""
     place = entry.place
     assert place is not None
@@ -71,8 +71,8 @@ def force_scale(facts: Confrontation, entry: Entry) -> float:
     return most / by_force if by_force > 0.0 else 0.0
 
 
-def secant_columns(
-    facts: Confrontation,
+def finite_amplitude_sensitivities(
+    facts: LinearisedProblem,
     entry: Entry,
     shapes: Sequence[dict[str, float]],
     straight: Sequence[Sequence[np.ndarray]],
@@ -86,9 +86,9 @@ def secant_columns(
 
     Parameters
     ----------
-    facts : Confrontation
+    facts : LinearisedProblem
     entry : Entry
-        An effect that `takes_secants`.
+        An effect that `takes_finite_amplitudes`.
     shapes : sequence of dict
         Points of its shape grid.
     straight : sequence of sequence of ndarray, shape (n, n_channels, 1)
@@ -194,7 +194,7 @@ def _alike(a: np.ndarray | None, b: np.ndarray | None) -> bool:
     return along > 0.0 and 1.0 - along**2 < ALIKE
 
 
-def _parameters(facts: Confrontation, system: System) -> np.ndarray:
+def _parameters(facts: LinearisedProblem, system: System) -> np.ndarray:
     p = system.p.copy()
     for name, value in zip(facts.system.parameter_names, facts.p, strict=True):
         if name in system.parameter_names:
@@ -202,7 +202,7 @@ def _parameters(facts: Confrontation, system: System) -> np.ndarray:
     return p
 
 
-def _outputs(facts: Confrontation, index: int, system: System, p: np.ndarray) -> np.ndarray:
+def _outputs(facts: LinearisedProblem, index: int, system: System, p: np.ndarray) -> np.ndarray:
     experiment = facts.experiments[index]
     x, known = experiment.start_vector(system), facts.start(index)
     for name, value in zip(facts.system.state_names, known, strict=True):

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from discrepancy.effects.law_along_motion import MOTION
-from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from estimation.response.perturbations import Push
 from estimation.signals.correlation import correlation_time
 
@@ -82,7 +82,7 @@ def _between(time: np.ndarray, knots: np.ndarray) -> np.ndarray:
     return np.maximum(0.0, 1.0 - np.abs(s[:, None] - np.arange(len(knots))))
 
 
-def force_responses(facts: Confrontation, place: Place, index: int) -> tuple[np.ndarray, np.ndarray]:
+def force_responses(facts: LinearisedProblem, place: Place, index: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the times of a record at which a force at a place has a value, and what each value makes of the residual.
 
     Returns
@@ -125,7 +125,7 @@ class ForceEquations:
     energy: float
 
     @classmethod
-    def of(cls, facts: Confrontation, responses: Sequence[np.ndarray], noise: np.ndarray) -> ForceEquations:
+    def of(cls, facts: LinearisedProblem, responses: Sequence[np.ndarray], noise: np.ndarray) -> ForceEquations:
         """Set up the equations from the responses of every record, (n, n_channels, k), and the outputs' noise."""
         residual, sens = facts.residual(), facts.sensitivities()
         given = np.isfinite(sens.prior_std)
@@ -164,7 +164,7 @@ def correlated(times: np.ndarray, memory: float) -> np.ndarray:
 
 
 def estimate_force(
-    stage: Stage, facts: Confrontation, place: Place, scale_of: Stage | None = None, *, all_of_it: bool = False
+    stage: Stage, facts: LinearisedProblem, place: Place, scale_of: Stage | None = None, *, all_of_it: bool = False
 ) -> ForceEstimate:
     """Estimate the force that a stage's model lacks at a place.
 
@@ -172,7 +172,7 @@ def estimate_force(
     ----------
     stage : Stage
         Without the force.
-    facts : Confrontation
+    facts : LinearisedProblem
         Of that stage.
     place : Place
     scale_of : Stage, optional

@@ -14,8 +14,8 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.kinds import kind_named
-from discrepancy.sensitivities.curves import curve_columns, free_curves
-from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.sensitivities.free_curves import free_curve_sensitivities, free_curves
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.blocks import Candidate
 from estimation.response.perturbation_response import forget
 from multibody.base.parallel import side_by_side
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from discrepancy.statistics.verdicts import Row
     from multibody.assembly.places import Place
 
-__all__ = ["CurveOffer", "curve_candidates", "curve_effect", "holds", "offer_curves"]
+__all__ = ["FreeCurveScan", "curve_effect", "free_curve_candidates", "holds", "scan_free_curves"]
 
 
 @dataclass(frozen=True, eq=False)
-class CurveOffer:
+class FreeCurveScan:
     """Free curves that the scan found significant, best first.
 
     Parameters
@@ -49,13 +49,13 @@ class CurveOffer:
     scan: ScanResult
 
 
-def curve_candidates(facts: Confrontation, places: Sequence[Place]) -> list[Candidate]:
+def free_curve_candidates(facts: LinearisedProblem, places: Sequence[Place]) -> list[Candidate]:
     """Return a candidate for each moving place and each regressor of a free curve."""
     wanted = {p.name for p in places}
     curves = [c for c in free_curves(facts) if c.place.name in wanted]
 
     def of_record(i: int) -> dict[str, np.ndarray]:
-        found = curve_columns(facts, i)
+        found = free_curve_sensitivities(facts, i)
         forget(facts.experiments[i])
         return found
 
@@ -89,21 +89,21 @@ def holds(row: Row) -> bool:
     return row.verdict is Verdict.MISSING and row.carries_over
 
 
-def offer_curves(
+def scan_free_curves(
     stage: Stage,
-    facts: Confrontation,
+    facts: LinearisedProblem,
     *,
     level: float,
     seed: int,
     where: Sequence[str] | None = None,
     progress: Callable[[str], None] = lambda text: None,
-) -> CurveOffer:
+) -> FreeCurveScan:
     """Score free curves on a stage's residual.
 
     Parameters
     ----------
     stage : Stage
-    facts : Confrontation
+    facts : LinearisedProblem
         Of that stage.
     level, seed
         As for the scan.
@@ -117,7 +117,7 @@ def offer_curves(
         return stage.worked_out[key]
     places = [p for p in stage.system.places if where is None or p.name in where]
     progress(f"free curves at {len(places)} places")
-    candidates = curve_candidates(facts, places)
+    candidates = free_curve_candidates(facts, places)
     residual = facts.residual()
     found = scan(
         residual, facts.sensitivities(), candidates,
@@ -126,6 +126,6 @@ def offer_curves(
     by_name = {c.name: c for c in candidates}
     rows = sorted((r for r in found.rows if holds(r)), key=lambda r: r.delta_bic)
     effects = tuple(curve_effect(by_name[r.name], np.atleast_1d(r.amplitude), dict(r.shape), stage) for r in rows)
-    offer = CurveOffer(effects, tuple(r.p for r in rows), tuple(r.error_drop for r in rows), found)
+    offer = FreeCurveScan(effects, tuple(r.p for r in rows), tuple(r.error_drop for r in rows), found)
     stage.worked_out[key] = offer
     return offer

@@ -16,16 +16,16 @@ from discrepancy.statistics.whitening import fit_whitener
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from discrepancy.sensitivities.linearised_problem import Confrontation
+    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
     from discrepancy.statistics.blocks import Array
 
-__all__ = ["reacting_inputs", "told_reacting"]
+__all__ = ["feedback_messages", "inputs_with_feedback"]
 
 LAGS = 8  # samples of a scan by which one may come after the other; chosen
 SURE = 6.0  # deviations of a correlation from which an answer is one, beyond luck among all outputs and lags; chosen
 
 
-def reacting_inputs(facts: Confrontation) -> dict[str, str]:
+def inputs_with_feedback(facts: LinearisedProblem) -> dict[str, str]:
     """Return the recorded inputs that answer to what is left, each with the output in which that shows most.
 
     Both are freed of their own memory by prediction-error filters, so that each keeps only what is new in it.  An input
@@ -50,7 +50,7 @@ def reacting_inputs(facts: Confrontation) -> dict[str, str]:
     return found
 
 
-def told_reacting(found: Mapping[str, str]) -> list[str]:
+def feedback_messages(found: Mapping[str, str]) -> list[str]:
     """Say in a sentence for each input that it answers, and what that is worth knowing for."""
     return [
         f"The recorded input {name} answers to what is left of {output}, as what a controller puts out does. Whether "

@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from estimation.signals.preparation import Preparation
     from multibody.system.system import System
 
-__all__ = ["Confrontation"]
+__all__ = ["LinearisedProblem"]
 
 KEPT = ("experiments", "motion", "shaping", "left", "derivatives", "range")  # what no weighing changes
 
 
 @dataclass(frozen=True, eq=False)
-class Confrontation:
+class LinearisedProblem:
     """A calibrated machine beside the records that may be used to choose.
 
     Parameters
@@ -63,7 +63,7 @@ class Confrontation:
     _cache: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of_stage(cls, stage: Stage, preparation: Preparation) -> Confrontation:
+    def of_stage(cls, stage: Stage, preparation: Preparation) -> LinearisedProblem:
         """Return a stage's machine beside its identification records; what was worked out for it before is kept."""
         key = ("facts", preparation)
         if key not in stage.worked_out:
@@ -72,7 +72,7 @@ class Confrontation:
             )
         return stage.worked_out[key]
 
-    def weighed_down(self, disturbance: Sequence[Shaping]) -> Confrontation:
+    def weighed_down(self, disturbance: Sequence[Shaping]) -> LinearisedProblem:
         """Return the same with its blocks weighed down; what was worked out of them before stays."""
         kept = {k: v for k, v in self._cache.items() if k.startswith(KEPT)}
         return replace(self, disturbance=tuple(disturbance), _cache=kept)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
 from estimation.signals.correlation import correlation_time, cut_rows
 from estimation.signals.preparation import Preparation
@@ -16,7 +16,7 @@ from estimation.signals.preparation import Preparation
 if TYPE_CHECKING:
     from multibody.assembly.places import Place
 
-__all__ = ["PlaceMotion", "Residuals", "coupled_places", "residuals_of"]
+__all__ = ["PlaceMotion", "ResidualsAlongMotion", "coupled_places", "residuals_along_motion"]
 
 LEAST_BLOCKS = 8
 MOST_BLOCKS = 40
@@ -54,14 +54,14 @@ class PlaceMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class ResidualsAlongMotion:
     """Residuals of a part of a stage.
 
     Attributes
     ----------
     stage : Stage
     part : {"identify", "validate"}
-    facts : Confrontation
+    facts : LinearisedProblem
         The calibrated machine beside the part's records, with their own preparation.
     time : ndarray, shape (n,), s
         Of all records, one after another.
@@ -75,7 +75,7 @@ class Residuals:
 
     stage: Stage
     part: str
-    facts: Confrontation
+    facts: LinearisedProblem
     time: np.ndarray
     values: np.ndarray
     record: np.ndarray
@@ -127,7 +127,7 @@ def coupled_places(motions: Sequence[PlaceMotion]) -> list[list[PlaceMotion]]:
     return groups
 
 
-def residuals_of(stage: Stage, part: str = "identify") -> Residuals:
+def residuals_along_motion(stage: Stage, part: str = "identify") -> ResidualsAlongMotion:
     """Collect the residuals of a part of a stage and the motion of every place.
 
     Raises
@@ -139,7 +139,7 @@ def residuals_of(stage: Stage, part: str = "identify") -> Residuals:
     if calibration is None or not calibration.fits:
         raise ValueError(f"stage '{stage.name}' has no records in part '{part}'")
     fits = calibration.fits
-    facts = Confrontation(
+    facts = LinearisedProblem(
         stage.system, stage.slim, calibration, stage.sensors, fits[0].experiment.preparation, stage.p
     )
     time = np.concatenate([f.experiment.time for f in fits])
@@ -151,11 +151,11 @@ def residuals_of(stage: Stage, part: str = "identify") -> Residuals:
     # With fewer blocks no spread can be estimated; then blocks shorter than asked for are the lesser evil.
     shortest = min(int(3 * memory), max(1, len(values) // LEAST_BLOCKS))
     blocks = tuple(cut_rows(lengths, shortest, MOST_BLOCKS))
-    return Residuals(stage, part, facts, time, values, record, motions, blocks)
+    return ResidualsAlongMotion(stage, part, facts, time, values, record, motions, blocks)
 
 
 def _motions(
-    facts: Confrontation, stage: Stage, preparations: Sequence[Preparation]
+    facts: LinearisedProblem, stage: Stage, preparations: Sequence[Preparation]
 ) -> tuple[PlaceMotion, ...]:
     found = []
     columns: dict[str, list[np.ndarray]] = {}

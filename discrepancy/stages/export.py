@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from estimation.response.experiment import SensorError
     from multibody.model.model import Model
 
-__all__ = ["machine_of"]
+__all__ = ["machine_with_effects"]
 
 _log = logging.getLogger(__name__)
 
 
-def machine_of(
+def machine_with_effects(
     given: Model,
     effects: Sequence[Effect],
     values: Mapping[str, float],
@@ -83,7 +83,7 @@ def _with_sensor(model: Model, output: str, errors: dict[str, float], unit: str)
 
 def _measured(model: Model, state: str) -> str:
     """Put an ideal sensor on the flange whose motion a state is, and return its output; empty for another state."""
-    from discrepancy.residual.inverse_model import free_motions
+    from discrepancy.residual.prescribed_motion import free_motions
     from multibody.library import AngleSensor, PositionSensor, SpeedSensor, VelocitySensor
 
     sensors = {"translation": (PositionSensor, VelocitySensor), "rotation": (AngleSensor, SpeedSensor)}

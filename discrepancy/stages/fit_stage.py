@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discrepancy.stages.export import machine_of
+from discrepancy.stages.export import machine_with_effects
 from discrepancy.stages.stage import Stage
 from estimation.fit.calibrate import calibrate, evaluate
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from discrepancy.problem.problem import Problem
     from multibody.model.model import Model
 
-__all__ = ["Held", "beside_held_out", "fitted_stage"]
+__all__ = ["Held", "fitted_stage", "with_validation"]
 
 #: Values of the parameters, each record's own unknowns, and scales of the outputs that an earlier fit has given.
 Held = tuple[Mapping[str, float], Sequence[np.ndarray], Mapping[str, float]]
@@ -107,7 +107,7 @@ def fitted_stage(
     machine = None
     if not trial:
         units = {n: system.unit(n) for n in measured}
-        machine = machine_of(origin, fitted, {**given, **values}, sensors, units)
+        machine = machine_with_effects(origin, fitted, {**given, **values}, sensors, units)
     return Stage(
         name,
         model.with_values({**given, **values}),
@@ -124,7 +124,7 @@ def fitted_stage(
     )
 
 
-def beside_held_out(problem: Problem, stage: Stage) -> Stage:
+def with_validation(problem: Problem, stage: Stage) -> Stage:
     """Return a stage laid beside the held-out records as it is."""
     if not problem.validate:
         return stage

@@ -12,12 +12,12 @@ from multibody.base.quantity_text import quantity_text
 if TYPE_CHECKING:
     from estimation.fit.calibration import Calibration, UncertainParameter
 
-__all__ = ["FAR", "brings_back", "outside", "pull", "told"]
+__all__ = ["CONFLICT_STD", "conflict_text", "needs_prior_conflict", "prior_conflicts", "prior_penalty"]
 
-FAR = 3.0  # deviations from its stated value at which a parameter counts as outside
+CONFLICT_STD = 3.0  # deviations from its stated value at which a parameter counts as outside
 
 
-def pull(calibration: Calibration, other: Calibration | None = None) -> float:
+def prior_penalty(calibration: Calibration, other: Calibration | None = None) -> float:
     """Return how unlikely the fitted values are by what was stated: Σ (θ − θ₀)²/(s² + σ²), one for each parameter.
 
     s is the stated standard deviation and σ that of the fit: a value that the records hardly give does not count as far
@@ -41,10 +41,10 @@ def _deviations(calibration: Calibration) -> Mapping[str, float]:
     return {q.name: float(s) for q, s in zip(calibration.parameters, calibration.std, strict=True) if not np.isnan(s)}
 
 
-def outside(
+def prior_conflicts(
     calibration: Calibration, stated: Mapping[str, UncertainParameter] | None = None
 ) -> tuple[tuple[UncertainParameter, float], ...]:
-    """Return the parameters that the records put further from their stated value than `FAR` deviations, and where.
+    """Return the parameters fitted further from their stated value than `CONFLICT_STD` deviations, with their fits.
 
     Parameters
     ----------
@@ -55,17 +55,17 @@ def outside(
     found = []
     for q, value in zip(calibration.parameters, calibration.values, strict=True):
         said = (stated or {}).get(q.name, q)
-        if abs(float(value) - said.value) > FAR * said.std:
+        if abs(float(value) - said.value) > CONFLICT_STD * said.std:
             found.append((said, float(value)))
     return tuple(found)
 
 
-def brings_back(richer: Calibration, poorer: Calibration) -> bool:
+def needs_prior_conflict(richer: Calibration, poorer: Calibration) -> bool:
     """Tell whether a poorer model replaces an effect only with parameters outside their stated uncertainty."""
-    return bool({q.name for q, _ in outside(poorer)} - {q.name for q, _ in outside(richer)})
+    return bool({q.name for q, _ in prior_conflicts(poorer)} - {q.name for q, _ in prior_conflicts(richer)})
 
 
-def told(parameter: UncertainParameter, value: float) -> str:
+def conflict_text(parameter: UncertainParameter, value: float) -> str:
     """Return a parameter's value beside what was stated, as it stands in a sentence."""
     stated, deviation = quantity_text(parameter.value, parameter.unit), quantity_text(parameter.std, parameter.unit)
     return f"{parameter.name} = {quantity_text(value, parameter.unit)} (stated: {stated} ± {deviation})"

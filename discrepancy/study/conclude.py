@@ -17,13 +17,13 @@ from discrepancy.questions.unknown_force import describe_unknown
 from discrepancy.questions.unnamed_force import nameless_force
 from discrepancy.report.conclusion import Conclusion, UnknownCurve, explained
 from discrepancy.report.wording import rival_title
-from discrepancy.residual.noisy_inputs import told_in_short
+from discrepancy.residual.noisy_inputs import noise_summary
 from discrepancy.search.parameter_trend import Trend, parameter_trends
 from discrepancy.search.step import scan_preparation
 from discrepancy.sensitivities.disturbance import disturbance_of
-from discrepancy.sensitivities.input_feedback import reacting_inputs, told_reacting
-from discrepancy.sensitivities.linearised_problem import Confrontation
-from discrepancy.stages.prior_conflict import outside, told
+from discrepancy.sensitivities.input_feedback import feedback_messages, inputs_with_feedback
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
+from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 from discrepancy.stages.stage import Accepted, Stage
 from discrepancy.statistics.verdicts import Verdict
 from multibody.base.quantity_text import quantity_text
@@ -69,12 +69,12 @@ def conclude(study: Study) -> Conclusion:
     warnings = problem.warnings
     if study.beyond is not None and accepted:
         warnings = (*warnings, study.beyond.told(f"{_title(accepted[0].effect.kind)} at {accepted[0].effect.where}"))
-    if not accepted and (far := outside(stages[-1].identify)):
-        listed = " and ".join(told(q, value) for q, value in far)
+    if not accepted and (far := prior_conflicts(stages[-1].identify)):
+        listed = " and ".join(conflict_text(q, value) for q, value in far)
         warnings = (*warnings, f"Calibration ends outside what was stated: {listed}. Check what was stated.")
-    noisy = study.confronted.noisy if study.confronted is not None else ()
+    noisy = study.prepared.noisy if study.prepared is not None else ()
     reacting = _reacting(study)
-    warnings = (*warnings, *(n.sentence for n in noisy), *told_reacting(reacting))
+    warnings = (*warnings, *(n.sentence for n in noisy), *feedback_messages(reacting))
     disturbance = disturbance_of(stages[-1])
     warnings = (*warnings, *([disturbance.sentence] if disturbance is not None else []))
     trends = study.unless_it_fails("whether parameters change along the records", lambda: _trends(study)) or ()
@@ -111,7 +111,7 @@ def conclude(study: Study) -> Conclusion:
             **({"follows_inputs": {"p": still.p, "rejects": still.rejects, "most": still.leading}} if still else {}),
         },
     )
-    more = [told_in_short(noisy)] if noisy else []
+    more = [noise_summary(noisy)] if noisy else []
     if unknown is not None and not accepted:
         return replace(found, sentence=" ".join([unknown.statement + _far_off(stages[-1]), *more]))
     sentence = _sentence(found, accepted) + _far_off(stages[-1])
@@ -123,7 +123,7 @@ def _reacting(study: Study) -> dict[str, str]:
     if study.mode == "inverse" or not study.steps:  # where motion is given, it is an input
         return {}
     stage = study.stages[-1]
-    return reacting_inputs(Confrontation.of_stage(stage, scan_preparation(stage)))
+    return inputs_with_feedback(LinearisedProblem.of_stage(stage, scan_preparation(stage)))
 
 
 def _trends(study: Study) -> tuple[Trend, ...]:
@@ -242,8 +242,8 @@ def _far_off(stage: Stage) -> str:
 
 def _instead(before: Stage, after: Stage) -> str:
     """Say which parameters calibration takes out of their stated uncertainty where the effects are not in the model."""
-    within = {q.name for q in after.identify.parameters} - {q.name for q, _ in outside(after.identify)}
-    far = [told(q, value) for q, value in outside(before.identify) if q.name in within]
+    within = {q.name for q in after.identify.parameters} - {q.name for q, _ in prior_conflicts(after.identify)}
+    far = [conflict_text(q, value) for q, value in prior_conflicts(before.identify) if q.name in within]
     without = "it" if len(after.effects) == 1 else "them"
     return f" Without {without} the records ask for {' and '.join(far)}." if far else ""
 

@@ -127,8 +127,8 @@ def restore(study: Study, path: str | Path) -> None:
             ]
         )
     study.prepare()
-    if content.get("in_windows_instead") and study.cut_into_windows() and study.confronted is not None:
-        study.confronted = dataclasses.replace(study.confronted, reason=content["in_windows_instead"])
+    if content.get("in_windows_instead") and study.cut_into_windows() and study.prepared is not None:
+        study.prepared = dataclasses.replace(study.prepared, reason=content["in_windows_instead"])
     study.stages.clear()
     for k, entry in enumerate(content["stages"]):
         study.progress(f"build stage '{entry.get('name', k)}' again")

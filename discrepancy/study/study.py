@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from discrepancy.questions.compare import Comparison
     from discrepancy.questions.locate import WhereItFails
     from discrepancy.report.conclusion import Conclusion
-    from discrepancy.residual.confront import Confronted
+    from discrepancy.residual.residual_mode import PreparedProblem
     from discrepancy.search.omnibus import Omnibus
     from discrepancy.search.prior_conflict_test import Beyond
     from estimation.fit.calibrate import UncertainParameter
@@ -73,7 +73,7 @@ class Study:
     progress: Callable[[str], None] = silent
     stages: list[Stage] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
-    confronted: Confronted | None = None
+    prepared: PreparedProblem | None = None
     checkpoint: Callable[[Study], object] | None = None
     settled: bool = True
     interrupted: bool = False
@@ -108,25 +108,25 @@ class Study:
 
     def prepare(self) -> None:
         """Choose how the model is confronted with its records, if that has not been done yet."""
-        from discrepancy.residual.confront import confront
+        from discrepancy.residual.residual_mode import prepared_problem
 
-        if self.confronted is None:
-            self._confront(confront(self.problem, self.progress))
+        if self.prepared is None:
+            self._take(prepared_problem(self.problem, self.progress))
 
-    def _confront(self, confronted: Confronted) -> None:
-        from discrepancy.residual.accuracy import bounded_effort
+    def _take(self, prepared: PreparedProblem) -> None:
+        from discrepancy.residual.tolerances import with_tolerances
 
-        self.confronted = confronted
-        self.problem = bounded_effort(confronted.problem)
+        self.prepared = prepared
+        self.problem = with_tolerances(prepared.problem)
 
     def cut_into_windows(self, errors: Mapping[str, float] | None = None) -> bool:
         """Begin again in windows where simulations with these errors (or any) do not follow; say whether that is so."""
-        from discrepancy.residual.confront import windows_instead
+        from discrepancy.residual.residual_mode import problem_in_windows
 
-        found = windows_instead(self.given, errors, self.progress)
+        found = problem_in_windows(self.given, errors, self.progress)
         if found is None:
             return False
-        self._confront(found)
+        self._take(found)
         self.in_windows_instead = True
         self.stages.clear()
         self.steps.clear()
@@ -233,12 +233,12 @@ class Study:
     @property
     def mode(self) -> str:
         """How the model is confronted with the records: ``"simulation"``, ``"prediction"`` or ``"inverse"``."""
-        return self.confronted.mode if self.confronted is not None else self.problem.residual
+        return self.prepared.mode if self.prepared is not None else self.problem.residual
 
     @property
     def mode_reason(self) -> str:
         """Why it is confronted so."""
-        return self.confronted.reason if self.confronted is not None else "chosen when the first stage is made"
+        return self.prepared.reason if self.prepared is not None else "chosen when the first stage is made"
 
     # ---------------------------------------------------------------- questions
 
@@ -300,7 +300,7 @@ class Study:
 
     def with_uncertain(self, uncertain: tuple[UncertainParameter, ...], start: Stage) -> Stage:
         """Fit a stage's model on trial with other deviations of the uncertain parameters."""
-        other = Study(replace(self.problem, uncertain=uncertain), self.progress, confronted=self.confronted)
+        other = Study(replace(self.problem, uncertain=uncertain), self.progress, prepared=self.prepared)
         return other.fitted(start.name, start.effects, start, start.noise, trial=True)
 
     def refit(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:

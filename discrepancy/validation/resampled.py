@@ -178,20 +178,20 @@ class Shared:
         """Work it out for the best model."""
         from discrepancy.effects.catalogue import catalogue
         from discrepancy.search.step import scan_preparation
-        from discrepancy.sensitivities.candidates import candidate_columns
-        from discrepancy.sensitivities.free_curve_scan import curve_candidates
-        from discrepancy.sensitivities.linearised_problem import Confrontation
+        from discrepancy.sensitivities.candidates import candidate_sensitivities
+        from discrepancy.sensitivities.free_curve_scan import free_curve_candidates
+        from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
         progress("columns of all candidates")
-        facts = Confrontation.of_stage(stage, scan_preparation(stage))
+        facts = LinearisedProblem.of_stage(stage, scan_preparation(stage))
         experiment = stage.identify.fits[0].experiment
-        candidates, _ = candidate_columns(facts, catalogue(stage.system, experiment.outputs, experiment.inputs))
+        candidates, _ = candidate_sensitivities(facts, catalogue(stage.system, experiment.outputs, experiment.inputs))
         residual = facts.residual()
         return cls.of_arrays(
             residual,
             facts.sensitivities(),
             candidates,
-            curve_candidates(facts, stage.system.places),
+            free_curve_candidates(facts, stage.system.places),
             [stage.noise[c] for c in residual.channels],
             [s for s in SCHEMES if s != SHIFT or repeats(stage)[1] < REPEATS],
         )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from discrepancy.problem.problem import Problem, make_experiments
-from discrepancy.residual.confront import Confronted, windows_instead
+from discrepancy.residual.residual_mode import PreparedProblem, problem_in_windows
 from discrepancy.study.history import restore, save_history
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal
@@ -80,12 +80,12 @@ def test_without_an_offset_nothing_is_named():
 
 def test_simulations_that_end_far_from_their_records_give_way_to_windows(tmp_path):
     study = study_of(0.05)
-    assert windows_instead(study.given, {"rod.angle": 0.1}) is None, "10 % of a radian: they follow"
-    cut = windows_instead(study.given, {"rod.angle": 1.5})
+    assert problem_in_windows(study.given, {"rod.angle": 0.1}) is None, "10 % of a radian: they follow"
+    cut = problem_in_windows(study.given, {"rod.angle": 1.5})
     assert cut is not None
     assert cut.mode == "prediction"
     assert "simulations of whole records end 150% of the spread of rod.angle away from them" in cut.reason
-    study.confronted = Confronted(study.given, "simulation", "as if the records were calm")
+    study.prepared = PreparedProblem(study.given, "simulation", "as if the records were calm")
     assert study.cut_into_windows({"rod.angle": 1.5})
     assert study.in_windows_instead
     _ = study.stage

@@ -85,8 +85,8 @@ def small_study():
 
     from discrepancy.effects.catalogue import catalogue
     from discrepancy.effects.effect import Effect
-    from discrepancy.sensitivities.candidates import candidate_columns
-    from discrepancy.sensitivities.linearised_problem import Confrontation
+    from discrepancy.sensitivities.candidates import candidate_sensitivities
+    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
     from discrepancy.stages.stage import Accepted, Rival, Stage
     from discrepancy.statistics.scan import scan
     from estimation.fit.calibrate import UncertainParameter, calibrate, evaluate
@@ -125,7 +125,7 @@ def small_study():
         )  # fmt: skip
 
     def scanned(found, seed):
-        facts = Confrontation.of_stage(found, Preparation(decimate=5, low_pass_hz=20.0))
+        facts = LinearisedProblem.of_stage(found, Preparation(decimate=5, low_pass_hz=20.0))
         names = (
             "coulomb_friction",
             "quadratic_drag",
@@ -143,7 +143,7 @@ def small_study():
             )
             if f"{e.kind.name}.{e.where}" not in found.model.components
         ]
-        candidates, refused = candidate_columns(facts, entries)
+        candidates, refused = candidate_sensitivities(facts, entries)
         return scan(facts.residual(), facts.sensitivities(), candidates, draws=100, seed=seed), refused
 
     given = stage("as given", plain, (), None, ())

@@ -11,10 +11,10 @@ import pytest
 
 from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.problem.study_file import StudyError
-from discrepancy.residual.confront import confront, windows_instead
 from discrepancy.residual.initial_state import follow, signal_bandwidth
 from discrepancy.residual.input_noise import shaping_of
 from discrepancy.residual.inverse import derivatives, inverse_problem
+from discrepancy.residual.residual_mode import prepared_problem, problem_in_windows
 from discrepancy.residual.windows import WINDOW_FACTOR, cut_windows, growth_from
 from estimation.files.record import Record, Signal
 from estimation.fit.calibrate import UncertainParameter
@@ -92,19 +92,19 @@ def standing_pendulum(residual="auto"):
 
 def test_machine_on_a_spring_is_simulated():
     problem, _ = slide_problem(stiffness=2000.0, noise=0.05)
-    found = confront(problem)
+    found = prepared_problem(problem)
     assert (found.mode, found.problem) == ("simulation", problem)
     assert "stays where its inputs put it" in found.reason
 
 
 def test_a_wrong_model_of_a_calm_machine_is_not_cut_into_windows():
     problem, _ = slide_problem(stiffness=2000.0, noise=0.05)
-    assert windows_instead(problem, {"carriage.position": 1.0}) is None
+    assert problem_in_windows(problem, {"carriage.position": 1.0}) is None
 
 
 def test_free_mass_with_a_noisy_force_is_cut_into_windows():
     problem, _ = slide_problem(noise=0.1, duration=16.0)
-    found = confront(problem)
+    found = prepared_problem(problem)
     assert found.mode == "prediction"
     assert "noise of drive.force" in found.reason
     assert len(found.problem.identify) > 2
@@ -112,7 +112,7 @@ def test_free_mass_with_a_noisy_force_is_cut_into_windows():
 
 def test_free_mass_with_an_exact_force_may_be_simulated():
     problem, _ = slide_problem(noise=0.0)
-    assert confront(problem).mode == "simulation"
+    assert prepared_problem(problem).mode == "simulation"
 
 
 def test_standing_pendulum_runs_away_at_its_known_rate():
@@ -136,7 +136,7 @@ def test_standing_pendulum_runs_away_at_its_known_rate():
 
 def test_windows_do_not_cross_records_and_cover_them():
     problem, _ = standing_pendulum("prediction")
-    found = confront(problem)
+    found = prepared_problem(problem)
     record, windows = problem.identify[0].record, found.problem.identify
     ends = [(w.record.time[0], w.record.time[-1]) for w in windows]
     assert ends[0][0] == record.time[0]
@@ -149,7 +149,7 @@ def test_windows_do_not_cross_records_and_cover_them():
 
 def test_windows_start_where_the_machine_was():
     problem, run = standing_pendulum("prediction")
-    for window in confront(problem).problem.identify:
+    for window in prepared_problem(problem).problem.identify:
         k = int(np.argmin(np.abs(run.times - window.record.time[0])))
         # The angle is known to its noise of 1e-4 rad; a parabola over half-width 3 samples at least gives its rate
         # to 1e-4/(0.015 s·√2): 0.02 rad/s, three times that is allowed, and the same for its bias in fast motion.
@@ -172,7 +172,7 @@ def test_within_a_window_errors_grow_less_than_the_factor():
 def test_a_window_of_the_preparation_is_kept():
     problem, _ = slide_problem(noise=0.1)
     narrow = [e.with_preparation(Preparation(start=1.0, stop=5.0)) for e in problem.identify]
-    windows = confront(
+    windows = prepared_problem(
         Problem(name="slide", model=problem.model, uncertain=(), identify=tuple(narrow), residual="prediction")
     ).problem.identify
     assert windows[0].record.time[0] == pytest.approx(1.0)
@@ -198,7 +198,7 @@ def test_bandwidth_of_a_sine_in_noise():
 
 def test_inverse_of_the_right_model_needs_the_recorded_torque():
     problem, _ = standing_pendulum("inverse")
-    found = confront(problem)
+    found = prepared_problem(problem)
     assert found.mode == "inverse"
     assert "rod.angle" in found.reason
     e = found.problem.identify[0]
@@ -266,7 +266,8 @@ def test_inverse_takes_the_controller_out_when_its_output_is_measured():
     )
     uncertain = (UncertainParameter("carriage.m", 40.0, 4.0), UncertainParameter("controller.k_speed", 0.12, 0.01))
     experiments = make_experiments(model, [record], ("reference.position",), ("motor.torque", "encoder.angle"))
-    assert confront(Problem(name="axis", model=model, uncertain=uncertain, identify=experiments)).mode == "simulation"
+    problem = Problem(name="axis", model=model, uncertain=uncertain, identify=experiments)
+    assert prepared_problem(problem).mode == "simulation"
     found = inverse_problem(
         Problem(name="axis", model=model, uncertain=uncertain, identify=experiments, residual="inverse"), bandwidth=20.0
     ).problem
@@ -293,7 +294,7 @@ def test_inverse_refuses_a_machine_without_measured_motion():
         residual="inverse",
     )
     with pytest.raises(StudyError, match=r"none of the measured outputs \(guide.loss\)"):
-        confront(wrong)
+        prepared_problem(wrong)
 
 
 def test_noise_of_a_force_is_weighed_down_to_white():

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from discrepancy.effects.catalogue import catalogue
-from discrepancy.sensitivities.candidates import candidate_columns
-from discrepancy.sensitivities.free_curve_scan import curve_candidates
-from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.sensitivities.candidates import candidate_sensitivities
+from discrepancy.sensitivities.free_curve_scan import free_curve_candidates
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from estimation.response.perturbation_response import PushResponse
 from estimation.signals.preparation import Preparation
 
@@ -23,7 +23,7 @@ def anew(small_study):
     def begin():
         for fit in stage.identify.fits:
             fit.experiment._cache.clear()
-        return Confrontation.of_stage(replace(stage, worked_out={}), Preparation(decimate=5, low_pass_hz=20.0))
+        return LinearisedProblem.of_stage(replace(stage, worked_out={}), Preparation(decimate=5, low_pass_hz=20.0))
 
     return begin
 
@@ -49,11 +49,11 @@ def test_a_scan_makes_the_columns_of_the_curves_too(anew, transitions, monkeypat
     monkeypatch.setattr("estimation.response.perturbation_response.KEPT_BYTES", 0)  # as of a machine with many states
     facts = anew()
     entries = catalogue(facts.system, facts.experiments[0].outputs, ("reference.speed",), include=["local_bump@*"])
-    laws, _ = candidate_columns(facts, entries, curves=True)
+    laws, _ = candidate_sensitivities(facts, entries, curves=True)
     count = len(transitions)
     assert count == len(facts.experiments)
-    curves = curve_candidates(facts, facts.system.places)
-    one = curve_candidates(facts, facts.system.places[:1])
+    curves = free_curve_candidates(facts, facts.system.places)
+    one = free_curve_candidates(facts, facts.system.places[:1])
     assert len(transitions) == count
     assert {c.where for c in one} == {facts.system.places[0].name}
     for name, blocks in arrays(one).items():
@@ -61,7 +61,7 @@ def test_a_scan_makes_the_columns_of_the_curves_too(anew, transitions, monkeypat
             np.testing.assert_array_equal(block, whole)
 
     alone = anew()
-    expected = arrays(curve_candidates(alone, alone.system.places))
+    expected = arrays(free_curve_candidates(alone, alone.system.places))
     assert len(transitions) == 2 * count
     assert arrays(curves).keys() == expected.keys()
     for name, blocks in expected.items():
@@ -69,7 +69,7 @@ def test_a_scan_makes_the_columns_of_the_curves_too(anew, transitions, monkeypat
             np.testing.assert_allclose(made, block, rtol=1e-12, atol=1e-12 * np.max(np.abs(block)))
 
     plain = anew()
-    without, _ = candidate_columns(plain, entries)
+    without, _ = candidate_sensitivities(plain, entries)
     assert len(transitions) == 3 * count
     for name, blocks in arrays(without).items():
         for block, made in zip(blocks, arrays(laws)[name], strict=True):

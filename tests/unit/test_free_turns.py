@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from discrepancy.problem.problem import Problem, make_experiments
-from discrepancy.residual.confront import confront
-from discrepancy.residual.free_rotations import free_turns
+from discrepancy.residual.free_rotations import free_rotations
 from discrepancy.residual.initial_state import follow
+from discrepancy.residual.residual_mode import prepared_problem
 from estimation.files.record import Record, Signal
 from multibody import Model
 from multibody import library as lib
@@ -77,7 +77,7 @@ def test_what_nothing_depends_on_turns_freely(build, size, unit, turns):
     model = build()
     (experiment,) = recorded(model, size * np.sin(1.3 * TIME) + 0.3 * size * np.sin(0.4 * TIME), unit)
     system = model.build(outputs=experiment.outputs)
-    states, outputs = free_turns(system, system.p, [experiment], [follow(experiment, system, system.p)])
+    states, outputs = free_rotations(system, system.p, [experiment], [follow(experiment, system, system.p)])
     assert sorted(n for n, free in zip(system.state_names, states, strict=True) if free) == sorted(turns)
     assert dict(zip(experiment.outputs, outputs, strict=True)) == {
         "rotor.angle": "rotor.angle" in turns, "rotor.speed": False
@@ -89,4 +89,4 @@ def test_a_rotor_whose_angle_is_recorded_is_simulated():
     model = fan()
     experiments = recorded(model, 12.0 * np.sin(1.3 * TIME) + 4.0, "V")
     assert np.ptp(experiments[0].record.signals["rotor.angle"].values) > 200.0
-    assert confront(Problem(name="fan", model=model, uncertain=(), identify=experiments)).mode == "simulation"
+    assert prepared_problem(Problem(name="fan", model=model, uncertain=(), identify=experiments)).mode == "simulation"

@@ -10,7 +10,7 @@ import pytest
 from discrepancy.search.backward_elimination import lasts
 from discrepancy.search.record_left_out import left_out_difference, left_out_residuals
 from discrepancy.search.step import scan_preparation
-from discrepancy.sensitivities.free_curve_scan import offer_curves
+from discrepancy.sensitivities.free_curve_scan import scan_free_curves
 from discrepancy.study.study import Study
 
 
@@ -25,7 +25,7 @@ def test_a_residual_left_out_is_that_of_a_fit_to_the_others(sticking, with_law):
     problem, weights = sticking.problem, with_law.identify.scale
     found = left_out_residuals(with_law, problem.identify[0].preparation, weights)
     others = Study(replace(problem, identify=problem.identify[1:], validate=problem.identify[:1]))
-    others.confronted = sticking.confronted
+    others.prepared = sticking.prepared
     fitted = others.fitted("law", with_law.effects, None, with_law.noise)
     first = problem.identify[0]
     rows = len(first.measured)
@@ -41,7 +41,7 @@ def test_a_residual_left_out_is_that_of_a_fit_to_the_others(sticking, with_law):
 
 def test_a_law_says_more_of_records_left_out_than_the_curve_that_can_be_it(sticking, with_law):
     recalibrated = sticking.stage
-    offer = offer_curves(recalibrated, _facts(recalibrated), level=0.02, seed=1, where=["guide"])
+    offer = scan_free_curves(recalibrated, _facts(recalibrated), level=0.02, seed=1, where=["guide"])
     curve = next(e for e in offer.effects if e.over == "speed")
     fitted = sticking.fitted("curve", (curve,), recalibrated, recalibrated.noise)
     preparation = scan_preparation(with_law)
@@ -54,7 +54,7 @@ def test_a_law_says_more_of_records_left_out_than_the_curve_that_can_be_it(stick
 def test_friction_over_position_does_not_take_the_place_of_a_true_law(sticking, with_law):
     """Its level at 17 places follows what is slow in the disturbance, as a force over position does."""
     recalibrated = sticking.stage
-    offer = offer_curves(recalibrated, _facts(recalibrated), level=0.02, seed=1, where=["guide"])
+    offer = scan_free_curves(recalibrated, _facts(recalibrated), level=0.02, seed=1, where=["guide"])
     for curve in (e for e in offer.effects if e.over in ("position", "friction")):
         fitted = sticking.fitted("curve", (curve,), recalibrated, recalibrated.noise)
         assert not lasts(fitted, with_law, with_law.effects), curve.over
@@ -62,6 +62,6 @@ def test_friction_over_position_does_not_take_the_place_of_a_true_law(sticking, 
 
 
 def _facts(stage):
-    from discrepancy.sensitivities.linearised_problem import Confrontation
+    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
-    return Confrontation.of_stage(stage, scan_preparation(stage))
+    return LinearisedProblem.of_stage(stage, scan_preparation(stage))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from discrepancy.questions.locate import locate, regimes_of
-from discrepancy.sensitivities.stage_residuals import residuals_of
+from discrepancy.sensitivities.stage_residuals import residuals_along_motion
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_entries_are_plain_values_with_a_sentence(before) -> None:
 
 
 def test_regimes_of_a_stroke(small_study) -> None:
-    motion = residuals_of(small_study.stages[1], "validate").guides()[0]
+    motion = residuals_along_motion(small_study.stages[1], "validate").guides()[0]
     assert motion.name == "guide"
     found = regimes_of(motion)
     assert not np.any(found["forward"] & found["backward"])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from discrepancy.problem.problem import Problem, make_experiments
-from discrepancy.residual.noisy_inputs import MATTERS, without_noise
+from discrepancy.residual.noisy_inputs import MATTERS, reduce_input_noise
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal
 from estimation.fit.calibration import UncertainParameter
@@ -66,7 +66,7 @@ def problem_of(noise: float, jitter: float = 0.0, **settings: object) -> Problem
 
 def test_noise_that_matters_is_taken_out_and_told() -> None:
     problem = problem_of(20.0)
-    quiet, (found,) = without_noise(problem, silent)
+    quiet, (found,) = reduce_input_noise(problem, silent)
     assert found.noise == pytest.approx(20.0, rel=0.1)
     assert 2 * 3.1 < found.cutoff < 10.0
     assert found.low_passed
@@ -86,7 +86,7 @@ def test_noise_that_matters_is_taken_out_and_told() -> None:
 def test_what_the_noise_makes_is_what_simulations_show() -> None:
     """The machine is linear: simulated from pushes with and without their noise it differs by as much."""
     noisy, clean = problem_of(20.0), problem_of(0.0)
-    _, (found,) = without_noise(noisy, silent)
+    _, (found,) = reduce_input_noise(noisy, silent)
     system = oscillator().build(outputs=["body.position"])
     both = ([e.simulate(system, system.p) for e in s.identify] for s in (noisy, clean))
     made = np.sqrt(np.mean([np.mean((a - b) ** 2) for a, b in zip(*both, strict=True)]))
@@ -95,10 +95,10 @@ def test_what_the_noise_makes_is_what_simulations_show() -> None:
 
 def test_noise_that_does_not_matter_stays() -> None:
     problem = problem_of(20.0)
-    _, (found,) = without_noise(problem, silent)
+    _, (found,) = reduce_input_noise(problem, silent)
     for times, stays in ((0.9, False), (1.1, True)):
         rough = replace(problem, noise={"body.position": times * found.made / MATTERS})
-        assert (without_noise(rough, silent) == (rough, ())) is stays
+        assert (reduce_input_noise(rough, silent) == (rough, ())) is stays
 
 
 @pytest.mark.parametrize("why", ["held", "uneven", "felt", "open"])
@@ -109,7 +109,7 @@ def test_inputs_stay_as_recorded(why: str) -> None:
         problem = replace(problem, identify=tuple(replace(e, held=("push",), _cache={}) for e in problem.identify))
     if why == "felt":  # the machine really feels what looks like noise
         problem = replace(problem, identify=tuple(_felt(e) for e in problem.identify))
-    assert without_noise(problem, said.append) == (problem, ())
+    assert reduce_input_noise(problem, said.append) == (problem, ())
     assert said == [] or (why == "uneven" and said[-1].startswith("the inputs stay as recorded: "))
 
 
@@ -134,6 +134,6 @@ def test_a_study_does_it_by_itself_unless_told_not_to() -> None:
     assert conclusion.extra["noisy_inputs"][0]["input"] == "push"
     as_recorded = Study(replace(problem, inputs="as recorded"))
     as_recorded.prepare()
-    assert as_recorded.confronted is not None
-    assert not as_recorded.confronted.noisy
+    assert as_recorded.prepared is not None
+    assert not as_recorded.prepared.noisy
     assert as_recorded.problem.identify[0].record is problem.identify[0].record

@@ -9,7 +9,7 @@ import pytest
 
 import estimation.response.perturbation_response as push_response
 from discrepancy.effects.effect import Effect
-from discrepancy.residual.accuracy import LEAST, TIMES, bounded_effort
+from discrepancy.residual.tolerances import LEAST, TIMES, with_tolerances
 from discrepancy.rigs.axis import axis_case
 from estimation.response.perturbation_response import PushResponse
 from estimation.response.perturbations import Push
@@ -76,7 +76,7 @@ def test_transitions_at_hand_serve_a_few_pushes_too(sticking):
 
 def test_a_simulation_that_crawls_is_given_up(sticking):
     problem, experiment, system, p = sticking
-    bounded = bounded_effort(problem).identify[0]
+    bounded = with_tolerances(problem).identify[0]
     assert bounded.max_evaluations > LEAST
     assert (bounded.max_evaluations - LEAST) % TIMES == 0
     with pytest.raises(SimulationError, match=r"more than the 100 allowed, came only to t ="):

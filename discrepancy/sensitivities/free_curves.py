@@ -15,7 +15,7 @@ import numpy as np
 
 from discrepancy.effects.law_along_motion import MOTION
 from discrepancy.effects.laws import CURVE_OVER, CURVE_POINTS
-from discrepancy.sensitivities.linearised_problem import Confrontation
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.blocks import Candidate
 from estimation.response.perturbation_response import response_of, worth_it
 from estimation.response.perturbations import Push
@@ -23,7 +23,7 @@ from estimation.response.perturbations import Push
 if TYPE_CHECKING:
     from multibody.assembly.places import Place
 
-__all__ = ["FreeCurves", "curve_columns", "free_curves"]
+__all__ = ["FreeCurves", "free_curve_sensitivities", "free_curves"]
 
 
 def _tents(x: np.ndarray, low: float, high: float) -> np.ndarray:
@@ -52,7 +52,7 @@ class FreeCurves:
     speeds: list[np.ndarray]
 
     @classmethod
-    def at(cls, place: Place, facts: Confrontation, runs: Sequence[dict[str, np.ndarray]]) -> FreeCurves:
+    def at(cls, place: Place, facts: LinearisedProblem, runs: Sequence[dict[str, np.ndarray]]) -> FreeCurves:
         """Return the curves at a place, of which every record has its motion among ``runs``."""
         names = [n for n, _ in place.motion_names()]
         motions = [
@@ -109,7 +109,7 @@ class FreeCurves:
         return found
 
 
-def free_curves(facts: Confrontation) -> list[FreeCurves]:
+def free_curves(facts: LinearisedProblem) -> list[FreeCurves]:
     """Return the free curves at all places that move."""
     if "free curves" not in facts._cache:
         runs = [facts.motions(i) for i in range(len(facts.experiments))]
@@ -118,7 +118,7 @@ def free_curves(facts: Confrontation) -> list[FreeCurves]:
     return facts._cache["free curves"]
 
 
-def curve_columns(facts: Confrontation, record: int) -> dict[str, np.ndarray]:
+def free_curve_sensitivities(facts: LinearisedProblem, record: int) -> dict[str, np.ndarray]:
     """Return what the points of all free curves change in the outputs of a record, by place, (n, n_channels, points).
 
     Transitions that are at hand are used and left there: see `estimation.response.perturbation_response.forget`.

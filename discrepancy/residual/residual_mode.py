@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.problem.problem import Problem
-from discrepancy.residual.free_rotations import free_turns
+from discrepancy.residual.free_rotations import free_rotations
 from discrepancy.residual.initial_state import Followed, follow
-from discrepancy.residual.noisy_inputs import NoisyInput, without_noise
+from discrepancy.residual.noisy_inputs import NoisyInput, reduce_input_noise
 from discrepancy.residual.windows import (
     FACTOR,
     LEAST_SAMPLES,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
     from multibody.system.system import System
 
-__all__ = ["Confronted", "confront", "windows_instead"]
+__all__ = ["PreparedProblem", "prepared_problem", "problem_in_windows"]
 
 LOST = 0.01 * FACTOR
 """Share of an output's spread from which a calibrated simulation does not follow its records, as one that runs away.
@@ -43,7 +43,7 @@ What a scan, which is linear in the error, says about it is worth nothing."""
 
 
 @dataclass(frozen=True, eq=False)
-class Confronted:
+class PreparedProblem:
     """A study's problem in the form in which it is worked on.
 
     Parameters
@@ -63,7 +63,7 @@ class Confronted:
     noisy: tuple[NoisyInput, ...] = ()
 
 
-def confront(problem: Problem, progress: Callable[[str], None] = silent) -> Confronted:
+def prepared_problem(problem: Problem, progress: Callable[[str], None] = silent) -> PreparedProblem:
     """Choose how to confront a model with its records, and prepare the experiments for it.
 
     Parameters
@@ -84,29 +84,29 @@ def confront(problem: Problem, progress: Callable[[str], None] = silent) -> Conf
     # windows weigh the noise of inputs, and a given motion has its own low-pass
     if found.mode != "simulation" or problem.inputs == "as recorded":
         return found
-    quiet, noisy = without_noise(found.problem, progress)
+    quiet, noisy = reduce_input_noise(found.problem, progress)
     return replace(found, problem=quiet, noisy=noisy)
 
 
-def _chosen(problem: Problem, progress: Callable[[str], None]) -> Confronted:
+def _chosen(problem: Problem, progress: Callable[[str], None]) -> PreparedProblem:
     """Return the mode that the study asks for, or that suits the machine."""
     if problem.residual == "simulation":
-        return Confronted(problem, "simulation", "asked for by the study")
+        return PreparedProblem(problem, "simulation", "asked for by the study")
     if problem.residual == "inverse":
         from discrepancy.residual.inverse import inverse_problem
 
         progress("give the machine its recorded motion")
         found = inverse_problem(problem)
-        return Confronted(found.problem, "inverse", f"asked for by the study; {found.told}")
+        return PreparedProblem(found.problem, "inverse", f"asked for by the study; {found.told}")
     progress("how fast the machine runs away from a start that is slightly off")
     if problem.residual == "auto":  # two records tell a machine that stays where it is put, which most do
         whole = _Look.of(problem, telling_only=True).whole()
         if not np.isfinite(whole.within) and not _feels_inputs(whole):
-            return Confronted(problem, "simulation", _stays(whole))
+            return PreparedProblem(problem, "simulation", _stays(whole))
     look = _Look.of(problem)
     whole = look.whole()
     if problem.residual == "auto" and not np.isfinite(whole.within):
-        return Confronted(problem, "simulation", _stays(whole))
+        return PreparedProblem(problem, "simulation", _stays(whole))
     length = look.length()
     least = max(samples_needed(e.preparation, e.record.rate) / e.record.rate for e in look.identify)
     if length < least and problem.residual == "auto":
@@ -120,12 +120,12 @@ def _chosen(problem: Problem, progress: Callable[[str], None]) -> Confronted:
         reason += f", the least that leaves {LEAST_SAMPLES} samples (errors grow within {length:.2g} s: record faster)"
     if problem.residual == "prediction":
         reason = f"asked for by the study; {reason}"
-    return Confronted(windowed, "prediction", reason)
+    return PreparedProblem(windowed, "prediction", reason)
 
 
-def windows_instead(
+def problem_in_windows(
     problem: Problem, errors: Mapping[str, float] | None = None, progress: Callable[[str], None] = silent
-) -> Confronted | None:
+) -> PreparedProblem | None:
     """Return the problem cut into windows, where calibrated simulations of whole records do not follow them.
 
     Parameters
@@ -138,7 +138,7 @@ def windows_instead(
 
     Returns
     -------
-    Confronted or None
+    PreparedProblem or None
         None where the simulations follow, and where windows would be as long as the records: the machine does not run
         away from its start, it is the model that is wrong.
     """
@@ -159,7 +159,7 @@ def windows_instead(
     progress(f"cut the records into windows of at most {max(length, least):.3g} s: {reason}")
     windowed, count = look.windowed(length)
     told = f"{reason}, and show nothing that is missing: the records are cut into {count} windows"
-    return Confronted(windowed, "prediction", f"{told}, most of about {max(length, least):.2g} s")
+    return PreparedProblem(windowed, "prediction", f"{told}, most of about {max(length, least):.2g} s")
 
 
 def _spread_of(experiments: Sequence[Experiment]) -> np.ndarray:
@@ -204,7 +204,7 @@ class _Look:
         followed = tuple(side_by_side(lambda e: follow(e, system, p), experiments))
         scale = np.std(np.concatenate([f.states for f in followed]), axis=0)
         # A turn more makes no angle less exact, unless it is one of those that only count turns.
-        turns, counted = free_turns(system, p, experiments, followed)
+        turns, counted = free_rotations(system, p, experiments, followed)
         spread = np.where((units == "rad") & ~counted, np.minimum(spread, 1.0), spread)
         angles = np.array([q.unit == "rad" for q in system.states], dtype=bool)
         scale = np.where(angles & ~turns, np.minimum(scale, 1.0), scale)
@@ -245,7 +245,7 @@ class _Look:
         )
 
 
-def _inverse_instead(problem: Problem, length: float) -> Confronted | None:
+def _inverse_instead(problem: Problem, length: float) -> PreparedProblem | None:
     from discrepancy.problem.study_file import StudyError
     from discrepancy.residual.inverse import inverse_problem
 
@@ -253,7 +253,7 @@ def _inverse_instead(problem: Problem, length: float) -> Confronted | None:
         found = inverse_problem(problem)
     except StudyError:
         return None
-    return Confronted(
+    return PreparedProblem(
         found.problem,
         "inverse",
         f"errors grow {WINDOW_FACTOR:.0f} times within {length:.2g} s, too short a time for windows of "

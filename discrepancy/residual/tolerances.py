@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
     from multibody.system.system import System
 
-__all__ = ["TIMES", "bounded_effort", "tolerance"]
+__all__ = ["TIMES", "tolerance", "with_tolerances"]
 
 TIMES = 100  # what the model as given takes, before a simulation is given up
 LEAST = 100_000  # evaluations that are always allowed: a model at rest takes next to none
@@ -21,7 +21,7 @@ LOOSER = (1e-4, 1e-5)  # relative tolerances that are tried in the place of an e
 UNSEEN = 1e-3  # share of an output's noise below which an error of integration does no harm
 
 
-def bounded_effort(problem: Problem) -> Problem:
+def with_tolerances(problem: Problem) -> Problem:
     """Return a problem whose experiments are simulated as exactly as their noise asks for, and not without end.
 
     A simulation that takes a hundred times the model as given is given up: friction that locks a drive against its own
