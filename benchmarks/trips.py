@@ -63,7 +63,6 @@ def trip(kind: str, stiff: bool = False) -> Trip:
 
 def _trip(kind: str, stiff: bool = False) -> Trip:
     from vtsdt.lift.lift import Lift
-    from vtsdt.lift.speed_reference import sampled_reference
 
     lift = getattr(Lift, kind)()
     times = np.arange(round(DURATION / STEP) + 1) * STEP
@@ -73,10 +72,10 @@ def _trip(kind: str, stiff: bool = False) -> Trip:
         run = whole.system.simulate(DURATION, inputs=whole.inputs, initial=whole.start, times=times)
         inputs["F_c"] = (times, run["F_c"])
     else:
-        given, omega = sampled_reference(lift, "up")
+        given, omega = lift.speed_reference("up")
         inputs["omega_ref"] = (times, np.interp(times, given, omega))
     if kind == "one_dimensional":
-        speed = np.interp(times, *sampled_reference(lift, "up"))
+        speed = np.interp(times, *lift.speed_reference("up"))
         for name in ("friction_c", "friction_cw"):
             inputs[name] = (times, -20.0 * np.tanh(-speed / 0.05))
     values = stiffer(lift.system) if stiff else {}

@@ -12,10 +12,10 @@ from multibody import Model
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile import Profile
 from vtsdt.lift.energy import energy_balance
-from vtsdt.lift.lift import Lift, Structure, reference
+from vtsdt.lift.lift import Lift, reference
+from vtsdt.lift.model import Structure
 from vtsdt.lift.modes import modes_along_run, modes_along_trip
 from vtsdt.lift.reduction import cabin_against_reference, one_dimensional_against_reference
-from vtsdt.lift.speed_reference import sampled_reference
 from vtsdt.lift.structures import structure_table
 
 BODY = [
@@ -108,7 +108,7 @@ def test_energy_of_a_trip_closes_for_both_directions():
 
 def test_energy_closes_with_a_loss_torque_and_in_the_1d_model():
     speed = Lift.one_dimensional()
-    t, omega = sampled_reference(speed)
+    t, omega = speed.speed_reference()
     lost = (t, -0.8 * np.tanh(omega / 0.1))
     balance = energy_balance(speed, inputs={"friction_c": -3.0, "friction_cw": 2.0, "tau_L": lost})
     assert balance.closure < 1e-6
@@ -140,7 +140,7 @@ def test_measuring_chains_have_gain_and_offset():
 def test_a_reference_without_limit_of_jerk_is_trapezoidal():
     base = LiftParameters.bench()
     lift = Lift.one_dimensional(dataclasses.replace(base, trip=dataclasses.replace(base.trip, jerk=0.0)))
-    times, omega = sampled_reference(lift)
+    times, omega = lift.speed_reference()
     assert np.trapezoid(omega, times) * base.pulley.R_p == pytest.approx(-1.9, abs=1e-6)
     rates = np.unique(np.round(np.diff(omega) / np.diff(times), 6))
     # straight pieces of ±0.45/0.1 rad/s², and one sample that is cut by each of the four corners

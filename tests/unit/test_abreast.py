@@ -225,11 +225,10 @@ def test_runs_that_fail_leave_the_others_of_their_lanes_as_they_are(swing, at_on
 def test_the_default_method_changes_its_mind_abreast_as_it_does_alone(at_once, rtol):
     from multibody.system.simulate import input_table, native_problem
     from vtsdt.lift.lift import Lift
-    from vtsdt.lift.speed_reference import sampled_reference
 
     lift = Lift.one_dimensional()
     system, rng = lift.system, np.random.default_rng(2)
-    table = input_table(system, {"omega_ref": sampled_reference(lift, "up"), "friction_c": 0.0, "friction_cw": 0.0})
+    table = input_table(system, {"omega_ref": lift.speed_reference("up"), "friction_c": 0.0, "friction_cw": 0.0})
     problem = native_problem(system, system.p, table, tangent=True)
     many = [(replace(problem, p=system.p * (1.0 + 0.01 * rng.normal(size=system.p.size))), system.start)
             for _ in range(11)]  # fmt: skip

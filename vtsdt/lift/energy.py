@@ -11,7 +11,6 @@ import numpy as np
 from multibody.declare.declarations import Power
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.lift import Lift
-from vtsdt.lift.trip import run
 
 if TYPE_CHECKING:
     import pandas
@@ -109,10 +108,10 @@ def energy_balance(lift: Lift, direction: str = "up", **options: Any) -> EnergyB
         With drive; a model with a given friction counts that friction as lost.
     direction : {"up", "down"}
     options
-        Further arguments of `vtsdt.lift.trip.run`.
+        Further arguments of `vtsdt.lift.trip.simulate_trip`.
     """
     system = lift.build(energy=True)
-    found = run(lift, direction, system=system, **{"rtol": 1e-8, "atol": 1e-11, **options})
+    found = lift.trip(direction, system=system, **{"rtol": 1e-8, "atol": 1e-11, **options})
     t = found.times
     rows: list[tuple[str, str, str, float]] = []
     for name in system.output_names:

@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multibody.base.errors import SimulationError
+from vtsdt.lift.model import LiftModel
 from vtsdt.lift.speed_reference import sampled_reference, trip_sign
 
 if TYPE_CHECKING:
     from multibody.system.equilibrium import Equilibrium
     from multibody.system.system import System
     from multibody.system.trajectory import Trajectory
-    from vtsdt.lift.lift import Lift
 
-__all__ = ["check_reference", "rest", "run"]
+__all__ = ["check_reference", "simulate_trip", "state_at_rest"]
 
 _G = 9.80665
 _SETTLING, _SETTLINGS = 2.0, 3  # s of standstill, and how often, in which shoes find their place between the rails
 _SLACK = 0.02  # m by which a reference may pass the ends of the travel
 
 
-def rest(
-    lift: Lift,
+def state_at_rest(
+    lift: LiftModel,
     height: float | None = None,
     *,
     system: System | None = None,
@@ -40,7 +40,7 @@ def rest(
 
     Parameters
     ----------
-    lift : Lift
+    lift : LiftModel
     height : float, m, optional
         Of the cabin's floor, without the ropes' stretch; default: the lift's start.
     system : System, optional
@@ -96,7 +96,7 @@ def _still(
     return system.equilibrium(guess=known, inputs=inputs, hold=hold, **options)
 
 
-def check_reference(lift: Lift, times: np.ndarray, omega: np.ndarray, height: float) -> None:
+def check_reference(lift: LiftModel, times: np.ndarray, omega: np.ndarray, height: float) -> None:
     """Refuse a speed reference that leaves the hoistway or uses up the rope.
 
     Parameters
@@ -132,8 +132,8 @@ def check_reference(lift: Lift, times: np.ndarray, omega: np.ndarray, height: fl
         raise SimulationError(f"'{lift.name}' cannot make this trip:\n" + "\n".join(f"  - {f}" for f in faults))
 
 
-def run(
-    lift: Lift, direction: str = "up", *, inputs: Mapping[str, Any] | None = None, step: float = 1e-3,
+def simulate_trip(
+    lift: LiftModel, direction: str = "up", *, inputs: Mapping[str, Any] | None = None, step: float = 1e-3,
     height: float | None = None, guess: Mapping[str, float] | None = None, system: System | None = None,
     **options: Any,
 ) -> Trajectory:
@@ -141,7 +141,7 @@ def run(
 
     Parameters
     ----------
-    lift : Lift
+    lift : LiftModel
     direction : {"up", "down"}
         Way of the reference that is made when ``inputs`` has no omega_ref.
     inputs : mapping, optional
@@ -170,7 +170,7 @@ def run(
     if height is None:
         height = lift.start if not structure.drive or structure.profile else (0.0 if sign > 0 else travel)
     if structure.drive and not structure.profile:
-        given.setdefault("omega_ref", sampled_reference(lift, direction))
+        given.setdefault("omega_ref", sampled_reference(lift.parameters, direction))
         times, omega = _sampled(given["omega_ref"], options.get("until", lift.parameters.trip.duration))
         check_reference(lift, times, omega, height)
     until = options.pop("until", lift.parameters.trip.duration)
@@ -178,7 +178,7 @@ def run(
     values = {"parameters": options["parameters"]} if "parameters" in options else {}
     initial = options.pop("initial", None)
     if initial is None:
-        initial = rest(lift, height, system=system, inputs=first, guess=guess or {}, **values).state
+        initial = state_at_rest(lift, height, system=system, inputs=first, guess=guess or {}, **values).state
     return (system or lift.system).simulate(until, inputs=given, initial=initial, step=step, **options)
 
 

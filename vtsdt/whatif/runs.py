@@ -18,8 +18,6 @@ from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile import Profile
 from vtsdt.lift.energy import TripEnergy
 from vtsdt.lift.lift import Lift
-from vtsdt.lift.speed_reference import sampled_reference
-from vtsdt.lift.trip import rest
 
 if TYPE_CHECKING:
     from multibody.system.system import System
@@ -137,7 +135,7 @@ class TripRunner:
         system = self.system
         duration = self.parameters.trip.duration
         times = np.arange(round(duration / STEP) + 1) * STEP
-        omega = sampled_reference(self.lift, self.direction)
+        omega = self.lift.speed_reference(self.direction)
         table = input_table(system, {"omega_ref": omega})
         inputs = np.ascontiguousarray(table(times, system.p).reshape(times.size, -1))
         vectors: list[np.ndarray] = []
@@ -147,7 +145,9 @@ class TripRunner:
             for each in runs:
                 p = self.vector(each)
                 vectors.append(p)
-                start = rest(self.lift, self.start, system=system, inputs={"omega_ref": 0.0}, parameters=p, guess=guess)
+                start = self.lift.equilibrium(
+                    self.start, system=system, inputs={"omega_ref": 0.0}, parameters=p, guess=guess
+                )
                 if not guess:  # the next hangs nearly as this one does
                     guess.update({k: v for k, v in start.to_dict().items() if k != "pulley.angle"})
                 yield native_problem(system, p, table), start.state
