@@ -1,6 +1,6 @@
 """Rails that nobody surveyed: what the reference model lacks without them, and with the guide that three sensors show.
 
-A virtual lift has rough rails; the model under test takes them for straight.  `vtsdt.alignment.align.align` estimates
+A virtual lift has rough rails; the model under test takes them for straight.  `vtsdt.alignment.align` estimates
 from
 tension, height and acceleration of the trips that may be used how hard the guides press over height, the model gets
 that as its rails, and all are calibrated and laid beside trips that were not used.  The model with the rails as they
@@ -21,7 +21,7 @@ import pandas as pd
 from discrepancy.rigs.recording import Case
 from discrepancy.study.study import Study
 from estimation.files.record import Record
-from vtsdt.alignment.align import Alignment, align
+from vtsdt.alignment.estimate import Alignment, align
 from vtsdt.alignment.trips import prepare
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.rig.models import build

@@ -1,7 +1,7 @@
 """What all virtual rigs have in common: settings, places and sizes of what can be hidden, a whole set of recordings.
 
 A rig of a machine is a subclass of `Rig` that says which model is under test, what is recorded, and how a trip is run;
-see `discrepancy.rigs.axis` and `vtsdt.rig.command`.
+see `discrepancy.rigs.axis` and `vtsdt.rig.recordings`.
 """
 
 from __future__ import annotations

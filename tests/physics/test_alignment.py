@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vtsdt.alignment.align import (
+from vtsdt.alignment.estimate import (
     THRESHOLD,
     Alignment,
     AlignmentError,

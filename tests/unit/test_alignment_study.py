@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vtsdt.alignment import study as alignment_study
-from vtsdt.alignment.align import Alignment
+from vtsdt.alignment.estimate import Alignment
 from vtsdt.alignment.filter import TUNINGS
 from vtsdt.alignment.score import Score, score
 from vtsdt.alignment.study import BASE, CALM, Judged, lines, run_study

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from vtsdt.alignment.align import AlignmentError, align, balance, read_trips
+from vtsdt.alignment.estimate import AlignmentError, align, balance, read_trips
 from vtsdt.alignment.rail import rail_profile
 from vtsdt.alignment.sections import Section, sections
 from vtsdt.alignment.trips import find_columns

@@ -18,7 +18,7 @@ from discrepancy.rigs.recording import BenchError
 from multibody.model.model import Model
 from vtsdt.files.parameters import LiftParameters, ParameterError
 from vtsdt.lift.lift import Lift
-from vtsdt.rig import command as bench
+from vtsdt.rig import recordings as bench
 from vtsdt.rig.models import build, with_rails
 from vtsdt.rig.one_dimensional import PlainLiftRig
 from vtsdt.rig.rails import RailSpectrum, draw_rails, rail_tables
@@ -193,6 +193,7 @@ def test_own_rails_go_through_a_table_and_back() -> None:
 
 
 def test_command_lists_and_refuses(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    from vtsdt.cli.bench_lift import _public_words
     from vtsdt.cli.command_line import main
 
     assert main(["bench", "lift", "--out", str(tmp_path), "--hide", "coulomb_frction"]) == 2
@@ -201,7 +202,7 @@ def test_command_lists_and_refuses(capsys: pytest.CaptureFixture[str], tmp_path:
     assert "--out DIR is missing" in capsys.readouterr().err
     assert main(["validate", "papers", "--only", "boat", "--out", str(tmp_path)]) == 2
     assert "invalid choice: 'boat'" in capsys.readouterr().err
-    assert bench._told(["--seed", "3", "--hide", "a@b", "c", "--trips", "4", "--out", "x"]) == [
+    assert _public_words(["--seed", "3", "--hide", "a@b", "c", "--trips", "4", "--out", "x"]) == [
         "--seed", "3", "--trips", "4"]  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from multibody.base.progress import ProgressLine
 from vtsdt.cli import command_line as cli
-from vtsdt.cli.arguments import ELSEWHERE, Elsewhere
+from vtsdt.cli.commands import COMMANDS, Command
 
 STUDY = """
 [model]
@@ -45,7 +45,7 @@ def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.
 
 @pytest.mark.parametrize(
     "words",
-    [[], ["diagnose"], ["compare"], ["bench"], ["bench", "axis"], ["validate"], *map(list, ELSEWHERE)],
+    [[], ["bench"], ["validate"], *map(list, COMMANDS)],
     ids=" ".join,
 )
 def test_every_command_has_help(run: Run, words: list[str]) -> None:
@@ -56,7 +56,7 @@ def test_every_command_has_help(run: Run, words: list[str]) -> None:
 
 def test_help_names_every_command(run: Run) -> None:
     _, out, _ = run("--help")
-    for words in (("diagnose",), ("compare",), ("bench",), *ELSEWHERE):
+    for words in COMMANDS:
         assert words[0] in out
 
 
@@ -187,7 +187,7 @@ def test_debug_may_stand_first(run: Run) -> None:
 
 def test_a_folder_that_cannot_be_written(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "locked").mkdir()
-    monkeypatch.setattr(cli.os, "access", lambda path, mode: False)  # root may write anywhere
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write anywhere
     code, _, err = run("bench", "axis", "--out", "locked/new")
     assert code == 2
     assert "nothing can be written into" in err
@@ -221,7 +221,7 @@ def _raising(error: BaseException) -> Callable[..., int]:
 def test_exit_codes_of_what_is_raised(
     run: Run, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, says: str
 ) -> None:
-    monkeypatch.setattr(cli, "_function", lambda target, command: _raising(error))
+    monkeypatch.setattr(Command, "function", lambda command, name: _raising(error))
     got, _, err = run("diagnose", "study.toml", "--out", "o")
     assert got == code
     assert says in err
@@ -236,44 +236,37 @@ def test_each_package_tells_bad_input_by_a_class_that_exists() -> None:
             assert issubclass(getattr(importlib.import_module(module), name), Exception)
 
 
-def test_diagnose_hands_its_arguments_over(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = {}
+def test_study_commands_hand_their_arguments_over(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    import discrepancy.study.command as commands
 
-    def work(args: object) -> None:
-        seen.update(vars(args))
-
-    monkeypatch.setattr(cli, "_function", lambda target, command: seen.update(target=target) or work)
+    seen: dict[str, dict[str, object]] = {}
+    for name in ("diagnose", "compare"):
+        monkeypatch.setattr(commands, name, lambda args, name=name: seen.update({name: vars(args)}) or 0)
     assert run("diagnose", "s.toml", "--out", "o", "--seed", "4", "--max-effects", "2", "--quiet")[0] == 0
-    assert isinstance(seen.pop("progress"), ProgressLine)
-    wanted = {
-        "target": "discrepancy.study.command:diagnose",
-        "study": "s.toml",
-        "out": "o",
-        "seed": 4,
-        "max_effects": 2,
-        "quiet": True,
-    }
-    assert {k: seen[k] for k in wanted} == wanted
+    assert isinstance(seen["diagnose"].pop("progress"), ProgressLine)
+    assert seen["diagnose"] == {
+        "study": "s.toml", "out": "o", "seed": 4, "max_effects": 2, "resume": False, "quiet": True, "debug": False,
+    }  # fmt: skip
     assert run("compare", "s.toml", "--out", "o")[0] == 0
-    assert (seen["target"], seen["seed"], seen["quiet"]) == ("discrepancy.study.command:compare", None, False)
+    assert (seen["compare"]["study"], seen["compare"]["seed"], seen["compare"]["quiet"]) == ("s.toml", None, False)
 
 
-def test_other_commands_go_to_their_modules(
+def test_a_command_gets_the_words_after_its_own(
     run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "rig_of_test.py").write_text("def main(arguments):\n    print(arguments)\n    return 7\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setitem(ELSEWHERE, ("bench", "lift"), Elsewhere("rig_of_test:main", "a rig"))
+    monkeypatch.setitem(COMMANDS, ("bench", "lift"), Command("rig_of_test:main", "a rig"))
     code, out, _ = run("bench", "lift", "--hide", "x", "--out", "o")
     assert (code, out.strip()) == (7, "['--hide', 'x', '--out', 'o']")
 
 
 @pytest.mark.parametrize("target", ["vtsdt.no_such_module:main", "vtsdt.files.parameters:main"])
-def test_a_command_that_is_not_there_says_so(run: Run, monkeypatch: pytest.MonkeyPatch, target: str) -> None:
-    monkeypatch.setitem(ELSEWHERE, ("align",), Elsewhere(target, "alignment"))
+def test_a_command_that_is_not_installed_says_so(run: Run, monkeypatch: pytest.MonkeyPatch, target: str) -> None:
+    monkeypatch.setitem(COMMANDS, ("align",), Command(target, "alignment"))
     code, _, err = run("align", "--out", "o")
     assert code == 2
-    assert "vtsdt align is not there yet" in err
+    assert "vtsdt align is not available" in err
     assert run("align", "--help")[0] == 0
 
 

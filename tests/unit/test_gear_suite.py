@@ -13,7 +13,7 @@ from discrepancy.validation.trials import Trial
 from gearbox.rig import suite as suite_gear
 from gearbox.rig.encoders import CYCLES
 from gearbox.rig.rig import GearRig
-from vtsdt.cli.suites import MACHINES, main
+from vtsdt.cli.validate_discrepancy import MACHINES, main
 
 
 def test_names_are_those_of_the_model_under_test() -> None:

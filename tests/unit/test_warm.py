@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from vtsdt.cli.command_line import main
-from vtsdt.cli.warm import COMMANDS, MODELS, shipped
+from vtsdt.cli.warm import MODELS, REHEARSALS, shipped
 
 
 def test_every_shipped_model_is_known_by_name_and_builds():
@@ -55,7 +55,7 @@ def test_after_warming_align_compiles_nothing(tmp_path):
         path.write_text(head + "\n".join(f"{t:.4f},{f:.4f},{1e3 * z:.4f},{a:.5f},{m:g}" for t, f, z, a, m in rows))
         files.append(str(path))
     env = {**os.environ, "VTSDT_CACHE": str(tmp_path / "cache")}
-    assert "align" in COMMANDS
+    assert "align" in REHEARSALS
     subprocess.run([sys.executable, "-m", "vtsdt", "warm", "align", "--quiet"], env=env, check=True)
     for some in (files[:2], files[2:]):
         code = (

@@ -41,7 +41,7 @@ def plain_trip(parameters: LiftParameters, direction: int, payload: float = 0.0)
 
 def rehearse() -> None:
     """Estimate from two plain trips of the shipped bench, empty and loaded: compiles all that the command needs."""
-    from vtsdt.alignment.align import align
+    from vtsdt.alignment.estimate import align
 
     lift = LiftParameters.bench()
     for payload in (0.0, 2.0):

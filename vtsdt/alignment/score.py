@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vtsdt.alignment.align import THRESHOLD, Alignment, sections
+from vtsdt.alignment.estimate import THRESHOLD, Alignment, sections
 
 __all__ = ["CORRELATION", "HEIGHTS", "RMS", "WRONG", "Score", "WrongSection", "score"]
 

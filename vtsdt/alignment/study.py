@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from vtsdt.alignment.align import AlignmentError, align
+from vtsdt.alignment.estimate import AlignmentError, align
 from vtsdt.alignment.filter import DEFAULT, TUNINGS, Tuning
 from vtsdt.alignment.score import HEIGHTS, Score, score
 from vtsdt.alignment.virtual_lifts import Case, make_case, prepared, spoiled
@@ -60,7 +60,7 @@ class Line:
     errors : dict
         Added to the records; see `vtsdt.alignment.virtual_lifts.spoiled`.
     arguments : dict
-        Of `vtsdt.alignment.align.align`.
+        Of `vtsdt.alignment.estimate.align`.
     """
 
     group: str
@@ -253,7 +253,7 @@ def _code() -> str:
     import hashlib
 
     here = Path(__file__).parent
-    names = ("align", "filter", "virtual_lifts", "rail", "result", "score", "sections", "trips")
+    names = ("estimate", "filter", "virtual_lifts", "rail", "result", "score", "sections", "trips")
     text = b"".join((here / f"{name}.py").read_bytes() for name in names)
     return hashlib.sha256(text).hexdigest()[:16]
 

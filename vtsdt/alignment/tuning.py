@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vtsdt.alignment.align import balance
+from vtsdt.alignment.estimate import balance
 from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter, Tuning
 from vtsdt.alignment.trips import AlignmentError, Trip
 from vtsdt.alignment.virtual_lifts import prepared, visit

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from vtsdt.alignment.align import align, calibrated, equivalent_deviation, pressing_deviation
+from vtsdt.alignment.estimate import align, calibrated, equivalent_deviation, pressing_deviation
 from vtsdt.alignment.filter import DEFAULT, Tuning
 from vtsdt.alignment.trips import Trip, prepare
 from vtsdt.files.parameters import LiftParameters

@@ -1,6 +1,6 @@
-"""The command line: one leaf that calls each package's own subcommand when it is asked for it.
+"""The command line: `vtsdt.cli.commands` lists which command calls what; each file parses the words of one command.
 
-Nothing may import it.
+Calls all packages; nothing imports it.
 """
 
 from vtsdt.cli.command_line import main

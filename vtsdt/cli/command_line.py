@@ -1,24 +1,22 @@
-"""The command line: one leaf that calls each package's own subcommand when it is asked for it.
+"""``vtsdt``: runs a command and turns exceptions into messages and exit codes.
 
-Starting it imports nothing heavy; each command imports what it needs.  Exit codes: 0 success, 1 a fault in
-the program, 2 bad input (one message, no traceback; ``--debug`` shows it), 130 interrupted.
+`vtsdt.cli.commands` lists the commands.  Starting imports nothing heavy; each command imports what it needs.  Exit
+codes: 0 success, 1 a fault in the program, 2 bad input (one message, no traceback; ``--debug`` shows it),
+130 interrupted.
 """
 
 from __future__ import annotations
 
-import argparse
-import importlib
-import importlib.util
 import os
 import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
-from vtsdt.cli.arguments import ELSEWHERE, CommandError, parser
+from vtsdt.cli.arguments import CommandError
+from vtsdt.cli.commands import COMMANDS, Command, parser
 
 __all__ = ["BAD_INPUT", "main"]
 
-#: Exceptions that mean bad input.  A class whose module was never imported cannot have been raised.
+#: Exceptions that mean bad input, by module.  A class whose module was never imported cannot have been raised.
 BAD_INPUT = {
     "discrepancy.problem.study_file": "StudyError",
     "discrepancy.rigs.recording": "BenchError",
@@ -35,112 +33,31 @@ BAD_INPUT = {
 }
 
 
-# -------------------------------------------------------------------- commands
-
-
-def _check_out(out: str) -> None:
-    """Refuse a folder that cannot be one before work begins, not after."""
-    path = Path(out)
-    if path.exists() and not path.is_dir():
-        raise CommandError(f"--out {out}: is a file: name a folder to write into")
-    parent = next(p for p in (path, *path.absolute().parents) if p.exists())
-    if not parent.is_dir() or not os.access(parent, os.W_OK):
-        raise CommandError(f"--out {out}: nothing can be written into {parent}: name another folder")
-
-
-def _run_study(args: argparse.Namespace) -> int:
-    from multibody.base.progress import ProgressLine
-
-    _check_out(args.out)
-    if not hasattr(args, "max_effects"):
-        args.max_effects = None
-    function = _function(f"discrepancy.study.command:{args.command}", f"vtsdt {args.command}")
-    with ProgressLine(args.quiet) as args.progress:
-        return function(args) or 0
-
-
-def _run_axis(args: argparse.Namespace) -> int:
-    from multibody.base.progress import ProgressLine
-
-    if not args.list and args.out is None:
-        raise CommandError("--out DIR is missing: name a folder for the recordings, or ask for --list")
-    if args.out is not None:
-        _check_out(args.out)
-    with ProgressLine(args.quiet) as progress:
-        progress("prepare the model of the axis")
-        from discrepancy.questions.trip_plan import TripPlan
-        from discrepancy.rigs.axis import list_axis, make_axis
-
-        try:
-            plan = TripPlan.parse(args.trip)
-        except ValueError as error:
-            raise CommandError(f"--trip {args.trip}: {error}") from error
-        if args.list:
-            rows = list_axis(strength=args.strength, dry=args.dry_friction)
-        else:
-            study = make_axis(
-                args.out,
-                args.hide,
-                args.seed,
-                args.trips,
-                args.strength,
-                args.disturbance,
-                dry=args.dry_friction,
-                over=args.unknown_over,
-                plan=plan,
-                progress=progress,
-            )
-    if args.list:
-        from discrepancy.rigs.texts import list_table
-
-        print(list_table(rows))
-    elif not args.quiet:
-        print(f"{args.trips} synthetic recordings of a virtual axis are in {study.parent}")
-        print(f"next: vtsdt diagnose {study} --out {study.parent / 'diagnosis'}")
-    return 0
-
-
-def _function(target: str, command: str) -> Callable[..., int | None]:
-    """Return the function that a command calls, or say plainly that it is not there."""
-    module, _, name = target.partition(":")
-    if importlib.util.find_spec(module) is None:
-        raise CommandError(f"{command} is not there yet: this version has no module '{module}'")
-    found = getattr(importlib.import_module(module), name, None)
-    if found is None:
-        raise CommandError(f"{command} is not there yet: module '{module}' has no '{name}'")
-    return found  # type: ignore[no-any-return]
-
-
-def _run_elsewhere(words: tuple[str, ...], rest: list[str]) -> int:
-    each, command = ELSEWHERE[words], " ".join(("vtsdt", *words))
-    try:
-        function = _function(each.target, command)
-    except CommandError as error:
-        if rest not in (["--help"], ["-h"]):
-            raise
-        print(f"usage: {command} … --out DIR\n\n{each.help}\n\n{error}")
-        return 0
-    return function(rest) or 0
-
-
-# -------------------------------------------------------------------- main
-
-
-def _dispatch(argv: list[str]) -> int:
-    for words in ELSEWHERE:
-        if tuple(argv[: len(words)]) == words:
-            return _run_elsewhere(words, argv[len(words) :])
+def _dispatch(words: list[str]) -> int:
+    """Run the command whose words come first, or say what the words lack."""
+    for name, command in COMMANDS.items():
+        if tuple(words[: len(name)]) == name:
+            return _run(command, " ".join(("vtsdt", *name)), words[len(name) :])
     top = parser()
-    args = top.parse_args(argv)
+    args = top.parse_args(words)
     if args.version:
-        from vtsdt import __version__
+        from vtsdt.cli.version import __version__
 
         print(f"vtsdt {__version__}")
         return 0
-    if args.words is None:
-        top.print_help()
-        return 2
-    return {"study": _run_study, "axis": _run_axis}[args.run](args)
+    top.print_help()
+    return 2
+
+
+def _run(command: Command, name: str, arguments: list[str]) -> int:
+    try:
+        function = command.function(name)
+    except CommandError as error:
+        if arguments not in (["--help"], ["-h"]):
+            raise
+        print(f"usage: {name} … --out DIR\n\n{command.help}\n\n{error}")
+        return 0
+    return function(arguments) or 0
 
 
 def _is_bad_input(error: BaseException) -> bool:
@@ -151,17 +68,17 @@ def _is_bad_input(error: BaseException) -> bool:
     return isinstance(error, tuple(classes))
 
 
-def _told(error: BaseException) -> str:
+def _message(error: BaseException) -> str:
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror or error}: check the path and its permissions"
     return str(error)
 
 
 def _one_thread_for_linear_algebra() -> None:
-    """Keep the processors for our own threads and processes, before numpy is imported; what the user set stands.
+    """Keep the processors for our own threads and processes; a setting of the user stays.  Before numpy is imported.
 
-    The matrices here are tall and narrow: a second thread of the linear-algebra library mostly waits, and it waits
-    by turning: on the EMPS diagnosis it raised the processor time from 66 to 94 s and shortened nothing.
+    The matrices here are tall and narrow: a second thread of the linear-algebra library spins while it waits.  On the
+    EMPS diagnosis it raised the processor time from 66 to 94 s and shortened nothing.
     """
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -198,7 +115,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             traceback.print_exc()
         elif expected:
-            print(f"vtsdt: {_told(error)}", file=sys.stderr)
+            print(f"vtsdt: {_message(error)}", file=sys.stderr)
         else:
             print(
                 f"vtsdt: a fault in the program: {type(error).__name__}: {error}\n"

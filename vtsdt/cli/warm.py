@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import time
 from collections.abc import Callable, Sequence
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
+from multibody.base.progress import ProgressLine
+from vtsdt.cli.arguments import CommandError, Parser
+
 if TYPE_CHECKING:
     from multibody.model.model import Model
 
-__all__ = ["COMMANDS", "MODELS", "main", "shipped", "warm"]
+__all__ = ["MODELS", "REHEARSALS", "main", "shipped", "warm"]
 
+#: Parts of a compiled system, and what each is.
 _PARTS = {"rhs_function": "rates", "outputs_function": "outputs", "rhs_tangent": "Jacobian of the rates",
           "rhs_columns": "its columns side by side", "outputs_tangent": "Jacobian of the outputs",
           "speeds_function": "speeds of what passes by"}  # fmt: skip
 
-
-#: The shipped models by the names that the command takes: what builds each, in its own package.
+#: The shipped models by name: the function that builds each.
 MODELS = {
     "lift": "vtsdt.lift.lift:Lift.reference",
     "lift-1d": "vtsdt.lift.lift:Lift.one_dimensional",
@@ -28,8 +30,8 @@ MODELS = {
     "gear": "gearbox.stage.stage:Stage.paper",
 }
 
-#: Commands whose own machine code is more than a model's, by the names that the command takes: what runs them once.
-COMMANDS = {"align": "vtsdt.alignment.rehearsal:rehearse"}
+#: Commands that compile more than a model, by name: the function that runs each once.
+REHEARSALS = {"align": "vtsdt.alignment.rehearsal:rehearse"}
 
 
 def shipped(name: str) -> Model:
@@ -44,7 +46,7 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
     Parameters
     ----------
     names : sequence of str
-        Of `MODELS` and `COMMANDS`.
+        Of `MODELS` and `REHEARSALS`.
     progress : callable
         Takes a line of text.
     """
@@ -56,9 +58,9 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
     took = {}
     for name in names:
         begun = time.process_time()
-        if name in COMMANDS:
+        if name in REHEARSALS:
             progress(f"vtsdt {name}: rehearse")
-            module, _, function = COMMANDS[name].partition(":")
+            module, _, function = REHEARSALS[name].partition(":")
             getattr(importlib.import_module(module), function)()
             took[name] = time.process_time() - begun
             continue
@@ -108,13 +110,10 @@ def _one_row(system):  # type: ignore[no-untyped-def]
 
 def main(arguments: Sequence[str]) -> int:
     """Run ``vtsdt warm``."""
-    from multibody.base.progress import ProgressLine
-    from vtsdt.cli.arguments import CommandError, Parser
-
-    parser: argparse.ArgumentParser = Parser(
+    parser = Parser(
         prog="vtsdt warm", description="Compile the shipped models before they are needed; other processes find them."
     )
-    known = [*MODELS, *COMMANDS]
+    known = [*MODELS, *REHEARSALS]
     parser.add_argument("models", nargs="*", metavar="MODEL", help=f"{', '.join(known)}; default: all")
     parser.add_argument("--quiet", action="store_true", help="say nothing")
     args = parser.parse_args(list(arguments))

@@ -248,7 +248,7 @@ def _table_2() -> Chapter:
 
 
 def _figure_10() -> Chapter:
-    from vtsdt.rig.command import drawn_spectrum
+    from vtsdt.rig.recordings import drawn_spectrum
     from vtsdt.rig.rig import LiftRig
     from vtsdt.whatif.runs import Loaded, TripRunner
     from vtsdt.whatif.threshold import configuration, threshold

@@ -1,26 +1,25 @@
-"""``vtsdt what-if``: what straightening and lubricating would bring, from an estimated profile and measured trips."""
+"""A what-if study from its settings: read profile and trips, simulate the actions, write the page."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multibody.base.progress import Progress, silent
 from vtsdt.files.parameters import LiftParameters, ParameterError
 from vtsdt.files.rail_profile_table import ProfileTable
-from vtsdt.whatif.settings import Settings, read_settings
+from vtsdt.whatif.settings import Settings
 
 if TYPE_CHECKING:
     from vtsdt.whatif.result import WhatIf
     from vtsdt.whatif.threshold import Threshold
 
-__all__ = ["main", "run", "threshold_from"]
+__all__ = ["run", "threshold_from"]
 
 
-def run(settings: Settings, out: str | Path, progress: Callable[[str], None] | None = None) -> tuple[WhatIf, Path]:
+def run(settings: Settings, out: str | Path, progress: Progress = silent) -> tuple[WhatIf, Path]:
     """Carry out a what-if study and write it into a folder.
 
     Parameters
@@ -43,7 +42,6 @@ def run(settings: Settings, out: str | Path, progress: Callable[[str], None] | N
     from vtsdt.whatif.report import write_what_if
     from vtsdt.whatif.study import what_if
 
-    told = progress or (lambda text: None)
     parameters = LiftParameters.load(settings.lift) if settings.lift else LiftParameters.bench()
     rail = ProfileTable.load(settings.profile) if settings.profile else None
     if rail is None:
@@ -67,7 +65,7 @@ def run(settings: Settings, out: str | Path, progress: Callable[[str], None] | N
     parameters = updated(parameters, rail)
     found = threshold_from(settings, parameters) if settings.configurations else None
     level = found.level if found is not None else settings.threshold
-    trips = compare_trips(records, parameters, rail, progress=told) if records else []
+    trips = compare_trips(records, parameters, rail, progress=progress) if records else []
     study = what_if(
         parameters,
         rail,
@@ -77,9 +75,9 @@ def run(settings: Settings, out: str | Path, progress: Callable[[str], None] | N
         samples=settings.samples,
         direction=settings.direction,
         seed=settings.seed,
-        progress=told,
+        progress=progress,
     )
-    told("draw the figures")
+    progress("draw the figures")
     page = write_what_if(Path(out), study, settings, lift=parameters.name, trips=trips, threshold=found, notes=notes)
     return study, page
 
@@ -121,69 +119,3 @@ def threshold_from(settings: Settings, parameters: LiftParameters) -> Threshold:
         low, high = max(rail.height[0], parameters.cabin.shoe_low), min(rail.height[-1], reach)
         found.append(configuration(each.name, rail, energies, float(low), float(high)))
     return threshold(found, settings.fraction, seed=settings.seed)
-
-
-# -------------------------------------------------------------------- command line
-
-
-def _parser() -> argparse.ArgumentParser:
-    from vtsdt.cli.arguments import Parser, common, number, whole
-
-    parser = Parser(
-        prog="vtsdt what-if",
-        description=(
-            "Run the reference model with the estimated profile of the rail as it is, straightened, lubricated and "
-            "both, and lay it beside measured trips. Writes report.html, what-if.json and the figures."
-        ),
-    )
-    add = parser.add_argument
-    add("files", metavar="SETTINGS.toml|TRIP", nargs="*", help="a settings file, recordings of trips, or both")
-    add("--profile", metavar="FILE", help="estimated profile: height_m, delta_mm, spread_mm as CSV or JSON")
-    add("--lift", metavar="FILE.toml", help="parameters of the lift (default: the shipped bench)")
-    add("--threshold", metavar="MM", type=number(True, "threshold"), help="deviation that is left (default 2.3)")
-    add("--lubrication", metavar="FACTOR", type=number(True, "factor"), help="on the friction (default 0.9)")
-    add("--direction", choices=("up", "down"), help="of the trip (default up)")
-    add("--samples", metavar="N", type=whole(0, "number of draws"), help="draws for the intervals (default 40)")
-    add("--seed", metavar="N", type=whole(0, "seed"), help="of the draws (default 0)")
-    add("--trips-per-day", metavar="N", type=number(False, "number of trips"), help="to tell savings of a year")
-    common(parser)
-    return parser
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Run ``vtsdt what-if``."""
-    from multibody.base.progress import ProgressLine
-    from vtsdt.cli.arguments import CommandError
-    from vtsdt.whatif.report import answer
-
-    args = _parser().parse_args(list(arguments))
-    tables = [f for f in args.files if f.endswith(".toml")]
-    trips = tuple(Path(f) for f in args.files if not f.endswith(".toml"))
-    if len(tables) > 1:
-        raise CommandError(f"{' and '.join(tables)}: give one settings file")
-    settings = read_settings(tables[0]) if tables else Settings()
-    settings = settings.with_options(
-        lift=Path(args.lift) if args.lift else None,
-        profile=Path(args.profile) if args.profile else None,
-        trips=trips or None,
-        threshold=1e-3 * args.threshold if args.threshold else None,
-        lubrication=args.lubrication,
-        direction=args.direction,
-        samples=args.samples,
-        seed=args.seed,
-        trips_per_day=args.trips_per_day,
-    )
-    if Path(args.out).is_file():
-        raise CommandError(f"--out {args.out}: is a file: name a folder to write into")
-    with ProgressLine(args.quiet) as progress:
-        progress("read the settings")
-        try:
-            study, page = run(settings, args.out, progress)
-        except ValueError as error:
-            if type(error) is ValueError:  # settings that do not go together
-                raise CommandError(str(error)) from None
-            raise
-    if not args.quiet:
-        print(answer(study))
-        print(f"the page is {page}")
-    return 0

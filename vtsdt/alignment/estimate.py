@@ -1,4 +1,4 @@
-"""The guide's alignment from a few sensors of the cabin, and the command ``vtsdt align``.
+"""The guide's alignment from a few sensors of the cabin.
 
 González et al. 2020, sections IV-A and IV-B: rope tension, height and vertical acceleration of a few trips tell the
 equivalent deviation of the guide rails over height.
@@ -7,7 +7,6 @@ equivalent deviation of the guide rails over height.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,12 +15,12 @@ from vtsdt.alignment.filter import DEFAULT, DELTA, SPEED_OFF, TUNINGS, GuideFilt
 from vtsdt.alignment.rail import equivalent_deviation, pressing_deviation, rail_profile
 from vtsdt.alignment.result import Alignment
 from vtsdt.alignment.sections import Section, sections
-from vtsdt.alignment.trips import ROLES, AlignmentError, Trip, read_trips
+from vtsdt.alignment.trips import AlignmentError, Trip, read_trips
 from vtsdt.files.parameters import LiftParameters
 
 __all__ = [
     "THRESHOLD", "TUNINGS", "Alignment", "AlignmentError", "GuideFilter", "Section", "Trip", "Tuning", "align",
-    "balance", "calibrated", "equivalent_deviation", "main", "pressing_deviation", "rail_profile", "read_trips",
+    "balance", "calibrated", "equivalent_deviation", "pressing_deviation", "rail_profile", "read_trips",
     "sections",
 ]  # fmt: skip
 
@@ -248,74 +247,3 @@ def calibrated(
         )
     guide = dataclasses.replace(parameters.cabin_guide, mu=parameters.cabin_guide.mu * factor)
     return dataclasses.replace(parameters, cabin_guide=guide), factor
-
-
-# -------------------------------------------------------------------- command line
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Run ``vtsdt align``."""
-    from multibody.base.progress import ProgressLine
-    from vtsdt.alignment.report import write
-    from vtsdt.cli.arguments import CommandError, Parser, common, number
-
-    parser = Parser(
-        prog="vtsdt align",
-        description=(
-            "Estimate the alignment of the cabin's guide rails over height from recordings of trips: rope tension, "
-            "height and vertical acceleration of the cabin. Writes alignment.json, report.html, profile.csv (for "
-            "vtsdt what-if) and figures."
-        ),
-    )
-    add = parser.add_argument
-    add("trips", metavar="TRIP", nargs="+", help="recordings, one trip each (CSV, Parquet or MATLAB)")
-    add("--lift", metavar="FILE.toml", default=None, help="parameters of the lift (default: the shipped bench)")
-    add(
-        "--threshold", metavar="MM", type=number(True, "threshold"), default=1e3 * THRESHOLD,
-        help="deviation to be corrected, mm (default 2.3)",
-    )  # fmt: skip
-    add(
-        "--tuning", choices=tuple(TUNINGS), default=DEFAULT,
-        help="; ".join(f"{t.name}: {t.meaning}" for t in TUNINGS.values()) + f" (default {DEFAULT})",
-    )  # fmt: skip
-    for role in ("time", *ROLES):
-        add(f"--{role}", metavar="COLUMN", default=None, help=f"column of the {role}, if it is not found by itself")
-    for role in ROLES:
-        add(f"--{role}-unit", metavar="UNIT", default=None, help=_unit_help(role))
-    add(
-        "--low-pass", metavar="HZ", type=number(True, "frequency"), default=60.0,
-        help="of all signals (default 60, above which the model says nothing)",
-    )  # fmt: skip
-    add("--start", metavar="S", type=float, default=None, help="leave out what is before this time, s")
-    add("--stop", metavar="S", type=float, default=None, help="leave out what is after this time, s")
-    add("--no-balance", action="store_true", help="believe the tension's zero and the cabin's mass")
-    common(parser)
-    args = parser.parse_args(list(arguments))
-    out = Path(args.out)
-    if out.exists() and not out.is_dir():
-        raise CommandError(f"--out {out}: is a file: name a folder to write into")
-    parameters = LiftParameters.load(args.lift) if args.lift else LiftParameters.bench()
-    columns = {r: c for r in ("time", *ROLES) if (c := getattr(args, r))}
-    units = {r: u for r in ROLES if (u := getattr(args, f"{r}_unit"))}
-    with ProgressLine(args.quiet) as progress:
-        progress("read the trips")
-        trips = read_trips(
-            args.trips, columns=columns, units=units, parameters=parameters, low_pass_hz=args.low_pass,
-            start=args.start, stop=args.stop,
-        )  # fmt: skip
-        found = align(
-            trips, parameters, tuning=args.tuning, threshold=1e-3 * args.threshold, balanced=not args.no_balance,
-            progress=progress,
-        )  # fmt: skip
-        progress("write the report")
-        page = write(found, out, parameters, trips)
-    if not args.quiet:
-        print("\n".join(found.sentences()))
-        print(f"report: {page}")
-        print(f"next: vtsdt what-if --profile {out / 'profile.csv'} --out {out / 'what-if'}")
-    return 0
-
-
-def _unit_help(role: str) -> str:
-    """Return the help of an option that says a column's unit."""
-    return f"unit of the {role}'s numbers, where the column's name does not say it or is wrong"

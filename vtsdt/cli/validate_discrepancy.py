@@ -1,4 +1,4 @@
-"""``vtsdt validate discrepancy``: the machines on which the search for missing effects is tried."""
+"""``vtsdt validate discrepancy``: error rates of the search, on the virtual machines that ship."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 __all__ = ["MACHINES", "main"]
 
-#: Machines beside the axis, and the modules where they are; each is imported when it is asked for.
+#: Machines besides the axis, and their modules, imported when needed.
 MACHINES = {
     "lift": "vtsdt.rig.suite_lift",
     "lift-1d": "vtsdt.rig.suite_one_dimensional",

@@ -1,0 +1,57 @@
+"""``vtsdt diagnose`` and ``vtsdt compare``: a study file from the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from multibody.base.progress import ProgressLine
+from vtsdt.cli.arguments import Parser, check_out, common, whole
+
+__all__ = ["compare", "diagnose"]
+
+
+def diagnose(arguments: Sequence[str]) -> int:
+    """Run ``vtsdt diagnose``."""
+    parser = _parser(
+        "diagnose",
+        "Compare a model with recordings, find the effects it lacks, add them one by one, and write "
+        "diagnosis.json, report.html, figures and model.json.",
+    )
+    parser.add_argument(
+        "--max-effects", metavar="N", type=whole(0, "number of effects"),
+        help="effects added at most; default: the study's",
+    )  # fmt: skip
+    parser.add_argument(
+        "--resume", action="store_true",
+        help="continue from history.json in DIR: after an interruption, or to rebuild the stages of another history",
+    )  # fmt: skip
+    common(parser)
+    args = parser.parse_args(list(arguments))
+    check_out(args.out)
+    with ProgressLine(args.quiet) as args.progress:
+        from discrepancy.study.command import diagnose as run
+
+        return run(args)
+
+
+def compare(arguments: Sequence[str]) -> int:
+    """Run ``vtsdt compare``."""
+    parser = _parser(
+        "compare", "Compare a model with recordings and say where the model fails. Nothing is added to it."
+    )  # fmt: skip
+    common(parser)
+    args = parser.parse_args(list(arguments))
+    check_out(args.out)
+    with ProgressLine(args.quiet) as args.progress:
+        from discrepancy.study.command import compare as run
+
+        return run(args)
+
+
+def _parser(name: str, description: str) -> Parser:
+    parser = Parser(prog=f"vtsdt {name}", description=description)
+    parser.add_argument("study", metavar="STUDY.toml", help="the study file")
+    parser.add_argument(
+        "--seed", metavar="N", type=whole(0, "seed"), help="of all random numbers; default: the study's"
+    )
+    return parser
