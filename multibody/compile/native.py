@@ -17,7 +17,7 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
@@ -27,10 +27,11 @@ import numpy as np
 from multibody.base.cache import cache_dir, digest_of, fingerprint, write_once
 from multibody.base.compile_events import listen_to_numba, on_compile
 from multibody.compile.emitter.entries import jit_enabled, module_texts
-from multibody.compile.emitter.kinds import FLOAT, FLOATS, LanesAt, Outside
+from multibody.compile.emitter.kinds import FLOAT, FLOATS, LanesAt
 
 __all__ = [
     "NativeFunction",
+    "ReturningFunction",
     "cache_dir",
     "compile_rhs",
     "compile_tangent",
@@ -168,6 +169,19 @@ class NativeFunction:
             self.faults.clear()
             raise error
 
+    @property
+    def _numba_type_(self) -> Any:
+        """What a function compiled by numba sees that calls this one, with contiguous arrays of float64."""
+        return self._on_arrays._numba_type_
+
+    @cached_property
+    def _on_arrays(self) -> Any:
+        if not self.compiled or self.lanes:
+            raise TypeError(f"{self.name} is not compiled by numba, so that functions compiled by numba cannot call it")
+        from multibody.compile.numba_backend import function_on_arrays
+
+        return function_on_arrays(_by_numba(*self.origin, self.name, self.arrays)[1], self.arrays)
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Send the source and not the address: a worker process compiles, or finds it in the cache."""
         if not self.origin[0]:
@@ -177,6 +191,41 @@ class NativeFunction:
 
 def _rebuild(text: str, stem: str, name: str, arrays: int, compiled: bool, lanes: int) -> NativeFunction:
     return compile_text(text, stem, name, arrays, compiled, lanes)
+
+
+class ReturningFunction:
+    """A native function ``f(t, x, u, p, out)`` that returns a new array, in Python and in functions compiled by numba.
+
+    Parameters
+    ----------
+    function : NativeFunction
+    size : int
+        Length of what it returns.
+    u, p : ndarray
+        Inputs and parameters that count where none are given; in functions compiled by numba all four are given.
+    """
+
+    def __init__(self, function: NativeFunction, size: int, u: np.ndarray, p: np.ndarray) -> None:
+        self.function, self.size = function, size
+        self._u, self._p = u, p
+
+    def __call__(
+        self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the values at one instant, shape (size,)."""
+        return self.function(
+            t, x, self._u if u is None else u, self._p if p is None else p, np.empty(self.size)
+        )
+
+    @property
+    def _numba_type_(self) -> Any:
+        return self._with_result._numba_type_
+
+    @cached_property
+    def _with_result(self) -> Any:
+        from multibody.compile.numba_backend import function_with_result
+
+        return function_with_result(self.function._on_arrays, self.size)
 
 
 def _guard(python: Callable[..., None], faults: list[BaseException]) -> Callable[..., None]:
@@ -227,7 +276,7 @@ def compile_text(
     Parameters
     ----------
     text : str
-        Python source in the compiler's subset; what is outside it is compiled by numba.
+        Python source.
     stem : str
         Beginning of the names of its files in the cache.
     name : str
@@ -246,10 +295,8 @@ def compile_text(
     """
     python = _Plain(text, stem, name)
     if compiled and jit_enabled():
-        address, keep = _address(text, stem, name, arrays, lanes)
-        entry = _prototype(arrays)(address)
-        entry.keep = keep  # type: ignore[attr-defined]
-        return NativeFunction(name, address, python, arrays, True, (text, stem), [], entry, lanes)
+        address = _in_lanes(text, stem, name, arrays, lanes) if lanes else _by_numba(text, stem, name, arrays)[0]
+        return NativeFunction(name, address, python, arrays, True, (text, stem), [], _prototype(arrays)(address), lanes)
 
     from multibody.compile.calls import register_python
 
@@ -269,7 +316,7 @@ def _prototype(arrays: int) -> Any:
     return ctypes.CFUNCTYPE(None, ctypes.c_double, *([ctypes.c_void_p] * arrays))
 
 
-def _address(text: str, stem: str, name: str, arrays: int, lanes: int) -> tuple[int, Any]:
+def _in_lanes(text: str, stem: str, name: str, arrays: int, lanes: int) -> int:
     from multibody.compile.emitter.build import build
 
     def unit() -> Any:
@@ -279,18 +326,17 @@ def _address(text: str, stem: str, name: str, arrays: int, lanes: int) -> tuple[
         write_once(path, text)  # to read, and to step through
         return unit_of_text(text, str(path))
 
-    given = [FLOATS] * (arrays if lanes == 0 else RHS_ARRAYS - 1)
-    try:
-        return build(stem, (text,), unit, name, (FLOAT, *given, *[LanesAt(lanes)] * (arrays - len(given))))[0], None
-    except Outside:
-        if lanes:
-            raise
-        from multibody.compile.numba_backend import compile_function, with_helpers_compiled
+    kinds = (FLOAT, *[FLOATS] * (RHS_ARRAYS - 1), *[LanesAt(lanes)] * (arrays - RHS_ARRAYS + 1))
+    return build(stem, (text,), unit, name, kinds)[0]
 
-        module = load_source(with_helpers_compiled(text, name), f"{stem}_numba")
-        function = getattr(module, name)
-        native = compile_function(getattr(function, "py_func", function), arrays)
-        return native.address, native
+
+@lru_cache(maxsize=1024)
+def _by_numba(text: str, stem: str, name: str, arrays: int) -> tuple[int, Any]:
+    from multibody.compile.numba_backend import address_of_function, function_on_pointers
+
+    with compiling:
+        function = function_on_pointers(load_source(text, stem), name, arrays)
+        return address_of_function(function), function
 
 
 def _text_of(module: ModuleType) -> tuple[str, str]:

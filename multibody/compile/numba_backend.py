@@ -6,28 +6,31 @@ A driver compiled by numba may call everything that is marked `entry` or `inner`
 
 from __future__ import annotations
 
-import re
-import time
 from functools import lru_cache
+from types import FunctionType, ModuleType
 from typing import Any
 
-from multibody.base.compile_events import tell
+import numpy as np
+
+from multibody.base.compile_events import listen_to_numba
 
 __all__ = [
+    "address_of_function",
     "call_rhs",
     "call_tangent",
-    "compile_function",
     "dispatcher",
     "floats",
+    "function_on_arrays",
+    "function_on_pointers",
+    "function_with_result",
     "intrinsic_type",
     "ints",
     "platform",
     "pointer",
     "shift",
-    "with_helpers_compiled",
 ]  # fmt: skip
 
-from numba import njit, types
+from numba import errors, njit, types
 from numba.extending import intrinsic
 
 _OPTIONS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -148,31 +151,66 @@ def platform() -> str:
     return "\n".join(versions)
 
 
-def with_helpers_compiled(text: str, name: str) -> str:
-    """Return a generated text in which the functions that others call are compiled as well."""
-    if "@njit" in text:
-        return text
-    mark = "@njit(cache=True, error_model='numpy')\ndef "
-    body = re.sub(rf"^def (?!{re.escape(name)}\()", mark, text, flags=re.MULTILINE)
-    return f"from numba import njit\n\n{body}"
+def function_on_pointers(module: ModuleType, name: str, arrays: int) -> Any:
+    """Return a function ``f(t, *arrays)`` of a module from `native.load_source`, compiled and kept on disk.
 
-
-def compile_function(python: Any, arrays: int) -> Any:
-    """Return ``f(t, *arrays)`` as a numba function with a C address."""
-    from numba.core import sigutils
-    from numba.core.ccallback import CFunc
-
-    class Announced(CFunc):
-        def _compile_uncached(self) -> Any:
-            begun = time.perf_counter()
-            tell(python.__name__, None)
-            result = super()._compile_uncached()  # type: ignore[misc]
-            tell(python.__name__, time.perf_counter() - begun)
-            return result
-
-    # Division by zero gives inf or nan as in C, which the step control handles; an exception could not leave.
+    Its arrays are pointers.  Division by zero gives inf or nan as in C, which the step control handles; an exception
+    could not leave.
+    """
+    names = dict(vars(module))
+    for key, value in vars(module).items():
+        if isinstance(value, FunctionType) and value.__module__ == module.__name__ and key != name:
+            names[key] = njit(error_model="numpy")(FunctionType(value.__code__, names, key, value.__defaults__))
+    code = getattr(names[name], "py_func", names[name]).__code__
     signature = types.void(types.float64, *([_FLOATS] * arrays))
-    native = Announced(python, sigutils.normalize_signature(signature), locals={}, options={"error_model": "numpy"})
-    native.enable_caching()
-    native.compile()
-    return native
+    listen_to_numba()
+    return njit(signature, error_model="numpy", nogil=True, cache=True, no_cpython_wrapper=True)(
+        FunctionType(code, names, name)
+    )
+
+
+def address_of_function(function: Any) -> int:
+    """Return the C address of what `function_on_pointers` has compiled."""
+    (compiled,) = function.overloads.values()
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name))
+
+
+@intrinsic
+def _elements(typingctx, array):  # type: ignore[no-untyped-def]
+    if not (isinstance(array, types.Array) and _is_vector(array)):
+        raise errors.TypingError(
+            f"functions of a model take contiguous arrays of float64, not {array}: "
+            "numpy.ascontiguousarray(..., dtype=float) makes one"
+        )
+
+    def emit(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _data(context, builder, signature.args[0], args[0])
+
+    return _FLOATS(array), emit
+
+
+def function_on_arrays(function: Any, arrays: int) -> Any:
+    """Return what `function_on_pointers` has compiled as a numba function of arrays, which writes the last one."""
+    if arrays == 4:
+
+        def call(t, x, u, p, out):  # type: ignore[no-untyped-def]
+            function(float(t), _elements(x), _elements(u), _elements(p), _elements(out))
+
+    else:
+
+        def call(t, x, u, p, x_dot, u_dot, p_dot, out):  # type: ignore[no-untyped-def, misc]
+            function(float(t), _elements(x), _elements(u), _elements(p), _elements(x_dot), _elements(u_dot),
+                     _elements(p_dot), _elements(out))  # fmt: skip
+
+    return njit(error_model="numpy", nogil=True)(call)
+
+
+def function_with_result(function: Any, size: int) -> Any:
+    """Return ``f(t, x, u, p)`` as a numba function that returns a new array of so many elements."""
+
+    def call(t, x, u, p):  # type: ignore[no-untyped-def]
+        out = np.empty(size)
+        function(t, x, u, p, out)
+        return out
+
+    return njit(error_model="numpy", nogil=True)(call)

@@ -18,7 +18,7 @@ from multibody.base.units import UnitError, quantity
 from multibody.compile.assembled import plan_of
 
 if TYPE_CHECKING:
-    from multibody.compile.native import NativeFunction
+    from multibody.compile.native import NativeFunction, ReturningFunction
     from multibody.model.model import Model
     from multibody.system.equilibrium import Equilibrium
     from multibody.system.linearize import Linearization
@@ -242,21 +242,26 @@ class System:
         """Directional derivative of the outputs as a native function."""
         return self._native("outputs_tangent")
 
-    def rhs(
-        self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None
-    ) -> np.ndarray:
-        """Return the rates of the states at one instant, shape (n,)."""
-        return self.rhs_function(
-            t, x, self.u if u is None else u, self.p if p is None else p, np.empty(len(self.states))
-        )
+    @cached_property
+    def rhs(self) -> ReturningFunction:
+        """The rates of the states at one instant: ``rhs(t, x, u=None, p=None)`` returns an array, shape (n,).
 
-    def outputs_at(
-        self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None
-    ) -> np.ndarray:
-        """Return the outputs at one instant, shape (n_y,)."""
-        return self.outputs_function(
-            t, x, self.u if u is None else u, self.p if p is None else p, np.empty(len(self.outputs))
-        )
+        Functions compiled by numba can call it, with all four arguments.
+        """
+        return self._returning(self.rhs_function, len(self.states))
+
+    @cached_property
+    def outputs_at(self) -> ReturningFunction:
+        """The outputs at one instant: ``outputs_at(t, x, u=None, p=None)`` returns an array, shape (n_y,).
+
+        Functions compiled by numba can call it, with all four arguments.
+        """
+        return self._returning(self.outputs_function, len(self.outputs))
+
+    def _returning(self, function: NativeFunction, size: int) -> ReturningFunction:
+        from multibody.compile.native import ReturningFunction
+
+        return ReturningFunction(function, size, self.u, self.p)
 
     def jacobian(
         self,
