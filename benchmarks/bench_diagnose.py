@@ -15,16 +15,14 @@ def _study():  # type: ignore[no-untyped-def]
 def bench_columns() -> Callable[[], None]:
     """sensitivities of all candidates and shapes on all records"""
     from discrepancy.effects.catalogue import catalogue
-    from discrepancy.search.step import scan_preparation
     from discrepancy.sensitivities.candidates import candidate_sensitivities
-    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
     stage = _study().stage
     experiment = stage.identify.fits[0].experiment
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs)
 
     def work() -> None:
-        candidate_sensitivities(LinearisedProblem.of_stage(stage, scan_preparation(stage)), entries)
+        candidate_sensitivities(stage.linearised_problem(), entries)
 
     work()
     return work

@@ -17,25 +17,23 @@ import numpy as np
 def _stage() -> tuple[Any, Any, Any]:
     from discrepancy.effects.catalogue import catalogue
     from discrepancy.rigs.axis import axis_case
-    from discrepancy.search.step import scan_preparation
     from discrepancy.study.study import Study
 
     stage = Study(axis_case(1, ["coulomb_friction@guide"]).problem(seed=1)).stage
     experiment = stage.identify.fits[0].experiment
-    return stage, scan_preparation(stage), catalogue(stage.system, experiment.outputs, experiment.inputs)
+    return stage, stage.scan_preparation, catalogue(stage.system, experiment.outputs, experiment.inputs)
 
 
 def _columns(every: int) -> Callable[[], None]:
     from discrepancy.sensitivities.candidates import candidate_sensitivities
-    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
     stage, preparation, entries = _stage()
     drawn = np.random.default_rng(0).permutation(len(entries))[: -(-len(entries) // every)]
     chosen = [entries[k] for k in sorted(drawn)]
 
     def work() -> None:
-        stage.worked_out.clear()  # nothing kept from the round before
-        candidate_sensitivities(LinearisedProblem.of_stage(stage, preparation), chosen)
+        fresh = stage.without_results()  # nothing kept from the round before
+        candidate_sensitivities(fresh.linearised_problem(preparation), chosen)
 
     work()
     work.note = f"{len(chosen)} effects"  # type: ignore[attr-defined]

@@ -16,13 +16,12 @@ CANDIDATES = 100
 
 
 @cache
-def _facts() -> tuple[Any, Any, list[Any]]:
+def _stage() -> tuple[Any, Any, list[Any]]:
     """Return a stage of the reference model beside one trip, and 100 candidates, evenly over the catalogue."""
     import numpy as np
 
     from discrepancy.effects.catalogue import catalogue
     from discrepancy.problem.problem import noise_floors
-    from discrepancy.search.step import scan_preparation
     from discrepancy.study.study import Study
     from vtsdt.rig.rig import LiftRig
 
@@ -41,7 +40,7 @@ def _facts() -> tuple[Any, Any, list[Any]]:
     stage = study.held_stage("recalibrated", (), values, [own], scale, noise)
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs)
     picked = [entries[int(k)] for k in np.linspace(0, len(entries) - 1, CANDIDATES)]
-    return stage, scan_preparation(stage), picked
+    return stage, stage.scan_preparation, picked
 
 
 def _followed(problem: Any, experiment: Any) -> Any:
@@ -59,18 +58,17 @@ def _followed(problem: Any, experiment: Any) -> Any:
 
 
 def _columns(each: int) -> Callable[[], None]:
-    from discrepancy.sensitivities.candidates import LinearisedProblem, candidate_sensitivities
+    from discrepancy.sensitivities.candidates import candidate_sensitivities
 
-    stage, preparation, entries = _facts()
+    stage, preparation, entries = _stage()
     shapes = 0
 
     def work() -> None:
         nonlocal shapes
-        stage.worked_out.clear()
         for fit in stage.identify.fits:
             fit.experiment._cache.clear()
-        facts = LinearisedProblem.of_stage(stage, preparation)
-        candidates, _ = candidate_sensitivities(facts, entries[::each])
+        linearised = stage.without_results().linearised_problem(preparation)
+        candidates, _ = candidate_sensitivities(linearised, entries[::each])
         shapes = sum(len(c.columns) for c in candidates)
 
     work()

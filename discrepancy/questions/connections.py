@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.sensitivities.stage_residuals import ResidualsAlongMotion
+from discrepancy.stages.residuals_along_motion import ResidualsAlongMotion
 from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
 from estimation.response.perturbations import Push
 from multibody.base.parallel import cores
@@ -106,7 +106,7 @@ def _sentence(entry: dict[str, Any], found: list[dict[str, Any]]) -> str:
 
 def _projector(facts: ResidualsAlongMotion, weight: np.ndarray) -> np.ndarray | None:
     """Orthonormal basis of what calibration and each record's own unknowns can do, shape (n·channels, k)."""
-    sens = facts.facts.sensitivities()
+    sens = facts.linearised.sensitivities()
     k = len(sens.names)
     own = [0 if n is None else n.shape[2] for n in sens.nuisance]
     if k + sum(own) == 0:
@@ -160,10 +160,10 @@ def _responses(
     system = facts.stage.system
     motion_of = {p.name: [n for n, _ in p.motion_names()] for p in system.places}
     lead = facts.guides()[0].name
-    runs = [facts.facts.motions(i) for i in range(len(facts.facts.experiments))]
+    runs = [facts.linearised.nominal_outputs(i) for i in range(len(facts.linearised.experiments))]
     table = {
         p: [
-            _motion(run, p, motion_of[p], facts.facts.experiments[i].record.time)
+            _motion(run, p, motion_of[p], facts.linearised.experiments[i].record.time)
             for i, run in enumerate(runs)
         ]
         for p in places
@@ -175,7 +175,7 @@ def _responses(
         )
         for p in places
     }
-    for i, experiment in enumerate(facts.facts.experiments):
+    for i, experiment in enumerate(facts.linearised.experiments):
         position, speed, _ = table[lead][i] if lead in table else table[places[0]][i]
         shared = [
             np.ones_like(speed),
@@ -183,11 +183,11 @@ def _responses(
             (position - position.mean()) / max(float(np.ptp(position)), 1e-300),
         ]
         dy = experiment.respond(
-            facts.facts.slim,
-            facts.facts.p,
-            facts.facts.start(i),
+            facts.linearised.slim,
+            facts.linearised.p,
+            facts.linearised.initial_state(i),
             pushes=[Push(f"probe.{p}", f) for p in places for f in (*shared, *generic[p][i])],
-            sensors=facts.facts.sensors,
+            sensors=facts.linearised.sensors,
             workers=cores(),
         ).derivatives
         flat = (dy * weight[:, None]).reshape(-1, dy.shape[2])

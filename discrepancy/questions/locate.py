@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from discrepancy.questions.connections import connections_or_why
-from discrepancy.sensitivities.stage_residuals import PlaceMotion, ResidualsAlongMotion, residuals_along_motion
+from discrepancy.stages.residuals_along_motion import PlaceMotion, ResidualsAlongMotion, residuals_along_motion
 from discrepancy.stages.stage import Stage
 from estimation.signals.metrics import spectral_density
 from multibody.base.quantity_text import quantity_text
@@ -258,19 +258,16 @@ def _regressors(facts: ResidualsAlongMotion) -> list[tuple[str, str, str, np.nda
             found.append(
                 (entry.where, "load", facts.stage.system.unit(entry.load), _prepared(facts, entry.load))
             )
-    since = np.concatenate([t - t[0] for t in (f.experiment.time for f in facts.facts.calibration.fits)])
+    since = np.concatenate([t - t[0] for t in (f.experiment.time for f in facts.linearised.calibration.fits)])
     found.append(("", "time", "s", since))
     return [f for f in found if np.ptp(f[3]) > 0.0]
 
 
 def _prepared(facts: ResidualsAlongMotion, output: str) -> np.ndarray:
     parts = []
-    for i, experiment in enumerate(facts.facts.experiments):
-        parts.append(
-            experiment.preparation.apply(np.asarray(experiment.record.time), facts.facts.motions(i)[output])[
-                1
-            ]
-        )
+    for i, experiment in enumerate(facts.linearised.experiments):
+        time, values = np.asarray(experiment.record.time), facts.linearised.nominal_outputs(i)[output]
+        parts.append(experiment.preparation.apply(time, values)[1])
     return np.concatenate(parts)
 
 
@@ -343,7 +340,7 @@ def _dependence_entry(
 
 def _frequencies(facts: ResidualsAlongMotion) -> list[Entry]:
     found = []
-    fits = facts.facts.calibration.fits
+    fits = facts.linearised.calibration.fits
     rate = float(1.0 / np.median(np.diff(fits[0].experiment.time)))
     shortest = min(len(f.experiment.time) for f in fits)
     preparation = fits[0].experiment.preparation

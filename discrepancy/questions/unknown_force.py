@@ -12,7 +12,7 @@ from discrepancy.questions.simple_laws import Law
 if TYPE_CHECKING:
     from discrepancy.effects.effect import Effect
     from discrepancy.questions.force_curves import CurveReport
-    from discrepancy.sensitivities.force_estimate import ForceEstimate
+    from discrepancy.stages.force_estimate import ForceEstimate
     from discrepancy.study.study import Study
 
 __all__ = ["UnknownForce", "describe_unknown", "described"]
@@ -122,9 +122,7 @@ def describe_unknown(study: Study) -> UnknownForce | None:
     The force is estimated on the model without it; what it is a function of, and which simple law is near, are asked
     of that estimate and not of the curve that was added, which has an argument already.
     """
-    from discrepancy.search.step import scan_preparation
-    from discrepancy.sensitivities.force_estimate import estimate_force
-    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
+    from discrepancy.stages.force_estimate import estimate_force
 
     stages = study.stages
     k = next(
@@ -141,9 +139,8 @@ def describe_unknown(study: Study) -> UnknownForce | None:
     assert accepted is not None
     effect = accepted.effect
     study.progress(f"the force at {effect.where} over time")
-    facts = LinearisedProblem.of_stage(before, scan_preparation(before))
     place = next(p for p in before.system.places if p.name == effect.where)
-    estimate = estimate_force(before, facts, place, stages[k])
+    estimate = estimate_force(before, place, stages[k])
     alike = _alike(study, effect, k)
     return described(study, estimate, alike, effect.over)
 

@@ -9,9 +9,8 @@ import numpy as np
 from discrepancy.questions.unknown_force import UnknownForce, described
 from discrepancy.report.conclusion import UnknownCurve
 from discrepancy.search.model_comparison import loud
-from discrepancy.search.step import LOOKS, scan_preparation
-from discrepancy.sensitivities.force_estimate import ForceEstimate, estimate_force
-from discrepancy.sensitivities.linearised_problem import LinearisedProblem
+from discrepancy.search.step import LOOKS
+from discrepancy.stages.force_estimate import ForceEstimate, estimate_force
 
 if TYPE_CHECKING:
     from discrepancy.questions.force_curves import Explanation
@@ -46,8 +45,7 @@ def nameless_force(study: Study) -> tuple[UnknownCurve, UnknownForce] | None:
     if follows is None or not follows.rejects or not loud(stage):
         return None
     study.progress("the force that is missing, over time, at every connection")
-    facts = LinearisedProblem.of_stage(stage, scan_preparation(stage))
-    estimates = [estimate_force(stage, facts, place, all_of_it=True) for place in stage.system.places]
+    estimates = [estimate_force(stage, place, explain_all=True) for place in stage.system.places]
     known = [e for e in estimates if e.reconstructable and e.log_likelihood > 0.0]
     if not known:
         return None

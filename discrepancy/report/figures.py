@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from discrepancy.report.conclusion import Conclusion, Evidence
-    from discrepancy.sensitivities.stage_residuals import ResidualsAlongMotion
+    from discrepancy.stages.residuals_along_motion import ResidualsAlongMotion
     from discrepancy.stages.stage import Stage
 
 __all__ = [

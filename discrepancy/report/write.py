@@ -13,7 +13,7 @@ from discrepancy.report import effect_figures as figures_effects
 from discrepancy.report import figures
 from discrepancy.report.conclusion import VERDICTS, Conclusion, Evidence, evidence_of, save_diagnosis
 from discrepancy.report.content import content
-from discrepancy.sensitivities.stage_residuals import residuals_along_motion
+from discrepancy.stages.residuals_along_motion import residuals_along_motion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,10 +11,9 @@ from discrepancy.effects.effect import Effect
 from discrepancy.search.curve_gain import promised
 from discrepancy.search.model_comparison import CLEARLY, above_floor, bic_difference, matters, taken
 from discrepancy.search.record_left_out import left_out_difference
-from discrepancy.search.step import LOOKS, scan_preparation
+from discrepancy.search.step import LOOKS
 from discrepancy.search.trial_fits import Fit, tried
-from discrepancy.sensitivities.disturbance import facts_of
-from discrepancy.sensitivities.free_curve_scan import FreeCurveScan, scan_free_curves
+from discrepancy.sensitivities.free_curve_scan import FreeCurveScan
 from discrepancy.stages.stage import Accepted, Rival, Stage
 
 __all__ = ["curve_instead", "drop_idle", "free_curve", "lasts", "replace_by_curve"]
@@ -132,8 +131,7 @@ def _since(before: Stage, last: Stage) -> list[Effect]:
 def _offered(
     before: Stage, level: float, seed: int, progress: Callable[[str], None], where: Sequence[str] | None = None
 ) -> FreeCurveScan:
-    facts = facts_of(before, scan_preparation(before))
-    return scan_free_curves(before, facts, level=level, seed=seed, where=where, progress=progress)
+    return before.free_curve_scan(level=level, seed=seed, where=where, progress=progress)
 
 
 def _promise(before: Stage, last: Stage, where: str | None = None) -> set[tuple[str, str]]:
@@ -217,7 +215,7 @@ def lasts(curve: Stage, last: Stage, laws: Sequence[Effect]) -> bool:
     """
     if len(laws) > 1 or curve.effects[-1].over not in ("position", "friction"):
         return True
-    return left_out_difference(curve, last, scan_preparation(last)) < -CLEARLY
+    return left_out_difference(curve, last, last.scan_preparation) < -CLEARLY
 
 
 def _takes_more(curve: Stage, laws: Stage, before: Stage) -> bool:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from discrepancy.sensitivities.disturbance import comparable_residuals
 from discrepancy.stages.prior_conflict import prior_penalty
-from discrepancy.stages.stage import Stage
+from discrepancy.stages.stage import Stage, comparable_residuals
 from estimation.signals.correlation import correlation_time
 
 __all__ = ["CLEARLY", "above_floor", "bic_difference", "loud", "matters", "taken"]

@@ -148,14 +148,11 @@ def omnibus_of_stage(stage: Stage, *, level: float, draws: int = 200, seed: int 
     Not against those that answer to what is left (`discrepancy.sensitivities.input_feedback`): they go with it in any
     case.
     """
-    from discrepancy.search.step import scan_preparation
-    from discrepancy.sensitivities.disturbance import facts_of
     from discrepancy.sensitivities.input_feedback import inputs_with_feedback
-    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
-    preparation = scan_preparation(stage)
-    facts = facts_of(stage, preparation)
-    reacting = inputs_with_feedback(LinearisedProblem.of_stage(stage, preparation))
+    preparation = stage.scan_preparation
+    facts = stage.weighted_problem()
+    reacting = inputs_with_feedback(stage.linearised_problem(preparation))
     drivers: dict[str, list[Array]] = {}
     rates = set()
     for experiment in facts.experiments:

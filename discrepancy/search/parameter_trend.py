@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discrepancy.search.step import LOOKS, scan_preparation
-from discrepancy.sensitivities.disturbance import facts_of
+from discrepancy.search.step import LOOKS
 from discrepancy.statistics.blocks import Candidate
 from discrepancy.statistics.verdicts import Verdict
 from multibody.base.quantity_text import quantity_text
@@ -76,7 +75,7 @@ def parameter_trends(stage: Stage, level: float, seed: int) -> tuple[Trend, ...]
     """
     from discrepancy.statistics.scan import scan
 
-    facts = facts_of(stage, scan_preparation(stage))
+    facts = stage.weighted_problem()
     residual, sens = facts.residual(), facts.sensitivities()
     count = len(residual.blocks)
     if count < FEWEST or not sens.names:

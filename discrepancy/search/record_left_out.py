@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.blocks import Sensitivities
 from discrepancy.statistics.projection import Layout, project
 from discrepancy.statistics.whitening import identity
@@ -41,7 +40,7 @@ def left_out_residuals(stage: Stage, preparation: Preparation, weights: dict[str
     weights : dict of str to float
         What the residual of each output is divided by in the fit.
     """
-    facts = LinearisedProblem.of_stage(stage, preparation)
+    facts = stage.linearised_problem(preparation)
     residual, sens = facts.residual(), facts.sensitivities()
     prior, offset = sens.prior_std.copy(), sens.prior_offset.copy()
     for effect in stage.effects:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from discrepancy.effects.catalogue import Entry, catalogue
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import effect_of, simpler_in
@@ -16,11 +14,9 @@ from discrepancy.effects.kinds import kind_named
 from discrepancy.search.model_comparison import bic_difference, matters, taken
 from discrepancy.search.trial_fits import Refit, best_of, fits_with
 from discrepancy.sensitivities.candidates import candidate_sensitivities, cannot_be_built
-from discrepancy.sensitivities.disturbance import facts_of
 from discrepancy.stages.prior_conflict import needs_prior_conflict
 from discrepancy.stages.stage import Accepted, Rival, Stage
 from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
-from estimation.signals.preparation import Preparation
 from multibody.base.errors import ModelError
 from multibody.base.parallel import side_by_side
 
@@ -28,9 +24,8 @@ if TYPE_CHECKING:
     from discrepancy.statistics.scan import ScanResult
     from discrepancy.statistics.verdicts import Row
 
-__all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scan_preparation", "scored", "search_step"]
+__all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scored", "search_step"]
 
-SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 FINALISTS = 3
 LOOKS = 5  # plain scan, whitened scan, pairs, free curves, omnibus test: each gets a share of the level
 TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
@@ -79,28 +74,6 @@ class Step:
         return last if self.first is None else (self.first[0], *last)
 
 
-def scan_preparation(stage: Stage) -> Preparation:
-    """Return the preparation for a scan: that of the study, decimated further where there are many samples."""
-    fits = stage.identify.fits
-    given = fits[0].experiment.preparation
-    rows = sum(f.residual.size for f in fits)
-    factor = max(1, int(np.ceil(rows / SCAN_ROWS)))
-    shortest = min(f.residual.shape[0] for f in fits)
-    factor = min(factor, max(1, shortest // 200))
-    if factor == 1:
-        return given
-    return Preparation(
-        given.start,
-        given.stop,
-        given.low_pass_hz
-        if given.low_pass_hz is not None
-        and given.low_pass_hz * 2 * factor * given.decimate < fits[0].experiment.record.rate
-        else None,
-        given.decimate * factor,
-        given.edge,
-    )
-
-
 def scored(
     stage: Stage,
     *,
@@ -114,7 +87,7 @@ def scored(
 
     Parameters as of `search_step`.
     """
-    facts = facts_of(stage, scan_preparation(stage))
+    facts = stage.weighted_problem()
     experiment = stage.identify.fits[0].experiment
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
     candidates, refused = candidate_sensitivities(facts, entries, progress, stage.effects, curves=not stage.effects)

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING
 
 from discrepancy.effects.catalogue import Entry, catalogue
 from discrepancy.search.model_comparison import bic_difference, loud, taken
-from discrepancy.search.step import FINALISTS, LOOKS, TIE, scan_preparation
+from discrepancy.search.step import FINALISTS, LOOKS, TIE
 from discrepancy.search.trial_fits import Refit, best_of, fits_with
-from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Accepted, Rival, Stage
 from discrepancy.statistics.verdicts import Verdict
 from multibody.base.parallel import side_by_side
@@ -66,7 +65,7 @@ def last_resort(
     small = _small(stage, scan, refit, entries, progress)
     if small is not None or not loud(stage):
         return small
-    facts = LinearisedProblem.of_stage(stage, scan_preparation(stage))
+    facts = stage.linearised_problem()
     by_drop = sorted((r for r in scan.rows if r.name in entries), key=lambda r: -r.error_drop)
     bent = [r for r in by_drop if not entries[r.name].kind.linear]
     rows = list({r.name: r for r in (*bent, *by_drop[:FINALISTS])}.values())
@@ -74,7 +73,7 @@ def last_resort(
     def trial(row: Row) -> Stage | None:
         entry = entries[row.name]
         progress(f"refit with {row.name}, from the parameters as stated")
-        shapes = entry.kind.shape_grid(facts.range_of(entry)) if entry.kind.at == "connection" else [row.shape]
+        shapes = entry.kind.shape_grid(facts.motion_range(entry)) if entry.kind.at == "connection" else [row.shape]
         best = best_of(fits_with(refit, entry, row, shapes, stage.effects, anew=True), stage, progress)
         return best if isinstance(best, Stage) else None
 

@@ -42,7 +42,7 @@ def changes_of(plans: Sequence[Plan], system: System) -> tuple[list[Wanted], lis
 
 
 def integrated_sensitivities(
-    facts: LinearisedProblem, index: int, wanted: Sequence[Wanted]
+    linearised: LinearisedProblem, index: int, wanted: Sequence[Wanted]
 ) -> list[tuple[tuple[str, int], np.ndarray]]:
     """Return one record's derivatives (nt, n_y) by some strengths, in any order; what shares a shape at once.
 
@@ -53,13 +53,13 @@ def integrated_sensitivities(
         together.setdefault(each[1].beside, []).append(each)
     found = []
     for beside, group in together.items():
-        p = facts.p.copy()
+        p = linearised.p.copy()
         for name, value in beside:
-            p[facts.slim.index("parameter", name)] = value
+            p[linearised.slim.index("parameter", name)] = value
         names = [change.parameter for _, change in group]
         dy = (
-            facts.experiments[index]
-            .respond(facts.slim, p, facts.start(index), parameters=names, sensors=facts.sensors)
+            linearised.experiments[index]
+            .respond(linearised.slim, p, linearised.initial_state(index), parameters=names, sensors=linearised.sensors)
             .derivatives
         )
         found += [(key, dy[:, :, k]) for k, (key, _) in enumerate(group)]

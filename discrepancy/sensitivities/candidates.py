@@ -19,7 +19,6 @@ from discrepancy.effects.kinds import MotionRange
 from discrepancy.effects.law_along_motion import MOTION, law_forces
 from discrepancy.sensitivities.built_in import Plan, changes_of, integrated_sensitivities
 from discrepancy.sensitivities.finite_amplitude import far_away, finite_amplitude_sensitivities, takes_finite_amplitudes
-from discrepancy.sensitivities.free_curves import free_curve_sensitivities, free_curves
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.blocks import Candidate
 from estimation.response.experiment import Experiment
@@ -39,7 +38,7 @@ def _small_strength(motion: MotionRange) -> float:
 
 
 def candidate_sensitivities(
-    facts: LinearisedProblem,
+    linearised: LinearisedProblem,
     entries: Sequence[Entry],
     progress: Any = None,
     effects: Sequence[Effect] = (),
@@ -50,7 +49,7 @@ def candidate_sensitivities(
 
     Parameters
     ----------
-    facts : LinearisedProblem
+    linearised : LinearisedProblem
     entries : sequence of Entry
     progress : callable, optional
         Gets a line of text now and then.
@@ -61,34 +60,34 @@ def candidate_sensitivities(
     """
     refused: list[tuple[Entry, str]] = []
     plans: list[Plan] = []
-    facts.simulate()
+    linearised.simulate()
     for entry in entries:
         if entry.kind.at == "connection":
-            motion = facts.range_of(entry)
+            motion = linearised.motion_range(entry)
             if motion.speed <= 0.0 or motion.half < 1e-12:
                 refused.append((entry, "this connection does not move in these records"))
                 continue
-            if entry.load and (why := _no_model(facts, entry)):
+            if entry.load and (why := _no_model(linearised, entry)):
                 refused.append((entry, why))
                 continue
             plans.append((entry, entry.kind.shape_grid(motion), list(entry.kind.strengths)))
-        elif why := _calibrated(facts, entry):
+        elif why := _calibrated(linearised, entry):
             refused.append((entry, why))
         elif entry.kind.component_shapes is not None:
             owner, ending = entry.kind.owner_of(entry.where)
-            part = facts.system.model.components[owner]
+            part = linearised.system.model.components[owner]
             plans.append((entry, entry.kind.component_shapes(part, ending), list(entry.kind.strengths)))
         else:
             plans.append((entry, [{}], list(entry.kind.strengths)))
-    columns = _all_columns(facts, plans, progress, curves)
+    columns = _all_columns(linearised, plans, progress, curves)
     found: list[Candidate] = []
-    far = far_away(facts)
+    far = far_away(linearised)
     for entry, shapes, strengths in plans:
         cols = [columns[entry.name, k] for k in range(len(shapes))]
         if far and takes_finite_amplitudes(entry):
             if progress is not None:
                 progress(f"simulate {entry.name} at strengths that matter: the model is far from the machine")
-            bent = finite_amplitude_sensitivities(facts, entry, shapes, cols)
+            bent = finite_amplitude_sensitivities(linearised, entry, shapes, cols)
             shapes, cols = [*shapes, *(s for s, _ in bent)], [*cols, *(c for _, c in bent)]
         quiet = [not any(np.any(b) for b in shape) for shape in cols]
         if all(quiet):
@@ -114,17 +113,17 @@ def candidate_sensitivities(
 
 
 def _all_columns(
-    facts: LinearisedProblem, plans: Sequence[Plan], progress: Any, curves: bool
+    linearised: LinearisedProblem, plans: Sequence[Plan], progress: Any, curves: bool
 ) -> dict[tuple[str, int], list[np.ndarray]]:
     """Return the columns of every candidate, record by record, side by side."""
-    through = [c.channel for c in free_curves(facts)] if curves else []
+    through = [c.channel for c in linearised.free_curves()] if curves else []
 
     def of(i: int) -> dict[tuple[str, int], np.ndarray]:
         if progress is not None:
-            progress(f"sensitivities of {len(plans)} candidates on {facts.experiments[i].name}")
-        return _record_columns(facts, i, plans, through)
+            progress(f"sensitivities of {len(plans)} candidates on {linearised.experiments[i].name}")
+        return _record_columns(linearised, i, plans, through)
 
-    count = len(facts.experiments)
+    count = len(linearised.experiments)
     first = of(0)  # what it compiles and builds serves the others
     found = [first, *side_by_side(of, range(1, count))]
     return {key: [each[key] for each in found] for key in first}
@@ -135,7 +134,7 @@ def cannot_be_built(error: ModelError) -> str:
     return f"the model with it cannot be built: {'; '.join(error.faults)}"
 
 
-def _no_model(facts: LinearisedProblem, entry: Entry) -> str:
+def _no_model(linearised: LinearisedProblem, entry: Entry) -> str:
     """Return why the model cannot take an effect that needs a load, or an empty text.
 
     Where the load is itself worked out from the force that is asked for (a given motion needs it), the two would
@@ -144,40 +143,43 @@ def _no_model(facts: LinearisedProblem, entry: Entry) -> str:
     assert entry.place is not None
     effect = Effect.at_place(entry.kind.name, entry.place, load=entry.load, number=99)
     try:
-        effect.added_to(facts.system.model).build(probes=True)
+        effect.added_to(linearised.system.model).build(probes=True)
     except ModelError as error:
         return cannot_be_built(error)
     return ""
 
 
-def _calibrated(facts: LinearisedProblem, entry: Entry) -> str:
+def _calibrated(linearised: LinearisedProblem, entry: Entry) -> str:
     """Return why a value of the model is no candidate where calibration moves it, or an empty text."""
     if entry.kind.at != "parameter":
         return ""
     owner, ending = entry.kind.owner_of(entry.where)
     names = [f"{owner}.{n}{ending}" for n in entry.kind.strengths]
-    calibration = facts.calibration
+    calibration = linearised.calibration
     moved = {q.name for q in calibration.parameters} - set(calibration.not_excited)
     return f"not identifiable: {' and '.join(names)} can imitate it entirely" if set(names) <= moved else ""
 
 
 def _record_columns(
-    facts: LinearisedProblem,
+    linearised: LinearisedProblem,
     index: int,
     plans: Sequence[Plan],
     curves: Sequence[str] = (),
 ) -> dict[tuple[str, int], np.ndarray]:
-    """Return one record's columns of every candidate and shape; those of free curves, if any, stay with the facts."""
-    experiment = facts.experiments[index]
+    """Return one record's sensitivities to every candidate and shape.
+
+    Those to free curves, if any, are kept by the linearised problem.
+    """
+    experiment = linearised.experiments[index]
     time = np.array(experiment.record.time)
-    run = facts.motions(index)
+    run = linearised.nominal_outputs(index)
     pushes: list[Push | Change] = []
     wanted: list[tuple[tuple[str, int], int]] = []
     sensors: dict[tuple[str, int], np.ndarray] = {}
     built_in: list[Plan] = []
     for entry, shapes, strengths in plans:
         if entry.kind.at == "connection":
-            forces = _forces(facts, entry, run, time, shapes, strengths)
+            forces = _forces(linearised, entry, run, time, shapes, strengths)
             for k, group in enumerate(forces):
                 for force in group:
                     wanted.append(((entry.name, k), len(pushes)))
@@ -193,13 +195,13 @@ def _record_columns(
             built_in.append((entry, shapes, strengths))
         else:
             sensors[entry.name, 0] = _sensor_column(experiment, run, time, entry)
-    start = facts.start(index)
-    carried, integrated = changes_of(built_in, facts.slim)
-    together = worth_it(facts.slim, [*pushes, *(change for _, change in carried)])
+    start = linearised.initial_state(index)
+    carried, integrated = changes_of(built_in, linearised.slim)
+    together = worth_it(linearised.slim, [*pushes, *(change for _, change in carried)])
     if together:
         wanted += [(key, len(pushes) + k) for k, (key, _) in enumerate(carried)]
         pushes += [change for _, change in carried]
-        response_of(experiment, facts.slim, facts.p, start, pushes, curves)  # for all batches at once
+        response_of(experiment, linearised.slim, linearised.p, start, pushes, curves)  # for all batches at once
     else:
         integrated = [*carried, *integrated]
     parts: dict[tuple[str, int], list[np.ndarray]] = {}
@@ -207,22 +209,22 @@ def _record_columns(
     for first in range(0, len(pushes), batch):
         part = pushes[first : first + batch]
         dy = experiment.respond(
-            facts.slim, facts.p, start, pushes=part, sensors=facts.sensors, batch=batch, workers=cores()
+            linearised.slim, linearised.p, start, pushes=part, sensors=linearised.sensors, batch=batch, workers=cores()
         ).derivatives
         for key, k in wanted:
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])
     if together and curves:
-        free_curve_sensitivities(facts, index)
+        linearised.free_curve_sensitivities(index)
     forget(experiment)
-    for key, column in integrated_sensitivities(facts, index, integrated):
+    for key, column in integrated_sensitivities(linearised, index, integrated):
         parts.setdefault(key, []).append(column)
     columns = {key: np.stack(group, axis=2) for key, group in parts.items()} | sensors
-    return {key: facts.shaped(index, column) for key, column in columns.items()}
+    return {key: linearised.weighted(index, column) for key, column in columns.items()}
 
 
 def _forces(
-    facts: LinearisedProblem,
+    linearised: LinearisedProblem,
     entry: Entry,
     run: dict[str, np.ndarray],
     time: np.ndarray,
@@ -239,7 +241,7 @@ def _forces(
     if entry.load:
         motion["load"] = run[entry.load]
     sizes = [1.0 if entry.kind.linear else full.get("secant", 0.0) for full in shapes]
-    sizes = [size or _small_strength(facts.range_of(entry)) for size in sizes]
+    sizes = [size or _small_strength(linearised.motion_range(entry)) for size in sizes]
     every = [
         ({k: v for k, v in full.items() if k != "secant"}, {n: (size if n == name else 0.0) for n in strengths})
         for full, size in zip(shapes, sizes, strict=True)

@@ -34,10 +34,10 @@ ALIKE = 1e-3  # share of a column's energy beyond which its direction is another
 SIZES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # strengths, over the force that the connection's motion takes
 
 
-def far_away(facts: LinearisedProblem) -> bool:
+def far_away(linearised: LinearisedProblem) -> bool:
     """Tell whether the model misses most of what some output does."""
-    residual = np.concatenate(facts.residual().blocks)
-    spread = np.std(np.concatenate([e.measured for e in facts.experiments]), axis=0)
+    residual = np.concatenate(linearised.residual().blocks)
+    spread = np.std(np.concatenate([e.measured for e in linearised.experiments]), axis=0)
     error = np.sqrt(np.mean(residual**2, axis=0))
     return bool(np.any(error > FAR * np.maximum(spread, 1e-300)))
 
@@ -54,25 +54,26 @@ def takes_finite_amplitudes(entry: Entry) -> bool:
     )
 
 
-def force_scale(facts: LinearisedProblem, entry: Entry) -> float:
+def force_scale(linearised: LinearisedProblem, entry: Entry) -> float:
     """Return the force or torque that a connection's own motion takes: its inertia there times its acceleration."""
     place = entry.place
     assert place is not None
     speed = f"place.{entry.where}.{place.motion_names()[1][0]}"
     most = 0.0
-    for i, experiment in enumerate(facts.experiments):
+    for i, experiment in enumerate(linearised.experiments):
         time = np.array(experiment.record.time)
-        acceleration = np.gradient(facts.motions(i)[speed], time)
+        acceleration = np.gradient(linearised.nominal_outputs(i)[speed], time)
         most = max(most, float(np.sqrt(np.mean(acceleration**2))))
-    x, probe = facts.start(0), facts.system.index("input", f"probe.{entry.where}")
-    step = facts.system.jacobian("u", 0.0, x, None, facts.p)[:, probe]
-    slope = facts.system.jacobian("x", 0.0, x, None, facts.p, of="outputs")[facts.system.index("output", speed)]
+    x, probe = linearised.initial_state(0), linearised.system.index("input", f"probe.{entry.where}")
+    step = linearised.system.jacobian("u", 0.0, x, None, linearised.p)[:, probe]
+    slopes = linearised.system.jacobian("x", 0.0, x, None, linearised.p, of="outputs")
+    slope = slopes[linearised.system.index("output", speed)]
     by_force = abs(float(slope @ step))
     return most / by_force if by_force > 0.0 else 0.0
 
 
 def finite_amplitude_sensitivities(
-    facts: LinearisedProblem,
+    linearised: LinearisedProblem,
     entry: Entry,
     shapes: Sequence[dict[str, float]],
     straight: Sequence[Sequence[np.ndarray]],
@@ -86,7 +87,7 @@ def finite_amplitude_sensitivities(
 
     Parameters
     ----------
-    facts : LinearisedProblem
+    linearised : LinearisedProblem
     entry : Entry
         An effect that `takes_finite_amplitudes`.
     shapes : sequence of dict
@@ -96,17 +97,17 @@ def finite_amplitude_sensitivities(
     """
     from multibody.base.errors import ModelError, SimulationError
 
-    scale = force_scale(facts, entry)
+    scale = force_scale(linearised, entry)
     if scale <= 0.0:
         return []
     name = entry.kind.strengths[0]
     effect = Effect.at_place(entry.kind.name, entry.place, shape=shapes[0], load=entry.load, number=98)  # type: ignore[arg-type]
     try:
-        system = effect.added_to(facts.system.model).build(probes=True, outputs=facts.experiments[0].outputs)
+        system = effect.added_to(linearised.system.model).build(probes=True, outputs=linearised.experiments[0].outputs)
     except ModelError:
         return []
-    base, records = _parameters(facts, system), range(len(facts.experiments))
-    without = side_by_side(lambda i: _outputs(facts, i, system, base), records)
+    base, records = _parameters(linearised, system), range(len(linearised.experiments))
+    without = side_by_side(lambda i: _outputs(linearised, i, system, base), records)
 
     strengths = [size * scale for size in SIZES]
 
@@ -116,10 +117,10 @@ def finite_amplitude_sensitivities(
             for key, value in {**shape, name: strengths[k]}.items():
                 p[system.index("parameter", effect.parameter_name(key))] = value
             try:
-                changed = side_by_side(lambda i: _outputs(facts, i, system, p), records)
+                changed = side_by_side(lambda i: _outputs(linearised, i, system, p), records)
             except SimulationError:
                 return None
-            blocks = [facts.shaped(i, (changed[i] - without[i])[:, :, None] / strengths[k]) for i in records]
+            blocks = [linearised.weighted(i, (changed[i] - without[i])[:, :, None] / strengths[k]) for i in records]
             return blocks if all(np.all(np.isfinite(b)) for b in blocks) and any(np.any(b) for b in blocks) else None
 
         return column
@@ -127,7 +128,7 @@ def finite_amplitude_sensitivities(
     return [
         ({**shape, "secant": strengths[k]}, list(blocks))
         for shape, line in zip(shapes, straight, strict=True)
-        for k, blocks in bent(line, columns_of(shape), len(strengths), facts.direction)
+        for k, blocks in bent(line, columns_of(shape), len(strengths), linearised.direction)
     ]
 
 
@@ -194,17 +195,17 @@ def _alike(a: np.ndarray | None, b: np.ndarray | None) -> bool:
     return along > 0.0 and 1.0 - along**2 < ALIKE
 
 
-def _parameters(facts: LinearisedProblem, system: System) -> np.ndarray:
+def _parameters(linearised: LinearisedProblem, system: System) -> np.ndarray:
     p = system.p.copy()
-    for name, value in zip(facts.system.parameter_names, facts.p, strict=True):
+    for name, value in zip(linearised.system.parameter_names, linearised.p, strict=True):
         if name in system.parameter_names:
             p[system.index("parameter", name)] = value
     return p
 
 
-def _outputs(facts: LinearisedProblem, index: int, system: System, p: np.ndarray) -> np.ndarray:
-    experiment = facts.experiments[index]
-    x, known = experiment.start_vector(system), facts.start(index)
-    for name, value in zip(facts.system.state_names, known, strict=True):
+def _outputs(linearised: LinearisedProblem, index: int, system: System, p: np.ndarray) -> np.ndarray:
+    experiment = linearised.experiments[index]
+    x, known = experiment.start_vector(system), linearised.initial_state(index)
+    for name, value in zip(linearised.system.state_names, known, strict=True):
         x[system.index("state", name)] = value
-    return experiment.simulate(system, p, x, facts.sensors)
+    return experiment.simulate(system, p, x, linearised.sensors)

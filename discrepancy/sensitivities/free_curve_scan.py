@@ -1,12 +1,12 @@
-"""An effect that the catalogue does not have: a free curve over position, speed or time at each connection.
+"""An effect that the catalogue does not have: free curves over position, speed or time at each connection, scored.
 
-The curve is a force given by points.  Over each regressor its points are one candidate, judged by the same scan as
-the laws; the best one is refitted in full simulation, which also removes the shrinkage of a regularised estimate.
+The curve is a force given by points.  Over each argument its points are one candidate, scored by the same scan as the
+laws; the best one is refitted in full simulation, which also removes the shrinkage of a regularised estimate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,19 +14,28 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.kinds import kind_named
-from discrepancy.sensitivities.free_curves import free_curve_sensitivities, free_curves
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
-from discrepancy.statistics.blocks import Candidate
+from discrepancy.statistics.blocks import Array, Candidate
+from discrepancy.statistics.projection import Projection
+from discrepancy.statistics.scan import scan
+from discrepancy.statistics.verdicts import Verdict
+from discrepancy.statistics.whitened import plain_projection
 from estimation.response.perturbation_response import forget
+from estimation.signals.correlation import correlation_time
 from multibody.base.parallel import side_by_side
 
 if TYPE_CHECKING:
-    from discrepancy.stages.stage import Stage
     from discrepancy.statistics.scan import ScanResult
     from discrepancy.statistics.verdicts import Row
     from multibody.assembly.places import Place
 
-__all__ = ["FreeCurveScan", "curve_effect", "free_curve_candidates", "holds", "scan_free_curves"]
+__all__ = [
+    "FreeCurveScan",
+    "free_curve_candidates",
+    "free_curve_error_drops",
+    "scan_free_curves",
+    "significant_and_predictive",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,24 +58,66 @@ class FreeCurveScan:
     scan: ScanResult
 
 
-def free_curve_candidates(facts: LinearisedProblem, places: Sequence[Place]) -> list[Candidate]:
-    """Return a candidate for each moving place and each regressor of a free curve."""
+def free_curve_candidates(linearised: LinearisedProblem, places: Sequence[Place]) -> list[Candidate]:
+    """Return a candidate for each moving place and each argument of a free curve."""
     wanted = {p.name for p in places}
-    curves = [c for c in free_curves(facts) if c.place.name in wanted]
+    curves = [c for c in linearised.free_curves() if c.place.name in wanted]
 
     def of_record(i: int) -> dict[str, np.ndarray]:
-        found = free_curve_sensitivities(facts, i)
-        forget(facts.experiments[i])
+        found = linearised.free_curve_sensitivities(i)
+        forget(linearised.experiments[i])
         return found
 
-    blocks = side_by_side(of_record, range(len(facts.experiments)))
+    blocks = side_by_side(of_record, range(len(linearised.experiments)))
     return [one for c in curves for one in c.candidates([of_one[c.place.name] for of_one in blocks])]
 
 
-def curve_effect(candidate: Candidate, amplitude: np.ndarray, shape: dict[str, float], stage: Stage) -> Effect:
+def significant_and_predictive(row: Row) -> bool:
+    """Tell whether a free curve is significant and also predicts blocks that were left out of its fit.
+
+    A curve of many points can follow a residual that one or two of a few blocks carry; its prediction of the others is
+    then worse than none.
+    """
+    return row.verdict is Verdict.MISSING and row.carries_over
+
+
+def scan_free_curves(
+    linearised: LinearisedProblem,
+    effects: Sequence[Effect],
+    *,
+    level: float,
+    seed: int,
+    where: Sequence[str] | None = None,
+) -> FreeCurveScan:
+    """Score free curves on a residual.
+
+    Parameters
+    ----------
+    linearised : LinearisedProblem
+    effects : sequence of Effect
+        Effects that the model already has: a second curve at the same place gets a number.
+    level, seed
+        As for the scan.
+    where : sequence of str, optional
+        Only these places.
+    """
+    places = [p for p in linearised.system.places if where is None or p.name in where]
+    candidates = free_curve_candidates(linearised, places)
+    residual = linearised.residual()
+    found = scan(
+        residual, linearised.sensitivities(), candidates,
+        level=level, seed=seed, whiten=False, noise_floor=[linearised.noise[c] for c in residual.channels],
+    )  # fmt: skip
+    by_name = {c.name: c for c in candidates}
+    rows = sorted((r for r in found.rows if significant_and_predictive(r)), key=lambda r: r.delta_bic)
+    curves = tuple(_effect(by_name[r.name], np.atleast_1d(r.amplitude), dict(r.shape), effects) for r in rows)
+    return FreeCurveScan(curves, tuple(r.p for r in rows), tuple(r.error_drop for r in rows), found)
+
+
+def _effect(candidate: Candidate, amplitude: np.ndarray, shape: dict[str, float], effects: Sequence[Effect]) -> Effect:
     """Return a free curve as an effect."""
     kind = kind_named("unknown_force")
-    number = 1 + sum(1 for e in stage.effects if e.kind == kind.name and e.where == candidate.where)
+    number = 1 + sum(1 for e in effects if e.kind == kind.name and e.where == candidate.where)
     kept = {k: v for k, v in shape.items() if k != "v_s" or candidate.info["over"] == "friction"}
     return Effect.at_place(
         kind.name,
@@ -78,54 +129,39 @@ def curve_effect(candidate: Candidate, amplitude: np.ndarray, shape: dict[str, f
     )
 
 
-def holds(row: Row) -> bool:
-    """Tell whether a free curve is significant and also predicts blocks that were left out of its fit.
+def free_curve_error_drops(linearised: LinearisedProblem) -> dict[tuple[str, str], Array]:
+    """Return the share of each output's residual energy that every free curve would take away, by place and argument.
 
-    A curve of many points can follow a residual that one or two of a few blocks carry; what it then says of the others
-    is worse than nothing.
+    Computed by one projection in the linearised problem; a refit in full simulation costs seconds.
     """
-    from discrepancy.statistics.verdicts import Verdict
+    residual = linearised.residual()
+    projection = plain_projection(residual, linearised.sensitivities())
+    e = projection.remove(projection.layout.stack(projection.whitener, residual.blocks))
+    return {
+        (c.where, str(c.info["over"])): _error_drop(projection, e, e - _fitted(c, projection, e), c.k)
+        for c in free_curve_candidates(linearised, linearised.system.places)
+    }
 
-    return row.verdict is Verdict.MISSING and row.carries_over
 
+def _error_drop(projection: Projection, before: Array, after: Array, points: int) -> Array:
+    """Return the share of each channel's energy that a fit takes away beyond what it takes of mere noise.
 
-def scan_free_curves(
-    stage: Stage,
-    facts: LinearisedProblem,
-    *,
-    level: float,
-    seed: int,
-    where: Sequence[str] | None = None,
-    progress: Callable[[str], None] = lambda text: None,
-) -> FreeCurveScan:
-    """Score free curves on a stage's residual.
-
-    Parameters
-    ----------
-    stage : Stage
-    facts : LinearisedProblem
-        Of that stage.
-    level, seed
-        As for the scan.
-    where : sequence of str, optional
-        Only these places.
+    Of noise with the memory of the remaining residual, a fit of k points takes k of the effective number of samples.
     """
-    from discrepancy.statistics.scan import scan
+    blocks = range(len(projection.layout.lengths))
+    found = []
+    for c in range(projection.layout.n_channels):
+        b, a = ([projection.layout.view(e, k)[:, c] for k in blocks] for e in (before, after))
+        left = sum(float(x @ x) for x in a) / max(sum(float(x @ x) for x in b), 1e-300)
+        count = sum(x.size / correlation_time(x) for x in a)
+        found.append(1.0 - left * (1.0 + points / count))
+    return np.array(found)
 
-    key = ("curves", facts.preparation, level, seed, tuple(where) if where is not None else None)
-    if key in stage.worked_out:
-        return stage.worked_out[key]
-    places = [p for p in stage.system.places if where is None or p.name in where]
-    progress(f"free curves at {len(places)} places")
-    candidates = free_curve_candidates(facts, places)
-    residual = facts.residual()
-    found = scan(
-        residual, facts.sensitivities(), candidates,
-        level=level, seed=seed, whiten=False, noise_floor=[stage.noise[c] for c in residual.channels],
-    )  # fmt: skip
-    by_name = {c.name: c for c in candidates}
-    rows = sorted((r for r in found.rows if holds(r)), key=lambda r: r.delta_bic)
-    effects = tuple(curve_effect(by_name[r.name], np.atleast_1d(r.amplitude), dict(r.shape), stage) for r in rows)
-    offer = FreeCurveScan(effects, tuple(r.p for r in rows), tuple(r.error_drop for r in rows), found)
-    stage.worked_out[key] = offer
-    return offer
+
+def _fitted(candidate: Candidate, projection: Projection, e: Array) -> Array:
+    """Return the part of a projected residual that a candidate can follow, however dependent its sensitivities are."""
+    columns = projection.remove(projection.layout.stack(projection.whitener, candidate.columns[0]))
+    size = np.linalg.norm(columns, axis=0)
+    columns = columns[:, size > 0.0] / size[size > 0.0]
+    out: Array = columns @ np.linalg.lstsq(columns, e, rcond=1e-10)[0]
+    return out

@@ -25,14 +25,14 @@ LAGS = 8  # samples of a scan by which one may come after the other; chosen
 SURE = 6.0  # deviations of a correlation from which an answer is one, beyond luck among all outputs and lags; chosen
 
 
-def inputs_with_feedback(facts: LinearisedProblem) -> dict[str, str]:
+def inputs_with_feedback(linearised: LinearisedProblem) -> dict[str, str]:
     """Return the recorded inputs that answer to what is left, each with the output in which that shows most.
 
     Both are freed of their own memory by prediction-error filters, so that each keeps only what is new in it.  An input
     answers where what is new in it goes with what was new in an output's residual shortly before, beyond doubt and
     more than the other way round.
     """
-    experiments, residual = facts.experiments, facts.residual()
+    experiments, residual = linearised.experiments, linearised.residual()
     left = _new(residual.blocks, residual.dt)
     found = {}
     for name in experiments[0].inputs:

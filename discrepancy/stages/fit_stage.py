@@ -109,17 +109,16 @@ def fitted_stage(
         units = {n: system.unit(n) for n in measured}
         machine = machine_with_effects(origin, fitted, {**given, **values}, sensors, units)
     return Stage(
-        name,
-        model.with_values({**given, **values}),
-        system,
-        slim,
-        fitted,
-        None,
-        found,
-        beside,
-        sensors,
-        p,
-        noise,
+        name=name,
+        model=model.with_values({**given, **values}),
+        system=system,
+        slim=slim,
+        effects=fitted,
+        identify=found,
+        validate=beside,
+        sensors=sensors,
+        p=p,
+        noise=noise,
         machine=machine,
     )
 

@@ -1,14 +1,18 @@
-"""One stage of a study: a model with its effects, fitted, beside the records it was fitted to and those held out."""
+"""One stage of a study: a fitted model with its effects, its residuals on the records, and what is computed of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from discrepancy.effects.effect import Effect
+from discrepancy.sensitivities.disturbance import DisturbanceForce, accumulating_disturbance, weighted_residuals
+from discrepancy.sensitivities.free_curve_scan import FreeCurveScan, free_curve_error_drops, scan_free_curves
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
+from estimation.signals.preparation import Preparation
 
 if TYPE_CHECKING:
     from discrepancy.statistics.scan import ScanResult
@@ -17,7 +21,11 @@ if TYPE_CHECKING:
     from multibody.model.model import Model
     from multibody.system.system import System
 
-__all__ = ["Accepted", "Rival", "Stage"]
+__all__ = ["Accepted", "Rival", "Stage", "comparable_residuals"]
+
+Result = TypeVar("Result")
+
+SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 
 
 @dataclass(frozen=True)
@@ -56,7 +64,7 @@ class Accepted:
     ----------
     effect : Effect
     p_value : float
-        Family-wise probability of a score like this by luck, over all candidates.
+        Family-wise probability of such a score by chance, over all candidates.
     delta_bic : float
         Change of BIC by adding it, with the effective number of observations.
     rivals : tuple of Rival
@@ -77,9 +85,12 @@ class Accepted:
         return any(r.indistinguishable and r.kind != self.effect.kind for r in self.rivals)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Stage:
     """A stage: as given, recalibrated, or with one more effect.
+
+    What is computed of a stage (linearised problems, free curves, trial fits from it) is computed on first use and kept
+    here; stages that differ only in ``accepted``, ``scan``, ``validate`` or ``notes`` share it.
 
     Parameters
     ----------
@@ -88,7 +99,7 @@ class Stage:
     model : Model
         With its effects in it, at the fitted values.
     system : System
-        Of that model, with probes and the outputs that tell the motion of every place.
+        Of that model, with probes and the outputs that show the motion of every place.
     slim : System
         The same with the measured outputs only: what is simulated again and again.
     effects : tuple of Effect
@@ -104,14 +115,12 @@ class Stage:
     noise : mapping of str to float
         Noise floor of each output, SI.
     scan : ScanResult or None
-        What the scan of this stage found.
+        Scores of the candidates at this stage.
     notes : tuple of str
         What a reader should know about it.
     machine : Model or None
-        What the study was given, with the effects, the fitted values and the sensors' errors: the model to save, also
-        where ``model`` has its motion prescribed.  None for a trial.
-    worked_out : dict
-        What is asked of this machine more than once: its columns, its free curves, refits from here.
+        The study's model with the effects, the fitted values and the sensors' errors: the model to save, also where
+        ``model`` has its motion prescribed.  None for a trial fit.
     """
 
     name: str
@@ -119,16 +128,16 @@ class Stage:
     system: System
     slim: System
     effects: tuple[Effect, ...]
-    accepted: Accepted | None
+    accepted: Accepted | None = None
     identify: Calibration
-    validate: Calibration | None
+    validate: Calibration | None = None
     sensors: tuple[SensorError, ...]
     p: np.ndarray
     noise: Mapping[str, float]
     scan: ScanResult | None = None
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     machine: Model | None = None
-    worked_out: dict[Any, Any] = field(default_factory=dict, repr=False)
+    _results: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -137,7 +146,7 @@ class Stage:
 
     @property
     def half(self) -> bool:
-        """True where the effect that hides the accepted one is still to come: alone it is half of an answer."""
+        """True where the effect that masks the accepted one is still to be added: alone it is half of an answer."""
         hidden_by = self.accepted.hidden_by if self.accepted is not None else ""
         return bool(hidden_by) and hidden_by not in map(str, self.effects)
 
@@ -153,3 +162,122 @@ class Stage:
             return {}
         stacked = np.concatenate([f.residual for f in fits])
         return dict(zip(self.outputs, np.sqrt(np.mean(stacked**2, axis=0)).tolist(), strict=True))
+
+    # ---------------------------------------------------------------- computed once
+
+    def without_results(self) -> Stage:
+        """Return the same stage with nothing computed of it yet."""
+        return replace(self, _results={})
+
+    def _once(self, key: Any, compute: Callable[[], Result]) -> Result:
+        if key not in self._results:
+            self._results[key] = compute()
+        result: Result = self._results[key]
+        return result
+
+    @property
+    def scan_preparation(self) -> Preparation:
+        """The preparation for a scan: that of the study, decimated further where there are many samples."""
+        fits = self.identify.fits
+        given = fits[0].experiment.preparation
+        rows = sum(f.residual.size for f in fits)
+        factor = max(1, int(np.ceil(rows / SCAN_ROWS)))
+        shortest = min(f.residual.shape[0] for f in fits)
+        factor = min(factor, max(1, shortest // 200))
+        if factor == 1:
+            return given
+        low_pass = given.low_pass_hz
+        if low_pass is not None and not low_pass * 2 * factor * given.decimate < fits[0].experiment.record.rate:
+            low_pass = None
+        return Preparation(given.start, given.stop, low_pass, given.decimate * factor, given.edge)
+
+    def linearised_problem(self, preparation: Preparation | None = None) -> LinearisedProblem:
+        """Return the model linearised along its identification records.
+
+        Parameters
+        ----------
+        preparation : Preparation, optional
+            Default: `scan_preparation`.
+        """
+        preparation = preparation or self.scan_preparation
+        return self._once(
+            ("linearised problem", preparation),
+            lambda: LinearisedProblem(
+                system=self.system,
+                slim=self.slim,
+                calibration=self.identify,
+                sensors=self.sensors,
+                preparation=preparation,
+                p=self.p,
+                noise=self.noise,
+            ),
+        )
+
+    def weighted_problem(self) -> LinearisedProblem:
+        """Return the linearised problem, weighted where the effect of a disturbance accumulates along the records."""
+
+        def weighted() -> LinearisedProblem:
+            linearised = self.linearised_problem()
+            found = self._once("disturbance", lambda: accumulating_disturbance(linearised))
+            return linearised.weighted_by(found.weighting) if found is not None else linearised
+
+        return self._once("weighted problem", weighted)
+
+    @property
+    def disturbance(self) -> DisturbanceForce | None:
+        """The disturbance that `weighted_problem` was weighted for; None where there is none or nothing has asked."""
+        return self._results.get("disturbance")
+
+    def weighted_residuals(self, disturbance: DisturbanceForce) -> list[np.ndarray]:
+        """Return each identification record's residual, weighted for a disturbance and free of calibration."""
+        linearised = self.linearised_problem(disturbance.preparation)
+        return self._once(
+            ("weighted residuals", disturbance), lambda: weighted_residuals(linearised, disturbance)
+        )
+
+    def free_curve_scan(
+        self,
+        *,
+        level: float,
+        seed: int,
+        where: Sequence[str] | None = None,
+        progress: Callable[[str], None] = lambda text: None,
+    ) -> FreeCurveScan:
+        """Score free curves at all places, or at some, on the weighted problem."""
+
+        def scanned() -> FreeCurveScan:
+            count = sum(1 for p in self.system.places if where is None or p.name in where)
+            progress(f"free curves at {count} places")
+            return scan_free_curves(self.weighted_problem(), self.effects, level=level, seed=seed, where=where)
+
+        return self._once(("free curve scan", level, seed, tuple(where) if where is not None else None), scanned)
+
+    def free_curve_error_drops(self) -> dict[tuple[str, str], np.ndarray]:
+        """Return the share of each output's residual energy that every free curve would take away.
+
+        Returns
+        -------
+        dict of (str, str) to ndarray, shape (n_channels,)
+            By place and argument.
+        """
+        return self._once("free curve drops", lambda: free_curve_error_drops(self.weighted_problem()))
+
+    def trial_fit(self, name: str, effects: tuple[Effect, ...], fit: Callable[[], Stage]) -> Stage:
+        """Return the trial fit of a model with some effects that begins at this stage; ``fit`` is called at most once.
+
+        Effects count as equal when their values agree to nine digits: the same amplitude from a scan of other
+        candidates differs by rounding.
+        """
+        values = tuple((e.over, *((k, f"{v:.9g}") for k, v in e.parameters().items())) for e in effects)
+        return self._once(("trial fit", name, values), fit)
+
+
+def comparable_residuals(one: Stage, other: Stage) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return the residuals of two stages on the identification records, each a list of (n, n_channels).
+
+    Where the effect of a disturbance accumulates along the records of either, both are weighted for it alike.
+    """
+    disturbance = other.disturbance or one.disturbance
+    if disturbance is None:
+        return [f.residual for f in one.identify.fits], [f.residual for f in other.identify.fits]
+    return one.weighted_residuals(disturbance), other.weighted_residuals(disturbance)

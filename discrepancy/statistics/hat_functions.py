@@ -6,7 +6,7 @@ import numpy as np
 
 from discrepancy.statistics.blocks import Array
 
-__all__ = ["hat_functions", "quantile_knots"]
+__all__ = ["even_hat_functions", "hat_functions", "quantile_knots"]
 
 
 def hat_functions(values: Array, knots: Array) -> Array:
@@ -34,3 +34,21 @@ def quantile_knots(values: Array, n: int) -> Array:
         return np.empty(0)
     k = np.unique(np.quantile(v, np.linspace(0, 1, n)))
     return k if len(k) >= 3 else np.empty(0)
+
+
+def even_hat_functions(position: Array, count: int) -> Array:
+    """Return the hat functions of evenly spaced knots, shape (n, count).
+
+    Parameters
+    ----------
+    position : ndarray, shape (n,)
+        In knot intervals: 0 at the first knot, ``count − 1`` at the last.
+    count : int
+        Number of knots.
+
+    Examples
+    --------
+    >>> even_hat_functions(np.array([0.0, 1.25]), 3).tolist()
+    [[1.0, 0.0, 0.0], [0.0, 0.75, 0.25]]
+    """
+    return np.maximum(0.0, 1.0 - np.abs(position[:, None] - np.arange(count)))

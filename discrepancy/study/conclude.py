@@ -19,10 +19,7 @@ from discrepancy.report.conclusion import Conclusion, UnknownCurve, explained
 from discrepancy.report.wording import rival_title
 from discrepancy.residual.noisy_inputs import noise_summary
 from discrepancy.search.parameter_trend import Trend, parameter_trends
-from discrepancy.search.step import scan_preparation
-from discrepancy.sensitivities.disturbance import disturbance_of
 from discrepancy.sensitivities.input_feedback import feedback_messages, inputs_with_feedback
-from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 from discrepancy.stages.stage import Accepted, Stage
 from discrepancy.statistics.verdicts import Verdict
@@ -75,7 +72,7 @@ def conclude(study: Study) -> Conclusion:
     noisy = study.prepared.noisy if study.prepared is not None else ()
     reacting = _reacting(study)
     warnings = (*warnings, *(n.sentence for n in noisy), *feedback_messages(reacting))
-    disturbance = disturbance_of(stages[-1])
+    disturbance = stages[-1].disturbance
     warnings = (*warnings, *([disturbance.sentence] if disturbance is not None else []))
     trends = study.unless_it_fails("whether parameters change along the records", lambda: _trends(study)) or ()
     warnings = (*warnings, *(t.sentence for t in trends))
@@ -123,7 +120,7 @@ def _reacting(study: Study) -> dict[str, str]:
     if study.mode == "inverse" or not study.steps:  # where motion is given, it is an input
         return {}
     stage = study.stages[-1]
-    return inputs_with_feedback(LinearisedProblem.of_stage(stage, scan_preparation(stage)))
+    return inputs_with_feedback(stage.linearised_problem())
 
 
 def _trends(study: Study) -> tuple[Trend, ...]:

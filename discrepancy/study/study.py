@@ -305,12 +305,9 @@ class Study:
 
     def refit(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
         """Fit on trial; a fit that was asked for before from the same stage is not done again."""
-        # to nine digits: the same amplitude from a scan of other candidates differs by rounding
-        values = tuple((e.over, *((k, f"{v:.9g}") for k, v in e.parameters().items())) for e in effects)
-        key = ("refit", name, values)
-        if key not in start.worked_out:
-            start.worked_out[key] = self.fitted(name, effects, start, start.noise, trial=True)
-        return start.worked_out[key]
+        return start.trial_fit(
+            name, effects, lambda: self.fitted(name, effects, start, start.noise, trial=True)
+        )
 
     # ---------------------------------------------------------------- showing
 

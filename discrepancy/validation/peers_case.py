@@ -170,14 +170,12 @@ def seen_as(w: Whitened, candidates: Sequence[Candidate]) -> Seen:
 def peer_case(case: Case, stage: Stage) -> PeerCase:
     """Work out what the rivals get, from a recalibrated stage of a study of the case."""
     from discrepancy.effects.catalogue import catalogue
-    from discrepancy.search.step import scan_preparation
     from discrepancy.sensitivities.candidates import candidate_sensitivities
-    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
     from discrepancy.statistics.whitened import fit_whitened, plainly_weighed
 
     assert stage.validate is not None
     together = replace(stage.identify, fits=(*stage.identify.fits, *stage.validate.fits))
-    facts = replace(LinearisedProblem.of_stage(stage, scan_preparation(stage)), calibration=together, _cache={})
+    facts = stage.linearised_problem().with_calibration(together)
     experiment = stage.identify.fits[0].experiment
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs)
     candidates, _ = candidate_sensitivities(facts, entries)

@@ -177,13 +177,11 @@ class Shared:
     def of_stage(cls, stage: Stage, progress: Callable[[str], None] = lambda text: None) -> Shared:
         """Work it out for the best model."""
         from discrepancy.effects.catalogue import catalogue
-        from discrepancy.search.step import scan_preparation
         from discrepancy.sensitivities.candidates import candidate_sensitivities
         from discrepancy.sensitivities.free_curve_scan import free_curve_candidates
-        from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
         progress("columns of all candidates")
-        facts = LinearisedProblem.of_stage(stage, scan_preparation(stage))
+        facts = stage.linearised_problem()
         experiment = stage.identify.fits[0].experiment
         candidates, _ = candidate_sensitivities(facts, catalogue(stage.system, experiment.outputs, experiment.inputs))
         residual = facts.residual()
@@ -278,7 +276,7 @@ def resampled_alarms(
     """
     from discrepancy.effects.from_scan_row import contained
     from discrepancy.search.step import LOOKS
-    from discrepancy.sensitivities.free_curve_scan import holds
+    from discrepancy.sensitivities.free_curve_scan import significant_and_predictive
     from discrepancy.statistics.masking_pairs import hidden_pairs
     from discrepancy.statistics.scan import judge, scan
     from discrepancy.statistics.verdicts import Verdict
@@ -305,7 +303,12 @@ def resampled_alarms(
             for which in ("plain", "whitened", "curves"):  # what has been found already is not looked for again
                 found = look(which, made, number)
                 scans.append(found)
-                missing = [r for r in found.rows if (holds(r) if which == "curves" else r.verdict is Verdict.MISSING)]
+                curves = which == "curves"
+                missing = [
+                    r
+                    for r in found.rows
+                    if (significant_and_predictive(r) if curves else r.verdict is Verdict.MISSING)
+                ]
                 least = min([least, *(r.p for r in found.rows)])
                 if missing:
                     told[which] = missing[0].name

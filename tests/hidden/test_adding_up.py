@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from plain_machines import RECORDS, diagnosed, low_passed, written
 
-from discrepancy.search.step import scan_preparation
-from discrepancy.sensitivities.disturbance import disturbance_of, facts_of
 from discrepancy.study.study import Study
 
 MODELS = '''
@@ -110,14 +108,14 @@ def test_an_unbalance_is_found_beside_it(tmp_path):
 def test_the_disturbance_is_told_by_the_machine_itself(tmp_path):
     """Size and place of the torque that shook the load, and the noise beside it, come out of the residual."""
     study = Study.from_file(written(tmp_path, MODELS, drive, STUDY + RECORDS, seed=1))
-    facts = facts_of(study.stage, scan_preparation(study.stage))
-    found = disturbance_of(study.stage)
+    facts = study.stage.weighted_problem()
+    found = study.stage.disturbance
     assert found is not None
     assert found.where == "load_bearing"
     assert found.size == pytest.approx(PUSH, rel=0.5)  # an exponential memory is not the spectrum that shook it
-    np.testing.assert_allclose(facts.disturbance[0].noise[0], 0.02, rtol=0.1)
+    np.testing.assert_allclose(facts.weighting[0].noise[0], 0.02, rtol=0.1)
     left = study.stage.identify.fits[0].residual[:: facts.preparation.decimate]
     block = left[: facts.residual().blocks[0].shape[0]]
-    weigh = facts.disturbance[0]
+    weigh = facts.weighting[0]
     np.testing.assert_allclose(weigh.undone(weigh(block)), block, atol=1e-6 * np.max(np.abs(block)))
     assert np.std(facts.residual().blocks[0][:, 1]) < 0.05 * np.std(block[:, 1])

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from plain_machines import MOTOR, RECORDS, diagnosed, low_passed, written
 
-from discrepancy.search.step import scan_preparation
 from discrepancy.sensitivities.input_feedback import inputs_with_feedback
-from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.study.study import Study
 
 STUDY = """
@@ -82,4 +80,4 @@ def test_what_nobody_corrects_does_not_answer(tmp_path, friction):
     machine = partial(servo, friction=friction, closed=False)
     study = Study.from_file(written(tmp_path, MOTOR, machine, STUDY + RECORDS, seed=2))
     stage = study.stage
-    assert inputs_with_feedback(LinearisedProblem.of_stage(stage, scan_preparation(stage))) == {}
+    assert inputs_with_feedback(stage.linearised_problem()) == {}

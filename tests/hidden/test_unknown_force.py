@@ -9,9 +9,7 @@ from discrepancy.rigs.axis import axis_case
 from discrepancy.search.backward_elimination import free_curve
 from discrepancy.search.loop import Search
 from discrepancy.search.omnibus import omnibus_of_stage
-from discrepancy.search.step import scan_preparation
-from discrepancy.sensitivities.force_estimate import estimate_force
-from discrepancy.sensitivities.linearised_problem import LinearisedProblem
+from discrepancy.stages.force_estimate import estimate_force
 from discrepancy.study.conclude import conclude
 from discrepancy.study.study import Study
 
@@ -28,9 +26,8 @@ def found():
 def test_force_over_time_is_the_true_one(found):
     case, study, _ = found
     before = study.stages[1]
-    facts = LinearisedProblem.of_stage(before, scan_preparation(before))
     place = next(p for p in before.system.places if p.name == "guide")
-    estimate = estimate_force(before, facts, place, study.stages[-1])
+    estimate = estimate_force(before, place, study.stages[-1])
     law = {n: v["value"] for n, v in case.truth["effects"][0]["parameters"].items()}
     true = -law["level"] * np.tanh((estimate.motion["position"] - law["centre"]) / law["width"])
     error = estimate.force - true
@@ -56,12 +53,11 @@ def test_what_is_said_of_it(found):
 def test_a_force_that_no_sensor_sees_is_not_called_measured(found):
     _, study, _ = found
     before = study.stages[1]
-    facts = LinearisedProblem.of_stage(before, scan_preparation(before))
     place = next(p for p in before.system.places if p.name == "guide")
     from dataclasses import replace
 
     deaf = replace(before, noise={n: 1e6 for n in before.noise})
-    estimate = estimate_force(before, facts, place, deaf)
+    estimate = estimate_force(before, place, deaf)
     assert not estimate.reconstructable
     from discrepancy.questions.unknown_force import UnknownForce
 

@@ -86,7 +86,6 @@ def small_study():
     from discrepancy.effects.catalogue import catalogue
     from discrepancy.effects.effect import Effect
     from discrepancy.sensitivities.candidates import candidate_sensitivities
-    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
     from discrepancy.stages.stage import Accepted, Rival, Stage
     from discrepancy.statistics.scan import scan
     from estimation.fit.calibrate import UncertainParameter, calibrate, evaluate
@@ -120,12 +119,21 @@ def small_study():
         fitted = moved.to_dict()
         effects = tuple(e.with_values(fitted) for e in effects)
         return Stage(
-            name, model.with_values(fitted), wide, slim, effects, accepted, moved, held, (),
-            wide.parameter_vector(fitted), FLOOR,
-        )  # fmt: skip
+            name=name,
+            model=model.with_values(fitted),
+            system=wide,
+            slim=slim,
+            effects=effects,
+            accepted=accepted,
+            identify=moved,
+            validate=held,
+            sensors=(),
+            p=wide.parameter_vector(fitted),
+            noise=FLOOR,
+        )
 
     def scanned(found, seed):
-        facts = LinearisedProblem.of_stage(found, Preparation(decimate=5, low_pass_hz=20.0))
+        facts = found.linearised_problem(Preparation(decimate=5, low_pass_hz=20.0))
         names = (
             "coulomb_friction",
             "quadratic_drag",

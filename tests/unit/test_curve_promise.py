@@ -10,9 +10,6 @@ from discrepancy.effects.effect import Effect
 from discrepancy.search.backward_elimination import BENT, SHARE, replace_by_curve
 from discrepancy.search.curve_gain import promised
 from discrepancy.search.model_comparison import above_floor
-from discrepancy.search.step import scan_preparation
-from discrepancy.sensitivities.disturbance import facts_of
-from discrepancy.sensitivities.free_curve_scan import scan_free_curves
 from discrepancy.stages.stage import Accepted
 
 
@@ -42,8 +39,7 @@ def taken_more(curve, laws, before):
 def test_a_fit_takes_little_more_than_is_promised(sticking, wrong, over):
     """Beside a law that is far from the truth; viscous friction lies in the span of the curve over speed."""
     before = sticking.stage
-    facts = facts_of(before, scan_preparation(before))
-    offer = scan_free_curves(before, facts, level=0.02, seed=1, where=["guide"])
+    offer = before.free_curve_scan(level=0.02, seed=1, where=["guide"])
     curve = next(e for e in offer.effects if e.over == over)
     fit = sticking.fitted("curve", (curve,), before, before.noise)
     promise = promised(before, wrong)["guide", over]

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from discrepancy.effects.catalogue import catalogue
 from discrepancy.sensitivities.candidates import candidate_sensitivities
 from discrepancy.sensitivities.free_curve_scan import free_curve_candidates
-from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from estimation.response.perturbation_response import PushResponse
 from estimation.signals.preparation import Preparation
 
@@ -23,7 +20,7 @@ def anew(small_study):
     def begin():
         for fit in stage.identify.fits:
             fit.experiment._cache.clear()
-        return LinearisedProblem.of_stage(replace(stage, worked_out={}), Preparation(decimate=5, low_pass_hz=20.0))
+        return stage.without_results().linearised_problem(Preparation(decimate=5, low_pass_hz=20.0))
 
     return begin
 

@@ -22,7 +22,7 @@ HOUSE: dict[str, tuple[str, ...]] = {
     "surrogate": ("",),
     "estimation": ("files", "signals", "response", "fit", "filters", ""),
     "discrepancy": (
-        "statistics", "effects", "problem", "residual", "stages", "sensitivities", "search", "questions", "report",
+        "statistics", "effects", "problem", "residual", "sensitivities", "stages", "search", "questions", "report",
         "study", "rigs", "validation", "",
     ),
     "vtsdt": ("files", "parts", "lift", "rig", "alignment", "whatif", "papers", "cli", ""),

@@ -9,8 +9,6 @@ import pytest
 
 from discrepancy.search.backward_elimination import lasts
 from discrepancy.search.record_left_out import left_out_difference, left_out_residuals
-from discrepancy.search.step import scan_preparation
-from discrepancy.sensitivities.free_curve_scan import scan_free_curves
 from discrepancy.study.study import Study
 
 
@@ -41,10 +39,10 @@ def test_a_residual_left_out_is_that_of_a_fit_to_the_others(sticking, with_law):
 
 def test_a_law_says_more_of_records_left_out_than_the_curve_that_can_be_it(sticking, with_law):
     recalibrated = sticking.stage
-    offer = scan_free_curves(recalibrated, _facts(recalibrated), level=0.02, seed=1, where=["guide"])
+    offer = recalibrated.free_curve_scan(level=0.02, seed=1, where=["guide"])
     curve = next(e for e in offer.effects if e.over == "speed")
     fitted = sticking.fitted("curve", (curve,), recalibrated, recalibrated.noise)
-    preparation = scan_preparation(with_law)
+    preparation = with_law.scan_preparation
     assert left_out_difference(fitted, with_law, preparation) > 0.0
     assert left_out_difference(with_law, fitted, preparation) < 0.0
     assert left_out_difference(fitted, recalibrated, preparation) < -10.0
@@ -54,14 +52,8 @@ def test_a_law_says_more_of_records_left_out_than_the_curve_that_can_be_it(stick
 def test_friction_over_position_does_not_take_the_place_of_a_true_law(sticking, with_law):
     """Its level at 17 places follows what is slow in the disturbance, as a force over position does."""
     recalibrated = sticking.stage
-    offer = scan_free_curves(recalibrated, _facts(recalibrated), level=0.02, seed=1, where=["guide"])
+    offer = recalibrated.free_curve_scan(level=0.02, seed=1, where=["guide"])
     for curve in (e for e in offer.effects if e.over in ("position", "friction")):
         fitted = sticking.fitted("curve", (curve,), recalibrated, recalibrated.noise)
         assert not lasts(fitted, with_law, with_law.effects), curve.over
     assert "friction" in [e.over for e in offer.effects]
-
-
-def _facts(stage):
-    from discrepancy.sensitivities.linearised_problem import LinearisedProblem
-
-    return LinearisedProblem.of_stage(stage, scan_preparation(stage))

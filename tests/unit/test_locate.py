@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from discrepancy.questions.locate import locate, regimes_of
-from discrepancy.sensitivities.stage_residuals import residuals_along_motion
+from discrepancy.stages.residuals_along_motion import residuals_along_motion
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +24,7 @@ COUPLED = 0.9999
 """Correlation of speeds from which two places count as moving together."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PlaceMotion:
     """Motion of a connection in the model, on the samples that were compared, all records one after another.
 
@@ -53,7 +53,7 @@ class PlaceMotion:
         return bool(np.ptp(self.position) > 1e-12)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ResidualsAlongMotion:
     """Residuals of a part of a stage.
 
@@ -61,7 +61,7 @@ class ResidualsAlongMotion:
     ----------
     stage : Stage
     part : {"identify", "validate"}
-    facts : LinearisedProblem
+    linearised : LinearisedProblem
         The calibrated machine beside the part's records, with their own preparation.
     time : ndarray, shape (n,), s
         Of all records, one after another.
@@ -75,7 +75,7 @@ class ResidualsAlongMotion:
 
     stage: Stage
     part: str
-    facts: LinearisedProblem
+    linearised: LinearisedProblem
     time: np.ndarray
     values: np.ndarray
     record: np.ndarray
@@ -139,23 +139,37 @@ def residuals_along_motion(stage: Stage, part: str = "identify") -> ResidualsAlo
     if calibration is None or not calibration.fits:
         raise ValueError(f"stage '{stage.name}' has no records in part '{part}'")
     fits = calibration.fits
-    facts = LinearisedProblem(
-        stage.system, stage.slim, calibration, stage.sensors, fits[0].experiment.preparation, stage.p
+    linearised = LinearisedProblem(  # without noise floors: nothing is weighted here
+        system=stage.system,
+        slim=stage.slim,
+        calibration=calibration,
+        sensors=stage.sensors,
+        preparation=fits[0].experiment.preparation,
+        p=stage.p,
     )
     time = np.concatenate([f.experiment.time for f in fits])
     values = np.concatenate([f.residual for f in fits])
     lengths = [len(f.experiment.time) for f in fits]
     record = np.repeat(np.arange(len(fits)), lengths)
-    motions = _motions(facts, stage, [f.experiment.preparation for f in fits])
+    motions = _motions(linearised, stage, [f.experiment.preparation for f in fits])
     memory = max(correlation_time(f.residual[:, c]) for f in fits for c in range(values.shape[1]))
     # With fewer blocks no spread can be estimated; then blocks shorter than asked for are the lesser evil.
     shortest = min(int(3 * memory), max(1, len(values) // LEAST_BLOCKS))
     blocks = tuple(cut_rows(lengths, shortest, MOST_BLOCKS))
-    return ResidualsAlongMotion(stage, part, facts, time, values, record, motions, blocks)
+    return ResidualsAlongMotion(
+        stage=stage,
+        part=part,
+        linearised=linearised,
+        time=time,
+        values=values,
+        record=record,
+        motions=motions,
+        blocks=blocks,
+    )
 
 
 def _motions(
-    facts: LinearisedProblem, stage: Stage, preparations: Sequence[Preparation]
+    linearised: LinearisedProblem, stage: Stage, preparations: Sequence[Preparation]
 ) -> tuple[PlaceMotion, ...]:
     found = []
     columns: dict[str, list[np.ndarray]] = {}
@@ -164,23 +178,25 @@ def _motions(
     if not wanted:
         return ()
     for i, preparation in enumerate(preparations):
-        run = facts.motions(i)
+        run = linearised.nominal_outputs(i)
         table = np.column_stack([run[n] for n in wanted])
-        table = preparation.apply(np.asarray(facts.experiments[i].record.time), table)[1]
+        table = preparation.apply(np.asarray(linearised.experiments[i].record.time), table)[1]
         for k, name in enumerate(wanted):
             columns.setdefault(name, []).append(table[:, k])
     series = {name: np.concatenate(parts) for name, parts in columns.items()}
-    step = float(np.median(np.diff(facts.experiments[0].time)))
+    step = float(np.median(np.diff(linearised.experiments[0].time)))
     for place in stage.system.places:
         names = [f"place.{place.name}.{n}" for n, _ in place.motion_names()]
         if names[0] not in series or names[1] not in series:
             continue
         speed = series[names[1]]
         acceleration = series[names[2]] if names[2] in series else np.gradient(speed, step)
-        found.append(PlaceMotion(place, series[names[0]], speed, acceleration))
+        found.append(
+            PlaceMotion(place=place, position=series[names[0]], speed=speed, acceleration=acceleration)
+        )
     out = []
     for group in coupled_places([m for m in found if m.moves]):
         lead = min(group, key=lambda m: m.place.second is not None)
         also = tuple(m.name for m in group if m is not lead)
-        out.append(PlaceMotion(lead.place, lead.position, lead.speed, lead.acceleration, also))
+        out.append(replace(lead, also=also))
     return tuple(out)
