@@ -17,7 +17,7 @@ from multibody.declare.declarations import (
     Translation,
     Unknown,
 )
-from multibody.model.model import Model
+from multibody.machine.model import Model
 
 __all__ = [
     "Component", "Energy", "EquationError", "Frame", "Input", "Model", "ModelError", "Option", "Output", "Parameter",

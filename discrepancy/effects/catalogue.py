@@ -12,7 +12,7 @@ from multibody.declare.declarations import Output
 
 if TYPE_CHECKING:
     from multibody.assembly.places import Place
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["Entry", "catalogue"]
 

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from estimation.response.experiment import SensorError
     from multibody.assembly.places import Place
     from multibody.declare.component import Component
-    from multibody.model.model import Model
-    from multibody.system.system import System
+    from multibody.machine.model import Model, System
 
 __all__ = ["Effect", "law_class", "unit_at"]
 

@@ -16,7 +16,7 @@ from multibody.solvers import integrate
 from multibody.system.simulate import native_problem
 
 if TYPE_CHECKING:
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["MOTION", "law_forces"]
 

@@ -16,8 +16,7 @@ from estimation.response.experiment import Experiment
 from estimation.signals.preparation import Preparation
 
 if TYPE_CHECKING:
-    from multibody.model.model import Model
-    from multibody.system.system import System
+    from multibody.machine.model import Model, System
 
 __all__ = ["Problem", "make_experiments", "noise_floors", "read_problem"]
 
@@ -135,7 +134,7 @@ def read_problem(path: str | Path, *, seed: int | None = None, max_effects: int 
         With all faults of the study, of the records or of the model.
     """
     from discrepancy.problem.model import check_names, load_model
-    from multibody.model.model import Model
+    from multibody.machine.model import Model
 
     study = read_study(path)
     model = load_model(study, Model)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from discrepancy.stages.stage import Stage
-    from multibody.model.model import Model
+    from multibody.machine.model import Model
 
 __all__ = ["Picture", "pictures", "render", "write"]
 

@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from discrepancy.residual.initial_state import Followed
     from estimation.response.experiment import Experiment
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["free_rotations"]
 

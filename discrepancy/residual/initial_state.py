@@ -10,7 +10,7 @@ import numpy as np
 from estimation.response.experiment import Experiment
 
 if TYPE_CHECKING:
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["Followed", "follow", "signal_bandwidth"]
 

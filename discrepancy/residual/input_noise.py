@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimation.response.experiment import SensorError
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["shaping_of"]
 

@@ -24,7 +24,7 @@ from estimation.response.experiment import Experiment
 from estimation.signals.preparation import Preparation, edge_time, low_pass
 
 if TYPE_CHECKING:
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["Inverse", "derivatives", "inverse_problem"]
 

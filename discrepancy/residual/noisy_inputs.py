@@ -29,7 +29,7 @@ from multibody.base.quantity_text import quantity_text
 
 if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["NoisyInput", "noise_summary", "reduce_input_noise"]
 

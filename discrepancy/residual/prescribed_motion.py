@@ -12,8 +12,7 @@ from discrepancy.residual.inverse_parts import GivenAngle, GivenPosition
 
 if TYPE_CHECKING:
     from discrepancy.problem.problem import Problem
-    from multibody.model.model import Model
-    from multibody.system.system import System
+    from multibody.machine.model import Model, System
 
 __all__ = ["UNITS", "Motion", "cut_loops", "measured_motions", "prescribed", "shows_motion"]
 

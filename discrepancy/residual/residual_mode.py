@@ -33,7 +33,7 @@ from multibody.base.progress import silent
 
 if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["PreparedProblem", "prepared_problem", "problem_in_windows"]
 

@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from discrepancy.problem.problem import Problem
     from estimation.response.experiment import Experiment
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["TIMES", "tolerance", "with_tolerances"]
 

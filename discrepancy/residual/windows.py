@@ -20,7 +20,7 @@ from estimation.response.perturbations import Push
 from estimation.signals.preparation import Preparation
 
 if TYPE_CHECKING:
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = [
     "FACTOR",

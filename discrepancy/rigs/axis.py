@@ -25,10 +25,9 @@ from discrepancy.rigs.rig import Rig, Run, write_case
 from estimation.fit.calibrate import UncertainParameter
 from multibody.base.progress import Progress, silent
 from multibody.base.spelling import nearest
-from multibody.model.model import Model
+from multibody.machine.model import Model, System
 
 if TYPE_CHECKING:
-    from multibody.system.system import System
     from multibody.system.trajectory import Trajectory
 
 __all__ = ["AxisRig", "axis_case", "build", "entries_of", "hidden_in", "list_axis", "make_axis"]

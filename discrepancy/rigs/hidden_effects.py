@@ -17,7 +17,7 @@ from discrepancy.effects.uncatalogued_laws import OVER, UNKNOWN_LAWS
 from discrepancy.rigs.recording import BenchError
 from multibody import Component
 from multibody.base.spelling import nearest
-from multibody.model.model import Model
+from multibody.machine.model import Model
 
 __all__ = [
     "UNKNOWN",

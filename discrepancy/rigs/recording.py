@@ -26,7 +26,7 @@ from estimation.fit.calibrate import UncertainParameter
 if TYPE_CHECKING:
     from discrepancy.problem.problem import Problem
     from estimation.response.experiment import SensorError
-    from multibody.model.model import Model
+    from multibody.machine.model import Model
 
 __all__ = [
     "BenchError",

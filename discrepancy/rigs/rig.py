@@ -45,8 +45,7 @@ if TYPE_CHECKING:
     from estimation.fit.calibrate import UncertainParameter
     from estimation.response.experiment import SensorError
     from multibody.assembly.places import Place
-    from multibody.model.model import Model
-    from multibody.system.system import System
+    from multibody.machine.model import Model, System
     from multibody.system.trajectory import Trajectory
 
 __all__ = ["Rig", "Run", "write_case"]

@@ -16,7 +16,7 @@ from estimation.response.perturbations import Change
 
 if TYPE_CHECKING:
     from discrepancy.sensitivities.linearised_problem import LinearisedProblem
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["Plan", "Wanted", "changes_of", "integrated_sensitivities"]
 

@@ -22,7 +22,7 @@ from multibody.base.parallel import side_by_side
 if TYPE_CHECKING:
     from discrepancy.effects.catalogue import Entry
     from discrepancy.sensitivities.linearised_problem import LinearisedProblem
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["bent", "far_away", "finite_amplitude_sensitivities", "takes_finite_amplitudes"]
 

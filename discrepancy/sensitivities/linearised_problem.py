@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from estimation.fit.calibrate import Calibration
     from estimation.response.experiment import Experiment, SensorError
     from estimation.signals.preparation import Preparation
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["LinearisedProblem"]
 

@@ -12,7 +12,7 @@ from multibody.declare.declarations import Output
 if TYPE_CHECKING:
     from discrepancy.effects.effect import Effect
     from estimation.response.experiment import SensorError
-    from multibody.model.model import Model
+    from multibody.machine.model import Model
 
 __all__ = ["machine_with_effects"]
 

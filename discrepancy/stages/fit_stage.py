@@ -15,7 +15,7 @@ from estimation.fit.calibrate import calibrate, evaluate
 if TYPE_CHECKING:
     from discrepancy.effects.effect import Effect
     from discrepancy.problem.problem import Problem
-    from multibody.model.model import Model
+    from multibody.machine.model import Model
 
 __all__ = ["Held", "fitted_stage", "with_validation"]
 

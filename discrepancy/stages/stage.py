@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from discrepancy.statistics.scan import ScanResult
     from estimation.fit.calibrate import Calibration, Fit
     from estimation.response.experiment import SensorError
-    from multibody.model.model import Model
-    from multibody.system.system import System
+    from multibody.machine.model import Model, System
 
 __all__ = ["Accepted", "Rival", "Stage", "comparable_residuals"]
 

@@ -14,7 +14,7 @@ from estimation.filters.latent import Latent, readouts
 
 if TYPE_CHECKING:
     from estimation.filters.samples import Samples
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["FilterModel"]
 

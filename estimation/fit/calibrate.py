@@ -16,7 +16,7 @@ from estimation.response.experiment import Experiment, Response, SensorError
 from estimation.signals.correlation import correlation_time, cut_rows
 
 if TYPE_CHECKING:
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["Calibration", "Fit", "UncertainParameter", "calibrate", "evaluate"]
 

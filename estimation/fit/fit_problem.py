@@ -14,7 +14,7 @@ from estimation.response.experiment import Experiment, Response, SensorError
 from multibody.base.parallel import cores, side_by_side
 
 if TYPE_CHECKING:
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["FitProblem"]
 

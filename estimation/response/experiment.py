@@ -23,8 +23,8 @@ from multibody.system.along_trajectory import observe_along
 if TYPE_CHECKING:
     from estimation.response.perturbation_response import PushResponse
     from multibody.inputs.table import InputTable
+    from multibody.machine.model import System
     from multibody.solvers.problem import Directions
-    from multibody.system.system import System
 
 __all__ = ["Experiment", "Response", "SensorError"]
 

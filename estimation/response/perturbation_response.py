@@ -17,7 +17,7 @@ from estimation.response.perturbations import Change, Push
 
 if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["PushResponse", "at_hand", "forget", "response_of", "worth_it"]
 

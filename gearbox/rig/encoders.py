@@ -21,7 +21,7 @@ from gearbox.rig.rig import truth as truth_of
 from multibody.base.progress import silent
 
 if TYPE_CHECKING:
-    from multibody.model.model import Model
+    from multibody.machine.model import Model
 
 __all__ = ["CONDITIONS", "CYCLES", "build", "make_encoders", "study"]
 

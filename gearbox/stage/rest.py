@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from multibody.base.errors import SimulationError
 
 if TYPE_CHECKING:
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["balanced", "touching"]
 

@@ -15,7 +15,7 @@ from multibody.base.spelling import nearest
 
 if TYPE_CHECKING:
     from gearbox.stage.stage import Stage
-    from multibody.system.system import System
+    from multibody.machine.model import System
     from multibody.system.trajectory import Trajectory
 
 __all__ = ["SHORT_NAMES", "cheapest_method", "contact_rate", "model_values", "moving_state", "run", "static_state"]

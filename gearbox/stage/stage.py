@@ -21,12 +21,11 @@ from gearbox.parts.housing import AXES, SENSORS, housing_component
 from gearbox.parts.mesh import HelicalMesh
 from gearbox.parts.shafts import GearShaft
 from multibody.library.rotation import SpeedSource, TorqueSource, TorsionDamper, TorsionSpring
-from multibody.model.model import Model
+from multibody.machine.model import Model, System
 
 if TYPE_CHECKING:
     from gearbox.files.geometry import GearPair
     from gearbox.parts.modes import ModeSet
-    from multibody.system.system import System
     from multibody.system.trajectory import Trajectory
 
 __all__ = ["MOTIONS", "Stage", "Structure", "simulate"]

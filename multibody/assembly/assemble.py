@@ -13,7 +13,8 @@ import numpy as np
 
 from multibody.assembly.dynamics import accelerations
 from multibody.assembly.equation_set import Assembly, Quantity, Unknown
-from multibody.assembly.kinematics import Kinematics, resolve_nodes
+from multibody.assembly.kinematics import Kinematics
+from multibody.assembly.node_motion import resolve_nodes
 from multibody.assembly.places import Place, places_of
 from multibody.assembly.spatial.tree import assemble_spatial
 from multibody.base.errors import EquationError, ModelError
@@ -22,16 +23,18 @@ from multibody.declare.component import Component
 from multibody.declare.declarations import Energy, Input, Output, Parameter, Power, State
 from multibody.declare.declarations import Unknown as UnknownDeclaration
 from multibody.equations import tables
-from multibody.equations.reading import Scope, method_statements
+from multibody.equations.reading import method_statements
+from multibody.equations.scope import Scope
 from multibody.equations.statements import Statement, variable
-from multibody.model.model import Model, ModelInput
+from multibody.model.features import feature_outputs
+from multibody.model.graph import ModelGraph, ModelInput
 from multibody.model.network import Network, network
 
 __all__ = ["assemble", "find_places", "with_outputs"]
 
 
 def assemble(
-    model: Model, *, probes: bool = False, energy: bool = False, outputs: Iterable[str] | None = None
+    model: ModelGraph, *, probes: bool = False, energy: bool = False, outputs: Iterable[str] | None = None
 ) -> Assembly:
     """Check a model and write down its equations.
 
@@ -68,7 +71,7 @@ def assemble(
     return work if outputs is None else with_outputs(work, model, outputs)
 
 
-def with_outputs(work: Assembly, model: Model, outputs: Iterable[str]) -> Assembly:
+def with_outputs(work: Assembly, model: ModelGraph, outputs: Iterable[str]) -> Assembly:
     """Return a model's equations with these outputs only, and those that its simulation needs to look at.
 
     Raises
@@ -76,13 +79,13 @@ def with_outputs(work: Assembly, model: Model, outputs: Iterable[str]) -> Assemb
     ModelError
         If there is no such output.
     """
-    names, known = [*outputs, *_guards(model)], {q.name: q for q in work.outputs}
+    names, known = [*outputs, *feature_outputs(model)], {q.name: q for q in work.outputs}
     if faults := [f"there is no output '{n}'{nearest(n, known)}" for n in names if n not in known]:
         raise ModelError(model.name, faults)
     return replace(work, outputs=[known[n] for n in dict.fromkeys(names)])
 
 
-def find_places(model: Model) -> list[Place]:
+def find_places(model: ModelGraph) -> list[Place]:
     """Return where an effect could act on a model, without assembling its equations."""
     _, work, _ = _resolved(model)
     if work.faults:
@@ -90,7 +93,7 @@ def find_places(model: Model) -> list[Place]:
     return work.places
 
 
-def _resolved(model: Model) -> tuple[Network, Assembly, Kinematics]:
+def _resolved(model: ModelGraph) -> tuple[Network, Assembly, Kinematics]:
     """Check a model, read its equations and decide how its nodes move."""
     net = network(model)
     work = Assembly(model.name)
@@ -100,11 +103,11 @@ def _resolved(model: Model) -> tuple[Network, Assembly, Kinematics]:
     kinematics = resolve_nodes(model, net, work)
     if net.frames or any(node.axes for node in net.nodes):
         assemble_spatial(model, net, kinematics, work)
-    work.places = places_of(model, net, kinematics)
+    work.places = places_of(model, net, kinematics.moves)
     return net, work, kinematics
 
 
-def _components(model: Model, work: Assembly) -> None:
+def _components(model: ModelGraph, work: Assembly) -> None:
     """Parameters, states, signals and equations of every component."""
     for owner, component in model.components.items():
         scope = Scope(owner, component, work.kernels)
@@ -210,7 +213,7 @@ def _probes(work: Assembly, kinematics: Kinematics) -> None:
             work.output(f"place.{place.name}.{name}", motion_unit, f"{name} at {place.name}", shown)
 
 
-def _energies(model: Model, work: Assembly, integrate: bool) -> None:
+def _energies(model: ModelGraph, work: Assembly, integrate: bool) -> None:
     stored: list[str] = []
     lost: list[str] = []
     supplied: list[str] = []
@@ -242,7 +245,7 @@ def _energies(model: Model, work: Assembly, integrate: bool) -> None:
             work.derivatives[var] = f"energy__{name}_power"
 
 
-def _show(model: Model, net: Network, work: Assembly) -> None:
+def _show(model: ModelGraph, net: Network, work: Assembly) -> None:
     """Signals carried to inputs, and the quantities that can be looked at."""
     for owner, component in model.components.items():
         for name, item in component.of_kind(Input).items():
@@ -269,7 +272,7 @@ def _show(model: Model, net: Network, work: Assembly) -> None:
             work.output(name, quantity.unit, quantity.meaning, quantity.variable)
 
 
-def _port_quantity(model: Model, source: str) -> Quantity | None:
+def _port_quantity(model: ModelGraph, source: str) -> Quantity | None:
     head, _, last = source.rpartition(".")
     found = model.find(head) if head else None
     if found is None:
@@ -279,17 +282,6 @@ def _port_quantity(model: Model, source: str) -> Quantity | None:
     if last not in units:
         return None
     return Quantity(source, units[last], last, variable(found[0], found[2], last))
-
-
-def _guards(model: Model) -> list[str]:
-    """Outputs that a simulation needs to keep its steps short enough, behind those that are asked for."""
-    return [
-        f"{owner}.{name}"
-        for owner, component in model.components.items()
-        for pair in component.features.items()
-        for name in pair
-        if isinstance(component.declarations.get(name), Output)
-    ]
 
 
 def _rename(work: Assembly) -> None:

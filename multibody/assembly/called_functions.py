@@ -13,8 +13,9 @@ from multibody.declare.component import Component
 from multibody.declare.source_text import function_lines
 from multibody.equations import tables
 from multibody.equations.differentiate import Differentiator, active_names, d
-from multibody.equations.reading import Scope, parse_function
+from multibody.equations.reading import parse_function
 from multibody.equations.rewriter import Rewriter
+from multibody.equations.scope import Scope
 from multibody.equations.statements import Statement, flow, names_written
 
 __all__ = ["kernel_sources", "tangent_name"]

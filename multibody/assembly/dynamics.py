@@ -8,66 +8,9 @@ machine of separate bodies pays for no matrix.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from multibody.assembly.equation_set import Assembly, Contribution, Coordinate, Unknown
 
-from multibody.assembly.equation_set import Unknown
-
-if TYPE_CHECKING:
-    from multibody.assembly.equation_set import Assembly
-
-__all__ = ["Contribution", "Coordinate", "accelerations", "product", "total"]
-
-
-@dataclass(frozen=True)
-class Coordinate:
-    """An independent motion.
-
-    Parameters
-    ----------
-    key : str
-        Name by which contributions refer to it.
-    name : str
-        Name for messages.
-    velocity, acceleration : str
-        Variables.
-    kind : {"free", "prescribed"}
-        Whether the acceleration follows from the forces or is given; then ``reaction`` names the variable of
-        the force that is needed.
-    """
-
-    key: str
-    name: str
-    velocity: str
-    acceleration: str
-    kind: str = "free"
-    reaction: str | None = None
-
-
-@dataclass(frozen=True)
-class Contribution:
-    """Inertia and forces of one part, row by row, as texts over variables.
-
-    Parameters
-    ----------
-    origin : str
-        Component name.
-    rows : tuple of dict
-        For each row the factors J of the independent coordinates, by key; ``"1.0"`` and missing entries are
-        known.
-    mass : dict
-        Entries ``(i, j)`` (both triangles) of the part's own mass matrix; empty for a massless part.
-    bias : tuple of (str or None)
-        Velocity-product acceleration of each row.
-    force : tuple of (str or None)
-        Force along each row.
-    """
-
-    origin: str
-    rows: tuple[dict[str, str], ...]
-    mass: dict[tuple[int, int], str] = field(default_factory=dict)
-    bias: tuple[str | None, ...] = ()
-    force: tuple[str | None, ...] = ()
+__all__ = ["accelerations", "product", "total"]
 
 
 def product(*factors: str) -> str:

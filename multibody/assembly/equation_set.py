@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from multibody.assembly.places import Place
 from multibody.base.parsing import parse
 from multibody.equations.statements import Statement, variable
 
-if TYPE_CHECKING:
-    from multibody.assembly.dynamics import Contribution, Coordinate
-    from multibody.assembly.places import Place
-
-__all__ = ["Assembly", "Quantity", "Unknown", "statement"]
+__all__ = ["Assembly", "Contribution", "Coordinate", "Quantity", "Unknown", "owner_rank", "statement"]
 
 
 @dataclass(frozen=True)
@@ -38,6 +35,57 @@ class Unknown:
     name: str
     variable: str
     residual: str
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """An independent motion.
+
+    Parameters
+    ----------
+    key : str
+        Name by which contributions refer to it.
+    name : str
+        Name for messages.
+    velocity, acceleration : str
+        Variables.
+    kind : {"free", "prescribed"}
+        Whether the acceleration follows from the forces or is given; then ``reaction`` names the variable of
+        the force that is needed.
+    """
+
+    key: str
+    name: str
+    velocity: str
+    acceleration: str
+    kind: str = "free"
+    reaction: str | None = None
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """Inertia and forces of one part, row by row, as texts over variables.
+
+    Parameters
+    ----------
+    origin : str
+        Component name.
+    rows : tuple of dict
+        For each row the factors J of the independent coordinates, by key; ``"1.0"`` and missing entries are
+        known.
+    mass : dict
+        Entries ``(i, j)`` (both triangles) of the part's own mass matrix; empty for a massless part.
+    bias : tuple of (str or None)
+        Velocity-product acceleration of each row.
+    force : tuple of (str or None)
+        Force along each row.
+    """
+
+    origin: str
+    rows: tuple[dict[str, str], ...]
+    mass: dict[tuple[int, int], str] = field(default_factory=dict)
+    bias: tuple[str | None, ...] = ()
+    force: tuple[str | None, ...] = ()
 
 
 @dataclass
@@ -85,3 +133,9 @@ class Assembly:
 def statement(text: str, origin: str) -> Statement:
     """Return one assignment, given as text, as a statement."""
     return Statement.parsed([parse(text).body[0]], origin)
+
+
+def owner_rank(name: str, order: list[str]) -> int:
+    """Return the place of a quantity's component among the components, or their number when it has none."""
+    owners = [k for k, owner in enumerate(order) if name.startswith(owner + ".")]
+    return max(owners, key=lambda k: len(order[k])) if owners else len(order)

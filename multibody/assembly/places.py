@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 from multibody.declare.declarations import Rotation, Translation
-
-if TYPE_CHECKING:
-    from multibody.assembly.kinematics import Kinematics
-    from multibody.model.model import Model
-    from multibody.model.network import Network, Node
+from multibody.model.graph import ModelGraph
+from multibody.model.network import Network, Node
 
 __all__ = ["Place", "places_of"]
 
@@ -55,12 +52,15 @@ class Place:
         return "N" if self.domain == "translation" else "N*m"
 
 
-def places_of(model: Model, net: Network, kinematics: Kinematics) -> list[Place]:
-    """Return the places of a model, one for each pair of sides, named by the part that joins them."""
+def places_of(model: ModelGraph, net: Network, moves: Callable[[Node], bool]) -> list[Place]:
+    """Return the places of a model, one for each pair of sides, named by the part that joins them.
+
+    ``moves`` tells whether a node can move.
+    """
     found: dict[tuple[int, int], list[tuple[str, str, str, Node, Node | None]]] = {}
 
     def still(node: Node) -> bool:
-        return node.grounded or not kinematics.moves(node)
+        return node.grounded or not moves(node)
 
     def note(name: str, first: str, second: str, a: Node, b: Node | None) -> None:
         key = (id(a), id(b) if b is not None else 0)
@@ -79,10 +79,10 @@ def places_of(model: Model, net: Network, kinematics: Kinematics) -> list[Place]
                 first, second, a, b = second, first, b, a
             note(owner, f"{owner}.{first}", "ground" if still(b) else f"{owner}.{second}", a, None if still(b) else b)
     for node in net.nodes:
-        if node.axes and kinematics.moves(node):
+        if node.axes and moves(node):
             port = node.axes[0]
             note(f"{port.owner}.{port.coordinate}", port.name, "ground", node, None)
-        if node.domain in ("translation", "rotation") and node.inertial and kinematics.moves(node):
+        if node.domain in ("translation", "rotation") and node.inertial and moves(node):
             port = node.inertial[0]
             note(port.owner, port.name, "ground", node, None)
     places = []

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from multibody.assembly.equation_set import Assembly
-    from multibody.assembly.ordering import Block
+from multibody.assembly.equation_set import Assembly
+from multibody.assembly.ordering import Block
 
 __all__ = ["unsolvable"]
 

@@ -9,15 +9,13 @@ from __future__ import annotations
 import dataclasses
 import threading
 from collections import OrderedDict
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
+from multibody.assembly.equation_set import Quantity
 from multibody.base.cache import digest_of
-
-if TYPE_CHECKING:
-    from multibody.assembly.equation_set import Quantity
-    from multibody.model.model import Model
+from multibody.model.graph import ModelGraph
 
 __all__ = ["Unknown", "forget", "keep", "recall", "said", "structure_of", "with_values_of"]
 
@@ -58,7 +56,7 @@ def said(value: Any) -> str:
     raise Unknown
 
 
-def structure_of(model: Model) -> tuple[Any, ...] | None:
+def structure_of(model: ModelGraph) -> tuple[Any, ...] | None:
     """Return all that a model's equations follow from: everything but the values of its components' parameters.
 
     None where that cannot be told, or the model has a fault.  Start values and tables count, and the parameters of a
@@ -88,7 +86,7 @@ def _texts(kind: type) -> tuple[Any, ...]:
     return tuple(vars(base).get(method) for base in kind.__mro__[:-1] for method in READ)
 
 
-def with_values_of(model: Model, parameters: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
+def with_values_of(model: ModelGraph, parameters: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
     """Return the parameters of a model's structure with the values that they have in the model."""
     values = {f"{owner}.{name}": v for owner, c in model.components.items() for name, v in c.values.items()}
     return tuple(dataclasses.replace(q, value=values[q.name]) if q.name in values else q for q in parameters)

@@ -3,37 +3,24 @@
 from __future__ import annotations
 
 import ast
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from multibody.assembly.called_functions import tangent_name
 from multibody.assembly.dynamics import product, total
 from multibody.assembly.equation_set import Assembly
+from multibody.assembly.kinematics import Coupling, Kinematics
 from multibody.base.errors import EquationError
 from multibody.declare.declarations import Port
 from multibody.equations.differentiate import Differentiator, active_names, d
-from multibody.equations.reading import Scope, method_statements
+from multibody.equations.reading import method_statements
+from multibody.equations.scope import Scope
 from multibody.equations.statements import Statement, copied, names_written, variable
+from multibody.model.graph import ModelGraph
+from multibody.model.network import Network
 
-if TYPE_CHECKING:
-    from multibody.assembly.kinematics import Kinematics
-    from multibody.model.model import Model
-    from multibody.model.network import Network
-
-__all__ = ["Coupling", "directed", "follow"]
+__all__ = ["directed", "follow"]
 
 
-@dataclass
-class Coupling:
-    """An ideal transmission, in the direction in which it is used: ``target`` follows ``sources``."""
-
-    owner: str
-    target: str
-    sources: list[str]
-    statements: list[Statement]
-
-
-def directed(model: Model, net: Network, work: Assembly) -> list[Coupling]:
+def directed(model: ModelGraph, net: Network, work: Assembly) -> list[Coupling]:
     """Choose for every transmission which side follows, so that each node follows at most once.
 
     The result is ordered: what a transmission reads is known before it.
@@ -84,7 +71,7 @@ def directed(model: Model, net: Network, work: Assembly) -> list[Coupling]:
     return ordered
 
 
-def _read(owner: str, model: Model, work: Assembly, method: str) -> Coupling | None:
+def _read(owner: str, model: ModelGraph, work: Assembly, method: str) -> Coupling | None:
     component = model.components[owner]
     try:
         statements = method_statements(Scope(owner, component, work.kernels), method)

@@ -16,19 +16,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from multibody.assembly.equation_set import Quantity
+from multibody.assembly.equation_set import Assembly, Quantity
+from multibody.assembly.places import Place
 from multibody.assembly.structure_cache import Unknown, keep, recall, said, structure_of, with_values_of
 from multibody.base.cache import cache_dir, digest_of, kept_text, read_object, write_object
-from multibody.system.narrow_features import speed_signals
-
-if TYPE_CHECKING:
-    from multibody.assembly.equation_set import Assembly
-    from multibody.assembly.places import Place
-    from multibody.model.model import Model
+from multibody.model.features import speed_signals
+from multibody.model.graph import ModelGraph
 
 __all__ = ["Plan", "plan_of"]
 
@@ -72,7 +69,7 @@ class Plan:
     places: tuple[Place, ...] | None = field(repr=False, default=None)
 
 
-def plan_of(model: Model, probes: bool, energy: bool, outputs: Iterable[str] | None) -> Plan:
+def plan_of(model: ModelGraph, probes: bool, energy: bool, outputs: Iterable[str] | None) -> Plan:
     """Return the plan of a model, from the cache or assembled; for the arguments see `System`.
 
     Raises
@@ -98,7 +95,7 @@ def plan_of(model: Model, probes: bool, energy: bool, outputs: Iterable[str] | N
     return made
 
 
-def _told(model: Model, plan: Plan) -> Plan:
+def _told(model: ModelGraph, plan: Plan) -> Plan:
     """Tell a model's inputs their units, as an assembly does, and return the plan."""
     for given in plan.inputs:
         if given.name in model.inputs:
@@ -106,7 +103,7 @@ def _told(model: Model, plan: Plan) -> Plan:
     return plan
 
 
-def _remembered(model: Model, probes: bool, energy: bool, outputs: tuple[str, ...] | None) -> Plan:
+def _remembered(model: ModelGraph, probes: bool, energy: bool, outputs: tuple[str, ...] | None) -> Plan:
     """Return a plan whose equations, or all that they are chosen from, are those of an earlier build where possible."""
     from multibody.assembly.assemble import assemble, with_outputs
 
@@ -127,13 +124,13 @@ def _remembered(model: Model, probes: bool, energy: bool, outputs: tuple[str, ..
     return _told(model, dataclasses.replace(plan, parameters=with_values_of(model, plan.parameters)))
 
 
-def _assembled(model: Model, probes: bool, energy: bool, outputs: tuple[str, ...] | None) -> Plan:
+def _assembled(model: ModelGraph, probes: bool, energy: bool, outputs: tuple[str, ...] | None) -> Plan:
     from multibody.assembly.assemble import assemble
 
     return _generated(model, assemble(model, probes=probes, energy=energy, outputs=outputs))
 
 
-def _generated(model: Model, work: Assembly) -> Plan:
+def _generated(model: ModelGraph, work: Assembly) -> Plan:
     from multibody.compile.generate import generate
 
     speeds = speed_signals(model, {q.name for q in (*work.outputs, *work.states)})
@@ -208,7 +205,7 @@ def _prune(folder: Path) -> None:
 # ---------------------------------------------------------------- what a plan follows from
 
 
-def _key(model: Model, energy: bool, outputs: tuple[str, ...] | None) -> str:
+def _key(model: ModelGraph, energy: bool, outputs: tuple[str, ...] | None) -> str:
     parts = [FORMAT, sys.version, np.__version__, model.name, repr((energy, outputs)), _class(type(model))]
     for name, component in model.components.items():
         own = {k: v for k, v in vars(component).items() if k != "declarations"}

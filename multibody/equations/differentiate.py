@@ -25,7 +25,7 @@ from multibody.equations.derivative_rules import (
     sub,
     substitute,
 )
-from multibody.equations.rewriter import constant
+from multibody.equations.statements import constant
 
 __all__ = ["Differentiator", "active_names", "d"]
 

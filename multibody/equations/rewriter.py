@@ -8,17 +8,15 @@ import math
 import numbers
 import re
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from multibody.base.errors import EquationError
 from multibody.base.parsing import expression
 from multibody.declare.declarations import Table
-from multibody.equations.statements import local_variable, variable
+from multibody.equations.scope import Scope
+from multibody.equations.statements import constant, local_variable, variable
 
-if TYPE_CHECKING:
-    from multibody.equations.reading import Scope
-
-__all__ = ["ARITY", "Rewriter", "as_list", "constant", "simplified"]
+__all__ = ["ARITY", "Rewriter", "as_list", "simplified"]
 
 ARITY = {
     **dict.fromkeys(["sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"], 1),
@@ -337,14 +335,6 @@ def as_list(item: Any) -> list[Any]:
     if item is None or isinstance(item, ast.Pass):
         return []
     return item if isinstance(item, list) else [item]
-
-
-def constant(value: Any) -> ast.expr:
-    """Return a number as an expression; a negative one keeps its sign apart, as Python's grammar does."""
-    if isinstance(value, bool | str):
-        return ast.Constant(value)
-    plain: int | float = int(value) if isinstance(value, numbers.Integral) else float(value)
-    return ast.UnaryOp(ast.USub(), ast.Constant(-plain)) if plain < 0 else ast.Constant(plain)
 
 
 def _whole(node: ast.expr) -> bool:

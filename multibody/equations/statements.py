@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import ast
+import numbers
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from multibody.base.parsing import parse
 
 __all__ = [
     "Flow",
     "Statement",
+    "constant",
     "copied",
     "flow",
     "local_variable",
@@ -53,6 +56,14 @@ def readable(name: str) -> str:
     if "___local" in name:
         return name.partition("___local")[2].partition("__")[2]
     return name.replace("___", ".").replace("__", ".")
+
+
+def constant(value: Any) -> ast.expr:
+    """Return a number as an expression; a negative one keeps its sign apart, as Python's grammar does."""
+    if isinstance(value, bool | str):
+        return ast.Constant(value)
+    plain: int | float = int(value) if isinstance(value, numbers.Integral) else float(value)
+    return ast.UnaryOp(ast.USub(), ast.Constant(-plain)) if plain < 0 else ast.Constant(plain)
 
 
 def names_written(node: ast.AST) -> set[str]:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from multibody.declare.declarations import Parameter, Port
-
-if TYPE_CHECKING:
-    from multibody.model.model import Model
+from multibody.model.graph import ModelGraph
 
 __all__ = ["describe"]
 
 
-def describe(model: Model) -> str:
+def describe(model: ModelGraph) -> str:
     """Return a table of a model's components with their values, its connections, inputs and outputs.
 
     Examples
@@ -63,7 +60,7 @@ def describe(model: Model) -> str:
     return "\n".join(told)
 
 
-def _loose_ports(model: Model) -> list[str]:
+def _loose_ports(model: ModelGraph) -> list[str]:
     touched = {end for ends in model.connections for end in ends}
     return [
         f"{name}.{port}"

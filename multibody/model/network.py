@@ -9,7 +9,7 @@ from multibody.base.units import same_dimension
 from multibody.declare.checks import declaration_faults, name_fault
 from multibody.declare.component import Component
 from multibody.declare.declarations import Frame, Input, Output, Pin, Port, Rotation, Translation
-from multibody.model.model import GROUND, Model
+from multibody.model.graph import GROUND, ModelGraph
 
 __all__ = ["Network", "Node", "PortOf", "network"]
 
@@ -101,7 +101,7 @@ class Network:
     faults: list[str] = field(default_factory=list)
 
 
-def network(model: Model) -> Network:
+def network(model: ModelGraph) -> Network:
     """Return the checked network of a model."""
     net = Network(faults=model.declared_faults)
     if not model.components:
@@ -136,7 +136,7 @@ def network(model: Model) -> Network:
     return net
 
 
-def _name_faults(model: Model) -> list[str]:
+def _name_faults(model: ModelGraph) -> list[str]:
     """Return names that cannot stand beside each other, because two quantities would have the same full
     name.
     """
@@ -165,7 +165,7 @@ def _name_faults(model: Model) -> list[str]:
 
 
 def _connection(
-    model: Model,
+    model: ModelGraph,
     ends: tuple[str, ...],
     ports: dict[str, PortOf],
     links: dict[str, set[str]],
@@ -236,7 +236,7 @@ def _join(
         links.setdefault(end, set()).add(first)
 
 
-def _signal_connection(model: Model, shown: str, outputs: list[str], inputs: list[str], net: Network) -> None:
+def _signal_connection(model: ModelGraph, shown: str, outputs: list[str], inputs: list[str], net: Network) -> None:
     if len(outputs) != 1:
         count = "no output" if not outputs else f"{len(outputs)} outputs"
         net.faults.append(
@@ -262,7 +262,7 @@ def _signal_connection(model: Model, shown: str, outputs: list[str], inputs: lis
         net.sources[target] = source
 
 
-def _signals(model: Model, net: Network) -> None:
+def _signals(model: ModelGraph, net: Network) -> None:
     for entry in model.inputs.values():
         units: dict[str, str] = {}
         if not entry.targets:

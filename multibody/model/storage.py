@@ -15,25 +15,27 @@ import re
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 from multibody.base.errors import ModelError
 from multibody.base.references import module_named
 from multibody.base.spelling import nearest
 from multibody.declare.component import Component
-from multibody.model.model import Model, ModelInput
+from multibody.model.graph import ModelGraph, ModelInput
 
 __all__ = ["SCHEMA", "load", "save", "write_whole"]
 
 SCHEMA = 1
 _TOP = {"schema": int, "name": str, "components": dict, "connections": list, "inputs": list, "outputs": dict}
+M = TypeVar("M", bound=ModelGraph)
+
 _PARTS = ("values", "options", "units", "tables", "starts")
 
 
-def save(model: Model, path: str | Path) -> Path:
+def save(model: ModelGraph, path: str | Path) -> Path:
     """Write a model as JSON and return the path.
 
     Raises
@@ -87,8 +89,14 @@ def write_whole(path: Path, content: Any) -> Path:
     return path
 
 
-def load(path: str | Path) -> Model:
+def load(path: str | Path, model_class: Callable[[str], M]) -> M:
     """Read a model from a file written by `save`.
+
+    Parameters
+    ----------
+    path : str or Path
+    model_class : callable
+        Returns an empty model with the name it is given, such as `Model`.
 
     Raises
     ------
@@ -101,7 +109,7 @@ def load(path: str | Path) -> Model:
     path = Path(path)
     faults: list[str] = []
     content = _read(path, faults)
-    model = Model(str(content.get("name", path.stem)))
+    model = model_class(str(content.get("name", path.stem)))
     for name, entry in content["components"].items():
         component = _component(name, entry, path.resolve().parent, faults)
         if component is not None:
@@ -198,7 +206,7 @@ def _component(name: str, entry: Any, folder: Path, faults: list[str]) -> Compon
     return None
 
 
-def _input(model: Model, k: int, entry: Any, faults: list[str]) -> None:
+def _input(model: ModelGraph, k: int, entry: Any, faults: list[str]) -> None:
     known = {f.name for f in dataclasses.fields(ModelInput)} - {"unit"}
     if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
         faults.append(f"input {k} has to be an object with 'name' and 'targets'")

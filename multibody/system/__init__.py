@@ -1,4 +1,4 @@
-"""A compiled machine and what is done with it: simulation, equilibrium, linearisation.
+"""A compiled machine and its analyses as functions: simulation, equilibrium, linearisation, trajectories.
 
-The top of `multibody`: takes from every other room but the library.
+Takes from every room below.  The classes that carry these functions as methods are in `multibody.machine`.
 """

@@ -1,4 +1,4 @@
-"""Outputs and derivatives of a system at every row of a trajectory that is known."""
+"""Derivatives of a system's outputs, and the longest allowed steps, at every row of a known trajectory."""
 
 from __future__ import annotations
 
@@ -8,72 +8,18 @@ import numpy as np
 
 from multibody.compile.native import load_driver
 from multibody.compile.several_directions import MANY_LANES, along_directions, worth_lanes
+from multibody.system.compiled import CompiledSystem
 
 if TYPE_CHECKING:
     from multibody.solvers.problem import Directions, NativeProblem
-    from multibody.system.system import System
 
-__all__ = ["jacobian_along", "longest_steps", "observe_along", "outputs_along"]
+__all__ = ["longest_steps", "observe_along"]
 
 _DRIVERS = "multibody.solvers.kernels.along"
 
 
-def outputs_along(
-    system: System, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray
-) -> np.ndarray:
-    """Return the outputs at every row; arguments and result as of `System.outputs_along`."""
-    shape = (times.size, len(system.outputs))
-    times, states, inputs, every = _contiguous(times, states, inputs, np.atleast_2d(p))
-    found, own, out = np.empty((len(every), *shape)), np.empty(every.shape[1]), np.empty(shape)
-    work = load_driver(_DRIVERS).rhs_along.bound(
-        system.outputs_function.address, times, states, inputs, own, out
-    )
-    for k, values in enumerate(every):
-        own[:] = values
-        work()
-        found[k] = out
-    system.outputs_function.check()
-    return found if p.ndim == 2 else found[0]
-
-
-def jacobian_along(
-    system: System,
-    wrt: str,
-    times: np.ndarray,
-    states: np.ndarray,
-    inputs: np.ndarray,
-    p: np.ndarray,
-    of: str,
-    columns: np.ndarray | None = None,
-    in_lanes: bool | None = None,
-) -> np.ndarray:
-    """Return the Jacobian at every row; arguments as of `System.jacobian_along`."""
-    function = system.rhs_tangent if of == "rhs" else system.outputs_tangent
-    sizes = {"x": len(system.states), "u": len(system.inputs), "p": len(system.parameters)}
-    chosen = np.arange(sizes[wrt]) if columns is None else np.asarray(columns, dtype=int)
-    rows, m = len(system.states) if of == "rhs" else len(system.outputs), chosen.size
-    driver, at = load_driver(_DRIVERS), _contiguous(times, states, inputs, p)
-    wide = None
-    if worth_lanes(times.size, m) if in_lanes is None else in_lanes:
-        # what reads the states' directions alone does less
-        wide = system.rhs_columns if (wrt, of) == ("x", "rhs") else along_directions(function, MANY_LANES)
-    if wide is None:
-        seeds = {key: np.zeros((m, size)) for key, size in sizes.items()}
-        seeds[wrt][np.arange(m), chosen] = 1.0
-        found = np.empty((times.size, m, rows))
-        driver.tangents_along(function.address, *at, *seeds.values(), found)
-        function.check()
-        return found.transpose(0, 2, 1)
-    room, out = np.empty((rows, wide.lanes)), np.empty((times.size, rows, m))
-    group, lane = np.divmod(np.arange(m), wide.lanes)
-    lanes = {key: np.zeros((-(-m // wide.lanes), size, wide.lanes)) for key, size in sizes.items()}
-    lanes[wrt][group, chosen, lane] = 1.0
-    driver.lanes_along(wide.address, *at, *lanes.values(), room, out)
-    return out
-
-
 def observe_along(
-    system: System,
+    system: CompiledSystem,
     times: np.ndarray,
     states: np.ndarray,
     inputs: np.ndarray,

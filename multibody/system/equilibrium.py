@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multibody.base.errors import SimulationError
+from multibody.system.compiled import CompiledSystem
 
 if TYPE_CHECKING:
     import pandas
-
-    from multibody.system.system import System
 
 __all__ = ["Equilibrium", "equilibrium"]
 
@@ -56,7 +55,7 @@ class Equilibrium:
 
 
 def equilibrium(
-    system: System,
+    system: CompiledSystem,
     *,
     inputs: Mapping[str, float] | None = None,
     parameters: Mapping[str, float] | np.ndarray | None = None,
@@ -72,7 +71,7 @@ def equilibrium(
 
     Parameters
     ----------
-    system : System
+    system : CompiledSystem
     inputs, parameters : mapping, optional
         Constant inputs and parameter values by name, SI.
     guess : mapping or ndarray, optional

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multibody.system.compiled import CompiledSystem
+
 if TYPE_CHECKING:
     import pandas
-
-    from multibody.system.system import System
 
 __all__ = ["Linearization", "linearize"]
 
@@ -22,14 +22,14 @@ class Linearization:
 
     Parameters
     ----------
-    system : System
+    system : CompiledSystem
     state, inputs : ndarray
         Where it was linearised.
     A, B, C, D : ndarray
         Shapes (n, n), (n, n_u), (n_y, n), (n_y, n_u).
     """
 
-    system: System
+    system: CompiledSystem
     state: np.ndarray
     inputs: np.ndarray
     A: np.ndarray
@@ -66,7 +66,7 @@ class Linearization:
 
 
 def linearize(
-    system: System,
+    system: CompiledSystem,
     state: Mapping[str, float] | np.ndarray | None = None,
     *,
     inputs: Mapping[str, float] | None = None,

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multibody.system.compiled import CompiledSystem
+from multibody.system.trajectory import Trajectory
+
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable
+    from collections.abc import Iterable
 
-    from multibody.model.model import Model
-    from multibody.system.system import System
-    from multibody.system.trajectory import Trajectory
-
-__all__ = ["Feature", "Passing", "features", "finer_step", "look_at", "speed_signals"]
+__all__ = ["Feature", "Passing", "features", "finer_step", "look_at"]
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class Passing:
     left: tuple[Feature, ...] = ()
 
 
-def look_at(system: System, p: np.ndarray) -> Passing:
+def look_at(system: CompiledSystem, p: np.ndarray) -> Passing:
     """Return what passes by a system at parameters p, shape (n_p,)."""
     found = features(system, p)
     widths: dict[str, float] = {}
@@ -62,19 +61,7 @@ def look_at(system: System, p: np.ndarray) -> Passing:
     return Passing(widths, _step_over_time(found), tuple(each for each in found if isinstance(each.width, str)))
 
 
-def speed_signals(model: Model, known: Container[str]) -> tuple[str, ...]:
-    """Return the signals among those known at whose speeds the features of a model pass by, each once."""
-    owned = (
-        f"{owner}.{speed}"
-        for owner, component in model.components.items()
-        for speed in component.features.values()
-        if speed != "time"
-    )
-    named = (speed for _, speed in model.features.values())
-    return tuple(name for name in dict.fromkeys([*owned, *named]) if name in known)
-
-
-def features(system: System, p: np.ndarray) -> list[Feature]:
+def features(system: CompiledSystem, p: np.ndarray) -> list[Feature]:
     """Return what can pass by, at parameters p, shape (n_p,), without what has no width or no speed here."""
     found: list[Feature] = []
     width: float | str

@@ -10,13 +10,13 @@ import numpy as np
 
 from multibody.base.errors import SimulationError
 from multibody.base.spelling import nearest
+from multibody.system.compiled import CompiledSystem
 from multibody.system.narrow_features import Passing, features, finer_step, look_at
 from multibody.system.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from multibody.inputs.table import InputTable
     from multibody.solvers.problem import Directions, NativeProblem
-    from multibody.system.system import System
 
 __all__ = ["input_table", "native_problem", "simulate"]
 
@@ -26,7 +26,7 @@ _FEATURE_RUNS = 4
 
 
 def simulate(
-    system: System,
+    system: CompiledSystem,
     until: float | tuple[float, float],
     *,
     inputs: Mapping[str, Any] | InputTable | None = None,
@@ -45,7 +45,7 @@ def simulate(
 
     Parameters
     ----------
-    system : System
+    system : CompiledSystem
         The machine.
     until : float or (float, float), s
         End, or start and end.
@@ -114,7 +114,7 @@ def simulate(
 
 
 def input_table(
-    system: System, inputs: Mapping[str, Any] | InputTable | None, *, interpolation: str = "linear"
+    system: CompiledSystem, inputs: Mapping[str, Any] | InputTable | None, *, interpolation: str = "linear"
 ) -> InputTable:
     """Return the inputs of a system as one table on a common time grid.
 
@@ -198,7 +198,7 @@ def _on_grid(column: tuple[np.ndarray, np.ndarray], grid: np.ndarray, interpolat
 
 
 def native_problem(
-    system: System,
+    system: CompiledSystem,
     p: np.ndarray,
     table: InputTable,
     directions: Directions | None = None,
@@ -236,7 +236,7 @@ def native_problem(
 
 
 def _run(
-    system: System,
+    system: CompiledSystem,
     table: InputTable,
     functions: dict[str, Callable[[float], float]],
     p: np.ndarray,
@@ -322,7 +322,7 @@ def _inputs_at(
     return u
 
 
-def _method(system: System, method: str, functions: dict[str, Any]) -> tuple[str, str]:
+def _method(system: CompiledSystem, method: str, functions: dict[str, Any]) -> tuple[str, str]:
     if method == "auto":
         if functions:
             return "LSODA", "inputs that are Python functions need a method that can call them"
@@ -337,7 +337,7 @@ def _method(system: System, method: str, functions: dict[str, Any]) -> tuple[str
     return method, "asked for"
 
 
-def _failure(system: System, solution: Any, x0: np.ndarray, span: tuple[float, float], method: str) -> str:
+def _failure(system: CompiledSystem, solution: Any, x0: np.ndarray, span: tuple[float, float], method: str) -> str:
     good = np.all(np.isfinite(solution.y), axis=0) if solution.y.size else np.zeros(0, dtype=bool)
     t, x = (solution.t[good][-1], solution.y[:, good][:, -1]) if good.any() else (span[0], x0)
     values = ", ".join(f"{n} = {v:.4g}" for n, v in list(zip(system.state_names, x, strict=True))[:12])

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multibody.base.spelling import nearest
+from multibody.system.compiled import CompiledSystem
 
 if TYPE_CHECKING:
     import pandas
-
-    from multibody.system.system import System
 
 __all__ = ["Trajectory"]
 
@@ -24,7 +23,7 @@ class Trajectory:
 
     Parameters
     ----------
-    system : System
+    system : CompiledSystem
         What was simulated.
     times : ndarray, shape (nt,), s
     states : ndarray, shape (nt, n)
@@ -48,7 +47,7 @@ class Trajectory:
     True
     """
 
-    system: System = field(repr=False)
+    system: CompiledSystem = field(repr=False)
     times: np.ndarray
     states: np.ndarray
     inputs: np.ndarray

@@ -16,7 +16,7 @@ from gearbox.parts.mesh import HelicalMesh
 from gearbox.parts.shafts import GearShaft
 from gearbox.stage.stage import MOTIONS, line_count, mesh_values
 from multibody import Model
-from multibody.system.system import System
+from multibody.machine.model import System
 
 PAPER = StageParameters.paper()
 PAIR = PAPER.gears.pair()

@@ -11,7 +11,7 @@ from gearbox.parts.bearings import BearingBushing, SeatLoad
 from gearbox.parts.housing import SEATS
 from gearbox.stage.stage import Stage
 from multibody import Model
-from multibody.system.system import System
+from multibody.machine.model import System
 
 
 @cache

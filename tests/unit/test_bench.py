@@ -14,7 +14,7 @@ from discrepancy.problem.study_file import read_study
 from discrepancy.rigs.axis import OUTPUTS, AxisRig, axis_case, entries_of, hidden_in, list_axis, make_axis, trip
 from discrepancy.rigs.recording import BenchError, Channel, Disturbance, Logger, perturb
 from estimation.fit.calibrate import UncertainParameter
-from multibody.model.model import Model
+from multibody.machine.model import Model
 
 SI = {"reference.position": "m", "motor.torque": "N*m", "carriage.position": "m", "motor.speed": "rad/s"}
 

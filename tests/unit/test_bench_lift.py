@@ -15,7 +15,7 @@ from discrepancy.problem.model import load_model
 from discrepancy.problem.study_file import read_study
 from discrepancy.rigs.hidden_effects import Hidden
 from discrepancy.rigs.recording import BenchError
-from multibody.model.model import Model
+from multibody.machine.model import Model
 from vtsdt.files.parameters import LiftParameters, ParameterError
 from vtsdt.lift.lift import Lift
 from vtsdt.rig import recordings as bench

@@ -17,7 +17,8 @@ ROOT = Path(__file__).resolve().parents[2]
 #: packages as `MAY_IMPORT` says.  "" is what lies beside the rooms, in the package's own folder.
 HOUSE: dict[str, tuple[str, ...]] = {
     "multibody": (
-        "base", "declare", "equations", "model", "assembly", "inputs", "compile", "solvers", "system", "library", "",
+        "base", "declare", "equations", "model", "assembly", "inputs", "compile", "solvers", "system", "machine",
+        "library", "",
     ),
     "surrogate": ("",),
     "estimation": ("files", "signals", "response", "fit", "filters", ""),

@@ -10,7 +10,7 @@ import pytest
 
 from multibody import Model
 from multibody.library import Mass, Spring
-from multibody.system.run_many import AHEAD, run_many, simulate_many
+from multibody.machine.run_many import AHEAD, run_many, simulate_many
 
 
 def reciprocal(x: float) -> float:

@@ -73,9 +73,9 @@ def test_everything_is_written(written) -> None:
 
 
 def test_the_saved_model_is_the_updated_one(written, conclusion) -> None:
-    from multibody.model.storage import load
+    from multibody import Model
 
-    model = load(written[0] / "model.json")
+    model = Model.load(written[0] / "model.json")
     assert "coulomb_friction.guide" in model.components
     assert model.build(probes=True).state_names == conclusion.final.system.state_names
 

@@ -12,7 +12,7 @@ import pytest
 
 from multibody import Component, Model, ModelError, Option, Output, Parameter, Table, Translation
 from multibody.library import Damper, ForceSource, Mass, Spring
-from multibody.model.storage import load, save
+from multibody.model.storage import save
 
 
 class Curve(Component):
@@ -128,7 +128,7 @@ def test_user_file_moves_with_the_model_and_is_needed(tmp_path):
     with pytest.raises(
         ModelError, match=r"cushions\.py' is needed for its component classes and is not there"
     ):
-        load(tmp_path / "two" / "model.json")
+        Model.load(tmp_path / "two" / "model.json")
 
 
 def test_classes_that_cannot_be_found_again_are_not_saved(tmp_path):
@@ -163,7 +163,7 @@ def good() -> dict:
 def test_a_file_written_by_hand(tmp_path):
     path = tmp_path / "m.json"
     path.write_text(json.dumps(good()))
-    system = load(path).build(compiled=False)
+    system = Model.load(path).build(compiled=False)
     assert system.rhs(0.0, np.array([1.0, 0.0]), np.array([3.0])) == pytest.approx([0.0, 1.0])
 
 
@@ -271,7 +271,7 @@ def test_broken_file(case, tmp_path):
     path = tmp_path / "m.json"
     path.write_text(json.dumps(change(good())))
     with pytest.raises(ModelError) as caught:
-        load(path)
+        Model.load(path)
     assert words in str(caught.value)
     assert str(path) in str(caught.value)
 
@@ -291,7 +291,7 @@ def test_file_that_is_no_model(text, words, tmp_path):
     path = tmp_path / "m.json"
     path.write_bytes(text.encode("latin-1"))
     with pytest.raises(ModelError) as caught:
-        load(path)
+        Model.load(path)
     assert words in str(caught.value)
 
 
@@ -300,7 +300,7 @@ def test_user_file_that_fails(tmp_path):
     content = changed("components", "body", "class", to="bad.py:Mass")(good())
     (tmp_path / "m.json").write_text(json.dumps(content))
     with pytest.raises(ModelError, match=r"running '.*bad\.py' failed: ZeroDivisionError"):
-        load(tmp_path / "m.json")
+        Model.load(tmp_path / "m.json")
 
 
 def test_all_faults_of_a_file_at_once(tmp_path):
@@ -311,7 +311,7 @@ def test_all_faults_of_a_file_at_once(tmp_path):
         content = change(content)
     (tmp_path / "m.json").write_text(json.dumps(content))
     with pytest.raises(ModelError) as caught:
-        load(tmp_path / "m.json")
+        Model.load(tmp_path / "m.json")
     assert len(caught.value.faults) == 4
 
 

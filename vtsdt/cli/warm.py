@@ -12,7 +12,7 @@ from multibody.base.progress import ProgressLine
 from vtsdt.cli.arguments import CommandError, Parser
 
 if TYPE_CHECKING:
-    from multibody.model.model import Model
+    from multibody.machine.model import Model
 
 __all__ = ["MODELS", "REHEARSALS", "main", "shipped", "warm"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import vtsdt.lift.stated_values  # noqa: F401 - adds parameters of a lift that may be stated wrongly to the catalogue
-from multibody.model.model import Model
+from multibody.machine.model import Model
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.model import LiftModel, Structure
 from vtsdt.lift.speed_reference import sampled_reference

@@ -8,11 +8,10 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from multibody.library.sensors import SensorChannel
 from multibody.library.spatial import RigidBody
-from multibody.model.model import Model
+from multibody.machine.model import Model, System
 from vtsdt.files.parameters import BodyParameters, GuideParameters, LiftParameters, ParameterError
 from vtsdt.lift.speed_reference import reference_component
 from vtsdt.parts.car import Accelerometer, Car, Hoist
@@ -20,9 +19,6 @@ from vtsdt.parts.control import FieldOrientedControl
 from vtsdt.parts.guide import GuidingSystem
 from vtsdt.parts.machine import GearedPMSM, MachineSupport
 from vtsdt.parts.rope import DrivingPulley, Ropes
-
-if TYPE_CHECKING:
-    from multibody.system.system import System
 
 __all__ = ["LiftModel", "Structure"]
 

@@ -13,7 +13,6 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas
 
-    from multibody.system.system import System
     from multibody.system.trajectory import Trajectory
     from vtsdt.lift.lift import Lift
 
@@ -167,7 +166,7 @@ def modes_along_trip(lift: Lift, heights: np.ndarray | None = None) -> ModesAlon
 def modes_along_run(lift: Lift, run: Trajectory, times: np.ndarray) -> ModesAlong:
     """Return the modes of the process matrix at instants of a simulated trip, as the paper does."""
     rows = np.searchsorted(run.times, times)
-    system: System = run.system
+    system = run.system
     matrices = system.jacobian_along("x", run.times[rows], run.states[rows], run.inputs[rows], run.p)
     height = run["cabin.z"][rows]
     length = run["ropes.L_c"][rows] if lift.structure.drive else lift.parameters.ropes.L_0_c - height

@@ -10,7 +10,7 @@ import numpy as np
 from vtsdt.lift.schematic import Schematic
 
 if TYPE_CHECKING:
-    from multibody.model.model import Model
+    from multibody.machine.model import Model
     from multibody.system.trajectory import Trajectory
     from vtsdt.lift.lift import Lift
 

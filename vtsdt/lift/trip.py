@@ -12,8 +12,8 @@ from vtsdt.lift.model import LiftModel
 from vtsdt.lift.speed_reference import sampled_reference, trip_sign
 
 if TYPE_CHECKING:
+    from multibody.machine.model import System
     from multibody.system.equilibrium import Equilibrium
-    from multibody.system.system import System
     from multibody.system.trajectory import Trajectory
 
 __all__ = ["check_reference", "simulate_trip", "state_at_rest"]
@@ -90,7 +90,7 @@ def _still(
         except SimulationError:
             values = {"parameters": options["parameters"]} if options.get("parameters") is not None else {}
             held = {"omega_ref": 0.0, **inputs} if "omega_ref" in system.input_names else inputs
-            run = system.simulate(_SETTLING, inputs=held, initial=known, times=[_SETTLING], **values)
+            run = system.simulate(_SETTLING, inputs=held, initial=known, times=np.array([_SETTLING]), **values)
             known = {**dict(zip(system.state_names, map(float, run.states[-1]), strict=True)),
                      **{n: known.get(n, 0.0) for n in hold}}
     return system.equilibrium(guess=known, inputs=inputs, hold=hold, **options)

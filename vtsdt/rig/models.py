@@ -11,7 +11,7 @@ from typing import Any
 
 from multibody.declare.component import Component
 from multibody.declare.declarations import Energy, Input, Output, Parameter, Translation
-from multibody.model.model import Model
+from multibody.machine.model import Model
 from vtsdt.files.parameters import LiftParameters, ParameterError
 from vtsdt.files.rail_profile import Profile
 from vtsdt.lift.lift import Lift

@@ -17,7 +17,7 @@ from discrepancy.rigs.hidden_effects import Hidden
 from discrepancy.rigs.rig import Run
 from estimation.response.experiment import SensorError
 from multibody.base.progress import Progress
-from multibody.model.model import Model
+from multibody.machine.model import Model
 from vtsdt.lift.lift import Lift
 from vtsdt.rig.models import weigh
 from vtsdt.rig.parts import disturbed, dressed

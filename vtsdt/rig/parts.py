@@ -6,7 +6,7 @@ import math
 
 from multibody.declare.component import Component
 from multibody.declare.declarations import Output, Parameter, Power, Rotation
-from multibody.model.model import Model
+from multibody.machine.model import Model
 
 __all__ = ["GearLoss", "disturbed", "dressed"]
 

@@ -20,7 +20,7 @@ from discrepancy.rigs.rig import Rig, Run
 from estimation.fit.calibrate import UncertainParameter
 from estimation.response.experiment import SensorError
 from multibody.base.progress import Progress
-from multibody.model.model import Model
+from multibody.machine.model import Model, System
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.lift import Lift
 from vtsdt.rig.models import MODELS, build, with_rails
@@ -29,7 +29,6 @@ from vtsdt.rig.rails import RailSpectrum, draw_rails, rail_tables
 from vtsdt.rig.trips import CYCLE, Trip, draw_trip, express
 
 if TYPE_CHECKING:
-    from multibody.system.system import System
     from multibody.system.trajectory import Trajectory
 
 __all__ = ["BEFORE", "SENSED", "LiftRig", "seen_by", "sources"]

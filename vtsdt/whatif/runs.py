@@ -20,7 +20,7 @@ from vtsdt.lift.energy import TripEnergy
 from vtsdt.lift.lift import Lift
 
 if TYPE_CHECKING:
-    from multibody.system.system import System
+    from multibody.machine.model import System
 
 __all__ = ["Loaded", "TripRunner", "TripSignals"]
 

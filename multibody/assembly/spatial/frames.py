@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from multibody.assembly.spatial.symbols import ZERO, ZERO_VECTOR, Vector, neg
 from multibody.declare.declarations import Frame
 from multibody.declare.rigid_body import RigidBody
 from multibody.equations.statements import variable
-
-if TYPE_CHECKING:
-    from multibody.model.network import Network, PortOf
+from multibody.model.network import Network, PortOf
 
 __all__ = ["Fixture", "circles", "fixtures"]
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from multibody.assembly.dynamics import Contribution
+from multibody.assembly.equation_set import Contribution
 from multibody.assembly.spatial.frames import Fixture
 from multibody.assembly.spatial.motion import Carrier, Freedom
 from multibody.assembly.spatial.symbols import (

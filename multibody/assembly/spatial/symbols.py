@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from multibody.assembly.equation_set import Assembly
+from multibody.assembly.equation_set import Assembly
 
 __all__ = [
     "ONE",

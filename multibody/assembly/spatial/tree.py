@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from multibody.assembly.dynamics import Coordinate
-from multibody.assembly.equation_set import Assembly, Quantity
+from multibody.assembly.equation_set import Assembly, Coordinate, Quantity, owner_rank
+from multibody.assembly.kinematics import Kinematics
 from multibody.assembly.spatial.frames import Fixture, circles, fixtures
 from multibody.assembly.spatial.inertia import Linked, energies, equations_of_motion, joint_reactions
 from multibody.assembly.spatial.motion import GROUND_MOTION, Carrier, Freedom, Moving, move, point
@@ -13,18 +11,15 @@ from multibody.assembly.spatial.symbols import ZERO, ZERO_VECTOR, Vector, Writer
 from multibody.declare.declarations import Frame
 from multibody.declare.rigid_body import ANGLES, COORDINATES, LENGTHS, RigidBody, World
 from multibody.equations.statements import variable
-
-if TYPE_CHECKING:
-    from multibody.assembly.kinematics import Kinematics
-    from multibody.model.model import Model
-    from multibody.model.network import Network
+from multibody.model.graph import ModelGraph
+from multibody.model.network import Network
 
 __all__ = ["assemble_spatial"]
 
 _FREE_FALL: Vector = (ZERO, ZERO, "-9.80665")
 
 
-def assemble_spatial(model: Model, net: Network, kin: Kinematics, work: Assembly) -> None:
+def assemble_spatial(model: ModelGraph, net: Network, kin: Kinematics, work: Assembly) -> None:
     """Write motion of all bodies and frames and their equations of motion into ``work``.
 
     Forces that components exert on frames must stand in ``work`` already; what acts on a body's axes is added
@@ -204,10 +199,8 @@ def _frame(work: Assembly, fixture: Fixture, carrier: Carrier, gravity: Vector) 
                 work.renamed[mine] = f"{fixture.base}__{quantity}"
 
 
-def _order_states(model: Model, bodies: dict[str, RigidBody], work: Assembly) -> None:
+def _order_states(model: ModelGraph, bodies: dict[str, RigidBody], work: Assembly) -> None:
     """Put each body's coordinates before its speeds, and states in the order of their components."""
-    from multibody.assembly.kinematics import owner_rank
-
     order = list(model.components)
     ranks: dict[str, int] = {}
     for name, body in bodies.items():

@@ -9,11 +9,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from multibody.model.model import Model
-    from multibody.system.system import System
+from multibody.machine.model import Model, System
 
 __all__ = ["Outcome", "run_many", "simulate_many"]
 

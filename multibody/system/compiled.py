@@ -1,33 +1,38 @@
-"""A compiled machine: named states, inputs, parameters and outputs, rates, exact Jacobians, and what is done
-with them.
-"""
+"""A compiled machine: named states, inputs, parameters and outputs, their rates, and exact Jacobians."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from multibody.assembly.assemble import find_places
 from multibody.assembly.equation_set import Quantity
 from multibody.assembly.places import Place
 from multibody.base.errors import EquationError, ModelError
 from multibody.base.spelling import nearest
 from multibody.base.units import UnitError, quantity
 from multibody.compile.assembled import plan_of
+from multibody.compile.native import (
+    RHS_ARRAYS,
+    TANGENT_ARRAYS,
+    NativeFunction,
+    ReturningFunction,
+    compile_text,
+    compiling,
+    load_driver,
+)
+from multibody.compile.several_directions import FEW_LANES, MANY_LANES, along_directions, along_states, worth_lanes
+from multibody.model.graph import ModelGraph
 
-if TYPE_CHECKING:
-    from multibody.compile.native import NativeFunction, ReturningFunction
-    from multibody.model.model import Model
-    from multibody.system.equilibrium import Equilibrium
-    from multibody.system.linearize import Linearization
-    from multibody.system.trajectory import Trajectory
+__all__ = ["CompiledSystem"]
 
-__all__ = ["System"]
+_DRIVERS = "multibody.solvers.kernels.along"
 
 
-class System:
+class CompiledSystem:
     """The assembled equations ẋ = f(t, x, u, p), y = h(t, x, u, p) of a model.
 
     Made by `Model.build`.  Vectors follow the order of ``state_names``, ``input_names``, ``parameter_names``
@@ -36,7 +41,7 @@ class System:
 
     Parameters
     ----------
-    model : Model
+    model : ModelGraph
         The machine.
     probes : bool
         Add an input ``probe.<place>`` for a force at every place where an effect can act.
@@ -55,7 +60,7 @@ class System:
 
     def __init__(
         self,
-        model: Model,
+        model: ModelGraph,
         *,
         probes: bool = False,
         energy: bool = False,
@@ -99,8 +104,6 @@ class System:
     def places(self) -> tuple[Place, ...]:
         """Where an effect can act."""
         if self._places is None:
-            from multibody.assembly.assemble import find_places
-
             self._places = tuple(find_places(self.model))
         return self._places
 
@@ -194,8 +197,6 @@ class System:
     # ---------------------------------------------------------------- functions
 
     def _native(self, name: str) -> NativeFunction:
-        from multibody.compile.native import RHS_ARRAYS, TANGENT_ARRAYS, compile_text, compiling
-
         arrays = TANGENT_ARRAYS if name.endswith("tangent") else RHS_ARRAYS
         text = self.texts[name]
         try:
@@ -232,8 +233,6 @@ class System:
 
         As `multibody.compile.several_directions.along_directions`; ``u_dot`` and ``p_dot`` are not read.
         """
-        from multibody.compile.several_directions import FEW_LANES, MANY_LANES, along_states
-
         few = int(self.colours.max(initial=0)) < 4 * FEW_LANES
         return along_states(self.texts["rhs_columns"], FEW_LANES if few else MANY_LANES) if self.compiled else None
 
@@ -259,8 +258,6 @@ class System:
         return self._returning(self.outputs_function, len(self.outputs))
 
     def _returning(self, function: NativeFunction, size: int) -> ReturningFunction:
-        from multibody.compile.native import ReturningFunction
-
         return ReturningFunction(function, size, self.u, self.p)
 
     def jacobian(
@@ -323,9 +320,28 @@ class System:
         -------
         ndarray, shape (nt, n or n_y, number of columns)
         """
-        from multibody.system.along_trajectory import jacobian_along
-
-        return jacobian_along(self, wrt, times, states, inputs, p, of, columns, in_lanes)
+        function = self.rhs_tangent if of == "rhs" else self.outputs_tangent
+        sizes = {"x": len(self.states), "u": len(self.inputs), "p": len(self.parameters)}
+        chosen = np.arange(sizes[wrt]) if columns is None else np.asarray(columns, dtype=int)
+        rows, m = len(self.states) if of == "rhs" else len(self.outputs), chosen.size
+        driver, at = load_driver(_DRIVERS), _contiguous(times, states, inputs, p)
+        wide = None
+        if worth_lanes(times.size, m) if in_lanes is None else in_lanes:
+            # what reads the states' directions alone does less
+            wide = self.rhs_columns if (wrt, of) == ("x", "rhs") else along_directions(function, MANY_LANES)
+        if wide is None:
+            seeds = {key: np.zeros((m, size)) for key, size in sizes.items()}
+            seeds[wrt][np.arange(m), chosen] = 1.0
+            found = np.empty((times.size, m, rows))
+            driver.tangents_along(function.address, *at, *seeds.values(), found)
+            function.check()
+            return found.transpose(0, 2, 1)
+        room, out = np.empty((rows, wide.lanes)), np.empty((times.size, rows, m))
+        group, lane = np.divmod(np.arange(m), wide.lanes)
+        lanes = {key: np.zeros((-(-m // wide.lanes), size, wide.lanes)) for key, size in sizes.items()}
+        lanes[wrt][group, chosen, lane] = 1.0
+        driver.lanes_along(wide.address, *at, *lanes.values(), room, out)
+        return out
 
     def outputs_along(
         self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray
@@ -334,9 +350,18 @@ class System:
 
         Of several parameter vectors, p (k, n_p), they have the shape (k, nt, n_y).
         """
-        from multibody.system.along_trajectory import outputs_along
-
-        return outputs_along(self, times, states, inputs, p)
+        shape = (times.size, len(self.outputs))
+        times, states, inputs, every = _contiguous(times, states, inputs, np.atleast_2d(p))
+        found, own, out = np.empty((len(every), *shape)), np.empty(every.shape[1]), np.empty(shape)
+        work = load_driver(_DRIVERS).rhs_along.bound(
+            self.outputs_function.address, times, states, inputs, own, out
+        )
+        for k, values in enumerate(every):
+            own[:] = values
+            work()
+            found[k] = out
+        self.outputs_function.check()
+        return found if p.ndim == 2 else found[0]
 
     @cached_property
     def colours(self) -> np.ndarray:
@@ -349,28 +374,12 @@ class System:
             colours[j] = next(c for c in range(n) if c not in taken)
         return colours
 
-    # ---------------------------------------------------------------- analyses
-
-    def simulate(self, *args: Any, **kwargs: Any) -> Trajectory:
-        """Simulate; see `multibody.system.simulate.simulate`."""
-        from multibody.system.simulate import simulate
-
-        return simulate(self, *args, **kwargs)
-
-    def equilibrium(self, *args: Any, **kwargs: Any) -> Equilibrium:
-        """Find a static state; see `multibody.system.equilibrium.equilibrium`."""
-        from multibody.system.equilibrium import equilibrium
-
-        return equilibrium(self, *args, **kwargs)
-
-    def linearize(self, *args: Any, **kwargs: Any) -> Linearization:
-        """Linearise about a state; see `multibody.system.linearize.linearize`."""
-        from multibody.system.linearize import linearize
-
-        return linearize(self, *args, **kwargs)
-
     def __repr__(self) -> str:
         return (
-            f"System({self.name!r}: {len(self.states)} states, {len(self.inputs)} inputs, "
+            f"{type(self).__name__}({self.name!r}: {len(self.states)} states, {len(self.inputs)} inputs, "
             f"{len(self.parameters)} parameters, {len(self.outputs)} outputs)"
         )
+
+
+def _contiguous(*arrays: Any) -> tuple[np.ndarray, ...]:
+    return tuple(np.require(a, float, ["C", "W"]) for a in arrays)

@@ -1,0 +1,176 @@
+"""The two classes that users hold: a model, and the compiled system that it is built into.
+
+A model is built from components, copied with other values, compiled, saved and read; a system is simulated, linearised
+and brought to rest.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from multibody.assembly.assemble import find_places
+from multibody.base.errors import ModelError
+from multibody.base.spelling import nearest
+from multibody.model.description import describe as describe_graph
+from multibody.model.graph import ModelGraph
+from multibody.model.storage import load as load_graph
+from multibody.model.storage import save as save_graph
+from multibody.system.compiled import CompiledSystem
+from multibody.system.equilibrium import equilibrium as find_equilibrium
+from multibody.system.linearize import linearize as linearize_system
+from multibody.system.simulate import simulate as simulate_system
+
+__all__ = ["Model", "System"]
+
+_POINT = re.compile(r"(.+)\.(x|y)\[(\d+)\]\Z")
+
+
+def _table_point(key: str) -> tuple[str, str, int] | None:
+    """Split ``"rail.profile.y[3]"`` into table, axis and number of the point."""
+    found = _POINT.match(key)
+    return (found[1], found[2], int(found[3])) if found else None
+
+
+class Model(ModelGraph):
+    """A named graph of components.
+
+    Parameters
+    ----------
+    name : str
+        Name of the machine, used in messages, tables and files.
+
+    Examples
+    --------
+    >>> from multibody.library import Mass, Spring
+    >>> model = Model("oscillator")
+    >>> body = model.add("body", Mass(m=1.0, position=0.1))
+    >>> spring = model.add("spring", Spring(stiffness=100.0))
+    >>> model.connect(spring.a, model.ground)
+    >>> model.connect(spring.b, body.flange)
+    >>> model.build().state_names
+    ('body.position', 'body.velocity')
+    """
+
+    # ---------------------------------------------------------------- changing a copy
+
+    def copy(self, name: str | None = None) -> Model:
+        """Return an independent copy; components are values and are shared."""
+        other = Model(name or self.name)
+        other._graph = copy.copy(self._graph)
+        for slot in ("components", "connections", "inputs", "outputs", "features", "faults"):
+            setattr(other._graph, slot, copy.copy(getattr(self._graph, slot)))
+        other._graph.inputs = {k: copy.deepcopy(v) for k, v in self._graph.inputs.items()}
+        return other
+
+    def with_values(self, values: dict[str, float]) -> Model:
+        """Return a copy with parameters replaced, given as ``{"mass.m": 96.0}`` in SI.
+
+        Raises
+        ------
+        ModelError
+            If a name is not a parameter or start value of the model.
+        """
+        other, faults = self.copy(), []
+        changes: dict[str, dict[str, Any]] = {}
+        points: dict[tuple[str, str], list[tuple[str, int, float]]] = {}
+        for key, value in values.items():
+            kind = key.rpartition(".")[2]
+            source = key.removeprefix("input.").rpartition(".")[0]
+            if key.startswith("input.") and getattr(other._graph.inputs.get(source), kind, None) is not None:
+                setattr(other._graph.inputs[source], kind, value)
+                continue
+            if (point := _table_point(key)) is not None:
+                found = self.find(point[0])
+                if found is not None and found[2] in found[1].tables:
+                    points.setdefault((found[0], found[2]), []).append((point[1], point[2], value))
+                    continue
+            found = self.find(key)
+            if found is None or found[2] not in (*found[1].values, *found[1].starts):
+                known = [
+                    f"{n}.{p}" for n, c in self._graph.components.items() for p in (*c.values, *c.starts)
+                ]
+                faults.append(f"no parameter '{key}'{nearest(key, known)}")
+            else:
+                changes.setdefault(found[0], {})[found[2]] = value
+        if faults:
+            raise ModelError(self.name, faults)
+        for (owner, table), moved in points.items():
+            x, y = (axis.copy() for axis in self._graph.components[owner].tables[table])
+            for axis, k, value in moved:
+                (x if axis == "x" else y)[k] = value
+            changes.setdefault(owner, {})[table] = (x, y)
+        for name, change in changes.items():
+            other._graph.components[name] = self._graph.components[name].copy(**change)
+        return other
+
+    def with_input_error(self, name: str, **errors: float) -> Model:
+        """Return a copy in which an input has a ``gain`` (relative), ``offset`` or ``delay`` (s) error."""
+        if name not in self._graph.inputs:
+            raise KeyError(f"model '{self.name}' has no input '{name}'{nearest(name, self._graph.inputs)}")
+        other = self.copy()
+        for kind, value in errors.items():
+            if kind not in ("gain", "offset", "delay"):
+                raise ValueError(f"an input has no '{kind}' error: give gain, offset or delay")
+            setattr(other._graph.inputs[name], kind, value)
+        return other
+
+    # ---------------------------------------------------------------- compiling and looking
+
+    def build(
+        self,
+        *,
+        probes: bool = False,
+        energy: bool = False,
+        outputs: Iterable[str] | None = None,
+        compiled: bool = True,
+    ) -> System:
+        """Check the model, assemble its equations and return the compiled `System`; arguments as of `System`.
+
+        Raises
+        ------
+        ModelError
+            With every fault of the model.
+        """
+        return System(self, probes=probes, energy=energy, outputs=outputs, compiled=compiled)
+
+    places = find_places
+    describe = describe_graph
+
+    # ---------------------------------------------------------------- files
+
+    save = save_graph
+
+    @staticmethod
+    def load(path: str | Path) -> Model:
+        """Read a model from JSON; see `multibody.model.storage.load`."""
+        return load_graph(path, Model)
+
+
+class System(CompiledSystem):
+    """A compiled machine, as `Model.build` returns it: names, values and functions of `CompiledSystem`, and analyses.
+
+    Examples
+    --------
+    >>> from multibody import Model
+    >>> from multibody.library import Mass, Spring
+    >>> model = Model("oscillator")
+    >>> body = model.add("body", Mass(m=1.0, position=0.1))
+    >>> spring = model.add("spring", Spring(stiffness=100.0))
+    >>> model.connect(spring.a, model.ground)
+    >>> model.connect(spring.b, body.flange)
+    >>> system = model.build()
+    >>> system
+    System('oscillator': 2 states, 0 inputs, 3 parameters, 9 outputs)
+    >>> system.equilibrium()["body.position"]
+    0.0
+    """
+
+    model: Model
+
+    simulate = simulate_system
+    equilibrium = find_equilibrium
+    linearize = linearize_system
