@@ -54,7 +54,7 @@ def _followed(problem: Any, experiment: Any) -> Any:
     for k, name in enumerate(experiment.outputs):
         values = y[:, k] + 1e-3 * np.std(y[:, k]) * rng.standard_normal(len(y))
         signals[name] = replace(signals[name], values=values)
-    return replace(experiment, record=replace(experiment.record, signals=signals), _cache={})
+    return replace(experiment, record=replace(experiment.record, signals=signals))
 
 
 def _columns(each: int) -> Callable[[], None]:
@@ -66,7 +66,7 @@ def _columns(each: int) -> Callable[[], None]:
     def work() -> None:
         nonlocal shapes
         for fit in stage.identify.fits:
-            fit.experiment._cache.clear()
+            fit.experiment.clear_cache()
         linearised = stage.without_results().linearised_problem(preparation)
         candidates, _ = candidate_sensitivities(linearised, entries[::each])
         shapes = sum(len(c.columns) for c in candidates)

@@ -13,7 +13,7 @@ from multibody.base.spelling import nearest
 
 if TYPE_CHECKING:
     from estimation.fit.calibrate import UncertainParameter
-    from estimation.response.experiment import SensorError
+    from estimation.response.sensors import SensorError
     from multibody.assembly.places import Place
     from multibody.declare.component import Component
     from multibody.machine.model import Model, System
@@ -203,7 +203,7 @@ class Effect:
 
     def sensor_error(self) -> SensorError | None:
         """Return the sensor's error, for sensor kinds."""
-        from estimation.response.experiment import SensorError
+        from estimation.response.sensors import SensorError
 
         if self.definition.at != "sensor":
             return None

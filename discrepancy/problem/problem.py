@@ -106,13 +106,13 @@ def make_experiments(
         free = [n for n in model.build().state_names if n not in fixed and not n.startswith("energy.")]
     return tuple(
         Experiment(
-            record,
-            tuple(inputs),
-            tuple(outputs),
-            preparation or Preparation(),
-            start,
-            tuple(free),
-            tuple(offsets),
+            record=record,
+            inputs=tuple(inputs),
+            outputs=tuple(outputs),
+            preparation=preparation or Preparation(),
+            start=start,
+            free=tuple(free),
+            offsets=tuple(offsets),
             held=tuple(held),
         )
         for record in records

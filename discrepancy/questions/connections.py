@@ -14,7 +14,7 @@ import numpy as np
 
 from discrepancy.stages.residuals_along_motion import ResidualsAlongMotion
 from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
-from estimation.response.perturbations import Push
+from estimation.response.perturbations import InputPerturbation
 from multibody.base.parallel import cores
 
 __all__ = ["connections_or_why", "failing_connections"]
@@ -186,7 +186,7 @@ def _responses(
             facts.linearised.slim,
             facts.linearised.p,
             facts.linearised.initial_state(i),
-            pushes=[Push(f"probe.{p}", f) for p in places for f in (*shared, *generic[p][i])],
+            perturbations=[InputPerturbation(f"probe.{p}", f) for p in places for f in (*shared, *generic[p][i])],
             sensors=facts.linearised.sensors,
             workers=cores(),
         ).derivatives

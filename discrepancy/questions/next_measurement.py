@@ -78,7 +78,7 @@ class _Pair:
         signals = {n: Signal(u, given.record.signals[n].unit, n, "") for n, u in changed.items()}
         record = Record(f"{given.record.name} {trip.words}", given.record.path, time, signals)
         start = {n: float(x) for n, x in zip(stage.system.state_names, self._start(stage), strict=True)}
-        return replace(given, record=record, outputs=self.outputs, offsets=(), start=start, input_noise={}, _cache={})
+        return replace(given, record=record, outputs=self.outputs, offsets=(), start=start, input_noise={})
 
     def _start(self, stage: Stage) -> np.ndarray:
         fit = stage.identify.fits[self.index]

@@ -15,12 +15,12 @@ import numpy as np
 
 from discrepancy.statistics.low_rank_noise import Shaping, shaping_along
 from estimation.response.experiment import Experiment
-from estimation.response.perturbations import Push
+from estimation.response.perturbations import InputPerturbation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimation.response.experiment import SensorError
+    from estimation.response.sensors import SensorError
     from multibody.machine.model import System
 
 __all__ = ["shaping_of"]
@@ -61,6 +61,6 @@ def shaping_of(
     tents = np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(knots)))
     # White noise of deviation s at the sampling rate has the same low-frequency density as tents of this deviation.
     share = np.sqrt((knots - 1) / (time.size - 1))
-    pushes = [Push(n, s * share * tents[:, k]) for n, s in noisy.items() for k in range(knots)]
-    found = experiment.respond(system, p, x0, pushes=pushes, sensors=sensors).derivatives
+    perturbations = [InputPerturbation(n, s * share * tents[:, k]) for n, s in noisy.items() for k in range(knots)]
+    found = experiment.respond(system, p, x0, perturbations=perturbations, sensors=sensors).derivatives
     return shaping_along(found, noise)

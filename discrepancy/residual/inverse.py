@@ -219,7 +219,6 @@ def _experiment(
         free=free,
         held=(),
         offsets=tuple(o for o in experiment.offsets if o in compared),
-        _cache={},
     )
 
 

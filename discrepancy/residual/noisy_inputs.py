@@ -21,7 +21,7 @@ import numpy as np
 
 from discrepancy.problem.problem import Problem, noise_floors
 from discrepancy.residual.initial_state import signal_bandwidth
-from estimation.response.perturbations import Push
+from estimation.response.perturbations import InputPerturbation
 from estimation.signals.correlation import correlation_time
 from estimation.signals.preparation import SignalError, low_pass
 from multibody.base.parallel import side_by_side
@@ -139,7 +139,7 @@ def reduce_input_noise(problem: Problem, progress: Callable[[str], None]) -> tup
 
     def used(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
         quiet = (_low_passed(e, cutoffs) for e in experiments)
-        return tuple(replace(e, input_noise=weighed, noise_band=band, _cache={}) for e in quiet)
+        return tuple(replace(e, input_noise=weighed, noise_band=band) for e in quiet)
 
     quiet = replace(problem, identify=used(problem.identify), validate=used(problem.validate))
     compared = [each.validate or each.identify for each in (problem, quiet)]
@@ -202,8 +202,10 @@ def _noise_share(problem: Problem, system: System, p: np.ndarray, cutoffs: Mappi
         """Return error, inputs' and parameters' columns (n, n_y, ·), and those of the start, above the cutoff."""
         time = np.asarray(e.record.time)
         values = [np.asarray(e.record.signals[n].values) for n in names]
-        pushes = [Push(n, v - low_pass(time, v, cutoffs[n])) for n, v in zip(names, values, strict=True)]
-        found = e.respond(system, p, parameters=parameters, states=e.free, pushes=pushes)
+        perturbations = [
+            InputPerturbation(n, v - low_pass(time, v, cutoffs[n])) for n, v in zip(names, values, strict=True)
+        ]
+        found = e.respond(system, p, parameters=parameters, states=e.free, perturbations=perturbations)
         stacked = np.concatenate([(e.measured - found.outputs)[:, :, None], found.derivatives], axis=2)
         flat = stacked.reshape(len(stacked), -1)
         high = (flat - low_pass(e.time, flat, lowest)).reshape(stacked.shape)
@@ -257,12 +259,12 @@ def _made_by_noise(
     longest = max(problem.identify, key=lambda e: e.record.duration)
     rng = np.random.default_rng(problem.seed)
     time = np.asarray(longest.record.time)
-    pushes = []
+    perturbations = []
     for n, s in noise.items():
         for _ in range(DRAWS):
             drawn = s * rng.standard_normal(time.size)
-            pushes.append(Push(n, low_pass(time, drawn, cutoffs[n]) if n in cutoffs else drawn))
-    found = longest.respond(system, p, pushes=pushes).derivatives
+            perturbations.append(InputPerturbation(n, low_pass(time, drawn, cutoffs[n]) if n in cutoffs else drawn))
+    found = longest.respond(system, p, perturbations=perturbations).derivatives
     squares = np.mean(found**2, axis=0).reshape(found.shape[1], len(noise), DRAWS)
     made = np.sqrt(np.mean(squares, axis=2))
     return {n: made[:, k] for k, n in enumerate(noise)}
@@ -283,7 +285,7 @@ def _low_passed(experiment: Experiment, cutoffs: Mapping[str, float]) -> Experim
     for name, cutoff in cutoffs.items():
         signals[name] = replace(signals[name], values=low_pass(time, np.asarray(signals[name].values), cutoff))
         log.append(f"{name}: low-pass at {cutoff:.4g} Hz (Butterworth, zero phase), because of its noise")
-    return replace(experiment, record=replace(record, signals=signals, log=(*record.log, *log)), _cache={})
+    return replace(experiment, record=replace(record, signals=signals, log=(*record.log, *log)))
 
 
 def _errors(experiments: Sequence[Experiment], system: System, p: np.ndarray) -> np.ndarray:

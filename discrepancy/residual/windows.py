@@ -16,7 +16,7 @@ import numpy as np
 from discrepancy.residual.initial_state import Followed
 from estimation.files.record import Record
 from estimation.response.experiment import Experiment
-from estimation.response.perturbations import Push
+from estimation.response.perturbations import InputPerturbation
 from estimation.signals.preparation import Preparation
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def crop(experiment: Experiment) -> Experiment:
     low = int(np.searchsorted(time, (time[0] if given.start is None else given.start) - slack))
     high = int(np.searchsorted(time, (time[-1] if given.stop is None else given.stop) + slack))
     record = sub_record(experiment.record, slice(low, high), experiment.record.name)
-    return replace(experiment, record=record, preparation=replace(given, start=None, stop=None), _cache={})
+    return replace(experiment, record=record, preparation=replace(given, start=None, stop=None))
 
 
 def sub_record(record: Record, part: slice, name: str) -> Record:
@@ -157,18 +157,20 @@ def growth_from(
     last = len(experiment.record.time) if last is None else last
     while True:
         record = sub_record(experiment.record, slice(first, last), experiment.record.name)
-        part = replace(experiment, record=record, preparation=Preparation(), _cache={})
+        part = replace(experiment, record=record, preparation=Preparation())
         values = [np.array(record.signals[n].values) for n in experiment.inputs]
-        pushes = [Push(n, v) for n, v in zip(experiment.inputs, values, strict=True)]
+        perturbations = [InputPerturbation(n, v) for n, v in zip(experiment.inputs, values, strict=True)]
         rng = np.random.default_rng(first)  # the same noise wherever one looks from the same sample
-        pushes += [
-            Push(n, s * rng.standard_normal(last - first))
+        perturbations += [
+            InputPerturbation(n, s * rng.standard_normal(last - first))
             for _ in range(_DRAWS)
             for n, s in zip(experiment.inputs, followed.input_noise, strict=True)
         ]
         try:
             with np.errstate(over="ignore", invalid="ignore"):
-                found = part.respond(system, p, followed.at(first), states=states, pushes=pushes).derivatives
+                found = part.respond(
+                    system, p, followed.at(first), states=states, perturbations=perturbations
+                ).derivatives
             break
         except SimulationError:
             last = first + (last - first) // 2
@@ -291,5 +293,5 @@ def cut_windows(
             free = everything
             start = {s: float(v) for s, v in zip(system.state_names, x, strict=True)}
         part = sub_record(record, slice(a, b + 1), name)
-        found.append(replace(experiment, record=part, start=start, free=free, input_noise=noise, _cache={}))
+        found.append(replace(experiment, record=part, start=start, free=free, input_noise=noise))
     return found

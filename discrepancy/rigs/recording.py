@@ -25,7 +25,7 @@ from estimation.fit.calibrate import UncertainParameter
 
 if TYPE_CHECKING:
     from discrepancy.problem.problem import Problem
-    from estimation.response.experiment import SensorError
+    from estimation.response.sensors import SensorError
     from multibody.machine.model import Model
 
 __all__ = [

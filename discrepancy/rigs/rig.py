@@ -43,7 +43,7 @@ from multibody.base.progress import Progress, silent
 
 if TYPE_CHECKING:
     from estimation.fit.calibrate import UncertainParameter
-    from estimation.response.experiment import SensorError
+    from estimation.response.sensors import SensorError
     from multibody.assembly.places import Place
     from multibody.machine.model import Model, System
     from multibody.system.trajectory import Trajectory

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.effects.catalogue import Entry
-from estimation.response.perturbations import Change
+from estimation.response.perturbations import ParameterPerturbation
 
 if TYPE_CHECKING:
     from discrepancy.sensitivities.linearised_problem import LinearisedProblem
@@ -24,7 +24,7 @@ __all__ = ["Plan", "Wanted", "changes_of", "integrated_sensitivities"]
 Plan = tuple[Entry, list[dict[str, float]], list[str]]
 
 #: a candidate's name and the number of its shape, beside one of its strengths
-Wanted = tuple[tuple[str, int], Change]
+Wanted = tuple[tuple[str, int], ParameterPerturbation]
 
 
 def changes_of(plans: Sequence[Plan], system: System) -> tuple[list[Wanted], list[Wanted]]:
@@ -36,8 +36,10 @@ def changes_of(plans: Sequence[Plan], system: System) -> tuple[list[Wanted], lis
         owner, ending = entry.kind.owner_of(entry.where)
         names = [f"{owner}.{n}{ending}" for n in strengths]
         for k, shape in enumerate(shapes):
-            beside = tuple((f"{owner}.{n}{ending}", float(v)) for n, v in shape.items())
-            (others if late & set(names) else carried).extend(((entry.name, k), Change(n, beside)) for n in names)
+            evaluated_at = tuple((f"{owner}.{n}{ending}", float(v)) for n, v in shape.items())
+            (others if late & set(names) else carried).extend(
+                ((entry.name, k), ParameterPerturbation(n, evaluated_at)) for n in names
+            )
     return carried, others
 
 
@@ -50,11 +52,11 @@ def integrated_sensitivities(
     """
     together: dict[tuple[tuple[str, float], ...], list[Wanted]] = {}
     for each in wanted:
-        together.setdefault(each[1].beside, []).append(each)
+        together.setdefault(each[1].evaluated_at, []).append(each)
     found = []
-    for beside, group in together.items():
+    for evaluated_at, group in together.items():
         p = linearised.p.copy()
-        for name, value in beside:
+        for name, value in evaluated_at:
             p[linearised.slim.index("parameter", name)] = value
         names = [change.parameter for _, change in group]
         dy = (

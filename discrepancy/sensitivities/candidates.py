@@ -22,8 +22,7 @@ from discrepancy.sensitivities.finite_amplitude import far_away, finite_amplitud
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.blocks import Candidate
 from estimation.response.experiment import Experiment
-from estimation.response.perturbation_response import forget, response_of, worth_it
-from estimation.response.perturbations import Change, Push
+from estimation.response.perturbations import InputPerturbation, Perturbation, cheaper_by_transition_matrices
 from multibody.base.errors import ModelError
 from multibody.base.parallel import cores, side_by_side
 
@@ -173,7 +172,7 @@ def _record_columns(
     experiment = linearised.experiments[index]
     time = np.array(experiment.record.time)
     run = linearised.nominal_outputs(index)
-    pushes: list[Push | Change] = []
+    perturbations: list[Perturbation] = []
     wanted: list[tuple[tuple[str, int], int]] = []
     sensors: dict[tuple[str, int], np.ndarray] = {}
     built_in: list[Plan] = []
@@ -182,41 +181,49 @@ def _record_columns(
             forces = _forces(linearised, entry, run, time, shapes, strengths)
             for k, group in enumerate(forces):
                 for force in group:
-                    wanted.append(((entry.name, k), len(pushes)))
-                    pushes.append(Push(f"probe.{entry.where}", force))
+                    wanted.append(((entry.name, k), len(perturbations)))
+                    perturbations.append(InputPerturbation(f"probe.{entry.where}", force))
         elif entry.kind.at == "input":
             u = experiment.record.signals[entry.where].values
             still = np.ptp(u) <= STILL * np.max(np.abs(u))  # its rate is nothing but rounding
             late = np.zeros_like(time) if still else -np.gradient(u, time)
             shape = {"offset": np.ones_like(time), "gain": u, "delay": late}[entry.kind.law]
-            wanted.append(((entry.name, 0), len(pushes)))
-            pushes.append(Push(entry.where, shape))
+            wanted.append(((entry.name, 0), len(perturbations)))
+            perturbations.append(InputPerturbation(entry.where, shape))
         elif entry.kind.at == "parameter":
             built_in.append((entry, shapes, strengths))
         else:
             sensors[entry.name, 0] = _sensor_column(experiment, run, time, entry)
     start = linearised.initial_state(index)
     carried, integrated = changes_of(built_in, linearised.slim)
-    together = worth_it(linearised.slim, [*pushes, *(change for _, change in carried)])
+    together = cheaper_by_transition_matrices(linearised.slim, [*perturbations, *(change for _, change in carried)])
     if together:
-        wanted += [(key, len(pushes) + k) for k, (key, _) in enumerate(carried)]
-        pushes += [change for _, change in carried]
-        response_of(experiment, linearised.slim, linearised.p, start, pushes, curves)  # for all batches at once
+        wanted += [(key, len(perturbations) + k) for k, (key, _) in enumerate(carried)]
+        perturbations += [change for _, change in carried]
+        experiment.perturbation_response(  # for all batches at once
+            linearised.slim, linearised.p, start, perturbations, curves
+        )
     else:
         integrated = [*carried, *integrated]
     parts: dict[tuple[str, int], list[np.ndarray]] = {}
     batch = 192  # limits memory
-    for first in range(0, len(pushes), batch):
-        part = pushes[first : first + batch]
+    for first in range(0, len(perturbations), batch):
+        part = perturbations[first : first + batch]
         dy = experiment.respond(
-            linearised.slim, linearised.p, start, pushes=part, sensors=linearised.sensors, batch=batch, workers=cores()
+            linearised.slim,
+            linearised.p,
+            start,
+            perturbations=part,
+            sensors=linearised.sensors,
+            batch=batch,
+            workers=cores(),
         ).derivatives
         for key, k in wanted:
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])
     if together and curves:
         linearised.free_curve_sensitivities(index)
-    forget(experiment)
+    experiment.trim_cache()
     for key, column in integrated_sensitivities(linearised, index, integrated):
         parts.setdefault(key, []).append(column)
     columns = {key: np.stack(group, axis=2) for key, group in parts.items()} | sensors

@@ -27,7 +27,7 @@ from discrepancy.statistics.low_rank_noise import Shaping, shaping_along
 from discrepancy.statistics.null import WHOLE_RECORDS, cut
 from discrepancy.statistics.whitened import plain_projection, projection_in
 from discrepancy.statistics.whitening import identity
-from estimation.response.perturbations import Push
+from estimation.response.perturbations import InputPerturbation
 from multibody.base.quantity_text import quantity_text
 
 if TYPE_CHECKING:
@@ -145,12 +145,12 @@ def _runs_on(linearised: LinearisedProblem, index: int) -> bool:
     """
     experiment = linearised.experiments[index]
     steady = np.ones_like(np.asarray(experiment.record.time))
-    perturbations = [Push(f"probe.{place.name}", steady) for place in linearised.system.places]
+    perturbations = [InputPerturbation(f"probe.{place.name}", steady) for place in linearised.system.places]
     if not perturbations:
         return False
     start = linearised.initial_state(index)
     changed = experiment.respond(
-        linearised.slim, linearised.p, start, pushes=perturbations, sensors=linearised.sensors
+        linearised.slim, linearised.p, start, perturbations=perturbations, sensors=linearised.sensors
     ).derivatives
     return any(
         keeps_growing(np.abs(changed[:, c, k])) for c in range(changed.shape[1]) for k in range(changed.shape[2])

@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.hat_functions import even_hat_functions
-from estimation.response.perturbations import Push
+from estimation.response.perturbations import InputPerturbation
 
 if TYPE_CHECKING:
     from multibody.assembly.places import Place
@@ -49,12 +49,12 @@ def force_responses(linearised: LinearisedProblem, place: Place, index: int) -> 
     knots = _knots(time, len(linearised.experiments))
     position = np.clip((time - knots[0]) / (knots[1] - knots[0]), 0.0, len(knots) - 1.0)
     basis = even_hat_functions(position, len(knots))
-    perturbations = [Push(f"probe.{place.name}", np.ascontiguousarray(column)) for column in basis.T]
+    perturbations = [InputPerturbation(f"probe.{place.name}", np.ascontiguousarray(column)) for column in basis.T]
     changed = experiment.respond(
         linearised.slim,
         linearised.p,
         linearised.initial_state(index),
-        pushes=perturbations,
+        perturbations=perturbations,
         sensors=linearised.sensors,
         batch=96,
     ).derivatives
@@ -73,7 +73,7 @@ class ForceEquations:
     rows : list of (ndarray, ndarray, ndarray)
         Residual, derivatives by the force and by the parameters, of each record, in standard deviations of the outputs.
     at_rest, with_force : ndarray
-        Change of the parameters without a force, and its reduction by each value of the force.
+        ParameterPerturbation of the parameters without a force, and its reduction by each value of the force.
     energy : float
         Sum of squares without a force.
     """

@@ -20,7 +20,6 @@ from discrepancy.statistics.projection import Projection
 from discrepancy.statistics.scan import scan
 from discrepancy.statistics.verdicts import Verdict
 from discrepancy.statistics.whitened import plain_projection
-from estimation.response.perturbation_response import forget
 from estimation.signals.correlation import correlation_time
 from multibody.base.parallel import side_by_side
 
@@ -65,7 +64,7 @@ def free_curve_candidates(linearised: LinearisedProblem, places: Sequence[Place]
 
     def of_record(i: int) -> dict[str, np.ndarray]:
         found = linearised.free_curve_sensitivities(i)
-        forget(linearised.experiments[i])
+        linearised.experiments[i].trim_cache()
         return found
 
     blocks = side_by_side(of_record, range(len(linearised.experiments)))

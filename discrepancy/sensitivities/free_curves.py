@@ -17,7 +17,7 @@ from discrepancy.effects.law_along_motion import MOTION
 from discrepancy.effects.laws import CURVE_OVER, CURVE_POINTS
 from discrepancy.statistics.blocks import Candidate
 from discrepancy.statistics.hat_functions import even_hat_functions
-from estimation.response.perturbations import Push
+from estimation.response.perturbations import InputPerturbation
 
 if TYPE_CHECKING:
     from multibody.assembly.places import Place
@@ -85,7 +85,7 @@ class FreeCurves:
         """Input of the model through which the curves act."""
         return f"probe.{self.place.name}"
 
-    def perturbations(self, record: int) -> list[Push]:
+    def perturbations(self, record: int) -> list[InputPerturbation]:
         """Return the force of every point of every curve along a record."""
         found = []
         for (over, low, high), arguments in zip(self.ranges, self.arguments, strict=True):
@@ -93,7 +93,7 @@ class FreeCurves:
             basis = even_hat_functions(position, CURVE_POINTS)
             if over == "friction":
                 basis = -basis * np.tanh(self.speeds[record] / self.v_s)[:, None]
-            found += [Push(self.channel, basis[:, k]) for k in range(CURVE_POINTS)]
+            found += [InputPerturbation(self.channel, basis[:, k]) for k in range(CURVE_POINTS)]
         return found
 
     def candidates(self, blocks: Sequence[np.ndarray]) -> list[Candidate]:

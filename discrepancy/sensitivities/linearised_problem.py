@@ -14,7 +14,7 @@ from discrepancy.residual.input_noise import shaping_of
 from discrepancy.sensitivities.free_curves import FreeCurves
 from discrepancy.statistics.blocks import Residual, Sensitivities
 from discrepancy.statistics.whitened import plain_projection
-from estimation.response.perturbation_response import response_of, worth_it
+from estimation.response.perturbations import cheaper_by_transition_matrices
 from multibody.base.parallel import side_by_side
 from multibody.system.simulate import simulate
 
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from discrepancy.effects.catalogue import Entry
     from discrepancy.statistics.low_rank_noise import Shaping
     from estimation.fit.calibrate import Calibration
-    from estimation.response.experiment import Experiment, SensorError
+    from estimation.response.experiment import Experiment
+    from estimation.response.sensors import SensorError
     from estimation.signals.preparation import Preparation
     from multibody.machine.model import System
 
@@ -240,7 +241,7 @@ class LinearisedProblem:
         """Return how the points of all free curves change the outputs of an experiment, by place: (n, n_channels, k).
 
         State-transition matrices that are kept with the experiment are used and stay there: see
-        `estimation.response.perturbation_response.forget`.
+        `Experiment.trim_cache`.
         """
         return _once(self._weighted, ("free curves", index), lambda: self._free_curve_sensitivities(index))
 
@@ -248,11 +249,11 @@ class LinearisedProblem:
         experiment, start = self.experiments[index], self.initial_state(index)
         perturbations = {c.place.name: c.perturbations(index) for c in self.free_curves()}
         every = [one for group in perturbations.values() for one in group]
-        if worth_it(self.slim, every):  # for all places at once
-            response_of(experiment, self.slim, self.p, start, every)
+        if cheaper_by_transition_matrices(self.slim, every):  # for all places at once
+            experiment.perturbation_response(self.slim, self.p, start, every)
         found = {}
         for name, group in perturbations.items():
-            changed = experiment.respond(self.slim, self.p, start, pushes=group, sensors=self.sensors)
+            changed = experiment.respond(self.slim, self.p, start, perturbations=group, sensors=self.sensors)
             found[name] = self.weighted(index, changed.derivatives)
         return found
 

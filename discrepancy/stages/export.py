@@ -11,7 +11,7 @@ from multibody.declare.declarations import Output
 
 if TYPE_CHECKING:
     from discrepancy.effects.effect import Effect
-    from estimation.response.experiment import SensorError
+    from estimation.response.sensors import SensorError
     from multibody.machine.model import Model
 
 __all__ = ["machine_with_effects"]

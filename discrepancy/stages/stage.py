@@ -17,7 +17,7 @@ from estimation.signals.preparation import Preparation
 if TYPE_CHECKING:
     from discrepancy.statistics.scan import ScanResult
     from estimation.fit.calibrate import Calibration, Fit
-    from estimation.response.experiment import SensorError
+    from estimation.response.sensors import SensorError
     from multibody.machine.model import Model, System
 
 __all__ = ["Accepted", "Rival", "Stage", "comparable_residuals"]

@@ -12,7 +12,8 @@ from estimation.fit.fit_problem import FitProblem
 from estimation.fit.intervals import block_sandwich
 from estimation.fit.least_squares import solve
 from estimation.fit.weights import weights_of
-from estimation.response.experiment import Experiment, Response, SensorError
+from estimation.response.experiment import Experiment, Response
+from estimation.response.sensors import SensorError
 from estimation.signals.correlation import correlation_time, cut_rows
 
 if TYPE_CHECKING:

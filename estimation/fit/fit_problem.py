@@ -10,7 +10,8 @@ import numpy as np
 
 from estimation.fit.calibration import UncertainParameter
 from estimation.fit.least_squares import Piece
-from estimation.response.experiment import Experiment, Response, SensorError
+from estimation.response.experiment import Experiment, Response
+from estimation.response.sensors import SensorError
 from multibody.base.parallel import cores, side_by_side
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""A machine confronted with one record: what the model says the sensors read, and how that changes with anything.
+"""An experiment: one record, how it drives a machine, and which outputs it measured.
 
 The model runs from the recorded inputs over the record's own time grid.  Outputs and their derivatives then pass the
 same window, filter and decimation as the measurement.  Sensors may have errors of their own (offset, gain, drift,
@@ -7,51 +7,35 @@ delay), which are parameters like any other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from estimation.files.record import Record
-from estimation.response.perturbations import Change, Push
+from estimation.response.perturbations import (
+    InputPerturbation,
+    ParameterPerturbation,
+    Perturbation,
+    PerturbationResponse,
+    cheaper_by_transition_matrices,
+    perturbed_channels,
+)
+from estimation.response.record_simulation import RecordSimulation
+from estimation.response.sensors import SensorError, apply_sensors
 from estimation.signals.preparation import Preparation
 from multibody.base.parallel import side_by_side
-from multibody.compile.several_directions import worth_lanes
-from multibody.system.along_trajectory import observe_along
 
 if TYPE_CHECKING:
-    from estimation.response.perturbation_response import PushResponse
     from multibody.inputs.table import InputTable
     from multibody.machine.model import System
     from multibody.solvers.problem import Directions
 
-__all__ = ["Experiment", "Response", "SensorError"]
+__all__ = ["Experiment", "Response"]
 
 FEW_DIRECTIONS = 6  # fewer are not worth a second thread, which must simulate the machine as well
-SENSOR_KINDS = ("offset", "gain", "drift", "delay")
-
-
-@dataclass(frozen=True)
-class SensorError:
-    """An error of the sensor of one output: ``y = (1 + gain)·ŷ(t − delay) + offset + drift·t``.
-
-    Parameters
-    ----------
-    output : str
-    kind : {"offset", "gain", "drift", "delay"}
-        Unit: that of the output, 1, that of the output per s, and s.
-    value : float
-    """
-
-    output: str
-    kind: str
-    value: float = 0.0
-
-    @property
-    def name(self) -> str:
-        """Parameter name, such as ``"sensor.carriage.position.offset"``."""
-        return f"sensor.{self.output}.{self.kind}"
+KEPT_BYTES = 1 << 25  # state-transition matrices larger than this do not survive `Experiment.trim_cache`
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +55,19 @@ class Response:
     evaluations: int = 0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
+class _Cache:
+    """Results that an experiment keeps; only the experiment itself reads and writes them."""
+
+    measured: tuple[np.ndarray, np.ndarray] | None = None
+    tables: dict[Hashable, InputTable] = field(default_factory=dict)
+    inputs_along: dict[Hashable, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    perturbation_response: tuple[System, np.ndarray, np.ndarray, PerturbationResponse] | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Experiment:
-    """One record, and how a machine is laid beside it.
+    """One record, how it drives a machine, and which outputs it measured.
 
     Parameters
     ----------
@@ -94,11 +88,12 @@ class Experiment:
     held : tuple of str
         Inputs that keep their value until the next sample; the others change in a straight line.
     input_noise : mapping of str to float
-        Noise of recorded inputs that a scan has to reckon with, SI; empty where it does not matter.
+        Standard deviation of the noise of recorded inputs that a scan takes into account, SI; empty where it does not
+        matter.
     noise_band : float, Hz
-        Up to which frequency it has to; 0 leaves that to the scan.
+        Highest frequency of that noise to take into account; 0 leaves it to the scan.
     max_evaluations : int, optional
-        A simulation that needs more evaluations of the equations than this is given up.
+        A simulation that needs more evaluations of the equations stops with an error.
     """
 
     record: Record
@@ -113,7 +108,7 @@ class Experiment:
     input_noise: Mapping[str, float] = field(default_factory=dict)
     noise_band: float = 0.0
     max_evaluations: int | None = None
-    _cache: dict[str, object] = field(default_factory=dict, repr=False)
+    _cache: _Cache = field(default_factory=_Cache, init=False, repr=False)
 
     # ---------------------------------------------------------------- the measurement
 
@@ -133,14 +128,16 @@ class Experiment:
         return self._measured()[1]
 
     def _measured(self) -> tuple[np.ndarray, np.ndarray]:
-        if "measured" not in self._cache:
-            self._cache["measured"] = self.preparation.apply(self.record.time, self.record.values(*self.outputs))
-        return self._cache["measured"]  # type: ignore[return-value]
+        if self._cache.measured is None:
+            self._cache.measured = self.preparation.apply(self.record.time, self.record.values(*self.outputs))
+        return self._cache.measured
 
     def with_preparation(self, preparation: Preparation) -> Experiment:
-        """Return the same experiment, prepared otherwise."""
-        kept = {k: v for k, v in self._cache.items() if k.startswith("table ")}
-        return replace(self, preparation=preparation, _cache=kept)
+        """Return the same experiment with another preparation; the input tables are shared."""
+        other = replace(self, preparation=preparation)
+        other._cache.tables.update(self._cache.tables)
+        other._cache.inputs_along.update(self._cache.inputs_along)
+        return other
 
     # ---------------------------------------------------------------- the model
 
@@ -149,35 +146,35 @@ class Experiment:
         from multibody.system.simulate import input_table
 
         key = self._table_key(system)
-        if key not in self._cache:
+        if key not in self._cache.tables:
             driven = {n: (self.record.time, self.record.signals[n].values) for n in self.inputs}
             table = input_table(system, driven)
             if self.held:
                 kinds = ["hold" if n in self.held else k for n, k in zip(table.names, table.interpolation, strict=True)]
                 table = replace(table, interpolation=kinds)
-            self._cache[key] = table
-        return self._cache[key]  # type: ignore[return-value]
+            self._cache.tables[key] = table
+        return self._cache.tables[key]
 
-    def _table_key(self, system: System) -> str:
+    @staticmethod
+    def _table_key(system: System) -> Hashable:
         # systems of the same inputs share a table: one with more outputs, one with an effect in it
-        of = (system.input_names, tuple(sorted(system.input_delays.items())), tuple(q.value for q in system.inputs))
-        return f"table {of}"
+        return system.input_names, tuple(sorted(system.input_delays.items())), tuple(q.value for q in system.inputs)
 
     def _inputs_along(self, system: System, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return inputs and their rates at the record's samples, each (nt, n_u); kept where no parameter delays one."""
-        table, key = self.table(system), f"{self._table_key(system)} along"
-        if key in self._cache:
-            return self._cache[key]  # type: ignore[return-value]
+        table, key = self.table(system), self._table_key(system)
+        if key in self._cache.inputs_along:
+            return self._cache.inputs_along[key]
         time = np.array(self.record.time)
         inputs, rates = (
             np.ascontiguousarray(of(time, p).reshape(time.size, -1)) for of in (table, table.derivative)
         )
         if np.all(np.asarray(table.delay_parameter) < 0):
-            self._cache[key] = inputs, rates
+            self._cache.inputs_along[key] = inputs, rates
         return inputs, rates
 
     def start_vector(self, system: System) -> np.ndarray:
-        """Return the start state: the study's values, what the sensors read first, else the model's own."""
+        """Return the start state: the study's values, the first samples of the sensors, else the model's own."""
         x = system.start
         for k, name in enumerate(system.state_names):
             given = self.start.get(name)
@@ -187,10 +184,27 @@ class Experiment:
                 x[k] = self.record.signals[name].values[0]
         return x
 
+    def simulation(self, system: System, p: np.ndarray, x0: np.ndarray | None = None) -> RecordSimulation:
+        """Return the simulation of this record by a system, ready to integrate."""
+        inputs, rates = self._inputs_along(system, p)
+        return RecordSimulation(
+            record=self.name,
+            system=system,
+            p=p,
+            x0=self.start_vector(system) if x0 is None else x0,
+            time=np.array(self.record.time),
+            table=self.table(system),
+            inputs=inputs,
+            input_rates=rates,
+            outputs=np.array([system.index("output", n) for n in self.outputs]),
+            rtol=self.rtol,
+            max_evaluations=self.max_evaluations,
+        )
+
     def simulate(
         self, system: System, p: np.ndarray, x0: np.ndarray | None = None, sensors: Sequence[SensorError] = ()
     ) -> np.ndarray:
-        """Return what the model says the sensors read, prepared, shape (n, n_channels).
+        """Return the model's prediction of what the sensors measure, prepared, shape (n, n_channels).
 
         Raises
         ------
@@ -207,7 +221,7 @@ class Experiment:
         *,
         parameters: Sequence[str] = (),
         states: Sequence[str] = (),
-        pushes: Sequence[Push | Change] = (),
+        perturbations: Sequence[Perturbation] = (),
         sensors: Sequence[SensorError] = (),
         batch: int = 48,
         workers: int = 1,
@@ -222,8 +236,10 @@ class Experiment:
             Start state; default `start_vector`.
         parameters, states : sequence of str
             Parameters (``sensor.…`` included) and start values to differentiate by.
-        pushes : sequence of Push or Change
-            Extra input signals to differentiate by; with a Change among them all are carried by transitions.
+        perturbations : sequence of InputPerturbation or ParameterPerturbation
+            Extra input signals and lasting changes of parameters to differentiate by.  They are propagated by
+            state-transition matrices where a ParameterPerturbation is among them, where that is cheaper, and where
+            the matrices are kept from an earlier call; elsewhere each is a direction that is integrated.
         sensors : sequence of SensorError
             Errors of the sensors.
         batch : int
@@ -234,45 +250,55 @@ class Experiment:
         Returns
         -------
         Response
-            Derivatives in the order parameters, states, pushes.
+            Derivatives in the order parameters, states, perturbations.
         """
-        from estimation.response.perturbation_response import at_hand, response_of, worth_it
-
         x0 = self.start_vector(system) if x0 is None else x0
-        integrated = [q for q in pushes if isinstance(q, Push)]
-        changed = len(integrated) < len(pushes)
-        if changed and (parameters or states):
-            raise ValueError("a Change is carried, parameters and start values are integrated: ask for them apart")
-        alone = not (parameters or states)
-        if changed or (alone and (worth_it(system, pushes) or at_hand(self, system, p, x0, pushes))):
-            return self._carried(response_of(self, system, p, x0, pushes), pushes, sensors, workers)
+        integrated = [q for q in perturbations if isinstance(q, InputPerturbation)]
+        lasting = len(integrated) < len(perturbations)
+        if lasting and (parameters or states):
+            raise ValueError(
+                "a ParameterPerturbation is propagated by state-transition matrices, parameters and start values are "
+                "integrated: differentiate by them in separate calls"
+            )
+        if not (parameters or states):
+            kept = self._kept_perturbation_response(system, p, x0)
+            if (
+                lasting
+                or cheaper_by_transition_matrices(system, perturbations)
+                or (kept is not None and kept.serves(perturbations))
+            ):
+                linearised = self.perturbation_response(system, p, x0, perturbations)
+                return self._propagated(linearised, perturbations, sensors, workers)
         physical = [n for n in parameters if not n.startswith("sensor.")]
-        total = len(physical) + len(states) + len(pushes)
-        pick = np.array([system.index("output", n) for n in self.outputs])
+        total = len(physical) + len(states) + len(perturbations)
         if workers > 1 and total >= FEW_DIRECTIONS:
             batch = min(batch, -(-total // workers))
+        simulation = self.simulation(system, p, x0)
 
         def part(first: int) -> tuple[np.ndarray, np.ndarray, int]:
-            directions = self._directions(system, physical, states, integrated, slice(first, min(first + batch, total)))
-            return _integrate(system, self, p, x0, directions, pick)
+            chosen = slice(first, min(first + batch, total))
+            return simulation.integrate(_directions(simulation, physical, states, integrated, chosen))
 
-        self.table(system)  # made once, before the threads ask for it
         parts = side_by_side(part, range(0, max(total, 1), batch), most=workers)
         dy = np.concatenate([d for _, d, _ in parts], axis=2)
-        found = self._prepared(parts[0][0], dy, sensors, parameters, physical)
-        return replace(found, evaluations=parts[0][2])
+        response = self._prepared(parts[0][0], dy, sensors, parameters, physical)
+        return replace(response, evaluations=parts[0][2])
 
-    def _carried(
-        self, by: PushResponse, pushes: Sequence[Push | Change], sensors: Sequence[SensorError], workers: int
+    def _propagated(
+        self,
+        linearised: PerturbationResponse,
+        perturbations: Sequence[Perturbation],
+        sensors: Sequence[SensorError],
+        workers: int,
     ) -> Response:
-        """Return the response to pushes through transitions, the pushes divided among threads."""
+        """Return the response to perturbations by state-transition matrices, divided among threads."""
 
-        def answer(some: Sequence[Push | Change]) -> Response:
-            return self._prepared(by.outputs, by(some), sensors, [], [])
+        def respond(some: Sequence[Perturbation]) -> Response:
+            return self._prepared(linearised.outputs, linearised(some), sensors, [], [])
 
-        count = min(workers, len(pushes))
-        shares = side_by_side(answer, [pushes[k::count] for k in range(count)])
-        derivatives = np.empty((*shares[0].outputs.shape, len(pushes)))
+        count = min(workers, len(perturbations))
+        shares = side_by_side(respond, [perturbations[k::count] for k in range(count)])
+        derivatives = np.empty((*shares[0].outputs.shape, len(perturbations)))
         for k, share in enumerate(shares):
             derivatives[:, :, k::count] = share.derivatives
         return Response(shares[0].outputs, derivatives)
@@ -285,116 +311,88 @@ class Experiment:
         parameters: Sequence[str],
         physical: Sequence[str],
     ) -> Response:
-        """Send raw outputs and derivatives through sensors and preparation."""
+        """Apply sensors and preparation to raw outputs and derivatives."""
         time = self.record.time
-        y, dy, own = _apply_sensors(self.outputs, time, raw, dy, sensors, [n for n in parameters if n not in physical])
+        of_sensors = [n for n in parameters if n not in physical]
+        y, dy, by_sensors = apply_sensors(self.outputs, time, raw, dy, sensors, of_sensors)
         order = {n: k for k, n in enumerate(physical)}
-        if own:
-            columns = [dy[:, :, order[n]] if n in order else own[n] for n in parameters]
-            dy = np.concatenate([np.stack(columns, axis=2), dy[:, :, len(physical) :]], axis=2)
+        if by_sensors:
+            ordered = [dy[:, :, order[n]] if n in order else by_sensors[n] for n in parameters]
+            dy = np.concatenate([np.stack(ordered, axis=2), dy[:, :, len(physical) :]], axis=2)
         stacked = np.concatenate([y[:, :, None], dy], axis=2)
         prepared = self.preparation.apply(time, stacked.reshape(time.size, -1))[1].reshape(-1, *stacked.shape[1:])
         return Response(prepared[:, :, 0], prepared[:, :, 1:])
 
-    def _directions(
-        self, system: System, parameters: Sequence[str], states: Sequence[str], pushes: Sequence[Push], part: slice
-    ) -> Directions | None:
-        from multibody.solvers.problem import Directions
+    # ---------------------------------------------------------------- state-transition matrices, kept
 
-        n, n_p = len(system.states), len(system.parameters)
-        chosen = [*parameters, *states, *pushes][part]
-        if not chosen:
+    def perturbation_response(
+        self,
+        system: System,
+        p: np.ndarray,
+        x0: np.ndarray,
+        perturbations: Sequence[Perturbation],
+        also: Sequence[str | ParameterPerturbation] = (),
+    ) -> PerturbationResponse:
+        """Return the linearised response to some perturbations; the last one is kept until `trim_cache`.
+
+        ``also`` names further channels that will be perturbed later.
+        """
+        channels = perturbed_channels(perturbations, also)
+        kept = self._kept_perturbation_response(system, p, x0)
+        if kept is not None:
+            if set(channels) <= set(kept.channels):
+                return kept
+            channels = perturbed_channels(perturbations, [*kept.channels, *also])
+        linearised = PerturbationResponse.along(self.simulation(system, p, x0), channels)
+        self._cache.perturbation_response = system, p.copy(), x0.copy(), linearised
+        return linearised
+
+    def _kept_perturbation_response(
+        self, system: System, p: np.ndarray, x0: np.ndarray
+    ) -> PerturbationResponse | None:
+        if self._cache.perturbation_response is None:
             return None
-        m = len(chosen)
-        x_dot, p_dot, channel = np.zeros((m, n)), np.zeros((m, n_p)), np.full(m, -1)
-        shape_t = self.record.time if pushes else None
-        shape = np.zeros((self.record.time.size, m)) if pushes else None
-        for k, item in enumerate(chosen):
-            if isinstance(item, Push):
-                channel[k] = system.index("input", item.channel)
-                assert shape is not None
-                shape[:, k] = item.values
-            elif part.start + k < len(parameters):
-                p_dot[k, system.index("parameter", str(item))] = 1.0
-            else:
-                x_dot[k, system.index("state", str(item))] = 1.0
-        return Directions(x_dot, p_dot, channel, shape_t, shape)
+        of, at, start, linearised = self._cache.perturbation_response
+        same = of is system and np.array_equal(at, p) and np.array_equal(start, x0)
+        return linearised if same else None
+
+    def trim_cache(self) -> None:
+        """Free the memory of state-transition matrices that are too large to be kept."""
+        kept = self._cache.perturbation_response
+        if kept is not None and kept[3].nbytes > KEPT_BYTES:
+            self._cache.perturbation_response = None
+
+    def clear_cache(self) -> None:
+        """Drop every kept result; each is computed again when it is needed."""
+        object.__setattr__(self, "_cache", _Cache())
 
 
-def _integrate(
-    system: System, experiment: Experiment, p: np.ndarray, x0: np.ndarray, directions: Directions | None,
-    pick: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return outputs (nt, n_channels), their derivatives (nt, n_channels, m) on the record's grid, and evaluations."""
-    from multibody.base.errors import SimulationError
-    from multibody.solvers import Samples, integrate
-    from multibody.system.simulate import native_problem
+def _directions(
+    simulation: RecordSimulation,
+    parameters: Sequence[str],
+    states: Sequence[str],
+    perturbations: Sequence[InputPerturbation],
+    part: slice,
+) -> Directions | None:
+    """Return the directions of a part of all that the outputs are differentiated by; None for none."""
+    from multibody.solvers.problem import Directions
 
-    time = np.array(experiment.record.time)
-    table = experiment.table(system)
-    wide = directions is not None and worth_lanes(time.size, directions.count)
-    problem = native_problem(system, p, table, directions, in_lanes=wide)
-    inputs, rates = experiment._inputs_along(system, p)
-    n, m = len(system.states), problem.n_directions
-    y = np.empty((time.size, pick.size))
-    dy = np.empty((time.size, pick.size, m))
-    n_y = len(system.outputs)
-    if directions is not None:
-        delays = np.zeros((m, inputs.shape[1]))
-        for name, k in system.input_delays.items():
-            delays[:, system.index("input", name)] = -directions.p_dot[:, k]
-        given = directions.shape
-        shape = given if given is not None and len(given) == time.size else np.zeros((time.size, m))
-
-    def receive(first: int, times: np.ndarray, states: np.ndarray) -> None:
-        rows = slice(first, first + times.size)
-        x = np.ascontiguousarray(states[:, :n])
-        y[rows] = system.outputs_along(times, x, inputs[rows], p)[:, pick]
-        if directions is not None:
-            step = max(1, 4_000_000 // max(m * n_y, 1))
-            for a in range(0, times.size, step):
-                b = min(a + step, times.size)
-                part = slice(first + a, first + b)
-                dy[part] = observe_along(
-                    system, times[a:b], states[a:b], inputs[part], p, directions, rates[part], delays, shape[part]
-                )[:, pick]
-
-    if n == 0:  # the motion is given: nothing to integrate
-        receive(0, time, np.zeros((time.size, 0)))
-        return y, dy, 0
-    solution = integrate(
-        problem, (float(time[0]), float(time[-1])), x0, samples=Samples(time, receive), rtol=experiment.rtol,
-        atol=experiment.rtol * 1e-3, max_step=np.inf, max_evaluations=experiment.max_evaluations,
-        stiff_problem=lambda: native_problem(system, p, table, directions, tangent=True, in_lanes=wide))
-    if solution.status < 0 or not np.all(np.isfinite(y)):
-        raise SimulationError(f"'{system.name}' on record '{experiment.name}': {solution.message}")
-    return y, dy, int(solution.nfev)
-
-
-def _apply_sensors(
-    outputs: Sequence[str], time: np.ndarray, y: np.ndarray, dy: np.ndarray, sensors: Sequence[SensorError],
-    wanted: Sequence[str],
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Send outputs and derivatives through the sensors, and differentiate by the sensors' own parameters."""
-    if not sensors and not wanted:
-        return y, dy, {}
-    y, dy = y.copy(), dy if not sensors else dy.copy()
-    value = {s.name: s.value for s in sensors}
-    own = {name: np.zeros_like(y) for name in wanted}
-    since = time - time[0]
-    for c, output in enumerate(outputs):
-        offset, gain, drift, delay = (value.get(f"sensor.{output}.{kind}", 0.0) for kind in SENSOR_KINDS)
-        rate = np.gradient(y[:, c], time) if f"sensor.{output}.delay" in own or delay else None
-        if delay:
-            late = time - delay
-            y[:, c] = np.interp(late, time, y[:, c])
-            for k in range(dy.shape[2]):
-                dy[:, c, k] = np.interp(late, time, dy[:, c, k])
-        parts = {"offset": np.ones_like(time), "gain": y[:, c], "drift": since,
-                 "delay": -(1.0 + gain) * rate if rate is not None else None}
-        for kind, part in parts.items():
-            if part is not None and f"sensor.{output}.{kind}" in own:
-                own[f"sensor.{output}.{kind}"][:, c] = part
-        y[:, c] = (1.0 + gain) * y[:, c] + offset + drift * since
-        dy[:, c] *= 1.0 + gain
-    return y, dy, own
+    system, time = simulation.system, simulation.time
+    n, n_p = len(system.states), len(system.parameters)
+    chosen = [*parameters, *states, *perturbations][part]
+    if not chosen:
+        return None
+    m = len(chosen)
+    x_dot, p_dot, channel = np.zeros((m, n)), np.zeros((m, n_p)), np.full(m, -1)
+    shape_t = time if perturbations else None
+    shape = np.zeros((time.size, m)) if perturbations else None
+    for k, item in enumerate(chosen):
+        if isinstance(item, InputPerturbation):
+            channel[k] = system.index("input", item.channel)
+            assert shape is not None
+            shape[:, k] = item.values
+        elif part.start + k < len(parameters):
+            p_dot[k, system.index("parameter", item)] = 1.0
+        else:
+            x_dot[k, system.index("state", item)] = 1.0
+    return Directions(x_dot, p_dot, channel, shape_t, shape)

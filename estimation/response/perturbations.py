@@ -1,17 +1,40 @@
-"""Small additions whose effect on a machine's outputs is asked for: to an input over time, to a parameter for good."""
+"""Small perturbations of inputs and parameters, and what they change in the outputs.
+
+Around its trajectory a machine is linear, x_{k+1} = Φ_k x_k + Γ0_k φ_k + Γ1_k φ_{k+1} from sample to sample.  These
+state-transition matrices are integrated once; the response to hundreds of forces along the motion then costs a few
+matrix products each.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-__all__ = ["Change", "Push"]
+from estimation.response.record_simulation import RecordSimulation
+
+if TYPE_CHECKING:
+    from multibody.machine.model import System
+
+__all__ = [
+    "InputPerturbation",
+    "ParameterPerturbation",
+    "Perturbation",
+    "PerturbationResponse",
+    "cheaper_by_transition_matrices",
+    "perturbed_channels",
+]
+
+STRETCH_GAP = 8  # samples without a requested time that begin a new stretch of integration
+STATE_RTOL = 1e-8  # relative tolerance of the states at which Jacobians are evaluated
 
 
 @dataclass(frozen=True, eq=False)
-class Push:
-    """A small extra signal on a model input over time, whose effect on the outputs is asked for.
+class InputPerturbation:
+    """A small signal added to a model input over time.
 
     Parameters
     ----------
@@ -26,17 +49,230 @@ class Push:
 
 
 @dataclass(frozen=True)
-class Change:
-    """A small change of a parameter that lasts, whose effect on the outputs is asked for per unit of it.
+class ParameterPerturbation:
+    """A small lasting change of a parameter; the response is per unit of the change.
 
     Parameters
     ----------
     parameter : str
-        Not how late an input is.
-    beside : tuple of (str, float)
-        Parameters that have other values meanwhile.  Without the change the machine must move alike with them: they
-        give an effect that is absent its shape.
+        Not the delay of an input.
+    evaluated_at : tuple of (str, float)
+        Values of other parameters at which the derivative is taken.  Without the perturbation these must not change
+        the motion: they shape an effect whose strength is zero.
     """
 
     parameter: str
-    beside: tuple[tuple[str, float], ...] = ()
+    evaluated_at: tuple[tuple[str, float], ...] = ()
+
+
+Perturbation = InputPerturbation | ParameterPerturbation
+
+
+def _channel(perturbation: Perturbation) -> str | ParameterPerturbation:
+    return perturbation.channel if isinstance(perturbation, InputPerturbation) else perturbation
+
+
+def perturbed_channels(
+    perturbations: Sequence[Perturbation], also: Sequence[str | ParameterPerturbation] = ()
+) -> tuple[str | ParameterPerturbation, ...]:
+    """Return what is perturbed, each once: inputs first, then parameters, sorted by where they are evaluated."""
+    every = dict.fromkeys([*map(_channel, perturbations), *also])
+    parameters = [c for c in every if isinstance(c, ParameterPerturbation)]
+    inputs = (c for c in every if not isinstance(c, ParameterPerturbation))
+    return *inputs, *sorted(parameters, key=lambda c: c.evaluated_at)
+
+
+def cheaper_by_transition_matrices(system: System, perturbations: Sequence[Perturbation]) -> bool:
+    """Return whether state-transition matrices cost less than one integrated direction for each perturbation.
+
+    They take about twice as many steps, with a column for each state and perturbed channel (two for an input).
+    """
+    channels = perturbed_channels(perturbations)
+    columns = len(system.states) + sum(1 if isinstance(c, ParameterPerturbation) else 2 for c in channels)
+    return len(system.states) > 0 and len(perturbations) > 2 * columns
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PerturbationResponse:
+    """The linearised response of a machine along one record to perturbations of some inputs and parameters.
+
+    Attributes
+    ----------
+    channels : tuple of (str or ParameterPerturbation)
+        Inputs that may be perturbed, then parameters.
+    outputs : ndarray, shape (nt, c)
+        Nominal outputs on the record's grid, before sensors and preparation.
+    phi, gamma0, gamma1 : ndarray
+        State-transition matrices; see `multibody.solvers.transitions.Transitions`.
+    c, d : ndarray, shape (nt, c, n) and (nt, c, n_channels)
+        Derivatives of the outputs by states and by the channels.
+    """
+
+    channels: tuple[str | ParameterPerturbation, ...]
+    outputs: np.ndarray
+    phi: np.ndarray
+    gamma0: np.ndarray
+    gamma1: np.ndarray
+    c: np.ndarray
+    d: np.ndarray
+
+    @classmethod
+    def along(
+        cls, simulation: RecordSimulation, channels: Sequence[str | ParameterPerturbation]
+    ) -> PerturbationResponse:
+        """Integrate the state-transition matrices along the trajectory of a record.
+
+        Raises
+        ------
+        SimulationError
+            If the integration fails.
+        """
+        from multibody.compile.several_directions import worth_lanes
+        from multibody.solvers.problem import ProblemError
+        from multibody.solvers.transitions import transitions
+        from multibody.system.along_trajectory import longest_steps
+
+        system, p, time, pick = simulation.system, simulation.p, simulation.time, simulation.outputs
+        trajectory = _Trajectory(simulation)
+        # decided for the whole record, though Jacobians are requested slice by slice
+        wide = worth_lanes(time.size, len(system.states))
+
+        def jacobians(at: np.ndarray) -> Callable[[slice], tuple[np.ndarray, np.ndarray]]:
+            x, u = trajectory.at(at)
+
+            def some(part: slice) -> tuple[np.ndarray, np.ndarray]:
+                t, x_t, u_t = at[part], x[part], u[part]
+                by_states = system.jacobian_along("x", t, x_t, u_t, p, in_lanes=wide)
+                return by_states, _by_channels(system, p, channels, t, x_t, u_t, "rhs", wide)
+
+            return some
+
+        x, u = trajectory.at(time)
+        longest = longest_steps(trajectory.problem, time, x, u)
+        try:
+            limit, jumps = np.minimum(longest[1:], longest[:-1]), simulation.table.jumps(p)
+            lasting = sum(isinstance(c, ParameterPerturbation) for c in channels)
+            matrices = transitions(time, jacobians, limit, jumps, lasting)
+        except ProblemError as error:
+            raise simulation.error(error) from error
+        return cls(
+            channels=tuple(channels),
+            outputs=system.outputs_along(time, x, u, p)[:, pick],
+            phi=matrices.phi,
+            gamma0=matrices.gamma0,
+            gamma1=matrices.gamma1,
+            c=np.ascontiguousarray(system.jacobian_along("x", time, x, u, p, of="outputs")[:, pick]),
+            d=np.ascontiguousarray(_by_channels(system, p, channels, time, x, u, "outputs", wide)[:, pick]),
+        )
+
+    @property
+    def nbytes(self) -> int:
+        """Memory taken."""
+        return sum(a.nbytes for a in (self.phi, self.gamma0, self.gamma1, self.c, self.d))
+
+    def serves(self, perturbations: Sequence[Perturbation]) -> bool:
+        """Return whether every perturbation acts on one of the channels; False for none at all."""
+        return bool(perturbations) and set(perturbed_channels(perturbations)) <= set(self.channels)
+
+    def __call__(self, perturbations: Sequence[Perturbation]) -> np.ndarray:
+        """Return what each perturbation changes in the outputs, before sensors and preparation, shape (nt, c, m)."""
+        from multibody.compile.native import load_driver
+
+        channel = np.array([self.channels.index(_channel(q)) for q in perturbations], dtype=np.int64)
+        ones = np.ones(len(self.outputs))
+        values = [q.values if isinstance(q, InputPerturbation) else ones for q in perturbations]
+        out = np.empty((*self.outputs.shape, len(perturbations)))
+        load_driver("multibody.solvers.kernels.carry").carry(
+            self.phi, self.gamma0, self.gamma1, self.c, self.d, channel,
+            np.ascontiguousarray(np.stack(values, axis=1)), out,
+        )  # fmt: skip
+        return out
+
+
+def _by_channels(
+    system: System,
+    p: np.ndarray,
+    channels: Sequence[str | ParameterPerturbation],
+    t: np.ndarray,
+    x: np.ndarray,
+    u: np.ndarray,
+    of: str,
+    wide: bool,
+) -> np.ndarray:
+    """Return the derivatives by inputs and parameters at every sample of a trajectory, shape (nt, rows, n_channels)."""
+    inputs = [system.index("input", c) for c in channels if not isinstance(c, ParameterPerturbation)]
+    blocks = [system.jacobian_along("u", t, x, u, p, of=of, columns=np.array(inputs, dtype=int), in_lanes=wide)]
+    parameters = (c for c in channels if isinstance(c, ParameterPerturbation))
+    for evaluated_at, group in groupby(parameters, key=lambda c: c.evaluated_at):
+        shaped = p.copy()
+        for name, value in evaluated_at:
+            shaped[system.index("parameter", name)] = value
+        columns = np.array([system.index("parameter", c.parameter) for c in group])
+        blocks.append(system.jacobian_along("p", t, x, u, shaped, of=of, columns=columns, in_lanes=wide))
+    return np.ascontiguousarray(np.concatenate(blocks, axis=2))
+
+
+class _Trajectory:
+    """States and inputs along a record at any times: at its samples, at predefined times between them, and elsewhere.
+
+    Integrated to `STATE_RTOL` whatever the experiment's tolerance: where friction sticks, the Jacobian depends on a
+    speed that is a millionth of the speed elsewhere.
+    """
+
+    def __init__(self, simulation: RecordSimulation) -> None:
+        from multibody.compile.several_directions import worth_lanes
+        from multibody.solvers.transitions import look_at_times
+        from multibody.system.simulate import native_problem
+
+        self.simulation = simulation
+        system, samples = simulation.system, simulation.time
+        wide = worth_lanes(samples.size, len(system.states))
+        self.problem = native_problem(system, simulation.p, simulation.table, tangent=True, in_lanes=wide)
+        self._known = np.sort(np.concatenate((samples, look_at_times(samples))))
+        self._states = self._integrated(simulation.x0, float(samples[0]), self._known)
+
+    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return states (nt, n) and inputs (nt, n_u) at times in any order."""
+        where = np.searchsorted(self._known, times).clip(0, self._known.size - 1)
+        if np.array_equal(self._known[where], times):
+            x = self._states[where]
+        else:
+            order = np.argsort(times, kind="stable")
+            x = np.empty((times.size, self._states.shape[1]))
+            x[order] = self._between(times[order])
+        inputs = self.simulation.table(times, self.simulation.p)
+        return x, np.ascontiguousarray(inputs.reshape(times.size, -1))
+
+    def _between(self, times: np.ndarray) -> np.ndarray:
+        """Return the states at increasing times: each stretch is integrated from the sample before it."""
+        from multibody.base.parallel import side_by_side
+
+        samples = self.simulation.time
+        before = np.searchsorted(samples, times, side="right") - 1
+        edges = np.flatnonzero(np.diff(before) > STRETCH_GAP) + 1
+        stretches = [part for part in np.split(np.arange(times.size), edges) if part.size]
+
+        def states(part: np.ndarray) -> np.ndarray:
+            begin = float(samples[before[part[0]]])
+            return self._integrated(self._states[np.searchsorted(self._known, begin)], begin, times[part])
+
+        return np.concatenate(side_by_side(states, stretches))
+
+    def _integrated(self, x0: np.ndarray, begin: float, times: np.ndarray) -> np.ndarray:
+        from multibody.solvers import Samples, integrate
+
+        rtol = min(self.simulation.rtol, STATE_RTOL)
+        samples = Samples(times)
+        solution = integrate(
+            self.problem,
+            (begin, float(times[-1])),
+            x0,
+            samples=samples,
+            rtol=rtol,
+            atol=rtol * 1e-3,
+            max_step=np.inf,
+            max_evaluations=self.simulation.max_evaluations,
+        )
+        if solution.status < 0 or samples.count < times.size or not np.all(np.isfinite(samples.states)):
+            raise self.simulation.error(solution.message)
+        return np.ascontiguousarray(samples.states)

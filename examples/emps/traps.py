@@ -46,7 +46,7 @@ def figures() -> dict[str, float]:
     own = stage.validate.fits[0].own if stage.validate is not None else {}
     for name, factor in (("left out", 0.0), ("given twice", 2.0)):
         signals = {**held.record.signals, "added.pulse": replace(pulse, values=factor * pulse.values)}
-        wrong = replace(x["validate"], record=replace(held.record, signals=signals), _cache={})
+        wrong = replace(x["validate"], record=replace(held.record, signals=signals))
         start = wrong.start_vector(stage.slim)
         for state, value in own.items():
             start[stage.slim.index("state", state)] = value

@@ -23,13 +23,13 @@ def growing(problem):
     for experiment, along in zip(problem.identify, np.linspace(-0.5, 0.5, len(problem.identify)), strict=True):
         changed = nominal.copy()
         changed[system.index("parameter", NAME)] += CHANGE * along
-        raw = replace(experiment, preparation=type(experiment.preparation)(), _cache={})
+        raw = replace(experiment, preparation=type(experiment.preparation)())
         more = raw.simulate(system, changed) - raw.simulate(system, nominal)
         record = experiment.record
         signals = dict(record.signals)
         for c, name in enumerate(experiment.outputs):
             signals[name] = replace(signals[name], values=signals[name].values + more[:, c])
-        found.append(replace(experiment, record=replace(record, signals=signals), _cache={}))
+        found.append(replace(experiment, record=replace(record, signals=signals)))
     return replace(problem, identify=tuple(found))
 
 

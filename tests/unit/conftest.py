@@ -103,7 +103,12 @@ def small_study():
     prepare = Preparation(decimate=2, low_pass_hz=50.0)
 
     def experiment(record):
-        return Experiment(record, ("reference.speed",), ("drive.force", "carriage.position"), prepare)
+        return Experiment(
+            record=record,
+            inputs=("reference.speed",),
+            outputs=("drive.force", "carriage.position"),
+            preparation=prepare,
+        )
 
     identify = [experiment(record_of("forth_and_back", 11, False, hidden))]
     validate = [experiment(record_of("with_rests", 12, True, hidden).warned("'x_m' stands still for 0.4 s"))]

@@ -160,7 +160,7 @@ def test_every_effect_changes_what_is_measured() -> None:
 
 @pytest.mark.parametrize("kind", ["offset", "gain", "delay", "drift"])
 def test_sensor_errors_go_through_the_measuring_chain(kind: str) -> None:
-    from estimation.response.experiment import SensorError
+    from estimation.response.sensors import SensorError
 
     logger = Logger(jitter=0.0)
     channel = Channel("y", "y_mm", "m", "mm")

@@ -108,7 +108,7 @@ def test_a_real_effect_is_not_doubted():
         noise = 2e-4 * np.random.default_rng(1).standard_normal(force.size)
         position = replace(e.record.signals["carriage.position"], values=run["carriage.position"] + noise)
         signals = {**e.record.signals, "carriage.position": position}
-        experiments.append(replace(e, record=replace(e.record, signals=signals), _cache={}))
+        experiments.append(replace(e, record=replace(e.record, signals=signals)))
     study = Study(replace(study.problem, identify=tuple(experiments)))
     conclusion = study.diagnose()
     assert [a.effect.kind for a in conclusion.accepted][:1] == ["coulomb_friction"]

@@ -9,8 +9,11 @@ import pytest
 
 from discrepancy.effects.effect import Effect
 from discrepancy.rigs.axis import axis_case
-from estimation.response.perturbation_response import response_of, worth_it
-from estimation.response.perturbations import Change, Push
+from estimation.response.perturbations import (
+    InputPerturbation,
+    ParameterPerturbation,
+    cheaper_by_transition_matrices,
+)
 from multibody.compile.native import jit_enabled, load_driver
 
 
@@ -30,12 +33,12 @@ def test_changes_agree_with_the_integrated_derivatives(rubbing):
     names = {n.rpartition(".")[2]: n for n in friction.parameters()}
     others = [n for n in system.parameter_names if n.endswith((".mass", ".m", ".J", ".damping"))][:4]
     assert others
-    changes = [Change(n) for n in others]
-    changes += [Change(names["coulomb"], ((names["v_s"], v),)) for v in (2.5e-3, 0.05)]
-    carried = experiment.respond(system, p, pushes=changes).derivatives
+    changes = [ParameterPerturbation(n) for n in others]
+    changes += [ParameterPerturbation(names["coulomb"], ((names["v_s"], v),)) for v in (2.5e-3, 0.05)]
+    carried = experiment.respond(system, p, perturbations=changes).derivatives
     for k, change in enumerate(changes):
         own = p.copy()
-        for name, value in change.beside:
+        for name, value in change.evaluated_at:
             own[system.index("parameter", name)] = value
         exact = experiment.respond(system, own, parameters=[change.parameter]).derivatives[:, :, 0]
         assert np.linalg.norm(exact) > 0.0
@@ -43,29 +46,44 @@ def test_changes_agree_with_the_integrated_derivatives(rubbing):
     assert np.linalg.norm(carried[:, :, -1] - carried[:, :, -2]) > 0.1 * np.linalg.norm(carried[:, :, -1])
 
 
-def test_changes_and_pushes_share_their_transitions_in_any_order(rubbing):
+def test_changes_and_input_perturbations_share_their_transitions_in_any_order(rubbing):
     experiment, system, p, friction = rubbing
-    experiment = replace(experiment, _cache={})
+    experiment = replace(experiment)  # nothing kept
     x0, time = experiment.start_vector(system), np.array(experiment.record.time)
     shape, strength = sorted(friction.parameters(), key=lambda n: n.endswith("coulomb"))
-    mixed = [Change(strength, ((shape, 0.05),)), Push("probe.guide", np.sin(time)), Change(strength)]
-    kept = response_of(experiment, system, p, x0, mixed)
-    assert kept.channels == ("probe.guide", Change(strength), Change(strength, ((shape, 0.05),)))
-    assert response_of(experiment, system, p, x0, mixed[::-1]) is kept
+    mixed = [
+        ParameterPerturbation(strength, ((shape, 0.05),)),
+        InputPerturbation("probe.guide", np.sin(time)),
+        ParameterPerturbation(strength),
+    ]
+    kept = experiment.perturbation_response(system, p, x0, mixed)
+    assert kept.channels == (
+        "probe.guide",
+        ParameterPerturbation(strength),
+        ParameterPerturbation(strength, ((shape, 0.05),)),
+    )
+    assert experiment.perturbation_response(system, p, x0, mixed[::-1]) is kept
     whole = kept(mixed)
     for k, one in enumerate(mixed):
         np.testing.assert_allclose(whole[:, :, k], kept([one])[:, :, 0], rtol=1e-9, atol=1e-15)
-    assert not worth_it(system, [Change(n) for n in system.parameter_names])  # each is a column of its own
+    assert not cheaper_by_transition_matrices(
+        system, [ParameterPerturbation(n) for n in system.parameter_names]
+    )  # each is a column of its own
 
 
 def test_parameters_and_start_values_do_not_go_with_changes(rubbing):
     experiment, system, p, friction = rubbing
-    with pytest.raises(ValueError, match="Change"):
-        experiment.respond(system, p, parameters=[next(iter(friction.parameters()))], pushes=[Change("guide.mass")])
+    with pytest.raises(ValueError, match="ParameterPerturbation"):
+        experiment.respond(
+            system,
+            p,
+            parameters=[next(iter(friction.parameters()))],
+            perturbations=[ParameterPerturbation("guide.mass")],
+        )
 
 
 @pytest.mark.skipif(not jit_enabled(), reason="plain Python holds the interpreter's lock")
-def test_pushes_are_carried_side_by_side():
+def test_perturbations_are_propagated_side_by_side():
     """The kernel leaves the interpreter to other threads: with the lock held a second core would be of no use."""
     carry = load_driver("multibody.solvers.kernels.carry").carry
     assert carry.targetoptions["nogil"]

@@ -18,7 +18,7 @@ from discrepancy.residual.residual_mode import prepared_problem, problem_in_wind
 from discrepancy.residual.windows import WINDOW_FACTOR, cut_windows, growth_from
 from estimation.files.record import Record, Signal
 from estimation.fit.calibrate import UncertainParameter
-from estimation.response.perturbations import Push
+from estimation.response.perturbations import InputPerturbation
 from estimation.signals.preparation import Preparation, low_pass
 from multibody import Model
 from multibody.library import (
@@ -303,12 +303,12 @@ def test_noise_of_a_force_is_weighed_down_to_white():
     e = problem.identify[0]
     system = problem.model.build(outputs=e.outputs)
     x0, noise, sigma = system.start, np.array([1e-4]), 0.5
-    noisy = replace(e, input_noise={"drive.force": sigma}, _cache={})
+    noisy = replace(e, input_noise={"drive.force": sigma})
     weigh = shaping_of(noisy, system, system.p, x0, noise)
     rng = np.random.default_rng(3)
     n = len(e.record.time)
-    pushes = [Push("drive.force", sigma * rng.standard_normal(n)) for _ in range(60)]
-    deviation = e.respond(system, system.p, x0, pushes=pushes).derivatives
+    perturbations = [InputPerturbation("drive.force", sigma * rng.standard_normal(n)) for _ in range(60)]
+    deviation = e.respond(system, system.p, x0, perturbations=perturbations).derivatives
     deviation = deviation + noise[:, None] * rng.standard_normal(deviation.shape)
     before, after = deviation[-1, 0] / noise[0], weigh(deviation)[-1, 0] / noise[0]
     assert np.std(before) > 5.0

@@ -8,7 +8,7 @@ import pytest
 from discrepancy.effects.catalogue import catalogue
 from discrepancy.sensitivities.candidates import candidate_sensitivities
 from discrepancy.sensitivities.free_curve_scan import free_curve_candidates
-from estimation.response.perturbation_response import PushResponse
+from estimation.response.perturbations import PerturbationResponse
 from estimation.signals.preparation import Preparation
 
 
@@ -19,7 +19,7 @@ def anew(small_study):
 
     def begin():
         for fit in stage.identify.fits:
-            fit.experiment._cache.clear()
+            fit.experiment.clear_cache()
         return stage.without_results().linearised_problem(Preparation(decimate=5, low_pass_hz=20.0))
 
     return begin
@@ -28,13 +28,13 @@ def anew(small_study):
 @pytest.fixture
 def transitions(monkeypatch):
     """Return the list of the channels of all transitions that are worked out from now on."""
-    found, real = [], PushResponse.along
+    found, real = [], PerturbationResponse.along
 
-    def told(experiment, system, p, x0, channels):
+    def told(simulation, channels):
         found.append(channels)
-        return real(experiment, system, p, x0, channels)
+        return real(simulation, channels)
 
-    monkeypatch.setattr(PushResponse, "along", told)
+    monkeypatch.setattr(PerturbationResponse, "along", told)
     return found
 
 
@@ -43,7 +43,7 @@ def arrays(candidates):
 
 
 def test_a_scan_makes_the_columns_of_the_curves_too(anew, transitions, monkeypatch):
-    monkeypatch.setattr("estimation.response.perturbation_response.KEPT_BYTES", 0)  # as of a machine with many states
+    monkeypatch.setattr("estimation.response.experiment.KEPT_BYTES", 0)  # as of a machine with many states
     facts = anew()
     entries = catalogue(facts.system, facts.experiments[0].outputs, ("reference.speed",), include=["local_bump@*"])
     laws, _ = candidate_sensitivities(facts, entries, curves=True)

@@ -106,7 +106,7 @@ def test_inputs_stay_as_recorded(why: str) -> None:
     said: list[str] = []
     problem = problem_of(0.1 if why == "open" else 20.0, jitter=0.4 if why == "uneven" else 0.0)
     if why == "held":
-        problem = replace(problem, identify=tuple(replace(e, held=("push",), _cache={}) for e in problem.identify))
+        problem = replace(problem, identify=tuple(replace(e, held=("push",)) for e in problem.identify))
     if why == "felt":  # the machine really feels what looks like noise
         problem = replace(problem, identify=tuple(_felt(e) for e in problem.identify))
     assert reduce_input_noise(problem, said.append) == (problem, ())
@@ -118,7 +118,7 @@ def _felt(experiment):
     signals = dict(experiment.record.signals)
     x = experiment.simulate(system, system.p)[:, 0]
     signals["body.position"] = replace(signals["body.position"], values=x)
-    return replace(experiment, record=replace(experiment.record, signals=signals), _cache={})
+    return replace(experiment, record=replace(experiment.record, signals=signals))
 
 
 def test_a_study_does_it_by_itself_unless_told_not_to() -> None:

@@ -12,7 +12,7 @@ import pytest
 from estimation.files.record import Record, Signal
 from estimation.filters import FilterModel, Noise, Samples, extended, unscented
 from estimation.response.experiment import Experiment
-from estimation.response.perturbation_response import PushResponse
+from estimation.response.perturbations import PerturbationResponse
 from multibody import Component, Model, Output, Parameter, Translation
 from multibody.library import Mass
 from multibody.solvers import DormandPrince54, integrate
@@ -85,7 +85,9 @@ def test_a_batch_goes_past_what_its_own_parameters_say(system, exact, method):
 
 def test_a_fit_sees_it_and_its_derivatives(system, exact):
     signals = {"body.velocity": Signal(exact(50.0)[:, 1], "m/s", "v", "m/s")}
-    experiment = Experiment(Record("trip", Path("trip.csv"), TIMES, signals), (), ("body.velocity",), rtol=1e-4)
+    experiment = Experiment(
+        record=Record("trip", Path("trip.csv"), TIMES, signals), inputs=(), outputs=("body.velocity",), rtol=1e-4
+    )
     found = experiment.respond(system, system.p, parameters=["spot.level"])
     np.testing.assert_allclose(found.outputs[:, 0], exact(50.0)[:, 1], rtol=1e-3)
     slope = (exact(50.1)[-1, 1] - exact(49.9)[-1, 1]) / 0.2
@@ -95,8 +97,10 @@ def test_a_fit_sees_it_and_its_derivatives(system, exact):
 
 def test_transitions_from_sample_to_sample_go_past_it(system, exact):
     signals = {"body.velocity": Signal(exact(50.0)[:, 1], "m/s", "v", "m/s")}
-    experiment = Experiment(Record("trip", Path("trip.csv"), TIMES, signals), (), ("body.velocity",))
-    found = PushResponse.along(experiment, system, system.p, system.start, ())
+    experiment = Experiment(
+        record=Record("trip", Path("trip.csv"), TIMES, signals), inputs=(), outputs=("body.velocity",)
+    )
+    found = PerturbationResponse.along(experiment.simulation(system, system.p, system.start), ())
     ends = []
     for sign in (1.0, -1.0):
         start = dict(zip(system.state_names, system.start + sign * np.array([1e-4, 0.0]), strict=True))

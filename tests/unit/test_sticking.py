@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import estimation.response.perturbation_response as push_response
 from discrepancy.effects.effect import Effect
 from discrepancy.residual.tolerances import LEAST, TIMES, with_tolerances
 from discrepancy.rigs.axis import axis_case
-from estimation.response.perturbation_response import PushResponse
-from estimation.response.perturbations import Push
+from estimation.response.perturbations import InputPerturbation, PerturbationResponse, cheaper_by_transition_matrices
 from multibody.base.errors import SimulationError
 
 
@@ -28,10 +26,10 @@ def sticking():
     return problem, experiment, system, p
 
 
-def pushes(experiment):
+def perturbations(experiment):
     t = np.array(experiment.record.time)
     bell = np.exp(-(((t - t.mean()) / 0.1) ** 2))  # begins with 1e-390
-    return [Push(f"probe.{where}", f) for where in ("coupling", "motor") for f in (np.sin(5 * t), bell)]
+    return [InputPerturbation(f"probe.{where}", f) for where in ("coupling", "motor") for f in (np.sin(5 * t), bell)]
 
 
 def test_derivatives_cost_few_evaluations_more(sticking):
@@ -40,38 +38,38 @@ def test_derivatives_cost_few_evaluations_more(sticking):
         assert replace(experiment, rtol=rtol).respond(system, p).evaluations < 100_000
     alone = experiment.respond(system, p).evaluations
     assert alone < 100_000
-    assert experiment.respond(system, p, pushes=pushes(experiment)).evaluations < 5 * alone
+    assert experiment.respond(system, p, perturbations=perturbations(experiment)).evaluations < 5 * alone
 
 
 def test_transitions_agree_with_the_integrated_derivatives(sticking, monkeypatch):
     _, experiment, system, p = sticking
-    given = pushes(experiment)
-    monkeypatch.setattr(push_response, "worth_it", lambda *_: False)
-    integrated = experiment.respond(system, p, pushes=given).derivatives
+    given = perturbations(experiment)
+    monkeypatch.setattr("estimation.response.experiment.cheaper_by_transition_matrices", lambda *_: False)
+    integrated = experiment.respond(system, p, perturbations=given).derivatives
     experiment = replace(experiment, rtol=1e-5)  # the outputs may be less exact than what the transitions need
     channels = tuple(dict.fromkeys(q.channel for q in given))
-    found = PushResponse.along(experiment, system, p, experiment.start_vector(system), channels)
+    found = PerturbationResponse.along(experiment.simulation(system, p), channels)
     carried = experiment._prepared(found.outputs, found(given), (), [], []).derivatives
     size = np.linalg.norm(integrated, axis=(0, 1))
     assert np.all(np.linalg.norm(carried - integrated, axis=(0, 1)) < 0.02 * size)
 
 
-def test_transitions_at_hand_serve_a_few_pushes_too(sticking):
+def test_kept_transitions_serve_a_few_perturbations_too(sticking):
     _, experiment, system, p = sticking
-    experiment = replace(experiment, _cache={})
-    given, x0 = pushes(experiment), experiment.start_vector(system)
-    assert not push_response.worth_it(system, given[:1])
-    integrated = experiment.respond(system, p, x0, pushes=given[:1])
+    experiment = replace(experiment)  # nothing kept
+    given, x0 = perturbations(experiment), experiment.start_vector(system)
+    assert not cheaper_by_transition_matrices(system, given[:1])
+    integrated = experiment.respond(system, p, x0, perturbations=given[:1])
     assert integrated.evaluations > 0
-    kept = push_response.response_of(experiment, system, p, x0, given)
-    assert push_response.at_hand(experiment, system, p, x0, given[:1])
-    carried = experiment.respond(system, p, x0, pushes=given[:1])
+    kept = experiment.perturbation_response(system, p, x0, given)
+    assert kept.serves(given[:1])
+    carried = experiment.respond(system, p, x0, perturbations=given[:1])
     np.testing.assert_array_equal(
         carried.derivatives, experiment._prepared(kept.outputs, kept(given[:1]), (), [], []).derivatives
     )
-    assert not push_response.at_hand(experiment, system, 1.01 * p, x0, given[:1])  # of another model
-    assert not push_response.at_hand(experiment, system, p, x0, [Push("reference.position", given[0].values)])
-    assert not push_response.at_hand(experiment, system, p, x0, [])  # a simulation without directions is another thing
+    assert experiment.respond(system, 1.01 * p, x0, perturbations=given[:1]).evaluations > 0  # of another model
+    assert not kept.serves([InputPerturbation("reference.position", given[0].values)])
+    assert not kept.serves([])  # a simulation without directions is another thing
 
 
 def test_a_simulation_that_crawls_is_given_up(sticking):
@@ -83,9 +81,9 @@ def test_a_simulation_that_crawls_is_given_up(sticking):
         replace(experiment, max_evaluations=100).respond(system, p)
 
 
-def test_more_threads_than_pushes_change_nothing(sticking):
+def test_more_threads_than_perturbations_change_nothing(sticking):
     _, experiment, system, p = sticking
-    given = [Push("probe.motor", np.sin(k * np.array(experiment.record.time))) for k in range(1, 30)]
-    assert push_response.worth_it(system, given)
-    one, many = (experiment.respond(system, p, pushes=given, workers=w).derivatives for w in (1, 64))
+    given = [InputPerturbation("probe.motor", np.sin(k * np.array(experiment.record.time))) for k in range(1, 30)]
+    assert cheaper_by_transition_matrices(system, given)
+    one, many = (experiment.respond(system, p, perturbations=given, workers=w).derivatives for w in (1, 64))
     np.testing.assert_allclose(many, one, rtol=1e-12, atol=1e-15)

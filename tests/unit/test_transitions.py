@@ -12,7 +12,7 @@ from scipy.linalg import expm
 import multibody.base.parallel as threads
 from estimation.files.record import Record, Signal
 from estimation.response.experiment import Experiment
-from estimation.response.perturbation_response import PushResponse
+from estimation.response.perturbations import PerturbationResponse
 from multibody.inputs.table import InputTable
 from multibody.solvers import Samples, integrate
 from multibody.solvers.problem import Directions, ProblemError
@@ -182,9 +182,11 @@ def test_a_machine_with_friction_agrees_with_its_integrated_derivatives():
     values = {name: given.get(name, 0.0) for name in names}
     signals = {name: Signal(np.broadcast_to(v, 76).astype(float), "", name, "") for name, v in values.items()}
     signals["F_c"] = Signal(np.zeros(76), "N", "F_c", "N")
-    experiment = Experiment(Record("trip", Path("trip.csv"), TICKS, signals), tuple(names), ("F_c",), rtol=1e-9)
+    experiment = Experiment(
+        record=Record("trip", Path("trip.csv"), TICKS, signals), inputs=tuple(names), outputs=("F_c",), rtol=1e-9
+    )
     start = experiment.start_vector(system)
-    found = PushResponse.along(experiment, system, system.p, start, ("tau_L", "friction_c"))
+    found = PerturbationResponse.along(experiment.simulation(system, system.p), ("tau_L", "friction_c"))
     channels = [system.index("input", name) for name in ("tau_L", "friction_c")]
     exact = integrated(system, system.p, experiment.table(system), start, channels)
     exact = exact.transpose(0, 2, 1)

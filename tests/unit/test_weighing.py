@@ -56,7 +56,10 @@ def problem() -> FitProblem:
     }
     record = Record("run", Path("run.csv"), TIME, signals)
     experiment = Experiment(
-        record, ("drive.force",), ("mass.position", "mass.velocity"), start={"mass.position": rest}
+        record=record,
+        inputs=("drive.force",),
+        outputs=("mass.position", "mass.velocity"),
+        start={"mass.position": rest},
     )
     system = hanging().build(outputs=experiment.outputs)
     parameters = [UncertainParameter("spring.stiffness", STIFFNESS, 0.08 * STIFFNESS, 1.0, unit="N/m")]

@@ -15,7 +15,7 @@ import numpy as np
 
 from discrepancy.rigs.hidden_effects import Hidden
 from discrepancy.rigs.rig import Run
-from estimation.response.experiment import SensorError
+from estimation.response.sensors import SensorError
 from multibody.base.progress import Progress
 from multibody.machine.model import Model
 from vtsdt.lift.lift import Lift

@@ -18,7 +18,7 @@ from discrepancy.rigs.hidden_effects import Hidden
 from discrepancy.rigs.recording import Channel, Disturbance, Logger
 from discrepancy.rigs.rig import Rig, Run
 from estimation.fit.calibrate import UncertainParameter
-from estimation.response.experiment import SensorError
+from estimation.response.sensors import SensorError
 from multibody.base.progress import Progress
 from multibody.machine.model import Model, System
 from vtsdt.files.parameters import LiftParameters

@@ -1,0 +1,127 @@
+"""The simulation of one record: a system driven by the recorded inputs, with derivatives along any directions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multibody.base.errors import SimulationError
+from multibody.compile.several_directions import worth_lanes
+from multibody.system.along_trajectory import observe_along
+
+if TYPE_CHECKING:
+    from multibody.inputs.table import InputTable
+    from multibody.machine.model import System
+    from multibody.solvers.problem import Directions
+
+__all__ = ["RecordSimulation"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordSimulation:
+    """A system with its parameters and start state, the inputs of one record, and how accurately to integrate.
+
+    Parameters
+    ----------
+    record : str
+        Name of the record, for messages.
+    system : System
+    p : ndarray, shape (n_p,)
+    x0 : ndarray, shape (n,)
+    time : ndarray, shape (nt,), s
+        The record's own time grid.
+    table : InputTable
+        The recorded inputs.
+    inputs, input_rates : ndarray, shape (nt, n_u)
+        Inputs and their rates of change at ``time``.
+    outputs : ndarray of int, shape (c,)
+        Which outputs of the system are measured.
+    rtol : float
+        Relative tolerance of the integration; the absolute one is a thousandth of it.
+    max_evaluations : int, optional
+        A simulation that needs more evaluations of the equations stops with an error.
+    """
+
+    record: str
+    system: System
+    p: np.ndarray
+    x0: np.ndarray
+    time: np.ndarray
+    table: InputTable
+    inputs: np.ndarray
+    input_rates: np.ndarray
+    outputs: np.ndarray
+    rtol: float
+    max_evaluations: int | None = None
+
+    def error(self, reason: object) -> SimulationError:
+        """Return the error that names the system and the record."""
+        return SimulationError(f"'{self.system.name}' on record '{self.record}': {reason}")
+
+    def integrate(self, directions: Directions | None) -> tuple[np.ndarray, np.ndarray, int]:
+        """Integrate the system, and its derivatives along directions.
+
+        Returns
+        -------
+        y : ndarray, shape (nt, c)
+            Outputs on the record's grid.
+        dy : ndarray, shape (nt, c, m)
+            Their derivatives along the m directions.
+        evaluations : int
+            Evaluations of the equations.
+
+        Raises
+        ------
+        SimulationError
+            If the integration fails.
+        """
+        from multibody.solvers import Samples, integrate
+        from multibody.system.simulate import native_problem
+
+        system, p, time, inputs = self.system, self.p, self.time, self.inputs
+        wide = directions is not None and worth_lanes(time.size, directions.count)
+        problem = native_problem(system, p, self.table, directions, in_lanes=wide)
+        n, m = len(system.states), problem.n_directions
+        y = np.empty((time.size, self.outputs.size))
+        dy = np.empty((time.size, self.outputs.size, m))
+        n_y = len(system.outputs)
+        if directions is not None:
+            delays = np.zeros((m, inputs.shape[1]))
+            for name, k in system.input_delays.items():
+                delays[:, system.index("input", name)] = -directions.p_dot[:, k]
+            given = directions.shape
+            shape = given if given is not None and len(given) == time.size else np.zeros((time.size, m))
+
+        def receive(first: int, times: np.ndarray, states: np.ndarray) -> None:
+            rows = slice(first, first + times.size)
+            x = np.ascontiguousarray(states[:, :n])
+            y[rows] = system.outputs_along(times, x, inputs[rows], p)[:, self.outputs]
+            if directions is not None:
+                step = max(1, 4_000_000 // max(m * n_y, 1))
+                for a in range(0, times.size, step):
+                    b = min(a + step, times.size)
+                    part = slice(first + a, first + b)
+                    dy[part] = observe_along(
+                        system, times[a:b], states[a:b], inputs[part], p, directions, self.input_rates[part], delays,
+                        shape[part],
+                    )[:, self.outputs]  # fmt: skip
+
+        if n == 0:  # the motion is given: nothing to integrate
+            receive(0, time, np.zeros((time.size, 0)))
+            return y, dy, 0
+        solution = integrate(
+            problem,
+            (float(time[0]), float(time[-1])),
+            self.x0,
+            samples=Samples(time, receive),
+            rtol=self.rtol,
+            atol=self.rtol * 1e-3,
+            max_step=np.inf,
+            max_evaluations=self.max_evaluations,
+            stiff_problem=lambda: native_problem(system, p, self.table, directions, tangent=True, in_lanes=wide),
+        )
+        if solution.status < 0 or not np.all(np.isfinite(y)):
+            raise self.error(solution.message)
+        return y, dy, int(solution.nfev)
