@@ -1,28 +1,13 @@
-"""The modelling core: components, models, assembly, simulation."""
+"""The modelling core: components and their equations, models put together from them, simulation and linearisation.
 
-from multibody.base.errors import EquationError, ModelError, SimulationError
-from multibody.declare.component import Component
-from multibody.declare.declarations import (
-    Energy,
-    Frame,
-    Input,
-    Option,
-    Output,
-    Parameter,
-    Pin,
-    Power,
-    Rotation,
-    State,
-    Table,
-    Translation,
-    Unknown,
-)
-from multibody.machine.model import Model
+From here users import `Component` and what it declares, `Model`, `System` and the results of its analyses; components
+that ship with the package are in `multibody.library`.  The public names stand in ``__init__.pyi`` and are imported on
+first use.  Takes from no other package.
+"""
 
-__all__ = [
-    "Component", "Energy", "EquationError", "Frame", "Input", "Model", "ModelError", "Option", "Output", "Parameter",
-    "Pin", "Power", "Rotation", "SimulationError", "State", "Table", "Translation", "Unknown",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 #: Modules that stand in files of earlier versions, and where they are now (`multibody.base.references`).
 MOVED = {

@@ -26,8 +26,8 @@ MOTION = ("position", "velocity", "acceleration")
 @lru_cache(maxsize=128)
 def _law_system(kind: Kind) -> System:
     """Return a flange moved from outside against the ground with the kind's law between them."""
-    from multibody import Model
     from multibody.library import PositionSource
+    from multibody.machine.model import Model
 
     model = Model("law")
     moved = model.add("moved", PositionSource())

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from multibody import Component, Input, Option, Output, Parameter, Power, Rotation, State, Table, Translation
+from multibody.declare.component import Component
+from multibody.declare.declarations import Input, Option, Output, Parameter, Power, Rotation, State, Table, Translation
 from multibody.declare.domains import in_both_domains
 from multibody.library.laws import asymmetric, contact, coulomb, one_sided, quadratic
 

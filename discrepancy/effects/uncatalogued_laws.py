@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 
-from multibody import Component, Output, Parameter, Power
+from multibody.declare.component import Component
+from multibody.declare.declarations import Output, Parameter, Power
 from multibody.declare.domains import in_both_domains
 
 __all__ = ["OVER", "UNKNOWN_LAWS"]

@@ -2,8 +2,8 @@
 
 import math
 
-from multibody import Model
-from multibody import library as lib
+import multibody.library as lib
+from multibody.machine.model import Model
 
 LEAD = 0.04  # m of travel for one turn of the screw
 

@@ -15,8 +15,8 @@ from discrepancy.effects.effect import Effect, law_class
 from discrepancy.effects.kinds import MotionRange, kinds
 from discrepancy.effects.uncatalogued_laws import OVER, UNKNOWN_LAWS
 from discrepancy.rigs.recording import BenchError
-from multibody import Component
 from multibody.base.spelling import nearest
+from multibody.declare.component import Component
 from multibody.machine.model import Model
 
 __all__ = [

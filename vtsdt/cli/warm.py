@@ -87,8 +87,8 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
 
 def _small():  # type: ignore[no-untyped-def]
     """Return an oscillator with all that an integrator can be asked for."""
-    from multibody import Model
     from multibody.library import Mass, Spring
+    from multibody.machine.model import Model
     from multibody.system.simulate import input_table, native_problem
 
     model = Model("oscillator")
