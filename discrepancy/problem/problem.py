@@ -47,7 +47,7 @@ class Problem:
         The study file.
     warnings : tuple of str
     inputs : {"auto", "as recorded"}
-        ``"auto"`` takes noise out of recorded inputs where it matters (`discrepancy.residual.noisy_inputs`).
+        ``"auto"`` takes noise out of recorded inputs where it matters (`discrepancy.residual.input_noise`).
     """
 
     name: str

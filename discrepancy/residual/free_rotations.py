@@ -1,4 +1,4 @@
-"""Which angles of a machine may be turned together without anything else of it changing."""
+"""Free rotations: angles that can be turned together without changing anything else of the machine."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from discrepancy.residual.initial_state import Followed
+    from discrepancy.residual.initial_state import StateEstimate
     from estimation.response.experiment import Experiment
     from multibody.machine.model import System
 
 __all__ = ["free_rotations"]
 
-INSTANTS = 32  # of a record at which the machine is asked
-NOTHING = 1e-9  # influence of a turn, relative to that of an angle alone, which is rounding
-PART = 0.1  # share in a turn from which an angle takes part in it
+INSTANTS = 32  # of a record at which Jacobians are evaluated
+ROUNDING = 1e-9  # influence of a rotation, relative to that of an angle alone, that counts as zero
+PART = 0.1  # share in a rotation from which an angle takes part in it
 
 
 def free_rotations(
-    system: System, p: np.ndarray, experiments: Sequence[Experiment], followed: Sequence[Followed]
+    system: System, p: np.ndarray, experiments: Sequence[Experiment], estimates: Sequence[StateEstimate]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return which states and which outputs are angles that count turns, and nothing depends on how many.
+    """Return which states and which outputs are angles that only count turns: nothing depends on how many.
 
-    The rotor of a fan turns freely: its angle adds up what the speed was, and a turn more or less moves nothing else.
-    Two rotors with a spring between them turn freely together.  A pendulum does not: its weight knows the angle.
+    The rotor of a fan turns freely: its angle is the integral of its speed, and one turn more changes nothing else.
+    Two rotors with a spring between them turn freely together.  A pendulum does not: its weight depends on the angle.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def free_rotations(
         With the measured outputs.
     p : ndarray, shape (n_p,)
     experiments : sequence of Experiment
-    followed : sequence of Followed
+    estimates : sequence of StateEstimate
         States along the records.
 
     Returns
@@ -45,20 +45,20 @@ def free_rotations(
     states, outputs = np.zeros(len(system.states), dtype=bool), np.zeros(len(order), dtype=bool)
     if not angles.size:
         return states, outputs
-    rates, seen = [], []
-    for experiment, path in zip(experiments, followed, strict=True):
-        at = np.linspace(0, len(path.states) - 1, min(INSTANTS, len(path.states))).astype(int)
-        times, inputs = np.array(experiment.record.time)[at], path.reading.inputs[at]
-        given = (times, path.states[at], inputs, p)
+    rates, shown = [], []
+    for experiment, estimate in zip(experiments, estimates, strict=True):
+        at = np.linspace(0, len(estimate.states) - 1, min(INSTANTS, len(estimate.states))).astype(int)
+        times, inputs = np.array(experiment.record.time)[at], estimate.reading.inputs[at]
+        given = (times, estimate.states[at], inputs, p)
         rates.append(system.jacobian_along("x", *given)[:, :, angles])
-        seen.append(system.jacobian_along("x", *given, of="outputs")[:, order][:, :, angles])
+        shown.append(system.jacobian_along("x", *given, of="outputs")[:, order][:, :, angles])
     influence = np.concatenate(rates).reshape(-1, angles.size)
     if not np.all(np.isfinite(influence)):
         return states, outputs
-    _, sizes, turns = np.linalg.svd(influence, full_matrices=True)
+    _, sizes, rotations = np.linalg.svd(influence, full_matrices=True)
     sizes = np.concatenate([sizes, np.zeros(angles.size - sizes.size)])
-    free = turns[sizes <= NOTHING * max(sizes[0], np.finfo(float).tiny)]
+    free = rotations[sizes <= ROUNDING * max(sizes[0], np.finfo(float).tiny)]
     states[angles] = np.any(np.abs(free) > PART, axis=0)
-    shown = np.abs(np.concatenate(seen) @ free.T).max(axis=0, initial=0.0)  # (n_channels, turns)
-    outputs[:] = np.any(shown > PART, axis=1) & np.array([system.outputs[i].unit == "rad" for i in order])
+    influence = np.abs(np.concatenate(shown) @ free.T).max(axis=0, initial=0.0)  # (n_channels, rotations)
+    outputs[:] = np.any(influence > PART, axis=1) & np.array([system.outputs[i].unit == "rad" for i in order])
     return states, outputs

@@ -1,56 +1,39 @@
-"""The inverse residual: the machine is given its recorded motion, and the force that this needs is compared.
+"""The inverse residual: the recorded motion is prescribed, and the force that it needs is compared.
 
-In a copy of the model every free motion whose position, angle or speed is measured becomes a prescribed one.  What acts
-already (springs, friction, gravity, recorded forces) leaves a rest, the reaction of what prescribes the motion: zero
-for the right model.  Motion and all recorded signals pass one and the same zero-phase low-pass, so that what is
-compared has been treated alike.
+In a copy of the model every free motion whose position, angle or speed is measured becomes a prescribed one.  The sum
+of the modelled forces (springs, friction, gravity, recorded forces) leaves a remainder, the reaction of the
+prescription: zero for the right model.  Motion and all recorded signals pass the same zero-phase low-pass, so that
+everything compared has been treated alike.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from discrepancy.problem.problem import Problem
 from discrepancy.problem.study_file import StudyError
-from discrepancy.residual.initial_state import follow, signal_bandwidth
+from discrepancy.residual.initial_state import estimate_states
+from discrepancy.residual.prepared_problem import PreparedProblem
 from discrepancy.residual.prescribed_motion import UNITS, Motion, cut_loops, measured_motions, prescribed, shows_motion
+from discrepancy.residual.signal_bandwidth import signal_bandwidth
 from discrepancy.residual.windows import crop
 from estimation.files.record import Record, Signal
 from estimation.response.experiment import Experiment
+from estimation.signals.metrics import noise_floor
 from estimation.signals.preparation import Preparation, edge_time, low_pass
 
 if TYPE_CHECKING:
     from multibody.machine.model import System
 
-__all__ = ["Inverse", "derivatives", "inverse_problem"]
+__all__ = ["derivatives", "inverse_problem"]
 
 
-@dataclass(frozen=True, eq=False)
-class Inverse:
-    """A problem whose records give the motion.
-
-    Parameters
-    ----------
-    problem : Problem
-    motions : tuple of Motion
-    bandwidth : float
-        Of the low-pass that every signal has passed, Hz.
-    told : str
-        What was done, for the reason of the mode.
-    """
-
-    problem: Problem
-    motions: tuple[Motion, ...]
-    bandwidth: float
-    told: str
-
-
-def inverse_problem(problem: Problem, bandwidth: float | None = None) -> Inverse:
-    """Return a problem in which the measured motion is given and the force that it needs is compared.
+def inverse_problem(problem: Problem, bandwidth: float | None = None) -> PreparedProblem:
+    """Return the problem in which the measured motion is prescribed and the force that it needs is compared.
 
     Parameters
     ----------
@@ -96,12 +79,12 @@ def inverse_problem(problem: Problem, bandwidth: float | None = None) -> Inverse
     known = set(built.parameter_names)
     whole = problem.model.build(outputs=first.outputs)
 
-    def given(e: Experiment) -> Experiment:
+    def with_motion(e: Experiment) -> Experiment:
         return _experiment(crop(e), motions, inputs, compared, built, bandwidth, whole)
 
-    identify, validate = tuple(map(given, problem.identify)), tuple(map(given, problem.validate))
+    identify, validate = tuple(map(with_motion, problem.identify)), tuple(map(with_motion, problem.validate))
     excluded = (*problem.exclude, "sensor_*@needed.*", "input_*@motion.*")
-    if any(not m.force for m in motions):  # what is compared with zero is least where every signal counts for nothing
+    if any(not m.force for m in motions):  # a comparison with zero is best where the gain of every signal is zero
         excluded = (*excluded, "sensor_gain@*", "input_gain@*")
     noise = {n: v for n, v in problem.noise.items() if n in compared}
     changed = replace(
@@ -115,10 +98,9 @@ def inverse_problem(problem: Problem, bandwidth: float | None = None) -> Inverse
     )
     changed = replace(changed, noise={**noise, **_floors(changed, built, motions)})
     names = " and ".join(m.output for m in motions)
-    return Inverse(
+    return PreparedProblem(
         changed,
-        motions,
-        bandwidth,
+        "inverse",
         f"the motion is given by {names}, low-passed at {bandwidth:.3g} Hz, and the force or torque that it "
         "needs is compared",
     )
@@ -135,8 +117,8 @@ def derivatives(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nd
 
     Notes
     -----
-    Differences of the low-passed signal, and not a smoothing differentiator: position, rate, acceleration and the
-    recorded forces then have passed the same filter, and nothing is left over that looks like a missing inertia.
+    Differences of the low-passed signal, not a smoothing differentiator: position, rate, acceleration and the recorded
+    forces have then passed the same filter, and no difference of filters looks like a missing inertia.
     """
     h = float(time[-1] - time[0]) / (len(time) - 1)
     padded = np.concatenate([_beyond(values[:8])[::-1], values, _beyond(values[::-1][:8])])
@@ -160,7 +142,7 @@ def _experiment(
     bandwidth: float,
     whole: System,
 ) -> Experiment:
-    """Return an experiment whose record gives the motion; other states start where the whole machine was then."""
+    """Return an experiment whose record prescribes the motion; other states start at their estimates."""
     record = experiment.record
     time = np.array(record.time)
     nyquist = 0.5 * record.rate
@@ -207,7 +189,7 @@ def _experiment(
     free = tuple(n for n in system.state_names if not n.startswith("energy."))
     start: dict[str, float] = {}
     if free:
-        x = follow(experiment, whole, whole.p).at(edge)
+        x = estimate_states(experiment, whole, whole.p).at(edge)
         start = {n: float(x[whole.index("state", n)]) for n in free if n in whole.state_names}
     return replace(
         experiment,
@@ -223,13 +205,11 @@ def _experiment(
 
 
 def _floors(problem: Problem, system: System, motions: Sequence[Motion]) -> dict[str, float]:
-    """Return the noise of what is compared: the model's force carries the noise of the differentiated motion."""
-    from estimation.signals.metrics import noise_floor
-
+    """Return the noise of the compared forces: the model's force carries the noise of the differentiated motion."""
     p = system.parameter_vector({q.name: q.value for q in problem.uncertain})
-    found: dict[str, list[float]] = {}
+    floors: dict[str, list[float]] = {}
     for e in problem.identify:
-        rest = e.measured - e.simulate(system, p)
+        residual = e.measured - e.simulate(system, p)
         for c, m in enumerate(motions):
-            found.setdefault(m.compared, []).append(noise_floor(rest[:, c]).std)
-    return {n: float(np.median(v)) for n, v in found.items()}
+            floors.setdefault(m.compared, []).append(noise_floor(residual[:, c]).std)
+    return {n: float(np.median(v)) for n, v in floors.items()}

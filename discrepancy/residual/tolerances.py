@@ -1,4 +1,4 @@
-"""How exactly and how long simulations run: as exactly as the noise asks for, and no explanation without end."""
+"""The tolerance and the largest number of evaluations of simulations, from the noise of the outputs."""
 
 from __future__ import annotations
 
@@ -8,46 +8,45 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discrepancy.problem.problem import Problem, noise_floors
+from multibody.base.errors import SimulationError
+
 if TYPE_CHECKING:
-    from discrepancy.problem.problem import Problem
     from estimation.response.experiment import Experiment
     from multibody.machine.model import System
 
-__all__ = ["TIMES", "tolerance", "with_tolerances"]
+__all__ = ["LEAST_EVALUATIONS", "MOST_TIMES", "tolerance", "with_tolerances"]
 
-TIMES = 100  # what the model as given takes, before a simulation is given up
-LEAST = 100_000  # evaluations that are always allowed: a model at rest takes next to none
-LOOSER = (1e-4, 1e-5)  # relative tolerances that are tried in the place of an experiment's own
-UNSEEN = 1e-3  # share of an output's noise below which an error of integration does no harm
+MOST_TIMES = 100  # evaluations of a simulation, over those of the model as given, before it is given up
+LEAST_EVALUATIONS = 100_000  # that are always allowed: a model at rest takes next to none
+LOOSER = (1e-4, 1e-5)  # relative tolerances that are tried instead of an experiment's own
+NEGLIGIBLE = 1e-3  # share of an output's noise below which an error of integration does not matter
 
 
 def with_tolerances(problem: Problem) -> Problem:
-    """Return a problem whose experiments are simulated as exactly as their noise asks for, and not without end.
+    """Return a problem whose experiments have the tolerance that their noise allows and a limit on evaluations.
 
-    A simulation that takes a hundred times the model as given is given up: friction that locks a drive against its own
-    load, or a spring a million times too stiff, can make one take hours.  A model that cannot be simulated as given
-    gets no bound: what is wrong with it is told where it is used.
+    A simulation that takes a hundred times the evaluations of the model as given is given up: friction that locks a
+    drive against its own load, or a spring a million times too stiff, can take hours.  A model that cannot be simulated
+    as given gets no limit: its error is raised where it is used.
 
     Parameters
     ----------
     problem : Problem
     """
-    from discrepancy.problem.problem import noise_floors
-    from multibody.base.errors import SimulationError
-
     records = [*problem.identify, *problem.validate]
     system = problem.model.build(probes=True, outputs=records[0].outputs)
     p = system.parameter_vector({q.name: q.value for q in problem.uncertain})
     try:
-        found = [e.respond(system, p) for e in records]
+        runs = [e.respond(system, p) for e in records]
         rtol = tolerance(
-            records, system, p, [f.outputs for f in found], noise_floors(problem.identify, problem.noise)
+            records, system, p, [r.outputs for r in runs], noise_floors(problem.identify, problem.noise)
         )
     except SimulationError:
         return problem
     bounded = [
-        replace(e, max_evaluations=TIMES * f.evaluations + LEAST, rtol=max(rtol, e.rtol))
-        for e, f in zip(records, found, strict=True)
+        replace(e, max_evaluations=MOST_TIMES * r.evaluations + LEAST_EVALUATIONS, rtol=max(rtol, e.rtol))
+        for e, r in zip(records, runs, strict=True)
     ]
     count = len(problem.identify)
     return replace(problem, identify=tuple(bounded[:count]), validate=tuple(bounded[count:]))
@@ -77,9 +76,7 @@ def tolerance(
     float
         One of `LOOSER`, or 0.
     """
-    from multibody.base.errors import SimulationError
-
-    allowed = UNSEEN * np.array([noise.get(n, 0.0) for n in records[0].outputs])
+    allowed = NEGLIGIBLE * np.array([noise.get(n, 0.0) for n in records[0].outputs])
     for rtol in LOOSER:
         for e, y in zip(records, exact, strict=True):
             try:

@@ -73,7 +73,7 @@ class ForceEquations:
     rows : list of (ndarray, ndarray, ndarray)
         Residual, derivatives by the force and by the parameters, of each record, in standard deviations of the outputs.
     at_rest, with_force : ndarray
-        ParameterPerturbation of the parameters without a force, and its reduction by each value of the force.
+        Change of the parameters without a force, and its reduction by each value of the force.
     energy : float
         Sum of squares without a force.
     """

@@ -17,7 +17,7 @@ from discrepancy.questions.unknown_force import describe_unknown
 from discrepancy.questions.unnamed_force import nameless_force
 from discrepancy.report.conclusion import Conclusion, UnknownCurve, explained
 from discrepancy.report.wording import rival_title
-from discrepancy.residual.noisy_inputs import noise_summary
+from discrepancy.residual.input_noise import noise_summary
 from discrepancy.search.parameter_trend import Trend, parameter_trends
 from discrepancy.sensitivities.input_feedback import feedback_messages, inputs_with_feedback
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from discrepancy.questions.compare import Comparison
     from discrepancy.questions.locate import WhereItFails
     from discrepancy.report.conclusion import Conclusion
-    from discrepancy.residual.residual_mode import PreparedProblem
+    from discrepancy.residual.prepared_problem import PreparedProblem
     from discrepancy.search.omnibus import Omnibus
     from discrepancy.search.prior_conflict_test import Beyond
     from estimation.fit.calibrate import UncertainParameter

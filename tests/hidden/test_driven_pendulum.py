@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from discrepancy.problem.problem import Problem, make_experiments
-from discrepancy.residual.residual_mode import PreparedProblem, problem_in_windows
+from discrepancy.residual.prepared_problem import PreparedProblem
+from discrepancy.residual.residual_mode import problem_in_windows
 from discrepancy.study.history import restore, save_history
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from discrepancy.problem.problem import Problem, make_experiments
-from discrepancy.residual.noisy_inputs import MATTERS, reduce_input_noise
+from discrepancy.residual.input_noise import MATTERS, reduce_input_noise
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal
 from estimation.fit.calibration import UncertainParameter
@@ -128,7 +128,8 @@ def test_a_study_does_it_by_itself_unless_told_not_to() -> None:
     conclusion = Study(problem).diagnose()
     assert conclusion.verdict == "nothing missing"
     assert conclusion.sentence.endswith(
-        "Noise of the recorded input push shakes the model and is no missing law; it was taken out or weighed down."
+        "Noise of the recorded input push excites the simulation and is no missing effect; it was removed or weighted "
+        "down."
     )
     assert any(w.startswith("The recorded input push is noisy") for w in conclusion.warnings)
     assert conclusion.extra["noisy_inputs"][0]["input"] == "push"
