@@ -19,8 +19,8 @@ def _problem() -> tuple[Any, Any, Any, Any]:
     from vtsdt.lift.lift import Lift
 
     run = Lift.reference().trip("up")
-    trip = Trip("up", run.times, run["F_c"], run["z_c"], run["zdd_c"])
-    sensor = GuideFilter(LiftParameters.bench(), TUNINGS["bounded"])
+    trip = Trip(name="up", time=run.times, tension=run["F_c"], height=run["z_c"], acceleration=run["zdd_c"])
+    sensor = GuideFilter(parameters=LiftParameters.bench(), tuning=TUNINGS["bounded"])
     names = {name.rpartition(".")[2]: name for name in sensor.system.state_names}
     process = {names[k]: v for k, v in sensor.tuning.process.items() if k != "delta"}
     noise = Noise({**process, DELTA: 1e-3}, {"z_c": 1e-4, "zdd_c": 1e-7}, "density_times_step")
@@ -70,7 +70,7 @@ def bench_unscented() -> Callable[[], Any]:
     from vtsdt.alignment.filter import TUNINGS, GuideFilter
 
     sensor, trip, samples, _ = _problem()
-    quiet = GuideFilter(sensor.parameters, TUNINGS["quiet"])
+    quiet = GuideFilter(parameters=sensor.parameters, tuning=TUNINGS["quiet"])
     model, prior, quiet_noise = quiet.model(), quiet.prior(trip), quiet.run(trip).noise
 
     def work() -> None:

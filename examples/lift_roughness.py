@@ -21,7 +21,8 @@ import pandas as pd
 from discrepancy.rigs.recording import Case
 from discrepancy.study.study import Study
 from estimation.files.record import Record
-from vtsdt.alignment.estimate import Alignment, align
+from vtsdt.alignment.estimate import align
+from vtsdt.alignment.result import Alignment
 from vtsdt.alignment.trips import prepare
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.rig.models import build

@@ -81,9 +81,9 @@ def carriage() -> tuple[FilterModel, Noise, Prior, np.ndarray, np.ndarray]:
 
 def cabin() -> tuple[FilterModel, Noise, Prior, np.ndarray, np.ndarray]:
     """The lift's cabin with δ, 12 + 1 states, going up with its shoes pressing: height and acceleration are read."""
-    sensor = GuideFilter(LiftParameters.bench())
+    sensor = GuideFilter(parameters=LiftParameters.bench())
     run = Lift.reference(profile=False).trip("up", until=2.5, step=1e-3, rtol=1e-6, atol=1e-9)
-    trip = Trip("up", run.times, run["F_c"], run["z_c"], run["zdd_c"])
+    trip = Trip(name="up", time=run.times, tension=run["F_c"], height=run["z_c"], acceleration=run["zdd_c"])
     begun = int(np.argmax(trip.speed > 0.3))
     free, values = sensor.model(), dict(sensor.prior(trip).state)
     model = FilterModel(free.system, free.measured, free.latents)
@@ -141,9 +141,9 @@ def plot_consistency(path: Path) -> list[str]:
 
 def plot_covariances(path: Path) -> list[str]:
     """Draw standard deviations along a trip of the lift: with the paper's sensors δ is bounded, two rails are not."""
-    sensor = GuideFilter(LiftParameters.bench())
+    sensor = GuideFilter(parameters=LiftParameters.bench())
     run = Lift.reference().trip("up", step=1e-3, rtol=1e-5, atol=1e-8)
-    trip = Trip("up", run.times, run["F_c"], run["z_c"], run["zdd_c"])
+    trip = Trip(name="up", time=run.times, tension=run["F_c"], height=run["z_c"], acceleration=run["zdd_c"])
     one = sensor.run(trip)
     model = FilterModel(
         sensor.system, ["z_c", "zdd_c"],

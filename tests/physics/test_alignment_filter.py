@@ -24,7 +24,7 @@ def sensor():
         quiet, process={k: 1e-2 * v for k, v in quiet.process.items()}, height=1e-2 * quiet.height,
         acceleration=1e-2 * quiet.acceleration,
     )  # fmt: skip
-    return GuideFilter(LiftParameters.bench(), small)
+    return GuideFilter(parameters=LiftParameters.bench(), tuning=small)
 
 
 @pytest.fixture(scope="module")

@@ -18,8 +18,8 @@ COUNT = 1500
 def problem():
     """The first 1.5 s of a trip at 1 kHz: the start, contacts closing, speed rising."""
     run = Lift.reference().trip("up", until=1.5, step=1e-3, rtol=1e-5, atol=1e-8)
-    trip = Trip("up", run.times, run["F_c"], run["z_c"], run["zdd_c"])
-    sensor = GuideFilter(LiftParameters.bench(), TUNINGS["bounded"])
+    trip = Trip(name="up", time=run.times, tension=run["F_c"], height=run["z_c"], acceleration=run["zdd_c"])
+    sensor = GuideFilter(parameters=LiftParameters.bench(), tuning=TUNINGS["bounded"])
     names = {name.rpartition(".")[2]: name for name in sensor.system.state_names}
     process = {names[k]: v for k, v in sensor.tuning.process.items() if k != "delta"}
     noise = Noise({**process, DELTA: 1e-3}, {"z_c": 1e-4, "zdd_c": 1e-7}, "density_times_step")

@@ -22,12 +22,12 @@ def trip_and_truth():
     raw = np.column_stack([run["F_c"], run["z_c"], run["zdd_c"]])
     raw += np.array([0.3, 2e-5, 0.01]) * rng.standard_normal(raw.shape)
     tension, height, acceleration = low_pass(run.times, raw, 60.0).T
-    return Trip("up", run.times, tension, height, acceleration), run
+    return Trip(name="up", time=run.times, tension=tension, height=height, acceleration=acceleration), run
 
 
 def test_friction_and_normal_force_of_the_guides_come_out(trip_and_truth):
     trip, truth = trip_and_truth
-    sensor = GuideFilter(LiftParameters.bench(), TUNINGS["quiet"], forces=("fric_c", "Nsum_c"))
+    sensor = GuideFilter(parameters=LiftParameters.bench(), tuning=TUNINGS["quiet"], forces=("fric_c", "Nsum_c"))
     found = virtual_sensors(sensor.run(trip, keep="covariances"), ["fric_c", "Nsum_c"], every=5)
     moving = np.abs(trip.speed[::5]) > 0.2
     for name, bound in (("fric_c", 0.6), ("Nsum_c", 4.0)):
@@ -42,7 +42,7 @@ def test_friction_and_normal_force_of_the_guides_come_out(trip_and_truth):
 def test_the_spread_is_that_of_moving_the_estimate_by_its_covariance(trip_and_truth):
     """Against outputs at states drawn from the filter's own distribution."""
     trip, _ = trip_and_truth
-    sensor = GuideFilter(LiftParameters.bench(), TUNINGS["quiet"], forces=("Nsum_c",))
+    sensor = GuideFilter(parameters=LiftParameters.bench(), tuning=TUNINGS["quiet"], forces=("Nsum_c",))
     run = sensor.run(trip, keep="covariances")
     k = trip.time.size // 2
     said = virtual_sensors(run, ["Nsum_c"], every=k).std("Nsum_c")[1]
@@ -57,7 +57,7 @@ def test_the_spread_is_that_of_moving_the_estimate_by_its_covariance(trip_and_tr
 
 def test_without_covariances_there_is_no_spread_and_unknown_outputs_are_named(trip_and_truth):
     trip, _ = trip_and_truth
-    sensor = GuideFilter(LiftParameters.bench(), TUNINGS["quiet"], forces=("fric_c",))
+    sensor = GuideFilter(parameters=LiftParameters.bench(), tuning=TUNINGS["quiet"], forces=("fric_c",))
     run = sensor.run(trip)
     assert np.isnan(virtual_sensors(run, ["fric_c"], every=500).stds).all()
     with pytest.raises(FilterError, match="built without the output 'friction_c'"):

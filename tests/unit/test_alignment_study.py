@@ -1,4 +1,4 @@
-"""The study of the alignment sensor: scores, what is kept of a run that was stopped, and the page."""
+"""The study of the alignment sensor: scores, what is kept of an interrupted run, and the page."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from vtsdt.alignment import study as alignment_study
-from vtsdt.alignment.estimate import Alignment
 from vtsdt.alignment.filter import TUNINGS
+from vtsdt.alignment.result import Alignment
 from vtsdt.alignment.score import Score, score
-from vtsdt.alignment.study import BASE, CALM, Judged, lines, run_study
+from vtsdt.alignment.study import run_study
+from vtsdt.alignment.study_lines import TEN_TRIPS, UNDISTURBED, LiftScores, lines
 from vtsdt.alignment.study_page import page, rate
 
 HEIGHT = np.round(np.arange(0.0, 1.901, 0.01), 2)
@@ -22,8 +23,8 @@ def estimated(curve: np.ndarray, spread: float = 0.05e-3) -> Alignment:
     """An estimate from ten trips that are off a curve to both sides."""
     off = spread * np.linspace(-1.5, 1.5, 10)[:, None]
     return Alignment(
-        HEIGHT, tuple(f"{k}" for k in range(10)), np.ones(10), curve + off, 2.3e-3, TUNINGS["bounded"], 0.0,
-        (0.03, 0.55), 1.2e-3, 3.8e3,
+        height=HEIGHT, trips=tuple(f"{k}" for k in range(10)), directions=np.ones(10), curves=curve + off,
+        threshold=2.3e-3, tuning=TUNINGS["bounded"], tension_error=0.0, shoes=(0.03, 0.55), loose=1.2e-3, slope=3.8e3,
     )  # fmt: skip
 
 
@@ -35,23 +36,27 @@ def bumps(*places: tuple[float, float, float]) -> np.ndarray:
     return curve
 
 
-def test_every_section_that_is_wrong_is_told_with_its_numbers():
+def scored(correlation: float, median: float, rms: float, false: int, missed: int) -> Score:
+    return Score(correlation=correlation, median_correlation=median, rms=rms, false=false, missed=missed, coverage=0.9)
+
+
+def test_every_wrong_section_is_reported_with_its_numbers():
     truth = bumps((0.3, 0.4, 0.5e-3), (0.8, 0.9, 0.32e-3))
-    found = score(estimated(bumps((0.3, 0.4, 0.5e-3), (0.8, 0.9, 0.28e-3), (1.2, 1.4, 0.4e-3))), HEIGHT, truth)
-    assert (found.false, found.missed) == (1, 1)
-    false, missed = found.wrong
+    result = score(estimated(bumps((0.3, 0.4, 0.5e-3), (0.8, 0.9, 0.28e-3), (1.2, 1.4, 0.4e-3))), HEIGHT, truth)
+    assert (result.false, result.missed) == (1, 1)
+    false, missed = result.wrong
     assert (false.low, false.high) == pytest.approx((1.2, 1.4))
     assert false.true < 2.02e-3
-    assert "missed, 0.80 to 0.90 m: the truth is 0.03 mm beyond the threshold at most" in missed.reason()
-    assert missed.reason().endswith("; listed as undecided")
-    assert found.good is (found.correlation >= 0.9)
-    assert Score.of(json.loads(json.dumps(dataclasses.asdict(found)))) == found
+    assert "missed, 0.80 to 0.90 m: the largest true deviation is 0.03 mm above the threshold" in missed.sentence()
+    assert missed.sentence().endswith("; listed as undecided")
+    assert result.passed is (result.correlation >= 0.9)
+    assert Score.of(json.loads(json.dumps(dataclasses.asdict(result)))) == result
 
 
-def test_a_score_says_what_it_falls_short_of():
-    assert Score(0.95, 0.9, 0.2e-3, 1, 1).good
-    assert Score(0.85, 0.9, 0.4e-3, 2, 0).short() == ["correlation 0.850", "error 0.40 mm", "2 false"]
-    assert not Score(float("nan"), 0.9, 0.2e-3, 0, 0).good
+def test_a_score_lists_what_it_does_not_reach():
+    assert scored(0.95, 0.9, 0.2e-3, 1, 1).passed
+    assert scored(0.85, 0.9, 0.4e-3, 2, 0).shortfalls() == ["correlation 0.850", "error 0.40 mm", "2 false"]
+    assert not scored(float("nan"), 0.9, 0.2e-3, 0, 0).passed
 
 
 def test_rates_have_the_interval_of_clopper_and_pearson():
@@ -68,42 +73,42 @@ def stubs(monkeypatch):
     class Case:
         def __init__(self, seed):
             self.seed, self.height, self.pressing = seed, HEIGHT, bumps()
-            self.judged = type("Visit", (), {"truth": dict.fromkeys(
+            self.evaluated = type("Visit", (), {"truth": dict.fromkeys(
                 ("cabin_guide.mu", "cabin_guide.stiffness", "cabin.mass"), 1.0)})  # fmt: skip
 
         def scaled(self):
             return None, 1.0
 
-    def judged(case, line):
+    def line_score(case, line):
         ran.append(f"{case.seed} {line.what}")
-        return Score(0.95, 0.93, 0.1e-3, 0, 0, covered=0.9) if line.group != "tuning" else "trip 1: the filter diverges"
+        return scored(0.95, 0.93, 0.1e-3, 0, 0) if line.group != "tuning" else "trip 1: the filter diverges"
 
     monkeypatch.setattr(alignment_study, "make_case", lambda seed, progress: Case(seed))
-    monkeypatch.setattr(alignment_study, "_judged", judged)
+    monkeypatch.setattr(alignment_study, "_line_score", line_score)
     monkeypatch.setattr(alignment_study, "_draw", lambda case, folder: None)
     return ran
 
 
-def test_a_study_that_was_stopped_goes_on_where_it_was(tmp_path, stubs, monkeypatch):
-    told = run_study([101, 102], tmp_path, groups=["as recorded"])
-    assert [t.seed for t in told] == [101, 102]
-    assert stubs == [f"101 {BASE}", f"102 {BASE}"]
+def test_an_interrupted_study_continues(tmp_path, stubs, monkeypatch):
+    lifts = run_study([101, 102], tmp_path, groups=["as recorded"])
+    assert [t.seed for t in lifts] == [101, 102]
+    assert stubs == [f"101 {TEN_TRIPS}", f"102 {TEN_TRIPS}"]
     run_study([101, 102], tmp_path, groups=["as recorded", "disturbing force"])
-    assert stubs[2:] == [f"101 {CALM}", f"102 {CALM}"]
+    assert stubs[2:] == [f"101 {UNDISTURBED}", f"102 {UNDISTURBED}"]
     again = run_study([101, 102], tmp_path, groups=["as recorded", "disturbing force"])
     assert len(stubs) == 4
-    assert again[0].score(CALM).correlation == 0.95
+    assert again[0].score(UNDISTURBED).correlation == 0.95
     monkeypatch.setattr(alignment_study, "_code", lambda: "another")
     run_study([101], tmp_path, groups=["as recorded"])
-    assert stubs[4:] == [f"101 {BASE}"]
+    assert stubs[4:] == [f"101 {TEN_TRIPS}"]
 
 
 def test_the_page_gives_rates_reasons_and_refusals(tmp_path, stubs):
-    told = run_study([31, 101], tmp_path, groups=["as recorded", "tuning", "disturbing force"])
-    short = Score(0.7, 0.6, 0.35e-3, 0, 0)
-    told[1] = dataclasses.replace(told[1], found={**told[1].found, f"as recorded: {BASE}": short})
-    text = page(told, "python -m vtsdt.alignment.study")
-    assert "The method was made with the lifts 31 in sight." in text
+    lifts = run_study([31, 101], tmp_path, groups=["as recorded", "tuning", "disturbing force"])
+    short = scored(0.7, 0.6, 0.35e-3, 0, 0)
+    lifts[1] = dataclasses.replace(lifts[1], scores={**lifts[1].scores, f"as recorded: {TEN_TRIPS}": short})
+    text = page(lifts, "python -m vtsdt.alignment.study")
+    assert "The lifts 31 were used while the method was developed." in text
     assert "| RMS error at most 0.3 mm | 1 of 2 (1 to 99 %) |" in text
     assert "- Lift 101: falls short with correlation 0.700, error 0.35 mm" in text
     assert "without the disturbing force reach it: correlation 0.950" in text
@@ -116,5 +121,5 @@ def test_the_page_gives_rates_reasons_and_refusals(tmp_path, stubs):
 def test_lines_have_names_of_their_own():
     names = [line.name for line in lines()]
     assert len(set(names)) == len(names)
-    assert len({line.what for line in lines() if line.what in (BASE, CALM)}) == 2
-    assert Judged(1, 1.0, 1.0, 1.0, 1e-4, {}).score(BASE) is None
+    assert len({line.what for line in lines() if line.what in (TEN_TRIPS, UNDISTURBED)}) == 2
+    assert LiftScores(seed=1, friction=1.0, mass=1.0, factor=1.0, spread=1e-4, scores={}).score(TEN_TRIPS) is None

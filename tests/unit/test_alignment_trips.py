@@ -1,4 +1,4 @@
-"""Trips of a rig that got something wrong: each is told for what it is; good ones are prepared alike."""
+"""Faulty recordings of trips: each fault is named; good ones are prepared alike."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from vtsdt.alignment.estimate import AlignmentError, align, balance, read_trips
+from vtsdt.alignment.estimate import align, balance
 from vtsdt.alignment.rail import rail_profile
 from vtsdt.alignment.sections import Section, sections
-from vtsdt.alignment.trips import find_columns
+from vtsdt.alignment.trips import AlignmentError, find_columns, read_trips
 from vtsdt.cli.command_line import main
 from vtsdt.files.parameters import LiftParameters
 
@@ -67,18 +67,18 @@ def test_a_good_trip_is_prepared(tmp_path):
     [
         (lambda c: c | {"cabin_height_mm": 900.0 + 0.0 * c["time_s"] + 0.01 * np.sin(c["time_s"])}, "never moves"),
         (lambda c: {("tension_c" if k == "tension_c_N" else k): v / (9.80665 if k == "tension_c_N" else 1.0)
-                    for k, v in c.items()}, "look like kg; say --tension-unit kgf"),
+                    for k, v in c.items()}, "look like kg; give --tension-unit kgf"),
         (lambda c: c | {"tension_c_N": 1e-3 * c["tension_c_N"]}, "look like kN"),
-        (lambda c: c | {"tension_c_N": -c["tension_c_N"]}, "its sign is turned"),
+        (lambda c: c | {"tension_c_N": -c["tension_c_N"]}, "its sign is reversed"),
         (lambda c: c | {"tension_c_N": 0.6 * c["tension_c_N"]}, "check its unit and zero"),
         (lambda c: c | {"cabin_acceleration_m_per_s2": np.clip(c["cabin_acceleration_m_per_s2"] * 3, -0.4, 0.4) / 3},
          "acceleration is clipped"),
-        (lambda c: c | {"cabin_acceleration_m_per_s2": -c["cabin_acceleration_m_per_s2"]}, "go opposite ways"),
-        (lambda c: c | {"cabin_height_mm": 1900.0 - c["cabin_height_mm"]}, "the cabin's height and not the counterw"),
+        (lambda c: c | {"cabin_acceleration_m_per_s2": -c["cabin_acceleration_m_per_s2"]}, "have opposite signs"),
+        (lambda c: c | {"cabin_height_mm": 1900.0 - c["cabin_height_mm"]}, "the height of the cabin and not of the c"),
         (lambda c: c | {"cabin_acceleration_m_per_s2": c["cabin_acceleration_m_per_s2"] / 9.80665}, "looks like g"),
-        (lambda c: c | {"cabin_acceleration_m_per_s2": c["cabin_acceleration_m_per_s2"] + 9.81}, "has gravity in it"),
+        (lambda c: c | {"cabin_acceleration_m_per_s2": c["cabin_acceleration_m_per_s2"] + 9.81}, "contains gravity"),
         (lambda c: c | {"cabin_acceleration_m_per_s2": np.roll(c["cabin_acceleration_m_per_s2"], 900)},
-         "do not belong together"),
+         "do not match"),
         (lambda c: c | {"cabin_height_mm": 1e3 * c["cabin_height_mm"]}, "the cabin travels 1900 m"),
         (lambda c: c | {"time_s": np.where(np.arange(3000) > 1500, c["time_s"] + 0.7, c["time_s"])}, "gap"),
         (
@@ -88,11 +88,11 @@ def test_a_good_trip_is_prepared(tmp_path):
         (lambda c: {k: v[::20] for k, v in c.items()}, "sampled at 25 Hz"),
     ],
 )  # fmt: skip
-def test_what_a_rig_gets_wrong_is_told_for_what_it_is(tmp_path, change, said):
+def test_each_fault_of_a_recording_is_named(tmp_path, change, said):
     assert said in refused(tmp_path, change(signals()))
 
 
-def test_swapped_sensors_are_told_with_the_remedy(tmp_path):
+def test_swapped_sensors_are_reported_with_the_remedy(tmp_path):
     c = signals()
     plain = {"time_s": c["time_s"], "tension": c["cabin_height_mm"] / 1e3, "height": c["tension_c_N"],
              "acceleration": c["cabin_acceleration_m_per_s2"]}  # fmt: skip
@@ -141,7 +141,7 @@ def test_sections_join_and_leave_out():
     delta[100] = 3e-3  # a single height
     delta[150:161] = 3e-3
     assert [(round(a, 2), round(b, 2)) for a, b in sections(h, delta, 2.3e-3)] == [(0.2, 0.4), (1.5, 1.6)]
-    assert str(Section(0.2, 0.4, 3e-3, 0.3)) == "0.20 to 0.40 m (up to 3.00 mm at 0.30 m)"
+    assert str(Section(low=0.2, high=0.4, largest=3e-3, at=0.3)) == "0.20 to 0.40 m (up to 3.00 mm at 0.30 m)"
 
 
 def test_rail_has_the_equivalent_deviation_and_says_what_is_unknown():
@@ -194,7 +194,7 @@ def test_command_refuses_in_one_message_without_a_traceback(tmp_path, capsys):
     assert main(["align", str(tmp_path / "none.csv"), "--out", str(tmp_path)]) == 2
 
 
-def test_a_tension_that_cannot_be_friction_is_told_as_divergence(tmp_path):
+def test_a_tension_that_cannot_be_friction_makes_the_filter_diverge(tmp_path):
     up = read_trips([write(tmp_path / "up.csv", signals(1, 7.0, 33.0))])
     with pytest.raises(AlignmentError, match=r"diverges.*check the tension's zero"):
         align(up, observe=False)

@@ -1,36 +1,31 @@
 """The guide's alignment from a few sensors of the cabin.
 
-González et al. 2020, sections IV-A and IV-B: rope tension, height and vertical acceleration of a few trips tell the
-equivalent deviation of the guide rails over height.
+González et al. 2020, sections IV-A and IV-B: the equivalent deviation of the guide rails over height follows from rope
+tension, height and vertical acceleration of a few trips.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from vtsdt.alignment.filter import DEFAULT, DELTA, SPEED_OFF, TUNINGS, GuideFilter, Tuning
-from vtsdt.alignment.rail import equivalent_deviation, pressing_deviation, rail_profile
+from multibody.base.progress import Progress, silent
+from vtsdt.alignment.filter import DEFAULT, DELTA, MAX_SPEED_ERROR, TUNINGS, GuideFilter, Tuning
 from vtsdt.alignment.result import Alignment
-from vtsdt.alignment.sections import Section, sections
-from vtsdt.alignment.trips import AlignmentError, Trip, read_trips
+from vtsdt.alignment.trips import AlignmentError, Trip
 from vtsdt.files.parameters import LiftParameters
 
-__all__ = [
-    "THRESHOLD", "TUNINGS", "Alignment", "AlignmentError", "GuideFilter", "Section", "Trip", "Tuning", "align",
-    "balance", "calibrated", "equivalent_deviation", "pressing_deviation", "rail_profile", "read_trips",
-    "sections",
-]  # fmt: skip
+__all__ = ["THRESHOLD", "align", "balance", "calibrated"]
 
-#: Threshold of the paper, m: what 70 % of 14 configurations stay under (Fig. 10).
+#: Threshold of the paper, m: 70 % of 14 configurations are below it (Fig. 10).
 THRESHOLD = 2.3e-3
-#: Speed below which friction tells nothing, m/s.
+#: Speed below which friction carries no information on the guides, m/s.
 LEAST_SPEED = 0.05
-_WINDOW = 0.02  # m: each height takes the samples so near
-#: Standard deviation of the weights over height, m: short against the rails' features, whose heights two levels of
-#: shoes blur anyway, and long against what shakes the cabin (5 Hz at 0.4 m/s: 80 mm).
+_WINDOW = 0.02  # m: each height uses the samples within this distance
+#: Standard deviation of the smoothing weights over height, m: short against the features of the rails, which two levels
+#: of shoes blur anyway, and long enough to suppress the cabin's vibration (5 Hz at 0.4 m/s: 80 mm).
 _SMOOTH = 0.02
 
 
@@ -44,7 +39,7 @@ def align(
     balanced: bool = True,
     smooth: bool = False,
     observe: bool = True,
-    progress: Callable[[str], Any] | None = None,
+    progress: Progress = silent,
     **options: Any,
 ) -> Alignment:
     """Estimate the equivalent deviation of the guide over height from several trips.
@@ -57,92 +52,102 @@ def align(
         Default: the shipped bench.
     tuning : Tuning or {"quiet", "bounded", "table2", "likelihood"}
     threshold : float, m
-        Beyond which a deviation is to be corrected.
+        Deviations above it are to be corrected.
     step : float, m
         Between heights.
     balanced : bool
-        True takes what trips up and down have in common beside friction off the tension; see `balance`.
+        True subtracts from the tension the force that trips up and down have in common besides friction; see `balance`.
     smooth : bool
-        True looks back over each trip with the smoother of Rauch, Tung and Striebel: four times the time, and a little
-        less error.
+        True applies the smoother of Rauch, Tung and Striebel to each trip: four times the time, and a slightly smaller
+        error.
     observe : bool
-        True tells from the first trip what the sensors determine.
+        True assesses, on the first trip, what the sensors determine.
     progress : callable, optional
-        Takes a line of text.
+        Called with a line of text.
     options
         Further arguments of `estimation.filters.extended`.
 
     Raises
     ------
     AlignmentError
-        If there is no trip, or the filter loses the cabin.
+        If there is no trip, or the filter diverges.
     """
     if not trips:
         raise AlignmentError(["no trips were given: name their files"])
-    say = progress or (lambda text: None)
     lift = parameters if parameters is not None else LiftParameters.bench()
     if isinstance(tuning, str):
         if tuning not in TUNINGS:
-            raise AlignmentError([f"tuning is '{tuning}': take one of {', '.join(TUNINGS)}"])
+            raise AlignmentError([f"tuning is '{tuning}': give one of {', '.join(TUNINGS)}"])
         tuning = TUNINGS[tuning]
-    say("prepare the model of the cabin")
-    sensor = GuideFilter(lift, tuning, any(t.payload != 0.0 for t in trips), options)
+    progress("prepare the model of the cabin")
+    sensor = GuideFilter(
+        parameters=lift, tuning=tuning, loaded=any(t.payload != 0.0 for t in trips), options=options
+    )
     low, high = min(t.height.min() for t in trips), max(t.height.max() for t in trips)
     height = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step + 0.0  # no minus zero
     error = balance(trips, lift, height) if balanced else None
     curves: list[np.ndarray] = []
     faults: list[str] = []
-    notes, seen = [note for t in trips for note in t.notes], None
+    notes, observability = [note for t in trips for note in t.notes], None
     for k, trip in enumerate(trips):
-        say(f"trip {k + 1} of {len(trips)}: {trip.name}")
+        progress(f"trip {k + 1} of {len(trips)}: {trip.name}")
         try:
             run = sensor.run(trip, error or 0.0, keep="everything" if smooth else "variances")
-        except AlignmentError as told:
-            faults += told.faults
+        except AlignmentError as refused:
+            faults += refused.faults
             continue
-        curve, loose, wild = _over_height(run, trip, height)
+        curve, at_low, at_high = _over_height(run, trip, height)
         if smooth:
             curve, _, _ = _over_height(run.smooth(), trip, height)
-        if wild > 0.2:
+        if at_high > 0.2:
             faults.append(
-                f"{trip.name}: the filter diverges: over {wild:.0%} of the way δ stands at "
-                f"{1e3 * lift.cabin_guide.gap:g} mm, the depth of the shoe's slot; there is more friction than "
-                "guides can make: check the tension's zero, the cabin's mass and the friction coefficient "
+                f"{trip.name}: the filter diverges: over {at_high:.0%} of the travel δ is at its upper bound of "
+                f"{1e3 * lift.cabin_guide.gap:g} mm, the depth of the shoe's slot: there is more friction than "
+                "guides can cause; check the tension's zero, the cabin's mass and the friction coefficient "
                 "in the parameters"
             )
-        elif loose > 0.6:
+        elif at_low > 0.6:
             faults.append(
-                f"{trip.name}: over {loose:.0%} of the way there is less friction than shoes with play have in the "
-                f"model (δ below {1e3 * sensor.play:.2g} mm cannot be told): check the tension's zero"
+                f"{trip.name}: over {at_low:.0%} of the travel there is less friction than shoes with play have in the "
+                f"model (δ below {1e3 * sensor.play:.2g} mm is not observable): check the tension's zero"
                 f"{'' if error is not None else ' (trips of one direction do not show it)'}, the cabin's mass and the "
                 "friction coefficient in the parameters"
             )
-        elif loose > 0.2:
-            notes.append(f"{trip.name}: over {loose:.0%} of the way the shoes are loose, δ stands at its lower bound")
+        elif at_low > 0.2:
+            notes.append(f"{trip.name}: over {at_low:.0%} of the travel the shoes are loose: δ is at its lower bound")
         curves.append(_smoothed(curve, _SMOOTH / step))
-        if seen is None and observe:
-            from estimation.filters import observability
+        if observability is None and observe:
+            from estimation.filters import observability as observability_of
 
             moving = np.flatnonzero(np.abs(trip.speed) > LEAST_SPEED)
-            seen = observability(
+            observability = observability_of(
                 sensor.run(trip, error or 0.0, keep="everything"), window=400, instants=40,
                 part=slice(int(moving[0]), int(moving[-1]) + 1) if moving.size else None,
             )  # fmt: skip
     if faults:
         raise AlignmentError(faults)
     return Alignment(
-        height, tuple(t.name for t in trips), np.array([t.direction for t in trips]), np.array(curves), threshold,
-        tuning, error, (lift.cabin.shoe_low, lift.cabin.shoe_high), sensor.play, sensor.stiffness, seen,
-        tuple(dict.fromkeys(notes)),
-    )  # fmt: skip
+        height=height,
+        trips=tuple(t.name for t in trips),
+        directions=np.array([t.direction for t in trips]),
+        curves=np.array(curves),
+        threshold=threshold,
+        tuning=tuning,
+        tension_error=error,
+        shoes=(lift.cabin.shoe_low, lift.cabin.shoe_high),
+        loose=sensor.play,
+        slope=sensor.stiffness,
+        observability=observability,
+        notes=tuple(dict.fromkeys(notes)),
+    )
 
 
 def _over_height(run: Any, trip: Trip, height: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """Return δ by height, and the shares of the way at its lower and its upper bound.
+    """Return δ by height, and the shares of the travel at its lower and its upper bound.
 
-    Left out is where the cabin is slow, and where the filter's speed is not the measured one.
+    Samples are left out where the cabin is slow, and where the filter's speed differs from the measured one.
     """
-    followed = np.abs(run["cabin.v_z"] - trip.speed) < SPEED_OFF
+    followed = np.abs(run["cabin.v_z"] - trip.speed) < MAX_SPEED_ERROR
     moving = (np.abs(trip.speed) > LEAST_SPEED) & followed
     at, delta = run["cabin.z"][moving], run[DELTA][moving]
     order = np.argsort(at)
@@ -157,7 +162,7 @@ def _over_height(run: Any, trip: Trip, height: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _smoothed(curve: np.ndarray, width: float) -> np.ndarray:
-    """Return Gaussian weighted means over the heights that are known; ``width`` in heights."""
+    """Return Gaussian weighted means over the heights that are known; ``width`` in grid points."""
     from scipy.ndimage import gaussian_filter1d
 
     known = np.isfinite(curve)
@@ -167,20 +172,20 @@ def _smoothed(curve: np.ndarray, width: float) -> np.ndarray:
 
 
 def balance(trips: Sequence[Trip], parameters: LiftParameters, height: np.ndarray) -> float | None:
-    """Return the force that trips up and down have in common where only friction should be left, N.
+    """Return the mean force that trips up and down have in common, N: an error of the tension's zero or of the mass.
 
     Tension less weight less inertia is the friction: downwards on the way up, upwards on the way down.  Half the sum
-    of the two at the same height is therefore no friction of the guides but an error of the tension's zero or of the
-    mass.  Friction that depends on the direction would be taken for such an error.
+    of the two at the same height is therefore not friction of the guides but an error of the tension's zero or of the
+    mass.  Friction that depends on the direction would count as such an error.
 
     Returns
     -------
     float or None
-        None if the trips go one way only or do not meet at any height.
+        None if all trips go the same way, or trips up and down have no height in common.
     """
     from estimation.signals.preparation import low_pass
 
-    ways: dict[int, list[np.ndarray]] = {1: [], -1: []}
+    residuals: dict[int, list[np.ndarray]] = {1: [], -1: []}
     for trip in trips:
         z, a, f = low_pass(trip.time, np.column_stack([trip.height, trip.acceleration, trip.tension]), 20.0).T
         speed = np.gradient(z, trip.time)
@@ -188,13 +193,13 @@ def balance(trips: Sequence[Trip], parameters: LiftParameters, height: np.ndarra
         rest = f - (parameters.cabin.mass + trip.payload) * (9.80665 + a)
         order = np.argsort(z[moving])
         if order.size:
-            ways[trip.direction].append(
+            residuals[trip.direction].append(
                 np.interp(height, z[moving][order], rest[moving][order], left=np.nan, right=np.nan)
             )
-    if not (ways[1] and ways[-1]):
+    if not (residuals[1] and residuals[-1]):
         return None
     with np.errstate(all="ignore"):
-        up, down = (_median(np.array(ways[d])) for d in (1, -1))
+        up, down = (_median(np.array(residuals[d])) for d in (1, -1))
     both = np.isfinite(up) & np.isfinite(down)
     return float(np.mean(0.5 * (up[both] + down[both]))) if both.any() else None
 
@@ -209,10 +214,10 @@ def _median(curves: np.ndarray) -> np.ndarray:
 def calibrated(
     parameters: LiftParameters, before: Alignment, after: Alignment, introduced: float
 ) -> tuple[LiftParameters, float]:
-    """Return parameters under which δ grows by as much as a rail was moved on purpose, and the factor on friction.
+    """Return parameters with which δ grows by as much as a rail was moved on purpose, and the factor on friction.
 
-    The paper's way to contact parameters that nobody can measure: increments of δ are to match a misalignment that
-    was introduced in a controlled way.  Here the friction coefficient takes the factor.
+    The paper determines contact parameters, which cannot be measured, in this way: increments of δ have to match a
+    misalignment that was introduced under control.  Here the friction coefficient is multiplied by the factor.
 
     Parameters
     ----------
@@ -232,10 +237,10 @@ def calibrated(
 
     low, high = max(before.height[0], after.height[0]), min(before.height[-1], after.height[-1])
     at = before.height[(before.height >= low) & (before.height <= high)]
-    grown = np.interp(at, after.height, after.estimate) - np.interp(at, before.height, before.estimate)
-    # Only where the shoes touched before: below that a part of the movement takes up play and makes no friction.
+    growth = np.interp(at, after.height, after.estimate) - np.interp(at, before.height, before.estimate)
+    # Only where the shoes touched before: elsewhere a part of the movement takes up play and causes no friction.
     touching = np.interp(at, before.height, before.estimate) > before.loose + 2e-4
-    chosen = grown[np.isfinite(grown) & touching]
+    chosen = growth[np.isfinite(growth) & touching]
     change = float(np.median(chosen)) if chosen.size else 0.0
     factor = change / introduced
     if not factor > 0.05:

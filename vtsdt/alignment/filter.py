@@ -22,23 +22,24 @@ from vtsdt.lift.lift import Lift
 if TYPE_CHECKING:
     from estimation.filters import FilterModel, FilterRun, Noise, Prior
 
-__all__ = ["DEFAULT", "DELTA", "SPEED_OFF", "TUNINGS", "GuideFilter", "Tuning"]
+__all__ = ["DEFAULT", "DELTA", "MAX_SPEED_ERROR", "TUNINGS", "GuideFilter", "Tuning"]
 
-#: The state that is the deviation.
+#: The state that is the deviation δ.
 DELTA = "cabin_guide.right_deviation"
 _LATERAL = ("x", "y", "roll", "pitch", "yaw", "v_x", "v_y", "w_x", "w_y", "w_z")
 _TABLE_2 = {
     "x": 1e-2, "y": 1e-2, "z": 1e-2, "v_x": 1e-1, "v_y": 1e-1, "v_z": 1e-1, "roll": 1e-4, "pitch": 1e-4, "yaw": 1e-4,
     "w_x": 1e-3, "w_y": 1e-3, "w_z": 1e-3, "delta": 1e-3,
 }  # fmt: skip
-_START = 1.0e-3  # m, of δ above the play at the start
-SPEED_OFF, _LOST = 0.1, 0.2  # m/s that the filter's speed may be off, and for which share of the samples
-_TOUCH = 0.05e-3  # m above the play: nearer, the shoes leave the rail and no reading brings δ back
+_START = 1.0e-3  # m, δ above the play at the start
+#: Tolerated error of the filter's speed, m/s, and share of the samples that may exceed it.
+MAX_SPEED_ERROR, _MAX_SHARE = 0.1, 0.2
+_TOUCH = 0.05e-3  # m above the play: closer to it the shoes leave the rail, and no reading would bring δ back
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Tuning:
-    """How much the filter trusts model and readings.
+    """Noise that the filter assumes of model and readings.
 
     Parameters
     ----------
@@ -48,6 +49,7 @@ class Tuning:
     height, acceleration : float
         Variances of the readings, m² and m²/s⁴.
     meaning : str
+        One line for the help.
     """
 
     name: str
@@ -57,44 +59,46 @@ class Tuning:
     meaning: str = ""
 
 
-def _less(factor: float) -> dict[str, float]:
+def _lateral_times(factor: float) -> dict[str, float]:
+    """Return the densities of Table 2 with those of the lateral states multiplied."""
     return {k: v * (factor if k in _LATERAL else 1.0) for k, v in _TABLE_2.items()}
 
 
-#: What the marginal likelihood of two trips of the virtual lift 41 finds (`vtsdt.alignment.tuning`).
-_LIKELY = {**{k: 1e-2 * v for k, v in _less(1e-4).items()}, "z": 2.9e-9, "v_z": 3.9e-6, "delta": 3.5e-7}
+#: Maximum of the marginal likelihood of two trips of the virtual lift 41 (`vtsdt.alignment.tuning`).
+_LIKELIHOOD = {**{k: 1e-2 * v for k, v in _lateral_times(1e-4).items()}, "z": 2.9e-9, "v_z": 3.9e-6, "delta": 3.5e-7}
 
-#: The tuning that is taken if none is asked for.
+#: The tuning that is used by default.
 DEFAULT = "quiet"
 #: The tunings by name.  Table 2 does not say whether its Q is per second or per step; here it is per second.
 TUNINGS = {
     t.name: t
     for t in (
-        Tuning("table2", _TABLE_2, meaning="Table 2 of the paper as printed, its Q per second"),
+        Tuning(name="table2", process=_TABLE_2, meaning="Table 2 of the paper as printed, its Q per second"),
         Tuning(
-            "bounded", _less(1e-2),
+            name="bounded", process=_lateral_times(1e-2),
             meaning="Table 2 with the noise of the lateral states, which the guides bound, a hundred times smaller",
         ),
         Tuning(
-            "quiet", {**{k: 1e-2 * v for k, v in _less(1e-4).items()}, "delta": 1e-6}, 1e-8, 1e-2,
-            "readings trusted as far as sensors of the bench deserve it, the model's motion more",
+            name="quiet", process={**{k: 1e-2 * v for k, v in _lateral_times(1e-4).items()}, "delta": 1e-6},
+            height=1e-8, acceleration=1e-2,
+            meaning="readings weighted by the accuracy of the bench's sensors, and more weight on the model",
         ),
         Tuning(
-            "likelihood", _LIKELY, 4.0e-10, 2.2e-4,
-            "variances under which two trips of the virtual lift, as they were sampled, are most likely",
+            name="likelihood", process=_LIKELIHOOD, height=4.0e-10, acceleration=2.2e-4,
+            meaning="variances that maximise the likelihood of two unfiltered trips of the virtual lift",
         ),
     )
 }  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class GuideFilter:
     """The filter of one lift, for many trips.
 
     Parameters
     ----------
     parameters : LiftParameters
-        Its rails' x profile is not used: it is what is looked for.
+        Its rail profiles are not used: they are what is estimated.
     tuning : Tuning
     loaded : bool
         True if trips carry a payload.
@@ -118,7 +122,7 @@ class GuideFilter:
 
     @cached_property
     def system(self) -> Any:
-        """The lift with the measured outputs, and the forces that are asked for."""
+        """The lift with the measured outputs and the requested forces."""
         return self.lift.build(outputs=["z_c", "zdd_c", *self.forces])
 
     @property
@@ -128,7 +132,7 @@ class GuideFilter:
 
     @property
     def stiffness(self) -> float:
-        """How much the friction grows with the deviation once the shoes touch, 2 μ K, N/m."""
+        """Growth of the friction with the deviation once the shoes touch, 2 μ K, N/m."""
         guide = self.parameters.cabin_guide
         return 2.0 * guide.mu * guide.stiffness
 
@@ -143,7 +147,7 @@ class GuideFilter:
         )  # fmt: skip
 
     def noise(self) -> Noise:
-        """Return the tuning as the filter takes it."""
+        """Return the tuning in the form that the filter takes."""
         from estimation.filters import Noise
 
         names = {name.rpartition(".")[2]: name for name in self.system.state_names}
@@ -154,7 +158,7 @@ class GuideFilter:
         )  # fmt: skip
 
     def prior(self, trip: Trip) -> Prior:
-        """Return the start: at rest between the rails at the trip's first height."""
+        """Return the initial state estimate: at rest between the rails at the trip's first height."""
         from estimation.filters import Prior
 
         delta = self.play + _START
@@ -174,14 +178,14 @@ class GuideFilter:
         ----------
         trip : Trip
         tension_error : float, N
-            Taken off the measured tension.
+            Subtracted from the measured tension.
         options
             Further arguments of `estimation.filters.extended`.
 
         Raises
         ------
         AlignmentError
-            If the filter loses the cabin.
+            If the filter diverges.
         """
         from estimation.filters import FilterDivergence, Samples, extended
 
@@ -191,31 +195,33 @@ class GuideFilter:
             run = extended(model, samples, noise, self.prior(trip), **{"once": True, **self.options, **options})
         except FilterDivergence as error:
             raise AlignmentError([f"{trip.name}: {error}"]) from error
-        slow = np.abs(run["cabin.v_z"] - trip.speed) > SPEED_OFF
-        if np.mean(slow) > _LOST:
-            k = int(np.argmax(slow))
+        wrong_speed = np.abs(run["cabin.v_z"] - trip.speed) > MAX_SPEED_ERROR
+        if np.mean(wrong_speed) > _MAX_SHARE:
+            k = int(np.argmax(wrong_speed))
             raise AlignmentError(
                 [
-                    f"{trip.name}: the filter diverges at {trip.time[k]:.4g} s: its cabin goes at "
-                    f"{run['cabin.v_z'][k]:.2g} m/s, the measured one at {trip.speed[k]:.2g} m/s, because the tension "
-                    "says less friction than a sliding cabin has, or far more: check the tension's zero"
+                    f"{trip.name}: the filter diverges at {trip.time[k]:.4g} s: its speed is "
+                    f"{run['cabin.v_z'][k]:.2g} m/s, the measured one {trip.speed[k]:.2g} m/s, because the tension "
+                    "implies less friction than a sliding cabin has, or far more: check the tension's zero"
                     f"{'' if tension_error else ' (trips of one direction do not show it)'}, the cabin's mass and the "
                     "friction coefficient in the parameters"
-                    f"{'' if self.tuning.name == DEFAULT else f'; --tuning {DEFAULT} trusts noisy readings less'}"
+                    f"{'' if self.tuning.name == DEFAULT else f'; --tuning {DEFAULT} gives noisy readings less weight'}"
                 ]
             )
-        lost = np.abs(run["cabin.z"] - trip.height) > 0.05
+        wrong_height = np.abs(run["cabin.z"] - trip.height) > 0.05
         tilt = np.abs(run.states[:, [model.index(f"cabin.{a}") for a in ("roll", "pitch", "yaw")]]).max(axis=1) > 0.3
-        if np.any(lost | tilt):
-            k = int(np.argmax(lost | tilt))
+        if np.any(wrong_height | tilt):
+            k = int(np.argmax(wrong_height | tilt))
+            distance = 1e3 * abs(run["cabin.z"][k] - trip.height[k])
             what = (
-                f"its height is {1e3 * abs(run['cabin.z'][k] - trip.height[k]):.3g} mm off the measured one" if lost[k]
-                else "it has the cabin tilted by more than 0.3 rad"
-            )  # fmt: skip
+                f"its height is {distance:.3g} mm off the measured one"
+                if wrong_height[k]
+                else "its cabin is tilted by more than 0.3 rad"
+            )
             raise AlignmentError(
                 [
                     f"{trip.name}: the filter diverges at {trip.time[k]:.4g} s: {what}; tension, height and "
-                    "acceleration contradict each other there, or the parameters are not this lift's"
+                    "acceleration contradict each other there, or the parameters are of another lift"
                 ]
             )
         return run

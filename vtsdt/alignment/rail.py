@@ -1,31 +1,30 @@
-"""Deviations of rails and what they are to a cabin that presses on them: equivalent deviations, and back."""
+"""Equivalent deviation of rails, and a rail that has a given equivalent deviation."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from vtsdt.files.parameters import LiftParameters
-    from vtsdt.lift.lift import Lift
+from vtsdt.files.parameters import LiftParameters
+from vtsdt.lift.lift import Lift
 
 __all__ = ["equivalent_deviation", "pressing_deviation", "rail_profile"]
 
 
 def equivalent_deviation(rails: dict[str, Any], shoes: Sequence[float], height: np.ndarray) -> np.ndarray:
-    """Return the deviation of a single rail that presses the shoes as both rails do, by the cabin's height.
+    """Return the deviation of a single rail that presses on the shoes as both rails do, by the cabin's height.
 
     With all four shoes in contact each level of shoes is squeezed by the sum of its two rails' deviations, and the
-    normal forces add up to the mean of the levels.  Where a level of shoes is loose they add up to more: see
+    normal forces add up to the mean of the levels.  Where a level of shoes is loose they add up to more, see
     `pressing_deviation`.
 
     Parameters
     ----------
     rails : dict of str to Profile
-        ``left_x`` and ``right_x``; one that is missing is straight.
+        ``left_x`` and ``right_x``; a missing one is straight.
     shoes : sequence of float, m
         Heights of the shoes above the floor.
     height : ndarray, shape (n,), m
@@ -35,40 +34,40 @@ def equivalent_deviation(rails: dict[str, Any], shoes: Sequence[float], height: 
 
 
 def pressing_deviation(parameters: LiftParameters, height: np.ndarray) -> np.ndarray:
-    """Return the deviation of a single rail that presses the shoes as hard as all rails of a lift do.
+    """Return the deviation of a single rail that presses on the shoes as hard as all rails of a lift do.
 
-    This is what friction can tell of the guides, and what the model of González et al. 2020, section IV-B, means by δ:
-    the left rail and both y directions straight, and the normal forces those of the real guides.  They are taken from
-    the cabin at rest at each height, its rails as they are in both directions.  It is the sum of both rails' deviations
-    in x as long as all shoes press; one that is loose cannot press by less than nothing, and a cabin whose centre of
-    mass is off its ropes leans on it all the same.
+    Friction shows this quantity of the guides, and it is the δ of González et al. 2020, section IV-B: the left rail
+    and both y directions straight, and the normal forces of the real guides.  Normal forces are those of the cabin at
+    rest at each height, with all its rails in both directions.  As long as all shoes press it is the sum of both rails'
+    deviations in x; the normal force of a loose shoe cannot be negative, and a cabin whose centre of mass is not below
+    its ropes leans on the rail all the same.
 
     Parameters
     ----------
     parameters : LiftParameters
-        With the rails, the mass and the contact as they are.
+        With the true rails, mass and contact.
     height : ndarray, shape (n,), m
         Of the cabin's floor.
     """
-    from vtsdt.lift.lift import Lift
-
     weight = parameters.cabin.mass * 9.80665
 
-    def pressed(lift: Lift, heights: Sequence[float], name: str = "", values: Sequence[float] = (0.0,)) -> list[float]:
+    def normal_forces(
+        lift: Lift, heights: Sequence[float], name: str = "", values: Sequence[float] = (0.0,)
+    ) -> list[float]:
         system = lift.build(outputs=["Nsum_c"])
-        told = []
+        forces = []
         for value in values:
             p = system.parameter_vector({name: value} if name else None)
             for z in heights:
                 rest = lift.equilibrium(float(z), system=system, parameters=p, inputs={"F_c": weight})
-                told.append(float(system.outputs_at(0.0, rest.state, np.array([weight]), p)[0]))
-        return told
+                forces.append(float(system.outputs_at(0.0, rest.state, np.array([weight]), p)[0]))
+        return forces
 
     guide = parameters.cabin_guide
     straight = Lift.cabin(dataclasses.replace(parameters, cabin_guide=guide.straightened()))
     two = 2.0 * guide.clearance + np.array([0.5e-3, 1.0e-3])
-    low, high = pressed(straight, (float(np.median(height)),), "cabin_guide.right_deviation", list(two))
-    forces = np.array(pressed(Lift.cabin(parameters), list(height)))
+    low, high = normal_forces(straight, (float(np.median(height)),), "cabin_guide.right_deviation", list(two))
+    forces = np.array(normal_forces(Lift.cabin(parameters), list(height)))
     return two[0] + (forces - low) * (two[1] - two[0]) / (high - low)
 
 
@@ -78,14 +77,14 @@ def rail_profile(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Return a rail whose equivalent deviation is the given one: heights, deviation, standard deviation.
 
-    Two levels of shoes see the rail's mean at two heights, so waves of twice their distance cannot be told: the
-    answer is the mean of a Gaussian process (Matérn-3/2) given the equivalent deviation, whose own standard
-    deviation says where the rail remains unknown.
+    Two levels of shoes see the mean of the rail at two heights, so waves of twice their distance are not observable:
+    the result is the mean of a Gaussian process (Matérn-3/2) given the equivalent deviation, whose standard deviation
+    shows where the rail remains unknown.
 
     Parameters
     ----------
     height, deviation, std : ndarray, shape (n,), m
-        Equivalent deviation by the cabin's height, and how sure it is.
+        Equivalent deviation by the cabin's height, and its standard deviation.
     shoes : sequence of float, m
     length, size : float, m
         Correlation length and size of the rail's deviations about their mean.
@@ -96,8 +95,8 @@ def rail_profile(
     points = np.linspace(low, high, int(np.ceil((high - low) / step)) + 1)
 
     def covariance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        apart = np.sqrt(3.0) * np.abs(a[:, None] - b[None, :]) / length
-        return size**2 * (1.0 + apart) * np.exp(-apart)
+        distance = np.sqrt(3.0) * np.abs(a[:, None] - b[None, :]) / length
+        return size**2 * (1.0 + distance) * np.exp(-distance)
 
     levels = [height + s for s in shoes]
     k_yy = np.mean([covariance(a, b) for a in levels for b in levels], axis=0)

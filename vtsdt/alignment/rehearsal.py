@@ -1,9 +1,11 @@
-"""A run of ``vtsdt align`` without recordings, so that all its machine code exists before it is needed."""
+"""A run of ``vtsdt align`` without recordings, which compiles everything that the command needs."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from multibody.library.profiles import jerk_limited
+from vtsdt.alignment.estimate import align
 from vtsdt.alignment.trips import Trip
 from vtsdt.files.parameters import LiftParameters
 
@@ -14,7 +16,7 @@ _FRICTION = 9.0  # N
 
 
 def plain_trip(parameters: LiftParameters, direction: int, payload: float = 0.0) -> Trip:
-    """Return a trip from end to end without any vibration: weight, inertia, and one friction force.
+    """Return a trip from end to end without vibration: weight, inertia, and a constant friction force.
 
     Parameters
     ----------
@@ -23,26 +25,25 @@ def plain_trip(parameters: LiftParameters, direction: int, payload: float = 0.0)
         Up or down.
     payload : float, kg
     """
-    from multibody.library.profiles import jerk_limited
-
     trip, travel = parameters.trip, parameters.hoistway.travel
     count = int(np.ceil(parameters.trip.duration / _STEP))
     time = np.arange(count) * _STEP
-    made = np.array(
+    moves = np.array(
         [
             jerk_limited(t - trip.start, direction * travel, trip.speed, trip.acceleration, trip.jerk or 1e3)[:3]
             for t in time
         ]
     )
-    height = made[:, 0] + (0.0 if direction > 0 else travel)
-    tension = (parameters.cabin.mass + payload) * (9.80665 + made[:, 2]) + _FRICTION * np.tanh(made[:, 1] / 0.01)
-    return Trip("up" if direction > 0 else "down", time, tension, height, made[:, 2], payload)
+    height = moves[:, 0] + (0.0 if direction > 0 else travel)
+    tension = (parameters.cabin.mass + payload) * (9.80665 + moves[:, 2]) + _FRICTION * np.tanh(moves[:, 1] / 0.01)
+    return Trip(
+        name="up" if direction > 0 else "down", time=time, tension=tension, height=height, acceleration=moves[:, 2],
+        payload=payload,
+    )  # fmt: skip
 
 
 def rehearse() -> None:
-    """Estimate from two plain trips of the shipped bench, empty and loaded: compiles all that the command needs."""
-    from vtsdt.alignment.estimate import align
-
+    """Estimate the alignment from two plain trips of the shipped bench, empty and loaded."""
     lift = LiftParameters.bench()
     for payload in (0.0, 2.0):
         align([plain_trip(lift, direction, payload) for direction in (1, -1)], lift)

@@ -22,47 +22,47 @@ if TYPE_CHECKING:
 __all__ = ["plot_trips", "write"]
 
 _CAPTIONS = {
-    "alignment": "Equivalent deviation over height: every trip, their middle half, their median and the estimate from "
-    "all pairs of them, which has less error. The sections in colour are beyond the threshold.",
+    "alignment": "Equivalent deviation over height: every trip, the interquartile range, the median, and the estimate "
+    "from all pairs of trips, which has a smaller error. The coloured sections are above the threshold.",
     "rail": "The rail that has this equivalent deviation. A cabin with two levels of shoes sees the mean of two "
-    "heights, so the rail itself is known less well; this is what vtsdt what-if takes.",
-    "trips": "What was measured, low-passed: rope tension, height, and acceleration without its offset.",
+    "heights, so the rail itself is less certain; it is the input of vtsdt what-if.",
+    "trips": "The measurements, low-passed: rope tension, height, and acceleration without its offset.",
 }
 
 
-def write(found: Alignment, out: Path, parameters: LiftParameters, trips: Sequence[Trip]) -> Path:
+def write(alignment: Alignment, out: Path, parameters: LiftParameters, trips: Sequence[Trip]) -> Path:
     """Write page, figures, JSON and profile into a folder; return the page."""
     import matplotlib.pyplot as plt
     from jinja2 import ChoiceLoader, Environment, PackageLoader
 
     out.mkdir(parents=True, exist_ok=True)
-    figures = {"alignment": found.plot(), "rail": found.plot_rail(), "trips": plot_trips(trips)}
+    figures = {"alignment": alignment.plot(), "rail": alignment.plot_rail(), "trips": plot_trips(trips)}
     sources = {}
     for name, figure in figures.items():
         png = _png(figure)
         (out / f"{name}.png").write_bytes(png)
         sources[name] = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
         plt.close(figure)
-    (out / "alignment.json").write_text(json.dumps(found.to_json(), indent=1) + "\n", encoding="utf-8")
-    _write_profile(found, out / "profile.csv")
+    (out / "alignment.json").write_text(json.dumps(alignment.to_json(), indent=1) + "\n", encoding="utf-8")
+    _write_profile(alignment, out / "profile.csv")
     loader = ChoiceLoader([PackageLoader("vtsdt", "templates"), PackageLoader("discrepancy", "templates")])
     environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     text = environment.get_template("alignment.html").render(
-        name=parameters.name, sentences=found.sentences(), pictures=sources, captions=_CAPTIONS,
-        headline=_headline(found), trips=_trip_rows(found, trips), sections=_section_rows(found),
-        threshold=f"{1e3 * found.threshold:.2g}", tuning=found.tuning, observability=_observability(found),
-        notes=found.notes, loose=f"{1e3 * found.loose:.2g}", per_newton=f"{1e3 / found.slope:.2f}",
+        name=parameters.name, sentences=alignment.sentences(), pictures=sources, captions=_CAPTIONS,
+        headline=_headline(alignment), trips=_trip_rows(alignment, trips), sections=_section_rows(alignment),
+        threshold=f"{1e3 * alignment.threshold:.2g}", tuning=alignment.tuning, observability=_observability(alignment),
+        notes=alignment.notes, loose=f"{1e3 * alignment.loose:.2g}", per_newton=f"{1e3 / alignment.slope:.2f}",
     )  # fmt: skip
     page = out / "report.html"
     page.write_text(text, encoding="utf-8")
     return page
 
 
-def _headline(found: Alignment) -> str:
-    count = len(found.sections)
+def _headline(alignment: Alignment) -> str:
+    count = len(alignment.sections)
     if not count:
-        return f"No section is beyond {1e3 * found.threshold:.2g} mm"
-    return f"{count} section{'s are' if count > 1 else ' is'} beyond {1e3 * found.threshold:.2g} mm"
+        return f"No section is above {1e3 * alignment.threshold:.2g} mm"
+    return f"{count} section{'s are' if count > 1 else ' is'} above {1e3 * alignment.threshold:.2g} mm"
 
 
 def _png(figure: Figure) -> bytes:
@@ -71,63 +71,63 @@ def _png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def _write_profile(found: Alignment, path: Path) -> None:
+def _write_profile(alignment: Alignment, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(["height_m", "delta_mm", "spread_mm"])
-        for height, delta, spread in zip(*found.rail, strict=True):
+        for height, delta, spread in zip(*alignment.rail, strict=True):
             writer.writerow([f"{height:.6g}", f"{1e3 * delta:.6g}", f"{1e3 * spread:.6g}"])
 
 
-def _section_rows(found: Alignment) -> list[dict[str, str]]:
+def _section_rows(alignment: Alignment) -> list[dict[str, str]]:
     return [
         {
             "range": f"{s.low:.2f} to {s.high:.2f} m", "largest": f"{1e3 * s.largest:.2f} mm", "at": f"{s.at:.2f} m",
-            "beyond": f"{1e3 * (s.largest - found.threshold):.2f} mm", "share": f"{s.share:.0%}",
-            "sure": _percent(s.confidence),
+            "excess": f"{1e3 * (s.largest - alignment.threshold):.2f} mm", "share": f"{s.share:.0%}",
+            "confidence": _percent(s.confidence),
         }
-        for s in found.sections
+        for s in alignment.sections
     ]  # fmt: skip
 
 
 def _percent(probability: float) -> str:
-    """Return a probability in words that do not claim certainty."""
+    """Return a probability as text that does not claim certainty."""
     return "> 99 %" if probability > 0.99 else f"{100 * probability:.0f} %"
 
 
-def _trip_rows(found: Alignment, trips: Sequence[Trip]) -> list[dict[str, str]]:
+def _trip_rows(alignment: Alignment, trips: Sequence[Trip]) -> list[dict[str, str]]:
     rows = []
-    for trip, curve in zip(trips, found.curves, strict=True):
-        known = np.isfinite(curve) & np.isfinite(found.estimate)
-        off = curve[known] - found.estimate[known]
+    for trip, curve in zip(trips, alignment.curves, strict=True):
+        known = np.isfinite(curve) & np.isfinite(alignment.estimate)
+        difference = curve[known] - alignment.estimate[known]
         rows.append(
             {
-                "name": trip.name, "way": "up" if trip.direction > 0 else "down",
+                "name": trip.name, "direction": "up" if trip.direction > 0 else "down",
                 "range": f"{round(trip.height.min(), 2) + 0.0:.2f} to {trip.height.max():.2f} m",
                 "payload": f"{trip.payload:.3g} kg", "offset": f"{trip.offset:+.3f} m/s²",
-                "middle": f"{1e3 * np.median(curve[known]):.2f} mm" if known.any() else "none",
-                "off": f"{1e3 * np.sqrt(np.mean(off**2)):.2f} mm" if known.any() else "none",
+                "median": f"{1e3 * np.median(curve[known]):.2f} mm" if known.any() else "none",
+                "difference": f"{1e3 * np.sqrt(np.mean(difference**2)):.2f} mm" if known.any() else "none",
             }
         )  # fmt: skip
     return rows
 
 
-def _observability(found: Alignment) -> dict[str, Any] | None:
-    seen = found.observability
-    if seen is None:
+def _observability(alignment: Alignment) -> dict[str, Any] | None:
+    observed = alignment.observability
+    if observed is None:
         return None
     rows = []
-    for name in seen.names:
-        middle, last = seen.std[name]
-        unit, factor = _shown_unit(name)
+    for name in observed.names:
+        middle, last = observed.std[name]
+        unit, factor = _display_unit(name)
         rows.append(
             {"name": name, "middle": f"{factor * middle:.3g} {unit}", "last": f"{factor * last:.3g} {unit}",
-             "bounded": "yes" if seen.bounded(name) else "no"}
+             "bounded": "yes" if observed.bounded(name) else "no"}
         )  # fmt: skip
-    return {"sentences": seen.sentences(), "rows": rows}
+    return {"sentences": observed.sentences(), "rows": rows}
 
 
-def _shown_unit(name: str) -> tuple[str, float]:
+def _display_unit(name: str) -> tuple[str, float]:
     last = name.rpartition(".")[2]
     if last.startswith("v_"):
         return "mm/s", 1e3
@@ -142,13 +142,13 @@ def plot_trips(trips: Sequence[Trip]) -> Figure:
 
     figure, axes = plt.subplots(3, 1, sharex=True, figsize=(8, 5.5), layout="constrained")
     rows = (("tension", "tension [N]"), ("height", "height [m]"), ("acceleration", "acceleration [m/s²]"))
-    for axis, (name, label) in zip(axes, rows, strict=True):
+    for axis, (name, title) in zip(axes, rows, strict=True):
         for direction, colour in ((1, "tab:blue"), (-1, "tab:green")):
             chosen = [t for t in trips if t.direction == direction]
             for k, trip in enumerate(chosen):
-                told = ("up" if direction > 0 else "down") if k == 0 and name == "height" else None
-                axis.plot(trip.time, getattr(trip, name), color=colour, linewidth=0.5, label=told)
-        axis.set_ylabel(label)
+                label = ("up" if direction > 0 else "down") if k == 0 and name == "height" else None
+                axis.plot(trip.time, getattr(trip, name), color=colour, linewidth=0.5, label=label)
+        axis.set_ylabel(title)
         axis.grid(alpha=0.3)
     axes[1].legend(fontsize="small")
     axes[-1].set_xlabel("time [s]")

@@ -1,4 +1,4 @@
-"""What the alignment sensor found: δ over height for each trip, their median and spread, sections to correct."""
+"""The estimated alignment: δ over height by trip, the estimate with its error, and the sections to correct."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vtsdt.alignment.rail import rail_profile
-from vtsdt.alignment.sections import SURE, Section, sections
+from vtsdt.alignment.sections import ONE_SIDED_95, Section, sections
 
 if TYPE_CHECKING:
     import pandas
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Alignment"]
 
-_NEIGHBOURS = 0.1  # m: over so much height to each side the spread of the trips counts as the same
-#: Variance of Hodges and Lehmann's estimate over that of the mean, for normal errors: π/3; of the median π/2.
+_NEIGHBOURS = 0.1  # m to each side: the spread of the trips is averaged over this range of heights
+#: Variance of the estimate of Hodges and Lehmann over that of the mean, for normal errors; of the median it is π/2.
 _HODGES_LEHMANN = np.pi / 3.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Alignment:
     """The estimated alignment of the cabin's guides.
 
@@ -36,17 +36,17 @@ class Alignment:
     directions : ndarray of int, shape (k,)
         1 up, -1 down.
     curves : ndarray, shape (k, n), m
-        Equivalent deviation by trip; NaN where the cabin stood, or did not come.
+        Equivalent deviation by trip; NaN where the cabin stood still or did not pass.
     threshold : float, m
     tuning : Tuning
     tension_error : float or None, N
-        Found from trips of both directions and taken off; None if all trips went the same way.
+        Estimated from trips both ways and subtracted; None if all trips go the same way.
     shoes : tuple of float, m
         Heights of the shoes above the floor.
     loose : float
         Deviation below which the shoes are loose, m.
     slope : float
-        Friction for a deviation, N/m.
+        Friction per deviation, N/m.
     observability : Observability, optional
         Of the first trip.
     notes : tuple of str
@@ -76,11 +76,11 @@ class Alignment:
 
     @cached_property
     def estimate(self) -> np.ndarray:
-        """What all trips together say, shape (n,), m: the median over the means of all pairs of trips.
+        """Estimate from all trips, shape (n,), m: the median over the means of all pairs of trips.
 
-        As deaf to a few trips that are off as the median, and with less error from many that are good: variances of
-        π/2, π/3 and 1 over the number of trips for the median, this and the mean of normal errors.  J. L. Hodges,
-        E. L. Lehmann: Estimates of location based on rank tests, Ann. Math. Statist. 34 (1963).
+        It is as robust against a few outlying trips as the median, with a smaller error: for normal errors the
+        variances of the median, of this estimate and of the mean are π/2, π/3 and 1 over the number of trips.
+        J. L. Hodges, E. L. Lehmann: Estimates of location based on rank tests, Ann. Math. Statist. 34 (1963).
         """
         i, j = np.triu_indices(len(self.curves))
         return _along(np.nanmedian, 0.5 * (self.curves[i] + self.curves[j]))
@@ -89,8 +89,8 @@ class Alignment:
     def std(self) -> np.ndarray:
         """Standard deviation of the estimate from the spread of the trips, shape (n,), m.
 
-        The spread is taken over 0.1 m to each side.  Of a single trip, which has none, it is what 1 N makes that no
-        other trip could tell from friction.
+        The spread is averaged over 0.1 m to each side.  A single trip has no spread; its standard deviation is the
+        deviation that 1 N of unknown force amounts to.
         """
         known = np.isfinite(self.curves)
         count = known.sum(axis=0)
@@ -105,16 +105,16 @@ class Alignment:
 
     @cached_property
     def expected_correlation(self) -> float | None:
-        """Correlation of the estimate with the guide, as far as the spread of the trips tells; None below three trips.
+        """Correlation of the estimate with the guide that follows from the spread of the trips; None below three trips.
 
-        What varies from trip to trip is error; of the estimate's variance over height that share is no guide.  Errors
-        that all trips have in common do not show here.
+        Differences between trips are errors; their share of the estimate's variance over height does not come from the
+        guide.  Errors that all trips have in common are not included.
         """
         noise, total = self._variances
         return float(np.sqrt(max(0.0, 1.0 - noise / total))) if len(self.trips) > 2 and total > 0.0 else None
 
     def trips_for(self, correlation: float) -> int | None:
-        """Return how many trips of this spread should bring a correlation; None if no number would.
+        """Return how many trips of this spread should give a correlation; None if no number would.
 
         Parameters
         ----------
@@ -131,8 +131,8 @@ class Alignment:
     def _variances(self) -> tuple[float, float]:
         """Variance of the estimate's error and of the estimate over height, both about their means."""
         middle = self.estimate
-        off = np.array([np.nanmean(curve - middle) if np.isfinite(curve).any() else 0.0 for curve in self.curves])
-        level = self.curves - off[:, None]
+        shift = np.array([np.nanmean(curve - middle) if np.isfinite(curve).any() else 0.0 for curve in self.curves])
+        level = self.curves - shift[:, None]
         count = np.isfinite(level).sum(axis=0)
         full = count > 2
         if not full.any():
@@ -142,27 +142,31 @@ class Alignment:
 
     @cached_property
     def sections(self) -> tuple[Section, ...]:
-        """Ranges of height beyond the threshold, from the bottom up."""
+        """Ranges of height above the threshold, from the bottom up."""
         from scipy.special import ndtr
 
-        found = []
+        result = []
         for low, high in sections(self.height, self.estimate, self.threshold, self.std):
             inside = (self.height >= low) & (self.height <= high)
             k = int(np.nanargmax(np.where(inside, self.estimate, np.nan)))
             largest, std = float(self.estimate[k]), max(float(self.std[k]), 1e-9)
             means = _along(np.nanmean, self.curves[:, inside].T)
             share = float(np.mean(means[np.isfinite(means)] > self.threshold))
-            sure = float(ndtr((largest - self.threshold) / std))
-            found.append(Section(low, high, largest, float(self.height[k]), share, sure))
-        return tuple(found)
+            confidence = float(ndtr((largest - self.threshold) / std))
+            result.append(
+                Section(
+                    low=low, high=high, largest=largest, at=float(self.height[k]), share=share, confidence=confidence
+                )
+            )
+        return tuple(result)
 
     @cached_property
     def undecided(self) -> tuple[tuple[float, float], ...]:
-        """Ranges of height apart from the sections where the error of the estimate does not exclude the threshold, m.
+        """Ranges of height outside the sections where the estimate does not exclude the threshold, m.
 
         The estimate is below it there, by less than 1.645 standard deviations: 95 % on one side.
         """
-        reach = sections(self.height, self.estimate + SURE * self.std, self.threshold)
+        reach = sections(self.height, self.estimate + ONE_SIDED_95 * self.std, self.threshold)
         return tuple((a, b) for a, b in reach if not any(a <= s.high and s.low <= b for s in self.sections))
 
     @cached_property
@@ -172,41 +176,42 @@ class Alignment:
         return rail_profile(self.height[known], self.estimate[known], self.std[known], self.shoes)
 
     def sentences(self) -> list[str]:
-        """Return what was found, one sentence each."""
+        """Return the results, one sentence each."""
         at = self.height[np.isfinite(self.estimate)]
         known = self.estimate[np.isfinite(self.estimate)]
-        told = [
+        texts = [
             f"Median deviation {1e3 * np.median(known):.2f} mm, largest {1e3 * known.max():.2f} mm, over "
             f"{at[0]:.2f} to {at[-1]:.2f} m."
         ]
         if self.sections:
             listed = "; ".join(str(s) for s in self.sections)
-            told.append(f"Beyond {1e3 * self.threshold:.2g} mm: {listed}.")
+            texts.append(f"Above {1e3 * self.threshold:.2g} mm: {listed}.")
         else:
-            told.append(f"Nowhere beyond {1e3 * self.threshold:.2g} mm.")
+            texts.append(f"Nowhere above {1e3 * self.threshold:.2g} mm.")
         if self.undecided:
             listed = ", ".join(f"{a:.2f} to {b:.2f} m" for a, b in self.undecided)
-            told.append(f"Below it, but within the error of the estimate (95 %): {listed}.")
+            texts.append(f"Undecided, below it by less than the error of the estimate (95 %): {listed}.")
         expected = self.expected_correlation
         if expected is not None:
             goal = 0.9 if expected < 0.9 else 0.95
             more = self.trips_for(goal)
-            told.append(
-                f"As far as the spread of the trips tells, the estimate follows the guide with a correlation of "
+            texts.append(
+                "From the spread of the trips, the expected correlation of the estimate with the guide is "
                 f"{expected:.2f}"
-                + ("." if more is None or expected >= goal else f"; {goal:g} would take {more} trips like these.")
+                + ("." if more is None or expected >= goal else f"; {goal:g} would take {more} such trips.")
             )
         if self.tension_error is None:
-            told.append(
-                "All trips go the same way, so an error of the tension's zero or of the cabin's mass cannot be told "
-                f"from friction: 1 N of it moves δ by {1e3 / self.slope:.2f} mm everywhere. Record trips both ways."
+            texts.append(
+                "All trips go the same way, so an error of the tension's zero or of the cabin's mass cannot be "
+                f"separated from friction: 1 N of it shifts δ by {1e3 / self.slope:.2f} mm everywhere. Record trips "
+                "both ways."
             )
         else:
-            told.append(
+            texts.append(
                 f"Trips up and down together show {self.tension_error:+.2f} N that is not friction (zero of the "
-                "tension sensor, mass of the cabin); it was taken off."
+                "tension sensor, mass of the cabin); it was subtracted."
             )
-        return told
+        return texts
 
     def to_frame(self) -> pandas.DataFrame:
         """Return estimate, median, quartiles and trips by height, in mm."""
@@ -221,9 +226,9 @@ class Alignment:
         return pandas.DataFrame(data, index=pandas.Index(self.height, name="height [m]"))
 
     def to_json(self) -> dict[str, Any]:
-        """Return everything as plain lists and numbers; ``profile`` is what `vtsdt what-if` takes."""
+        """Return all results as lists and numbers; ``profile`` is the input of `vtsdt what-if`."""
         height, delta, spread = self.rail
-        seen = self.observability
+        observed = self.observability
         return {
             "schema": 1,
             "threshold_mm": 1e3 * self.threshold,
@@ -249,9 +254,9 @@ class Alignment:
             ],
             "profile": {"height_m": _rounded(height), "delta_mm": _rounded(1e3 * delta),
                         "spread_mm": _rounded(1e3 * spread)},
-            "observability": None if seen is None else {
-                "detectable": seen.detectable, "rank": seen.rank, "states": len(seen.names),
-                "bounded": {name: seen.bounded(name) for name in seen.names},
+            "observability": None if observed is None else {
+                "detectable": observed.detectable, "rank": observed.rank, "states": len(observed.names),
+                "bounded": {name: observed.bounded(name) for name in observed.names},
             },
             "notes": list(self.notes),
         }  # fmt: skip
@@ -294,7 +299,7 @@ class Alignment:
         return axes.figure
 
     def plot_rail(self, axes: Any = None) -> Any:
-        """Draw the rail that has this equivalent deviation, with what remains unknown of it; returns the figure."""
+        """Draw the rail that has this equivalent deviation, with its uncertainty; returns the figure."""
         import matplotlib.pyplot as plt
 
         if axes is None:
@@ -311,11 +316,11 @@ class Alignment:
 
     def __repr__(self) -> str:
         listed = "; ".join(f"{s.low:.2f} to {s.high:.2f} m" for s in self.sections) or "nowhere"
-        return f"Alignment({len(self.trips)} trips, beyond {1e3 * self.threshold:.2g} mm: {listed})"
+        return f"Alignment({len(self.trips)} trips, above {1e3 * self.threshold:.2g} mm: {listed})"
 
 
 def _along(function: Any, values: np.ndarray) -> np.ndarray:
-    """Apply a NaN-ignoring function over the trips without a word where all are NaN."""
+    """Apply a NaN-ignoring function over the trips, without a warning where all are NaN."""
     known = np.isfinite(values).any(axis=0)
     out = np.full(values.shape[1], np.nan)
     if known.any():

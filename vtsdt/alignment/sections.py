@@ -1,4 +1,4 @@
-"""Ranges of height where the guide is beyond the threshold."""
+"""Ranges of height where the deviation of the guide is above the threshold."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["SURE", "Section", "sections"]
+__all__ = ["ONE_SIDED_95", "Section", "sections"]
 
 _JOIN = 0.03  # m: sections nearer to each other are one
 _SHORTEST = 0.02  # m
-#: Standard deviations that a normal quantity exceeds on one side once in twenty.
-SURE = 1.645
+#: Quantile of the normal distribution for 95 % on one side.
+ONE_SIDED_95 = 1.645
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Section:
-    """A range of heights where the deviation is beyond the threshold.
+    """A range of heights where the deviation is above the threshold.
 
     Parameters
     ----------
@@ -24,9 +24,9 @@ class Section:
     largest, at : float, m
         Largest deviation, and where.
     share : float
-        Of the trips whose mean deviation over the range is beyond the threshold.
+        Of the trips, those whose mean deviation over the range is above the threshold.
     confidence : float
-        Probability that the guide is beyond the threshold where the estimate is largest.
+        Probability that the deviation is above the threshold where the estimate is largest.
     """
 
     low: float
@@ -43,16 +43,16 @@ class Section:
 def sections(
     height: np.ndarray, deviation: np.ndarray, threshold: float, std: np.ndarray | None = None
 ) -> list[tuple[float, float]]:
-    """Return the ranges of height where a deviation is beyond a threshold.
+    """Return the ranges of height where a deviation is above a threshold.
 
-    Ranges less than 30 mm apart are one, and ranges shorter than 20 mm are left out.  Of a deviation that is an
-    estimate two ranges are also one if nowhere between them it is below the threshold with 95 %: a dip that the
-    estimate's own error explains parts nothing.
+    Ranges less than 30 mm apart are joined, and ranges shorter than 20 mm are left out.  With the standard deviation of
+    an estimate, two ranges are also joined if the estimate is nowhere between them below the threshold with 95 %: its
+    own error explains the dip.
 
     Parameters
     ----------
     height, deviation : ndarray, shape (n,), m
-        NaN where nothing is known.
+        NaN where it is unknown.
     threshold : float, m
     std : ndarray, shape (n,), m, optional
         Standard deviation of an estimate.
@@ -66,13 +66,13 @@ def sections(
     value = np.nan_to_num(deviation, nan=-np.inf)
     above = value > threshold
     edges = np.diff(np.concatenate([[0], above.astype(int), [0]]))
-    surely_below = value + SURE * np.nan_to_num(std, nan=0.0) < threshold if std is not None else ~above
-    found: list[list[float]] = []
+    surely_below = value + ONE_SIDED_95 * np.nan_to_num(std, nan=0.0) < threshold if std is not None else ~above
+    ranges: list[list[float]] = []
     end = 0
     for a, b in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1, strict=True):
-        if found and (height[a] - found[-1][1] < _JOIN or not surely_below[end:a].any()):
-            found[-1][1] = float(height[b])
+        if ranges and (height[a] - ranges[-1][1] < _JOIN or not surely_below[end:a].any()):
+            ranges[-1][1] = float(height[b])
         else:
-            found.append([float(height[a]), float(height[b])])
+            ranges.append([float(height[a]), float(height[b])])
         end = int(b)
-    return [(a, b) for a, b in found if b - a >= _SHORTEST - 1e-12]
+    return [(a, b) for a, b in ranges if b - a >= _SHORTEST - 1e-12]

@@ -1,14 +1,16 @@
-"""What sensors can tell of both rails in both directions: observability of four deviations, and what would help."""
+"""Observability of the deviations of both rails in both directions, with these sensors and with further ones."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multibody.base.progress import Progress, silent
+from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
 from vtsdt.alignment.trips import Trip
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile import Profile
@@ -31,13 +33,13 @@ SENSORS: dict[str, dict[str, float]] = {
     "+ gap sensors x, y and yaw": {"cabin.x": 2e-5, "cabin.y": 2e-5, "cabin.yaw": 1e-4},
 }
 _QUANTITIES = ("right rail x", "left rail x", "right rail y", "left rail y")
-#: What a deviation would wander without any reading, m; one that stays below half of it is told.
-_WANDER = 1e-3
+#: Drift of a deviation over a trip without any reading, m; one known to better than half of it counts as observed.
+_DRIFT = 1e-3
 
 
 @dataclass(frozen=True)
 class SensorRow:
-    """What a set of sensors tells of four deviations.
+    """How well a set of sensors determines four deviations.
 
     Parameters
     ----------
@@ -46,7 +48,7 @@ class SensorRow:
         Standard deviation of each deviation at the end of the trip.
     detectable : bool
     hidden : str
-        The combination that is told worst, if the lift is not detectable.
+        The combination that is known worst, if the lift is not detectable.
     """
 
     sensors: str
@@ -54,9 +56,9 @@ class SensorRow:
     detectable: bool
     hidden: str
 
-    def tells(self, quantity: str) -> bool:
-        """True if the deviation is known to better than half of how far it wanders."""
-        return self.std[quantity] < 0.5 * _WANDER
+    def determines(self, quantity: str) -> bool:
+        """True if the deviation is known to better than half of its drift."""
+        return self.std[quantity] < 0.5 * _DRIFT
 
 
 def _curved(parameters: LiftParameters) -> LiftParameters:
@@ -71,12 +73,12 @@ def _curved(parameters: LiftParameters) -> LiftParameters:
 
 def sensor_table(
     trip: Trip, parameters: LiftParameters | None = None, *, sensors: dict[str, dict[str, float]] | None = None,
-    progress: Callable[[str], Any] | None = None,
+    progress: Progress = silent,
 ) -> list[SensorRow]:  # fmt: skip
-    """Say for sets of sensors which of the four deviations they determine along a trip.
+    """Return, for sets of sensors, how well they determine the four deviations along a trip.
 
-    The states follow the trip with the deviations that the first set estimates; only covariances count, so the
-    further sensors need not exist.
+    The states follow the trip with the deviations that the sensors of the paper estimate; only covariances matter, so
+    the further sensors need not exist.
 
     Parameters
     ----------
@@ -87,15 +89,14 @@ def sensor_table(
     progress : callable, optional
     """
     from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended, observability
-    from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
 
     given = parameters if parameters is not None else LiftParameters.bench()
     sets = sensors if sensors is not None else SENSORS
     lift = Lift.cabin(_curved(given))
-    names = sorted({output for each in sets.values() for output in each})
+    names = sorted({output for outputs in sets.values() for output in outputs})
     system = lift.build(outputs=["z_c", "zdd_c", *names])
     duration = float(trip.time[-1] - trip.time[0])
-    rate = _WANDER**2 / duration
+    rate = _DRIFT**2 / duration
     targets: dict[str, dict[str, float]] = {
         "right rail x": {"cabin_guide.right_deviation": 1.0},
         "left rail x": {"cabin_guide.left_deviation": 1.0},
@@ -103,8 +104,8 @@ def sensor_table(
     for side in ("right", "left"):
         values = [n for n in system.parameter_names if n.startswith(f"cabin_guide.{side}_y.y[")]
         targets[f"{side} rail y"] = dict.fromkeys(values, 1.0)
-    walks = [RandomWalk(t, name=n, rate=rate, std=0.2 * _WANDER) for n, t in targets.items()]
-    paper = GuideFilter(given, TUNINGS["quiet"])
+    walks = [RandomWalk(t, name=n, rate=rate, std=0.2 * _DRIFT) for n, t in targets.items()]
+    paper = GuideFilter(parameters=given, tuning=TUNINGS["quiet"])
     base = paper.run(trip)
     delta = float(np.median(base[DELTA]))
     rest = lift.equilibrium(
@@ -115,20 +116,19 @@ def sensor_table(
     process = {name: 1e-8 for name in system.state_names}
     rows = []
     for k, (label, further) in enumerate(sets.items()):
-        if progress is not None:
-            progress(f"sensors {k + 1} of {len(sets)}: {label}")
+        progress(f"sensors {k + 1} of {len(sets)}: {label}")
         model = FilterModel(system, ["z_c", "zdd_c", *further], walks, parameters={DELTA: delta})
-        # Readings of sensors that do not exist are what the model expects: they move nothing, and tell by their rows.
+        # Sensors that do not exist read what the model expects: they shift no estimate, only the covariances.
         noise = Noise(process, {"z_c": 1e-8, "zdd_c": 1e-2, **{n: s**2 for n, s in further.items()}})
         run = extended(
             model, Samples(trip.time, trip.tension, _expected(model, trip, rest)), noise,
             Prior(rest, {**dict.fromkeys(rest, 1e-4)}), keep="everything", once=True,
         )  # fmt: skip
-        seen = observability(run, window=400, instants=30)
+        observed = observability(run, window=400, instants=30)
         cruising = slice(len(trip.time) // 2, 4 * len(trip.time) // 5)
         std = {name: float(np.median(run.std(name)[cruising])) for name in _QUANTITIES}
-        hidden = str(seen.undetectable[0]).split(" (")[0] if seen.undetectable else ""
-        rows.append(SensorRow(label, std, seen.detectable, hidden))
+        hidden = str(observed.undetectable[0]).split(" (")[0] if observed.undetectable else ""
+        rows.append(SensorRow(label, std, observed.detectable, hidden))
     return rows
 
 

@@ -1,4 +1,4 @@
-"""Trips for the alignment sensor: read, checked for what a rig gets wrong, low-passed, their offsets found."""
+"""Trips for the alignment sensor: reading, checks for usual faults of recordings, low-pass, offsets."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vtsdt.files.parameters import LiftParameters
 
 __all__ = ["ROLES", "AlignmentError", "Trip", "find_columns", "prepare", "read_trips"]
 
-#: What is measured, in which unit, and names that columns usually have.
+#: What is measured, in which unit, and usual names of its column.
 ROLES: dict[str, tuple[str, tuple[str, ...]]] = {
     "tension": ("N", ("tension_c", "F_c", "cabin_tension", "tension", "rope_tension")),
     "height": ("m", ("cabin_height", "z_c", "height", "cabin_position", "position", "z")),
@@ -30,24 +30,24 @@ ROLES: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 _TIME = ("time", "t")
 _G = 9.80665
-#: Travel below which a trip says nothing, m.
+#: Travel below which a trip carries no information, m.
 LEAST_TRAVEL = 0.2
-#: Sampling rate below which the contacts are not followed, Hz.
+#: Sampling rate below which the contacts cannot be followed, Hz.
 LEAST_RATE = 200.0
 _SLOW = 5.0  # Hz, for comparing height and acceleration
 
 
 class AlignmentError(ValueError):
-    """Trips cannot be used; ``faults`` lists all that is wrong with all of them."""
+    """Trips cannot be used; ``faults`` lists every fault of every trip."""
 
     def __init__(self, faults: Sequence[str]):
         self.faults = tuple(dict.fromkeys(faults))
         super().__init__("the trips cannot be used:\n" + "\n".join(f"  - {fault}" for fault in self.faults))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Trip:
-    """One trip, ready for the filter: everything low-passed alike, the accelerometer's offset taken off.
+    """One trip, ready for the filter: all signals low-passed alike, without the accelerometer's offset.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ class Trip:
     time, tension, height, acceleration : ndarray, shape (n,), s, N, m, m/s²
     payload : float, kg
     offset : float, m/s²
-        That was taken off the accelerometer.
+        Subtracted from the accelerometer's reading.
     notes : tuple of str
-        What was assumed or found odd.
+        Assumptions and oddities.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Trip:
 
     @cached_property
     def speed(self) -> np.ndarray:
-        """Speed as the heights show it below 5 Hz, shape (n,), m/s."""
+        """Derivative of the height below 5 Hz, shape (n,), m/s."""
         return np.gradient(low_pass(self.time, self.height, _SLOW), self.time)
 
     @property
@@ -97,20 +97,20 @@ def find_columns(path: str | Path, given: Mapping[str, str] | None = None) -> di
     Parameters
     ----------
     path : path
-        A CSV file; of other kinds ``given`` must name all columns.
+        A CSV file; for other kinds ``given`` must name all columns.
     given : mapping of str to str, optional
-        Columns by role (``time``, ``tension``, ``height``, ``acceleration``, ``payload``) that are known.
+        Known columns by role (``time``, ``tension``, ``height``, ``acceleration``, ``payload``).
 
     Raises
     ------
     AlignmentError
-        With every role that no column, or more than one, fits.
+        With every role for which there is no column.
     """
-    path, found, faults = Path(path), dict(given or {}), []
+    path, columns, faults = Path(path), dict(given or {}), []
     names = _header(path)
     roles = {"time": ("s", _TIME), **ROLES}
     for role, (unit, usual) in roles.items():
-        if role in found:
+        if role in columns:
             continue
         matches: dict[str, str] = {}
         for name in names:
@@ -122,17 +122,17 @@ def find_columns(path: str | Path, given: Mapping[str, str] | None = None) -> di
                 matches.setdefault(quantity if quantity in usual else name, name)
         best = next((matches[u] for u in usual if u in matches), None)
         if best is not None:
-            found[role] = best
+            columns[role] = best
         elif role != "payload" and names:
             faults.append(
-                f"{path.name}: no column looks like the {role} (usual names: {', '.join(usual)}, with their unit): say "
-                f"which with --{role} COLUMN; there are {', '.join(names)}"
+                f"{path.name}: no column looks like the {role} (usual names: {', '.join(usual)}, with their unit): "
+                f"name it with --{role} COLUMN; there are {', '.join(names)}"
             )
         elif role != "payload" and path.exists():
-            faults.append(f"{path.name}: say which column is the {role} with --{role} COLUMN")
+            faults.append(f"{path.name}: name the column of the {role} with --{role} COLUMN")
     if faults:
         raise AlignmentError(faults)
-    return found
+    return columns
 
 
 def read_trips(
@@ -154,18 +154,18 @@ def read_trips(
     columns : mapping of str to str, optional
         Columns by role; see `find_columns`.
     units : mapping of str to str, optional
-        Units of the numbers by role, where the column's name does not say them or is wrong.
+        Units by role, where the column's name has none or a wrong one.
     parameters : LiftParameters, optional
         Default: the shipped bench.
     low_pass_hz : float, Hz
-        For all signals alike (González et al. 2020: 60 Hz, above which the model says nothing).
+        For all signals alike (González et al. 2020: 60 Hz; the model does not hold above it).
     start, stop : float, s, optional
         Window.
 
     Raises
     ------
     AlignmentError, RecordError
-        With every fault of all trips.
+        With every fault of every trip.
     """
     if not paths:
         raise AlignmentError(["no trips were given: name their files"])
@@ -186,8 +186,8 @@ def read_trips(
 def prepare(record: Record, low_pass_hz: float = 60.0) -> Trip:
     """Return a record as a trip: zero-phase low-pass, accelerometer without its offset.
 
-    A trip from rest to rest has no mean acceleration; what is left of it, less the change of speed that the
-    heights show, is the offset.
+    A trip from rest to rest has no mean acceleration; the mean reading, less the change of speed that the heights
+    show over the duration, is the offset.
     """
     time = np.asarray(record.time)
     names = ("tension", "height", "acceleration")
@@ -197,8 +197,11 @@ def prepare(record: Record, low_pass_hz: float = 60.0) -> Trip:
     payload = float(np.median(record.signals["payload"].values)) if "payload" in record.signals else 0.0
     notes = [w for w in record.warnings if "constant at" not in w or "payload" not in w]
     if cutoff < low_pass_hz:
-        notes.append(f"{record.name}: low-passed at {cutoff:g} Hz, as its rate of {record.rate:.4g} Hz allows")
-    return Trip(record.name, time, tension, height, acceleration - offset, payload, offset, tuple(notes))
+        notes.append(f"{record.name}: low-passed at {cutoff:g} Hz, because its rate is {record.rate:.4g} Hz")
+    return Trip(
+        name=record.name, time=time, tension=tension, height=height, acceleration=acceleration - offset,
+        payload=payload, offset=offset, notes=tuple(notes),
+    )  # fmt: skip
 
 
 def _speed_change(time: np.ndarray, height: np.ndarray) -> float:
@@ -208,7 +211,7 @@ def _speed_change(time: np.ndarray, height: np.ndarray) -> float:
     return float(ends[1] - ends[0])
 
 
-# -------------------------------------------------------------------- what a rig gets wrong
+# -------------------------------------------------------------------- usual faults of recordings
 
 
 def _faults(record: Record, lift: LiftParameters) -> Iterator[str]:
@@ -235,7 +238,7 @@ def _faults(record: Record, lift: LiftParameters) -> Iterator[str]:
     if moved < LEAST_TRAVEL:
         yield (
             f"{name}: the cabin never moves (column '{columns['height']}' changes by {1e3 * moved:.3g} mm): friction "
-            f"tells of the guides only while it slides; record a trip of {LEAST_TRAVEL:g} m or more, and check the unit"
+            f"shows the guides only while it slides; record a trip of {LEAST_TRAVEL:g} m or more, and check the unit"
         )
         return
     if moved > 1.5 * lift.hoistway.travel:
@@ -260,7 +263,7 @@ def _is_tension(x: np.ndarray, weight: float) -> bool:
 def _is_height(x: np.ndarray, travel: float) -> bool:
     steps = np.abs(np.diff(x))
     smooth = bool(np.ptp(x) > 0.0 and np.median(steps) < 0.02 * np.ptp(x))
-    # Heights stay on their way for long; an acceleration crosses its middle again and again.
+    # A height crosses its mid-range a few times; an acceleration crosses its median again and again.
     crossings = np.count_nonzero(np.diff(np.sign(x - 0.5 * (x.max() + x.min()))) != 0)
     return bool(smooth and LEAST_TRAVEL < np.ptp(x) < 1.5 * travel and crossings < 10)
 
@@ -290,27 +293,27 @@ def _tension_faults(name: str, column: str, values: Mapping[str, np.ndarray], li
     ratio = tension / weight
     if 0.85 < ratio < 1.15:
         return
-    told = f"{name}: the tension (column '{column}') is about {tension:.4g} N, the cabin weighs {weight:.4g} N"
+    text = f"{name}: the tension (column '{column}') is about {tension:.4g} N, the cabin weighs {weight:.4g} N"
     if 0.85 < ratio * _G < 1.15:
-        yield f"{told}: the numbers look like kg; say --tension-unit kgf, or convert them"
+        yield f"{text}: the numbers look like kg; give --tension-unit kgf, or convert them"
     elif 0.85 < ratio * 1e3 < 1.15:
-        yield f"{told}: the numbers look like kN; say --tension-unit kN"
+        yield f"{text}: the numbers look like kN; give --tension-unit kN"
     elif 0.85 < -ratio < 1.15:
-        yield f"{told}: its sign is turned; a pull is positive"
+        yield f"{text}: its sign is reversed; a pull is positive"
     else:
-        yield f"{told}: check its unit and zero, the cabin's mass in the parameters, and the payload"
+        yield f"{text}: check its unit and zero, the cabin's mass in the parameters, and the payload"
 
 
 def _acceleration_faults(
     name: str, columns: Mapping[str, str], time: np.ndarray, values: Mapping[str, np.ndarray]
 ) -> Iterator[str]:
-    """Lay the acceleration beside the second derivative of the height, both slow."""
+    """Compare the acceleration with the second derivative of the height, both low-passed."""
     column, a = columns["acceleration"], values["acceleration"]
     middle = float(np.median(a))
     if 0.8 * _G < abs(middle) < 1.2 * _G:
         yield (
-            f"{name}: the acceleration (column '{column}') has gravity in it (its middle is {middle:.3g} m/s²): take "
-            "9.81 m/s² off, an upward acceleration being positive"
+            f"{name}: the acceleration (column '{column}') contains gravity (its median is {middle:.3g} m/s²): "
+            "subtract 9.81 m/s²; an upward acceleration is positive"
         )
         return
     step = float(np.median(np.diff(time)))
@@ -318,17 +321,17 @@ def _acceleration_faults(
     by_height = np.gradient(np.gradient(slow[:, 0], step), step)
     inner = slice(int(0.2 / step), -int(0.2 / step))
     x, y = by_height[inner] - by_height[inner].mean(), slow[inner, 1] - slow[inner, 1].mean()
-    together = float(x @ y / max(np.sqrt((x @ x) * (y @ y)), 1e-300))
+    correlation = float(x @ y / max(np.sqrt((x @ x) * (y @ y)), 1e-300))
     gain = float(x @ y / max(x @ x, 1e-300))
-    told = f"{name}: acceleration (column '{column}') and height (column '{columns['height']}')"
-    if together < -0.5:
-        yield f"{told} go opposite ways: turn the sign of one, or take the cabin's height and not the counterweight's"
-    elif together < 0.5:
+    text = f"{name}: acceleration (column '{column}') and height (column '{columns['height']}')"
+    if correlation < -0.5:
+        yield f"{text} have opposite signs: reverse one, or use the height of the cabin and not of the counterweight"
+    elif correlation < 0.5:
         yield (
-            f"{told} do not belong together (correlation of the accelerations below {_SLOW:g} Hz: {together:.2f}): "
-            "another axis, another trip, or clocks that differ"
+            f"{text} do not match (correlation of the accelerations below {_SLOW:g} Hz: {correlation:.2f}): "
+            "another axis, another trip, or different clocks"
         )
     elif 0.8 < gain * _G < 1.25:
-        yield f"{told} differ by a factor of {gain:.3g}: the acceleration looks like g; say --acceleration-unit g_0"
+        yield f"{text} differ by a factor of {gain:.3g}: the acceleration looks like g; give --acceleration-unit g_0"
     elif not 0.7 < gain < 1.4:
-        yield f"{told} differ by a factor of {gain:.3g}: check the units of both"
+        yield f"{text} differ by a factor of {gain:.3g}: check the units of both"

@@ -1,34 +1,40 @@
-"""Virtual lifts for the study of the alignment sensor: what their sensors read, and the truth that it never sees.
+"""Virtual lifts for the study of the alignment sensor: readings of their sensors, and the truth.
 
-Trips that are judged, trips before and trips after a rail was moved for the paper's scaling are three visits to the
-same lift: each meets disturbances and noise of its own.
+Trips that are evaluated, and trips before and after a rail was moved for the paper's scaling, are three visits to the
+same lift: each has its own disturbances and noise.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from vtsdt.alignment.estimate import align, calibrated, equivalent_deviation, pressing_deviation
+from discrepancy.rigs.recording import Disturbance, Logger, perturb
+from estimation.files.record import Record, Signal
+from multibody.base.progress import Progress, silent
+from vtsdt.alignment.estimate import align, calibrated
 from vtsdt.alignment.filter import DEFAULT, Tuning
+from vtsdt.alignment.rail import equivalent_deviation, pressing_deviation
 from vtsdt.alignment.trips import Trip, prepare
 from vtsdt.files.parameters import LiftParameters
+from vtsdt.rig.models import with_rails
+from vtsdt.rig.rails import rail_tables
+from vtsdt.rig.rig import LiftRig
 
 __all__ = [
-    "CALM", "INTRODUCED", "RECORDED", "SCALING", "Case", "Visit", "make_case", "prepared", "recorded", "spoiled",
-    "visit",
+    "EVALUATED_TRIPS", "RAIL_SHIFT", "SCALING_TRIPS", "UNDISTURBED_TRIPS", "LiftCase", "Visit", "make_case",
+    "prepared", "recorded", "visit", "with_sensor_errors",
 ]  # fmt: skip
 
 #: How far the whole rail is moved for the paper's scaling, m.
-INTRODUCED = 1e-3
-#: Trips before and after that; trips that no force disturbs; trips that are recorded for judging.
-SCALING, CALM, RECORDED = 10, 4, 10
+RAIL_SHIFT = 1e-3
+#: Trips before and after that; trips without a disturbing force; trips that are evaluated.
+SCALING_TRIPS, UNDISTURBED_TRIPS, EVALUATED_TRIPS = 10, 4, 10
 _STEP = 0.01  # m between heights of the truth
 
 Records = tuple[dict[str, np.ndarray], ...]
@@ -36,7 +42,7 @@ Records = tuple[dict[str, np.ndarray], ...]
 
 @dataclass(frozen=True, eq=False)
 class Visit:
-    """What was recorded on one visit to a virtual lift, before it is low-passed, and what is true of it.
+    """Recordings of one visit to a virtual lift, before they are low-passed, and the truth.
 
     Parameters
     ----------
@@ -53,40 +59,40 @@ class Visit:
     truth: dict[str, float]
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LiftCase:
     """Trips of one virtual lift before they are low-passed, and its truth.
 
     Parameters
     ----------
     seed : int
-    judged, before, after : Visit
-        What is estimated from, and what the friction is scaled with: other trips, before and after the rail was moved.
+    evaluated, before, after : Visit
+        The trips of the estimate, and other trips before and after the rail was moved, for the scaling of the friction.
     height, pressing, in_plane : ndarray, shape (n,), m
-        By the height of the floor: the deviation of a single rail that presses as hard, and the sum of both rails'
-        deviations in x.
+        Height of the floor; deviation of a single rail that presses as hard; sum of both rails' deviations in x.
     """
 
     seed: int
-    judged: Visit
+    evaluated: Visit
     before: Visit
     after: Visit
     height: np.ndarray = field(repr=False)
     pressing: np.ndarray = field(repr=False)
     in_plane: np.ndarray = field(repr=False)
+    _scaled: dict[str, tuple[LiftParameters, float]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
-    def calm(self) -> Visit:
-        """A few trips that no force disturbs; recorded when they are asked for."""
-        return visit(self.seed, 3, CALM, force=0.0)
+    def undisturbed(self) -> Visit:
+        """A few trips without a disturbing force; recorded on first use."""
+        return visit(self.seed, 3, UNDISTURBED_TRIPS, force=0.0)
 
     @cached_property
-    def more(self) -> Visit:
-        """As many further trips as are judged; recorded when they are asked for."""
-        return visit(self.seed, 4, len(self.judged.records))
+    def further(self) -> Visit:
+        """As many further trips as are evaluated; recorded on first use."""
+        return visit(self.seed, 4, len(self.evaluated.records))
 
     def scaled(self, tuning: Tuning | str = DEFAULT) -> tuple[LiftParameters, float]:
-        """Return nominal parameters with friction scaled by the rail that was moved, and the factor.
+        """Return nominal parameters with friction scaled by the moved rail, and the factor.
 
         Parameters
         ----------
@@ -94,20 +100,19 @@ class Case:
             Of the filter that the scaling is for.
         """
         name = tuning if isinstance(tuning, str) else tuning.name
-        kept: dict[str, tuple[LiftParameters, float]] = self.__dict__.setdefault("_scaled", {})
-        if name not in kept:
+        if name not in self._scaled:
             nominal = LiftParameters.bench()
-            pair = [
-                align(prepared(each.records), nominal, tuning=tuning, observe=False)
-                for each in (self.before, self.after)
-            ]
-            kept[name] = calibrated(nominal, pair[0], pair[1], INTRODUCED)
-        return kept[name]
+            before, after = (
+                align(prepared(part.records), nominal, tuning=tuning, observe=False)
+                for part in (self.before, self.after)
+            )
+            self._scaled[name] = calibrated(nominal, before, after, RAIL_SHIFT)
+        return self._scaled[name]
 
 
 def visit(
     seed: int, number: int, trips: int, *, shift: float = 0.0, force: float = 1.0,
-    parameters: LiftParameters | None = None, progress: Callable[[str], Any] = lambda text: None,
+    parameters: LiftParameters | None = None, progress: Progress = silent,
 ) -> Visit:  # fmt: skip
     """Record trips of a virtual lift.
 
@@ -116,21 +121,16 @@ def visit(
     seed : int
         Of the lift: its rails, its true parameters, the offsets of its sensors.
     number : int
-        Of the visit: another number has other disturbances and noise.
+        Of the visit; another number has other disturbances and noise.
     trips : int
     shift : float, m
         By which the cabin's right rail was moved as a whole towards the cabin.
     force : float, N
         Root mean square of the force that disturbs the cabin.
     parameters : LiftParameters, optional
-        A lift whose own rails are taken; default: the bench between rails drawn for the seed.
+        A lift with its rails; default: the bench between rails drawn for the seed.
     progress : callable
     """
-    from discrepancy.rigs.recording import Disturbance, Logger, perturb
-    from vtsdt.rig.models import with_rails
-    from vtsdt.rig.rails import rail_tables
-    from vtsdt.rig.rig import LiftRig
-
     given = parameters or with_rails(LiftParameters.bench(), rail_tables(LiftRig(seed=seed).profiles))
     guide = given.cabin_guide
     if shift and guide.right_x is not None:
@@ -147,8 +147,8 @@ def visit(
     return Visit(recorded(rig, values, progress), rig.true_parameters(values), truth)
 
 
-def recorded(rig: Any, values: dict[str, float], progress: Callable[[str], Any]) -> Records:
-    """Return what a virtual lift's sensors read on each of its trips."""
+def recorded(rig: LiftRig, values: dict[str, float], progress: Progress) -> Records:
+    """Return the readings of a virtual lift's sensors on each of its trips."""
     _, runs = rig.record(values, (), (), [f"trip {k + 1}" for k in range(rig.trips)], progress)
     columns = {
         "tension": ("tension_c_N", 1.0), "height": ("cabin_height_mm", 1e-3),
@@ -160,8 +160,8 @@ def recorded(rig: Any, values: dict[str, float], progress: Callable[[str], Any])
     )
 
 
-def make_case(seed: int, trips: int = RECORDED, progress: Callable[[str], Any] = lambda text: None) -> Case:
-    """Record trips of a virtual lift, and others before and after its rail was moved, for the scaling.
+def make_case(seed: int, trips: int = EVALUATED_TRIPS, progress: Progress = silent) -> LiftCase:
+    """Record trips of a virtual lift, and others before and after its rail was moved for the scaling.
 
     Parameters
     ----------
@@ -169,53 +169,52 @@ def make_case(seed: int, trips: int = RECORDED, progress: Callable[[str], Any] =
     trips : int
     progress : callable
     """
-    judged = visit(seed, 0, trips, progress=partial(_tell, progress, "judged, "))
-    before = visit(seed, 1, SCALING, progress=partial(_tell, progress, "before the rail is moved, "))
-    after = visit(seed, 2, SCALING, shift=INTRODUCED, progress=partial(_tell, progress, "after it, "))
-    cabin, travel = judged.parameters.cabin, judged.parameters.hoistway.travel
+    evaluated = visit(seed, 0, trips, progress=partial(_prefixed, progress, "evaluated, "))
+    before = visit(seed, 1, SCALING_TRIPS, progress=partial(_prefixed, progress, "before the rail is moved, "))
+    after = visit(seed, 2, SCALING_TRIPS, shift=RAIL_SHIFT, progress=partial(_prefixed, progress, "after it, "))
+    cabin, travel = evaluated.parameters.cabin, evaluated.parameters.hoistway.travel
     height = np.arange(round(travel / _STEP) + 1) * _STEP
-    rails = judged.parameters.cabin_guide.profiles()
-    return Case(
-        seed, judged, before, after, height, pressing_deviation(judged.parameters, height),
-        equivalent_deviation(rails, (cabin.shoe_low, cabin.shoe_high), height),
+    rails = evaluated.parameters.cabin_guide.profiles()
+    return LiftCase(
+        seed=seed, evaluated=evaluated, before=before, after=after, height=height,
+        pressing=pressing_deviation(evaluated.parameters, height),
+        in_plane=equivalent_deviation(rails, (cabin.shoe_low, cabin.shoe_high), height),
     )  # fmt: skip
 
 
-def _tell(progress: Callable[[str], Any], before: str, text: str) -> None:
-    progress(before + text)
+def _prefixed(progress: Progress, prefix: str, text: str) -> None:
+    progress(prefix + text)
 
 
 def prepared(records: Sequence[dict[str, np.ndarray]]) -> list[Trip]:
-    """Return records as trips, low-passed and without the accelerometer's offset."""
-    from estimation.files.record import Record, Signal
-
-    found = []
-    for k, each in enumerate(records):
-        units = {"tension": "N", "height": "m", "acceleration": "m/s**2"}
-        signals = {name: Signal(each[name], unit, name, unit) for name, unit in units.items()}
-        found.append(prepare(Record(f"trip {k + 1}", Path(f"trip_{k + 1}"), each["time"], signals)))
-    return found
+    """Return records as trips: low-passed, without the accelerometer's offset."""
+    units = {"tension": "N", "height": "m", "acceleration": "m/s**2"}
+    trips = []
+    for k, record in enumerate(records):
+        signals = {name: Signal(record[name], unit, name, unit) for name, unit in units.items()}
+        trips.append(prepare(Record(f"trip {k + 1}", Path(f"trip_{k + 1}"), record["time"], signals)))
+    return trips
 
 
-def spoiled(
+def with_sensor_errors(
     records: Sequence[dict[str, np.ndarray]], seed: int, *, tension_gain: float = 0.0, tension_offset: float = 0.0,
     tension_noise: float = 0.0, acceleration_noise: float = 0.0, acceleration_offset: float = 0.0,
     height_noise: float = 0.0, height_offset: float = 0.0, height_gain: float = 0.0,
 ) -> list[dict[str, np.ndarray]]:  # fmt: skip
-    """Return records with further errors of their sensors: a gain (1 is 100 %), offsets, white noise."""
+    """Return records with further errors of their sensors: gain errors (1 is 100 %), offsets, white noise."""
     rng = np.random.default_rng([seed, 77])
-    found = []
-    for each in records:
-        size = each["time"].size
-        found.append(
+    changed = []
+    for record in records:
+        size = record["time"].size
+        changed.append(
             {
-                "time": each["time"],
-                "tension": (1.0 + tension_gain) * each["tension"] + tension_offset
+                "time": record["time"],
+                "tension": (1.0 + tension_gain) * record["tension"] + tension_offset
                 + tension_noise * rng.standard_normal(size),
-                "height": (1.0 + height_gain) * each["height"] + height_offset
+                "height": (1.0 + height_gain) * record["height"] + height_offset
                 + height_noise * rng.standard_normal(size),
-                "acceleration": each["acceleration"] + acceleration_offset
+                "acceleration": record["acceleration"] + acceleration_offset
                 + acceleration_noise * rng.standard_normal(size),
             }
         )  # fmt: skip
-    return found
+    return changed

@@ -16,7 +16,7 @@ from multibody.base.progress import Progress
 from vtsdt.papers.validation import AGREES, DIFFERS, UNCHECKED, Chapter, Row
 
 if TYPE_CHECKING:
-    from vtsdt.alignment.estimate import Alignment
+    from vtsdt.alignment.result import Alignment
 
 __all__ = ["chapters_of_alignment"]
 
@@ -36,7 +36,8 @@ def chapters_of_alignment(paper: str, progress: Progress) -> list[Chapter]:
         Its name.
     progress : callable
     """
-    from vtsdt.alignment.estimate import align, calibrated, equivalent_deviation
+    from vtsdt.alignment.estimate import align, calibrated
+    from vtsdt.alignment.rail import equivalent_deviation
     from vtsdt.files.parameters import LiftParameters
 
     nominal = LiftParameters.bench()
@@ -104,7 +105,7 @@ def _figure_8(paper: str, trips: list[Any]) -> Chapter:
 
 
 def _figure_9(paper: str, found: Alignment, true: np.ndarray, factor: float) -> Chapter:
-    from vtsdt.alignment.estimate import sections
+    from vtsdt.alignment.sections import sections
 
     inside = (found.height >= 0.1) & (found.height <= 1.8) & np.isfinite(found.estimate)
     correlation, of_median = (

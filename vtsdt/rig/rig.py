@@ -26,7 +26,7 @@ from vtsdt.lift.lift import Lift
 from vtsdt.rig.models import MODELS, build, with_rails
 from vtsdt.rig.parts import dressed
 from vtsdt.rig.rails import RailSpectrum, draw_rails, rail_tables
-from vtsdt.rig.trips import CYCLE, Trip, draw_trip, express
+from vtsdt.rig.trips import CYCLE, ReferenceTrip, draw_trip, express
 
 if TYPE_CHECKING:
     from multibody.system.trajectory import Trajectory
@@ -229,7 +229,7 @@ class LiftRig(Rig):
 
     # ---------------------------------------------------------------- trips
 
-    def trip(self, number: int) -> Trip:
+    def trip(self, number: int) -> ReferenceTrip:
         """Return the trip of a number, from 0."""
         if self.only_express:
             loads = self.payloads

@@ -1,4 +1,4 @@
-"""Trips of the virtual lift: what the reference of the pulley's speed does over time."""
+"""Trips of the virtual lift: the reference of the pulley's speed over time."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from multibody.library.profiles import jerk_limited
 from vtsdt.files.parameters import LiftParameters
 
-__all__ = ["CYCLE", "Trip", "draw_trip", "express"]
+__all__ = ["CYCLE", "ReferenceTrip", "draw_trip", "express"]
 
 #: Time between two values of the reference, s.
 CYCLE = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Trip:
-    """One trip.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReferenceTrip:
+    """The speed reference of one trip.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Trip:
     load: float = 0.0
 
 
-def express(parameters: LiftParameters, up: bool, duration: float, load: float = 0.0) -> Trip:
+def express(parameters: LiftParameters, up: bool, duration: float, load: float = 0.0) -> ReferenceTrip:
     """Return a trip from end to end as the parameters' ``[trip]`` says."""
     p = parameters.trip
     way = parameters.hoistway.travel * (1.0 if up else -1.0)
@@ -52,20 +52,20 @@ def draw_trip(
     rng: np.random.Generator,
     duration: float,
     loads: tuple[float, ...],
-) -> Trip:
-    """Return a drawn trip: every other one down, every third from end to end, the others with stops between.
+) -> ReferenceTrip:
+    """Return a drawn trip: every second one down, every third from end to end, the others with stops.
 
-    Stops are 0.15 to 0.9 m apart; speeds run from a quarter of the lift's own to the whole of it.
+    Stops are 0.15 to 0.9 m apart; speeds are between a quarter of the lift's speed and the full speed.
 
     Parameters
     ----------
     parameters : LiftParameters
     number : int
-        Of the trip, from 0: says direction and load, and whether it stops between.
+        Of the trip, from 0; it determines direction and load, and whether the trip has stops.
     rng : Generator
     duration : float, s
     loads : tuple of float, kg
-        Payloads that come in turn.
+        Payloads, used in turn.
     """
     p, travel = parameters.trip, parameters.hoistway.travel
     up, load = number % 2 == 0, loads[(number // 2) % len(loads)]
@@ -96,12 +96,12 @@ def _trip(
     height: float,
     duration: float,
     load: float,
-) -> Trip:
+) -> ReferenceTrip:
     r = parameters.pulley.R_p
     time = np.arange(round((duration + 0.5) / CYCLE) + 1) * CYCLE
     omega, angle = np.zeros_like(time), np.zeros_like(time)
     for begin, way, speed, limit, jerk in moves:
-        made = np.array([jerk_limited(t - begin, -way, speed, limit, jerk)[:2] for t in time[time > begin]])
-        angle[time > begin] += made[:, 0] / r
-        omega[time > begin] += made[:, 1] / r
-    return Trip(time, omega, angle, height, load)
+        move = np.array([jerk_limited(t - begin, -way, speed, limit, jerk)[:2] for t in time[time > begin]])
+        angle[time > begin] += move[:, 0] / r
+        omega[time > begin] += move[:, 1] / r
+    return ReferenceTrip(time=time, omega=omega, angle=angle, height=height, load=load)
