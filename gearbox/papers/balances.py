@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gearbox.papers.rows import AGREES, DIFFERS, UNCHECKED, Chapter, Row, compared
+from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter, PaperRow, compared
+from gearbox.papers.printed import PAPER
 from gearbox.stage.stage import Stage, simulate
 
 __all__ = ["balances_chapter"]
@@ -13,7 +14,7 @@ SPEED, TORQUE = 1000.0, 150.0
 _ENERGIES = ("stored", "lost", "supplied")
 
 
-def balances_chapter() -> Chapter:
+def balances_chapter() -> PaperChapter:
     """Return the chapter of static transmission, energy balance, mesh lines and efficiency at the base condition."""
     stage = Stage.paper()
     law = TORQUE / (stage.pair.base_radii[1] * float(np.cos(stage.pair.base_helix_angle)))
@@ -21,16 +22,40 @@ def balances_chapter() -> Chapter:
     efficiency = 1.0 - sum(shares.values())
     lines = _mesh_share(stage)
     rows = (
-        compared("mean tooth force at rest over a mesh cycle, 150 N·m: T/(r_b2 cos β_b)", law, _at_rest(stage),
-                 5e-3 * law, "N", digits=1, basis="0.5 %; not printed, statics", why="statics are not met"),
-        Row("stored + lost − supplied energy, as a share of what is lost, tolerance 1e-7", "0", f"{residual:.0e}",
-            AGREES if residual < 1e-6 else DIFFERS, "below 1e-6: energy is conserved"),
-        Row("share of a healthy stage's acceleration at multiples of the mesh frequency (Eq. 2)", "all of it",
-            f"{100.0 * lines:.2f} %", AGREES if lines > 0.999 else DIFFERS, "above 99.9 %: input seat, y, 0.48 s"),
-        Row("efficiency at 1000 r/min and 150 N·m", "not printed", f"{100.0 * efficiency:.1f} %", UNCHECKED,
-            "lost are " + ", ".join(f"{100.0 * v:.2f} % by {name}" for name, v in shares.items())),
-    )  # fmt: skip
-    return Chapter("Section 4.1", "balances of the model", rows)
+        compared(
+            "mean tooth force at rest over a mesh cycle, 150 N·m: T/(r_b2 cos β_b)",
+            law,
+            _at_rest(stage),
+            5e-3 * law,
+            "N",
+            digits=1,
+            significant=3,
+            basis="0.5 %; not printed, statics",
+            why="statics are not met",
+        ),
+        PaperRow(
+            what="stored + lost − supplied energy, as a share of what is lost, tolerance 1e-7",
+            paper="0",
+            ours=f"{residual:.0e}",
+            verdict=AGREES if residual < 1e-6 else DIFFERS,
+            why="below 1e-6: energy is conserved",
+        ),
+        PaperRow(
+            what="share of a healthy stage's acceleration at multiples of the mesh frequency (Eq. 2)",
+            paper="all of it",
+            ours=f"{100.0 * lines:.2f} %",
+            verdict=AGREES if lines > 0.999 else DIFFERS,
+            why="above 99.9 %: input seat, y, 0.48 s",
+        ),
+        PaperRow(
+            what="efficiency at 1000 r/min and 150 N·m",
+            paper="not printed",
+            ours=f"{100.0 * efficiency:.1f} %",
+            verdict=UNCHECKED,
+            why="lost are " + ", ".join(f"{100.0 * v:.2f} % by {name}" for name, v in shares.items()),
+        ),
+    )
+    return PaperChapter(paper=PAPER, place="Section 4.1", title="balances of the model", rows=rows)
 
 
 def _at_rest(stage: Stage) -> float:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gearbox.papers.rows import AGREES, DIFFERS, UNCHECKED, Chapter, Row, counted
+from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter, PaperRow, counted
+from gearbox.papers.printed import PAPER
 from multibody.base.progress import Progress
 
 if TYPE_CHECKING:
@@ -17,9 +18,15 @@ if TYPE_CHECKING:
     from gearbox.updating.identifiability import Identifiability
 
 __all__ = [
-    "Success", "chain_on_rig", "lost_directions", "one_load", "rig_recordings", "rig_vibration", "success",
+    "Success",
+    "chain_on_rig",
+    "lost_directions",
+    "one_load",
+    "rig_recordings",
+    "rig_vibration",
+    "success",
     "success_chapter",
-]  # fmt: skip
+]
 
 
 #: Seed of the rig that stands for the paper's measurement; its truth lies inside the model.
@@ -192,7 +199,7 @@ def _span(values: Sequence[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _rows(what: str, found: Success, *, asked: int = 0, printed: bool = True) -> list[Row]:
+def _rows(what: str, found: Success, *, asked: int = 0, printed: bool = True) -> list[PaperRow]:
     """Rows of one set of designs; with ``asked`` the project's own bar for both counts."""
     theirs = ("1 of 1: 0.689 to 0.752", "1 of 1: 0.721, 0.744, 0.762") if printed else ("not done", "not done")
     n = found.designs
@@ -207,35 +214,64 @@ def _rows(what: str, found: Success, *, asked: int = 0, printed: bool = True) ->
         for k, (b, top) in enumerate(zip(found.others_start, found.bounds, strict=True))
     )
     return [
-        Row(f"{what}: optimum of the surface, simulated, above the start", theirs[0],
-            f"{counted(found.rises, n)}: {found.start:.3f} to {_span(found.optimum)}", judged(found.rises), one + bar),
-        Row(f"{what}: what the surface had promised", "not given", _span(found.promised), UNCHECKED,
-            "the paper gives one value, 0.752, and not whether surface or simulation; no cosine is above 1"),
-        Row(f"{what}: what was taken", "the surface's optimum", _span(found.taken), UNCHECKED,
-            "the best of what was simulated, where a design point is better than the surface's optimum"),
-        Row(f"{what}: above {GOOD:g} at conditions 1, 2 and 3", theirs[1],
-            f"{counted(found.above, n)}: {at}", judged(found.above), one + bar),
-    ]  # fmt: skip
+        PaperRow(
+            what=f"{what}: optimum of the surface, simulated, above the start",
+            paper=theirs[0],
+            ours=f"{counted(found.rises, n)}: {found.start:.3f} to {_span(found.optimum)}",
+            verdict=judged(found.rises),
+            why=one + bar,
+        ),
+        PaperRow(
+            what=f"{what}: what the surface had promised",
+            paper="not given",
+            ours=_span(found.promised),
+            verdict=UNCHECKED,
+            why="the paper gives one value, 0.752, and not whether surface or simulation; no cosine is above 1",
+        ),
+        PaperRow(
+            what=f"{what}: what was taken",
+            paper="the surface's optimum",
+            ours=_span(found.taken),
+            verdict=UNCHECKED,
+            why="the best of what was simulated, where a design point is better than the surface's optimum",
+        ),
+        PaperRow(
+            what=f"{what}: above {GOOD:g} at conditions 1, 2 and 3",
+            paper=theirs[1],
+            ours=f"{counted(found.above, n)}: {at}",
+            verdict=judged(found.above),
+            why=one + bar,
+        ),
+    ]
 
 
-def _rig_rows(what: str, found: Sequence[Success], seeds: Sequence[int], *, printed: bool = True) -> list[Row]:
+def _rig_rows(what: str, found: Sequence[Success], seeds: Sequence[int], *, printed: bool = True) -> list[PaperRow]:
     """Rows of one design on each of several rigs."""
     n, one = len(found), "the paper has one machine"
     rigs = f"rigs {seeds[0]} to {seeds[-1]}"
     pairs = "; ".join(f"{f.start:.3f} to {f.optimum[0]:.3f} (taken {f.taken[0]:.3f})" for f in found)
     least = "; ".join(f"{min(f.others[0]):.3f} (before {min(f.others_start):.3f})" for f in found)
     return [
-        Row(f"{what}, {rigs}: optimum of the surface, simulated, above the start",
-            "1 of 1: 0.689 to 0.752" if printed else "not done",
-            f"{counted(sum(f.rises for f in found), n)}: {pairs}", UNCHECKED, one),
-        Row(f"{what}, {rigs}: above {GOOD:g} at conditions 1, 2 and 3", "1 of 1: 0.721 at least" if printed else
-            "not done", f"{counted(sum(f.above for f in found), n)}, the lowest: {least}", UNCHECKED, one),
-    ]  # fmt: skip
+        PaperRow(
+            what=f"{what}, {rigs}: optimum of the surface, simulated, above the start",
+            paper="1 of 1: 0.689 to 0.752" if printed else "not done",
+            ours=f"{counted(sum(f.rises for f in found), n)}: {pairs}",
+            verdict=UNCHECKED,
+            why=one,
+        ),
+        PaperRow(
+            what=f"{what}, {rigs}: above {GOOD:g} at conditions 1, 2 and 3",
+            paper="1 of 1: 0.721 at least" if printed else "not done",
+            ours=f"{counted(sum(f.above for f in found), n)}, the lowest: {least}",
+            verdict=UNCHECKED,
+            why=one,
+        ),
+    ]
 
 
 def success_chapter(
     progress: Progress, inside: Sequence[Recording], store: Callable[[str], Path | None] = lambda name: None
-) -> Chapter:
+) -> PaperChapter:
     """How often the chain succeeds: truth inside the model, then with errors of manufacturing, by both objectives.
 
     Parameters
@@ -247,8 +283,11 @@ def success_chapter(
         Gives a file for the simulations of a housing, or None.
     """
     kept = store("rigid")
-    names = ("truth inside the model", "errors of manufacturing, similarity",
-             "errors of manufacturing, amplitudes and phases over three loads")  # fmt: skip
+    names = (
+        "truth inside the model",
+        "errors of manufacturing, similarity",
+        "errors of manufacturing, amplitudes and phases over three loads",
+    )
     lines: dict[str, Any] = {"used": LOADS, "objective": "amplitudes", "sensors": SENSORS}
 
     def of_errors(made: Sequence[Recording], seeds: Iterable[int]) -> tuple[Success, Success]:
@@ -276,15 +315,23 @@ def success_chapter(
         for told in lost_directions("rigid", recordings, progress, kept):
             lost = "; ".join(told.words(i) for i in told.lost)
             rows.append(
-                Row(f"directions of K, C_D, e_F that are lost, {name}, {told.what}", "none told (Table 4)",
-                    lost or "none", DIFFERS if lost else AGREES,
-                    "two mesh lines in the band, less a lag and a gain, fix two numbers at most; what the model lacks "
-                    "counts as noise" if lost else "every direction is told to 15 % of the ranges or better")
-            )  # fmt: skip
+                PaperRow(
+                    what=f"directions of K, C_D, e_F that are lost, {name}, {told.what}",
+                    paper="none told (Table 4)",
+                    ours=lost or "none",
+                    verdict=DIFFERS if lost else AGREES,
+                    why="two mesh lines in the band, less a lag and a gain, fix two numbers at most; what the model "
+                    "lacks counts as noise"
+                    if lost
+                    else "every direction is told to 15 % of the ranges or better",
+                )
+            )
     text = (
         f"Synthetic recordings of the rig with rigid housing, seed {RIG_SEED} unless others are named; each design has "
         "45 points and 10 test points, parameters chosen by sensitivity. Counts stand with the 95 % interval of their "
         "rate. The objective of amplitudes and phases is the share of the measured mesh lines explained, and not a "
         "cosine similarity; what stands under conditions 1 to 3 is one."
     )
-    return Chapter("Sections 3.4 and 4.4", "how often the chain succeeds", tuple(rows), text=text)
+    return PaperChapter(
+        paper=PAPER, place="Sections 3.4 and 4.4", title="how often the chain succeeds", rows=tuple(rows), text=text
+    )

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter, PaperRow, compared
 from gearbox.papers.balances import balances_chapter
 from gearbox.papers.chain import chain_on_rig, one_load, rig_recordings, success_chapter
-from gearbox.papers.rows import AGREES, DIFFERS, UNCHECKED, Chapter, Row, compared
+from gearbox.papers.printed import PAPER
 from gearbox.papers.surface import eq_18_chapter, figs_9_10
 from multibody.base.progress import Progress
 
@@ -48,7 +49,7 @@ def sensitivity_of(chain: UpdatingChain) -> OneAtATimeResult:
 # -------------------------------------------------------------------- chapters
 
 
-def chapters(progress: Progress | None = None, folder: Path | None = None) -> list[Chapter]:
+def chapters(progress: Progress | None = None, folder: Path | None = None) -> list[PaperChapter]:
     """Every table and figure of the paper that can be made again.
 
     Parameters
@@ -78,39 +79,71 @@ def chapters(progress: Progress | None = None, folder: Path | None = None) -> li
     return found
 
 
-def _geometry() -> Chapter:
+def _geometry() -> PaperChapter:
     from gearbox.files.geometry import GearPair
     from gearbox.files.parameters import StageParameters, hertz_stiffness
 
     pair, material = GearPair.paper(), StageParameters.paper().material
     K_mm = hertz_stiffness(*pair.pitch_radii, material.modulus, material.poisson) / 10.0**4.5
     rows = (
-        compared("transverse contact ratio", 1.639, pair.transverse_contact_ratio, 5e-4, digits=3,
-                 basis="not printed; worked out from Table 1 with standard addenda"),
-        compared("overlap ratio", 0.716, pair.overlap_ratio, 5e-4, digits=3,
-                 basis="not printed; worked out from Table 1"),
-        Row("pitch radii", "not printed", f"{1e3 * pair.pitch_radii[0]:.3f} and {1e3 * pair.pitch_radii[1]:.3f} mm",
-            UNCHECKED, "they follow from Table 1; the paper prints no derived geometry"),
-        compared("Hertz stiffness K (Eqs. 15 to 17), N/mm^1.5", 8.6e5, K_mm, 0.0, digits=0,
-                 why=f"{100 * (K_mm / 8.6e5 - 1):+.1f} %: with exactly the pitch radii; the paper's radii are "
-                 "“approximately equal” to them"),
-        Row("unit of K in Table 2", "N·s/m^(3/2)", "N/mm^e_F", DIFFERS,
-            "misprinted: Table 3 and Eq. 15 give N/mm^(3/2); with a force exponent of 2 it is N/mm²"),
-    )  # fmt: skip
-    return Chapter("Tables 1 and 2, Eqs. 15 to 17", "geometry and contact stiffness", rows)
+        compared(
+            "transverse contact ratio",
+            1.639,
+            pair.transverse_contact_ratio,
+            5e-4,
+            digits=3,
+            basis="not printed; worked out from Table 1 with standard addenda",
+        ),
+        compared(
+            "overlap ratio", 0.716, pair.overlap_ratio, 5e-4, digits=3, basis="not printed; worked out from Table 1"
+        ),
+        PaperRow(
+            what="pitch radii",
+            paper="not printed",
+            ours=f"{1e3 * pair.pitch_radii[0]:.3f} and {1e3 * pair.pitch_radii[1]:.3f} mm",
+            verdict=UNCHECKED,
+            why="they follow from Table 1; the paper prints no derived geometry",
+        ),
+        compared(
+            "Hertz stiffness K (Eqs. 15 to 17), N/mm^1.5",
+            8.6e5,
+            K_mm,
+            0.0,
+            digits=0,
+            why=f"{100 * (K_mm / 8.6e5 - 1):+.1f} %: with exactly the pitch radii; the paper's radii are "
+            "“approximately equal” to them",
+        ),
+        PaperRow(
+            what="unit of K in Table 2",
+            paper="N·s/m^(3/2)",
+            ours="N/mm^e_F",
+            verdict=DIFFERS,
+            why="misprinted: Table 3 and Eq. 15 give N/mm^(3/2); with a force exponent of 2 it is N/mm²",
+        ),
+    )
+    return PaperChapter(
+        paper=PAPER, place="Tables 1 and 2, Eqs. 15 to 17", title="geometry and contact stiffness", rows=rows
+    )
 
 
-def _table_5() -> Chapter:
+def _table_5() -> PaperChapter:
     rows = tuple(
         compared(
-            f"joint speed, {name}", printed, 6.0 * rpm, 5e-4 * printed, "°/s", digits=0, basis="0.05 % of rounding"
+            f"joint speed, {name}",
+            printed,
+            6.0 * rpm,
+            5e-4 * printed,
+            "°/s",
+            digits=0,
+            significant=3,
+            basis="0.05 % of rounding",
         )
         for name, rpm, _, printed, _, _ in TABLE_5_6
     )
-    return Chapter("Table 5", "operating conditions", rows)
+    return PaperChapter(paper=PAPER, place="Table 5", title="operating conditions", rows=rows)
 
 
-def _table_6(tell: Progress) -> Chapter:
+def _table_6(tell: Progress) -> PaperChapter:
     from gearbox.files.operating_condition import OperatingCondition
     from gearbox.signals.main_components import main_components
     from gearbox.stage.vibrating import build
@@ -127,11 +160,16 @@ def _table_6(tell: Progress) -> Chapter:
         ours = "/".join(f"{f:.1f}" for f in sorted(found.frequencies))
         verdict = AGREES if found.worst < 0.01 else DIFFERS
         rows.append(
-            Row(f"main components of the virtual signal, {name}, Hz", "/".join(f"{f:.1f}" for f in theirs), ours,
-                verdict, f"each within {100 * found.worst:.2f} % of a multiple of the mesh frequency (1 % claimed); "
-                f"orders {', '.join(map(str, sorted(found.orders)))}: which lead is up to the housing")
-        )  # fmt: skip
-    return Chapter("Table 6", "mesh frequencies and main components", tuple(rows))
+            PaperRow(
+                what=f"main components of the virtual signal, {name}, Hz",
+                paper="/".join(f"{f:.1f}" for f in theirs),
+                ours=ours,
+                verdict=verdict,
+                why=f"each within {100 * found.worst:.2f} % of a multiple of the mesh frequency (1 % claimed); "
+                f"orders {', '.join(map(str, sorted(found.orders)))}: which lead is up to the housing",
+            )
+        )
+    return PaperChapter(paper=PAPER, place="Table 6", title="mesh frequencies and main components", rows=tuple(rows))
 
 
 @dataclass(frozen=True)
@@ -143,7 +181,7 @@ class _Ranking:
         return ", ".join(f"{n} {self.ranges[n]:.3f}" for n in self.order)
 
 
-def _fig_8(found: Mapping[str, OneAtATimeResult]) -> Chapter:
+def _fig_8(found: Mapping[str, OneAtATimeResult]) -> PaperChapter:
     from gearbox.updating.figures import sensitivity
 
     rows, figures = [], {}
@@ -152,23 +190,34 @@ def _fig_8(found: Mapping[str, OneAtATimeResult]) -> Chapter:
         ranking = _Ranking(tuple(sorted(ranges, key=lambda n: -ranges[n])), ranges)
         same = set(ranking.order[:3]) == set(FIG_8[0])
         rows.append(
-            Row(f"ranges of the similarity over Table 3, {housing} housing", "K, C_D, e_F matter; D_P, E, ρ do not",
-                ranking.told(), AGREES if same else DIFFERS,
-                "the same three lead" if same else _why_other(ranking))
-        )  # fmt: skip
+            PaperRow(
+                what=f"ranges of the similarity over Table 3, {housing} housing",
+                paper="K, C_D, e_F matter; D_P, E, ρ do not",
+                ours=ranking.told(),
+                verdict=AGREES if same else DIFFERS,
+                why="the same three lead" if same else _why_other(ranking),
+            )
+        )
         for name in FIG_8[1]:
             share = ranges[name] / max(ranges.values())
             rows.append(
-                Row(f"{name} beside the strongest, {housing} housing", "negligible", f"{100 * share:.0f} %",
-                    AGREES if share < 0.1 else DIFFERS, _WHY_8[name])
-            )  # fmt: skip
+                PaperRow(
+                    what=f"{name} beside the strongest, {housing} housing",
+                    paper="negligible",
+                    ours=f"{100 * share:.0f} %",
+                    verdict=AGREES if share < 0.1 else DIFFERS,
+                    why=_WHY_8[name],
+                )
+            )
         figures[f"gear-fig-8-{housing}"] = sensitivity(each, "cosine similarity [–]")
     text = (
         "On the virtual rig (synthetic; truth inside the model), at the paper's base condition, lag rule 'best'. The "
         "paper does not say which axis it measured, how its lag was chosen, nor anything of its housing: a ranking is "
         "a statement about all three."
     )
-    return Chapter("Fig. 8", "sensitivity of the similarity", tuple(rows), figures, text)
+    return PaperChapter(
+        paper=PAPER, place="Fig. 8", title="sensitivity of the similarity", rows=tuple(rows), figures=figures, text=text
+    )
 
 
 _WHY_8 = {
@@ -185,7 +234,7 @@ def _why_other(ranking: _Ranking) -> str:
     return f"{', '.join(first)} is among the first three: " + "; ".join(_WHY_8[n] for n in first)
 
 
-def _similarity(result: UpdatingResult) -> Chapter:
+def _similarity(result: UpdatingResult) -> PaperChapter:
     from gearbox.updating.figures import conditions
 
     table = result.to_frame()
@@ -196,31 +245,64 @@ def _similarity(result: UpdatingResult) -> Chapter:
         "comes from the virtual rig"
     )
     rows = [
-        Row("similarity before updating, base condition", "0.689", f"{table['before'][0]:.3f}", UNCHECKED, reason),
-        Row("similarity after updating, base condition", "0.752",
-            f"{table['after'][0]:.3f} (upper bound for mesh lines {table['upper bound'][0]:.3f})", UNCHECKED, reason),
-    ]  # fmt: skip
+        PaperRow(
+            what="similarity before updating, base condition",
+            paper="0.689",
+            ours=f"{table['before'][0]:.3f}",
+            verdict=UNCHECKED,
+            why=reason,
+        ),
+        PaperRow(
+            what="similarity after updating, base condition",
+            paper="0.752",
+            ours=f"{table['after'][0]:.3f} (upper bound for mesh lines {table['upper bound'][0]:.3f})",
+            verdict=UNCHECKED,
+            why=reason,
+        ),
+    ]
     for printed, (_, row) in zip((0.721, 0.744, 0.762), list(table.iterrows())[1:], strict=False):
         rows.append(
-            Row(f"similarity after updating, {row['load [N·m]']:.0f} N·m", f"{printed:.3f}",
-                f"{row['after']:.3f} (before {row['before']:.3f}, bound {row['upper bound']:.3f})", UNCHECKED, reason)
-        )  # fmt: skip
+            PaperRow(
+                what=f"similarity after updating, {row['load [N·m]']:.0f} N·m",
+                paper=f"{printed:.3f}",
+                ours=f"{row['after']:.3f} (before {row['before']:.3f}, bound {row['upper bound']:.3f})",
+                verdict=UNCHECKED,
+                why=reason,
+            )
+        )
     above = bool((table["after"] > 0.7).all())
     rows += [
-        Row("updated model above 0.7 at all four conditions", "yes", "yes" if above else "no",
-            AGREES if above else DIFFERS, "" if above else "see the values above"),
-        Row("a similarity above 0.6 “indicates a satisfactory consistency”", "0.6",
-            f"before updating {100 * start.share_above:.0f} % of all lags give more, from {start.lowest:.2f} to "
-            f"{start.value:.2f}", UNCHECKED, "the paper gives no rule for its lag, and the lag decides"),
-    ]  # fmt: skip
+        PaperRow(
+            what="updated model above 0.7 at all four conditions",
+            paper="yes",
+            ours="yes" if above else "no",
+            verdict=AGREES if above else DIFFERS,
+            why="" if above else "see the values above",
+        ),
+        PaperRow(
+            what="a similarity above 0.6 “indicates a satisfactory consistency”",
+            paper="0.6",
+            ours=f"before updating {100 * start.share_above:.0f} % of all lags give more, from {start.lowest:.2f} to "
+            f"{start.value:.2f}",
+            verdict=UNCHECKED,
+            why="the paper gives no rule for its lag, and the lag decides",
+        ),
+    ]
     for told in result.directions:
         rows.append(
-            Row(f"K, C_D and e_F identified: {told.what}", "three values given (Table 4)",
-                "no direction lost" if not told.lost else "lost: " + "; ".join(told.words(i) for i in told.lost),
-                DIFFERS if told.lost else AGREES,
-                "two mesh lines in the band, less a lag and a gain, fix two numbers at most" if told.lost else "")
-        )  # fmt: skip
-    return Chapter(
-        "Table 4, Figs. 7, 12 and 13", "the similarity before and after updating", tuple(rows),
-        {"gear-fig-12": conditions(result)},
-        f"{start.describe()}. {result.sentence()}")  # fmt: skip
+            PaperRow(
+                what=f"K, C_D and e_F identified: {told.what}",
+                paper="three values given (Table 4)",
+                ours="no direction lost" if not told.lost else "lost: " + "; ".join(told.words(i) for i in told.lost),
+                verdict=DIFFERS if told.lost else AGREES,
+                why="two mesh lines in the band, less a lag and a gain, fix two numbers at most" if told.lost else "",
+            )
+        )
+    return PaperChapter(
+        paper=PAPER,
+        place="Table 4, Figs. 7, 12 and 13",
+        title="the similarity before and after updating",
+        rows=tuple(rows),
+        figures={"gear-fig-12": conditions(result)},
+        text=f"{start.describe()}. {result.sentence()}",
+    )

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gearbox.papers.rows import AGREES, DIFFERS, UNCHECKED, Chapter, Row, compared, counted
+from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter, PaperRow, compared, counted
+from gearbox.papers.printed import PAPER
 from multibody.base.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -18,11 +19,26 @@ __all__ = ["eq_18", "eq_18_chapter", "figs_9_10"]
 
 #: Eq. 18 as printed: coefficients of 1, t1, t2, t3, t1², t2², t3², t1t2, t1t3, t2t3, then the cubes and mixed squares.
 EQ_18 = {
-    (0, 0, 0): 0.6349, (1, 0, 0): -0.8374, (0, 1, 0): -0.0945, (0, 0, 1): 0.5874, (2, 0, 0): 0.1797,
-    (0, 2, 0): 0.7383, (0, 0, 2): -0.7154, (1, 1, 0): 1.8013, (1, 0, 1): 0.2717, (0, 1, 1): -0.6715,
-    (3, 0, 0): 0.3009, (0, 3, 0): -0.6105, (0, 0, 3): 0.0692, (2, 1, 0): -0.6517, (2, 0, 1): -0.4633,
-    (1, 2, 0): -0.8417, (0, 2, 1): 0.2818, (1, 0, 2): 0.0397, (0, 1, 2): 0.2283,
-}  # fmt: skip
+    (0, 0, 0): 0.6349,
+    (1, 0, 0): -0.8374,
+    (0, 1, 0): -0.0945,
+    (0, 0, 1): 0.5874,
+    (2, 0, 0): 0.1797,
+    (0, 2, 0): 0.7383,
+    (0, 0, 2): -0.7154,
+    (1, 1, 0): 1.8013,
+    (1, 0, 1): 0.2717,
+    (0, 1, 1): -0.6715,
+    (3, 0, 0): 0.3009,
+    (0, 3, 0): -0.6105,
+    (0, 0, 3): 0.0692,
+    (2, 1, 0): -0.6517,
+    (2, 0, 1): -0.4633,
+    (1, 2, 0): -0.8417,
+    (0, 2, 1): 0.2818,
+    (1, 0, 2): 0.0397,
+    (0, 1, 2): 0.2283,
+}
 #: Largest value of Eq. 18 on the unit cube.
 MAXIMUM = 0.7607
 #: 30 fireflies, placed and moved 100 times, and 5 climbs of 80 evaluations: the same total for every method.
@@ -33,13 +49,17 @@ ASKED = "fireflies and polish"
 FORMS: dict[str, dict[str, Any]] = {
     ASKED: {"method": "firefly", "options": {"iterations": 100}},
     "fireflies with e^(−γr²) and polish": {
-        "method": "firefly", "options": {"iterations": 100, "attraction": "exp(-gamma r^2)"}},
+        "method": "firefly",
+        "options": {"iterations": 100, "attraction": "exp(-gamma r^2)"},
+    },
     "differential evolution": {"method": "differential_evolution"},
     "differential evolution, begun anew after convergence": {
-        "method": "differential_evolution", "options": {"restart": True}},
+        "method": "differential_evolution",
+        "options": {"restart": True},
+    },
     "DIRECT (no randomness, run once)": {"method": "direct"},
     "multistart of a local method": {"method": "multistart"},
-}  # fmt: skip
+}
 
 
 def eq_18(t: tuple[float, float, float]) -> float:
@@ -53,7 +73,7 @@ def eq_18(t: tuple[float, float, float]) -> float:
     return sum(c * t[0] ** i * t[1] ** j * t[2] ** k for (i, j, k), c in EQ_18.items())
 
 
-def eq_18_chapter(seeds: Iterable[int] = SEEDS, progress: Progress = silent) -> Chapter:
+def eq_18_chapter(seeds: Iterable[int] = SEEDS, progress: Progress = silent) -> PaperChapter:
     """Eq. 18 in its variable orders, its maximum, and how often optimisers find it.
 
     Parameters
@@ -79,15 +99,28 @@ def eq_18_chapter(seeds: Iterable[int] = SEEDS, progress: Progress = silent) -> 
             if order not in ((0, 1, 2), (0, 2, 1), (1, 2, 0)):
                 continue
             stated = " (as stated)" if order == (0, 1, 2) else ""
-            why = "the printed polynomial has its variables in another order" if stated else (
-                "beyond the surface's largest printed error, 6.7 %")  # fmt: skip
+            why = (
+                "the printed polynomial has its variables in another order"
+                if stated
+                else ("beyond the surface's largest printed error, 6.7 %")
+            )
             rows.append(
-                compared(f"Eq. 18 at the {point} point of Table 4, (t₁, t₂, t₃) = ({told}){stated}", printed[point],
-                         value, 0.067 * printed[point], digits=3, basis="the surface's largest printed error", why=why)
-            )  # fmt: skip
+                compared(
+                    f"Eq. 18 at the {point} point of Table 4, (t₁, t₂, t₃) = ({told}){stated}",
+                    printed[point],
+                    value,
+                    0.067 * printed[point],
+                    digits=3,
+                    significant=3,
+                    basis="the surface's largest printed error",
+                    why=why,
+                )
+            )
     rows += _hit_rates(tuple(seeds), progress)
     text = "Shares of seeds stand with their 95 % interval (Wilson); seeds 1000 to 1099, every method with its polish."
-    return Chapter("Eq. 18 and Table 4", "the printed response surface", tuple(rows), text=text)
+    return PaperChapter(
+        paper=PAPER, place="Eq. 18 and Table 4", title="the printed response surface", rows=tuple(rows), text=text
+    )
 
 
 def _surface(points: Any) -> Any:
@@ -95,7 +128,7 @@ def _surface(points: Any) -> Any:
     return sum(f * a**i * b**j * c**k for (i, j, k), f in EQ_18.items())
 
 
-def _hit_rates(seeds: Sequence[int], progress: Progress) -> list[Row]:
+def _hit_rates(seeds: Sequence[int], progress: Progress) -> list[PaperRow]:
     """How often each method finds the maximum of Eq. 18, at equal numbers of evaluations."""
     from surrogate import DesignSpace, compare_optimisers
 
@@ -104,24 +137,39 @@ def _hit_rates(seeds: Sequence[int], progress: Progress) -> list[Row]:
     for name, form in FORMS.items():
         progress(f"Eq. 18: {name}")
         runs[name] = compare_optimisers(
-            _surface, cube, target=MAXIMUM, tolerance=2e-4, methods={name: form}, budget=BUDGET, vectorised=True,
-            seeds=seeds)  # fmt: skip
+            _surface,
+            cube,
+            target=MAXIMUM,
+            tolerance=2e-4,
+            methods={name: form},
+            budget=BUDGET,
+            vectorised=True,
+            seeds=seeds,
+        )
     best = max(runs[ASKED].results[ASKED], key=lambda r: r.value)
     rows = [
-        Row("largest value of Eq. 18 on [0, 1]³, fireflies 30 × 100 and polish", "0.752 (found there)",
-            f"{best.value:.4f} at ({', '.join(f'{x:.2f}' for x in best.x)})", DIFFERS,
-            "the paper's point is not the optimum of its own surface: three hills, of which it lies on the way to the "
-            "third, 0.7576 at (0.16, 0.75, 0.27)")
-    ]  # fmt: skip
+        PaperRow(
+            what="largest value of Eq. 18 on [0, 1]³, fireflies 30 × 100 and polish",
+            paper="0.752 (found there)",
+            ours=f"{best.value:.4f} at ({', '.join(f'{x:.2f}' for x in best.x)})",
+            verdict=DIFFERS,
+            why="the paper's point is not the optimum of its own surface: three hills, of which it lies on the way to "
+            "the third, 0.7576 at (0.16, 0.75, 0.27)",
+        )
+    ]
     alone = [r.value_before_polish for r in runs[ASKED].results[ASKED]]
     found = sum(v >= MAXIMUM - 2e-4 for v in alone)
     rows.append(
-        Row(f"{MAXIMUM} found by 30 fireflies × 100 without a polish", "no: 0.752",
-            f"{counted(found, len(alone), 'seeds')}, {min(alone):.4f} to {max(alone):.4f}",
-            AGREES if not found else DIFFERS,
-            "the same runs before their local polish: the swarm ends near a hill, as the paper's did" if not found else
-            "the same runs before their local polish")
-    )  # fmt: skip
+        PaperRow(
+            what=f"{MAXIMUM} found by 30 fireflies × 100 without a polish",
+            paper="no: 0.752",
+            ours=f"{counted(found, len(alone), 'seeds')}, {min(alone):.4f} to {max(alone):.4f}",
+            verdict=AGREES if not found else DIFFERS,
+            why="the same runs before their local polish: the swarm ends near a hill, as the paper's did"
+            if not found
+            else "the same runs before their local polish",
+        )
+    )
     for name, run in runs.items():
         row = dict(run.to_frame().loc[name])
         count, asked = int(row["runs"]), name == ASKED
@@ -129,15 +177,20 @@ def _hit_rates(seeds: Sequence[int], progress: Progress) -> list[Row]:
         told = counted(hits, count, "seeds") if len(seeds) == count else "found" if hits else "not found"
         needed = f", found after {row['evaluations_to_target']:.0f} evaluations (median)" if hits else ""
         rows.append(
-            Row(f"{MAXIMUM} found within {BUDGET} evaluations: {name}", "once, 0.752",
-                f"{told}, worst {row['worst']:.4f}, median {row['median']:.4f}{needed}",
-                UNCHECKED if not asked else AGREES if hits >= 0.95 * count else DIFFERS,
-                "95 % of 100 seeds asked" if asked else "no figure in the paper; beside the fireflies, for comparison")
-        )  # fmt: skip
+            PaperRow(
+                what=f"{MAXIMUM} found within {BUDGET} evaluations: {name}",
+                paper="once, 0.752",
+                ours=f"{told}, worst {row['worst']:.4f}, median {row['median']:.4f}{needed}",
+                verdict=UNCHECKED if not asked else AGREES if hits >= 0.95 * count else DIFFERS,
+                why="95 % of 100 seeds asked"
+                if asked
+                else "no figure in the paper; beside the fireflies, for comparison",
+            )
+        )
     return rows
 
 
-def figs_9_10(result: UpdatingResult) -> Chapter:
+def figs_9_10(result: UpdatingResult) -> PaperChapter:
     """Surfaces of both orders over the number of points."""
     from gearbox.updating.figures import surface_study
 
@@ -149,39 +202,63 @@ def figs_9_10(result: UpdatingResult) -> Chapter:
         r2, test = part["r2"].to_numpy(float), part["test_r2"].to_numpy(float)
         near = bool(np.nanmin(r2[1:]) >= limit - 0.05)
         rows.append(
-            Row(f"R² on the fitted points, order {order}, 25 to 50 points", theirs,
-                f"{np.nanmin(r2):.3f} to {np.nanmax(r2):.3f}", AGREES if near else DIFFERS,
-                "within 0.05" if near else "another response: how well a cubic follows it depends on the lag and the "
-                "housing")
-        )  # fmt: skip
+            PaperRow(
+                what=f"R² on the fitted points, order {order}, 25 to 50 points",
+                paper=theirs,
+                ours=f"{np.nanmin(r2):.3f} to {np.nanmax(r2):.3f}",
+                verdict=AGREES if near else DIFFERS,
+                why="within 0.05"
+                if near
+                else "another response: how well a cubic follows it depends on the lag and the housing",
+            )
+        )
         rows.append(
-            Row(f"R² on 20 test points, order {order}", "not given", f"{np.nanmin(test):.3f} to {np.nanmax(test):.3f}",
-                UNCHECKED, "the paper gives R² on the fitted points alone, which rises with every term")
-        )  # fmt: skip
+            PaperRow(
+                what=f"R² on 20 test points, order {order}",
+                paper="not given",
+                ours=f"{np.nanmin(test):.3f} to {np.nanmax(test):.3f}",
+                verdict=UNCHECKED,
+                why="the paper gives R² on the fitted points alone, which rises with every term",
+            )
+        )
     at_45 = study[(study["order"] == 3) & (study["points"] == 45)].iloc[0]
     worst, mean = float(at_45["test_max_relative_error"]), float(at_45["test_mean_relative_error"])
     close = worst <= 0.067 and mean <= 0.027
     rows.append(
-        Row("largest and mean relative error at test points, order 3, 45 points", "0.067 / 0.027",
-            f"{worst:.3f} / {mean:.3f}", AGREES if close else DIFFERS,
-            "no larger" if close else "the similarity here spans a wider range and folds where the best lag jumps from "
-            "one peak to the next")
-    )  # fmt: skip
+        PaperRow(
+            what="largest and mean relative error at test points, order 3, 45 points",
+            paper="0.067 / 0.027",
+            ours=f"{worst:.3f} / {mean:.3f}",
+            verdict=AGREES if close else DIFFERS,
+            why="no larger"
+            if close
+            else "the similarity here spans a wider range and folds where the best lag jumps from one peak to the next",
+        )
+    )
     few = study[(study["order"] == 3) & (study["points"] == 25)].iloc[0]
     over = float(few["r2"]) - float(few["r2_loo"])
     rows.append(
-        Row("order 3 on 25 points: R² and largest error", "0.991 / 0.45: overfitting",
-            f"{few['r2']:.3f} / {few['test_max_relative_error']:.3f}, R² with each point left out {few['r2_loo']:.2f}",
-            AGREES if over > 0.1 else DIFFERS,
-            "19 coefficients from 25 points: R² left out shows it" if over > 0.1 else "no overfitting here")
-    )  # fmt: skip
+        PaperRow(
+            what="order 3 on 25 points: R² and largest error",
+            paper="0.991 / 0.45: overfitting",
+            ours=f"{few['r2']:.3f} / {few['test_max_relative_error']:.3f}, "
+            f"R² with each point left out {few['r2_loo']:.2f}",
+            verdict=AGREES if over > 0.1 else DIFFERS,
+            why="19 coefficients from 25 points: R² left out shows it" if over > 0.1 else "no overfitting here",
+        )
+    )
     rows += _by_points(study)
-    return Chapter(
-        "Figs. 9 and 10", "response surfaces over sample count and order", tuple(rows),
-        {"gear-figs-9-10": surface_study(result)}, "On the virtual rig with a rigid housing (synthetic).")  # fmt: skip
+    return PaperChapter(
+        paper=PAPER,
+        place="Figs. 9 and 10",
+        title="response surfaces over sample count and order",
+        rows=tuple(rows),
+        figures={"gear-figs-9-10": surface_study(result)},
+        text="On the virtual rig with a rigid housing (synthetic).",
+    )
 
 
-def _by_points(study: Any) -> list[Row]:
+def _by_points(study: Any) -> list[PaperRow]:
     """One row for each number of points: R² and relative errors of both orders."""
     drawn = "the paper draws a curve and prints no number"
     r2 = {25: "order 3: 0.991"}
@@ -190,13 +267,27 @@ def _by_points(study: Any) -> list[Row]:
     for n in sorted(set(study["points"].astype(int))):
         second, third = (study[(study["order"] == k) & (study["points"] == n)].iloc[0] for k in (2, 3))
         rows.append(
-            Row(f"{n} points: R² fitted, left out, test", r2.get(n, "drawn"),
-                "; ".join(f"order {k}: {r['r2']:.3f}, {r['r2_loo']:.2f}, {r['test_r2']:.2f}"
-                          for k, r in ((2, second), (3, third))), UNCHECKED, drawn)
-        )  # fmt: skip
+            PaperRow(
+                what=f"{n} points: R² fitted, left out, test",
+                paper=r2.get(n, "drawn"),
+                ours="; ".join(
+                    f"order {k}: {r['r2']:.3f}, {r['r2_loo']:.2f}, {r['test_r2']:.2f}"
+                    for k, r in ((2, second), (3, third))
+                ),
+                verdict=UNCHECKED,
+                why=drawn,
+            )
+        )
         rows.append(
-            Row(f"{n} points: largest / mean relative error at test points", errors.get(n, "drawn"),
-                "; ".join(f"order {k}: {r['test_max_relative_error']:.2f} / {r['test_mean_relative_error']:.3f}"
-                          for k, r in ((2, second), (3, third))), UNCHECKED, drawn)
-        )  # fmt: skip
+            PaperRow(
+                what=f"{n} points: largest / mean relative error at test points",
+                paper=errors.get(n, "drawn"),
+                ours="; ".join(
+                    f"order {k}: {r['test_max_relative_error']:.2f} / {r['test_mean_relative_error']:.3f}"
+                    for k, r in ((2, second), (3, third))
+                ),
+                verdict=UNCHECKED,
+                why=drawn,
+            )
+        )
     return rows

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from discrepancy.validation.published import AGREES, PaperRow
 from gearbox.papers import gearbox as papers
-from gearbox.papers.rows import AGREES, Row
 from vtsdt.papers.validation import _cell
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "method" / "papers-gearbox.md"
@@ -31,7 +31,7 @@ def page() -> dict[str, list[str]]:
     return rows
 
 
-def shown(row: Row) -> list[str]:
+def shown(row: PaperRow) -> list[str]:
     return [*(_cell(t) for t in (row.what, row.paper, row.ours)), f"**{row.verdict}**", _cell(row.why)]
 
 

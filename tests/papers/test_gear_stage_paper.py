@@ -106,8 +106,8 @@ def test_a_healthy_stage_has_mesh_lines_only() -> None:
 
 def test_balances_agree() -> None:
     """Static transmission within 0.5 %, energy to 1e-6 of what is lost, mesh lines: as the papers page has them."""
+    from discrepancy.validation.published import AGREES
     from gearbox.papers.balances import balances_chapter
-    from gearbox.papers.rows import AGREES
 
     rows = balances_chapter().rows
     assert [r.what.split()[0] for r in rows if r.verdict == AGREES] == ["mean", "stored", "share"]

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import pytest
 
+from discrepancy.validation.published import AGREES, DIFFERS
 from gearbox.papers import gearbox as papers
 from gearbox.papers.chain import LOADS, SENSORS, chain_on_rig, one_load, rig_recordings, success
-from gearbox.papers.rows import AGREES, DIFFERS
 from gearbox.papers.surface import eq_18_chapter, figs_9_10
 from gearbox.signals.main_components import main_components
 from gearbox.stage.vibrating import build

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
+from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter, PaperRow, compared
 from vtsdt.papers import validation as papers
 from vtsdt.papers.lift import TABLE_4, TABLE_4_MEASURED, chapters
-from vtsdt.papers.validation import AGREES, DIFFERS, UNCHECKED, Chapter, Row, compared
 
 
 @pytest.fixture(scope="module")
-def lift() -> dict[str, Chapter]:
+def lift() -> dict[str, PaperChapter]:
     return {c.place: c for c in chapters(lambda text: None)}
 
 
-def _verdicts(chapter: Chapter) -> dict[str, str]:
+def _verdicts(chapter: PaperChapter) -> dict[str, str]:
     return {r.what: r.verdict for r in chapter.rows}
 
 
@@ -25,7 +25,7 @@ def _number(text: str) -> float:
     return float(text.split()[0])
 
 
-def test_state_counts_agree_and_times_are_told_as_not_comparable(lift: dict[str, Chapter]) -> None:
+def test_state_counts_agree_and_times_are_told_as_not_comparable(lift: dict[str, PaperChapter]) -> None:
     found = _verdicts(lift["Table 1"])
     assert {n: v for n, v in found.items() if n.startswith("states")} == {
         f"states of the {name} model": AGREES for name in ("reference", "1D", "cabin")
@@ -33,12 +33,12 @@ def test_state_counts_agree_and_times_are_told_as_not_comparable(lift: dict[str,
     assert all(v == DIFFERS for n, v in found.items() if n.startswith("time"))
 
 
-def test_reduced_model_follows_the_reference(lift: dict[str, Chapter]) -> None:
+def test_reduced_model_follows_the_reference(lift: dict[str, PaperChapter]) -> None:
     assert set(_verdicts(lift["Fig. 5"]).values()) == {AGREES}
     assert _verdicts(lift["Fig. 6"])["vertical modes, 1D against reference"] == AGREES
 
 
-def test_table_4_agrees_to_half_a_percent_and_three_tenths_of_a_point(lift: dict[str, Chapter]) -> None:
+def test_table_4_agrees_to_half_a_percent_and_three_tenths_of_a_point(lift: dict[str, PaperChapter]) -> None:
     """All but the cabin's loss with both actions, where the paper's friction falls by 10.4 % for 10 % of μ."""
     found = _verdicts(lift["Table 4 and Fig. 12"])
     for name in TABLE_4:
@@ -51,21 +51,21 @@ def test_table_4_agrees_to_half_a_percent_and_three_tenths_of_a_point(lift: dict
             assert found[f"η_t from the printed energies, {name}, {source}"] == AGREES
 
 
-def test_table_4_known_difference_is_the_one_that_is_explained(lift: dict[str, Chapter]) -> None:
+def test_table_4_known_difference_is_the_one_that_is_explained(lift: dict[str, PaperChapter]) -> None:
     (row,) = [r for r in lift["Table 4 and Fig. 12"].rows if r.what == "E_c, both"]
     assert _number(row.ours) == pytest.approx(_number(row.paper), rel=0.0065)
     assert row.verdict == DIFFERS
     assert "10.4 %" in row.why
 
 
-def test_fourteen_configurations_give_a_threshold(lift: dict[str, Chapter]) -> None:
+def test_fourteen_configurations_give_a_threshold(lift: dict[str, PaperChapter]) -> None:
     found = _verdicts(lift["Fig. 10"])
     assert found["configurations under the threshold"] == AGREES
     assert found["energy loss grows with the deviation"] == AGREES
     assert found["threshold"] == DIFFERS  # other guides
 
 
-def test_table_3_stands_beside_the_papers_figures(lift: dict[str, Chapter]) -> None:
+def test_table_3_stands_beside_the_papers_figures(lift: dict[str, PaperChapter]) -> None:
     rows = lift["Table 3 and Fig. 11"].rows
     assert len(rows) == 12
     assert all(r.verdict == DIFFERS and "virtual bench" in r.why for r in rows)
@@ -73,11 +73,11 @@ def test_table_3_stands_beside_the_papers_figures(lift: dict[str, Chapter]) -> N
     assert _number(current.ours) > 0.95  # as in the paper, the current is what fits best
 
 
-def test_table_2_can_be_chosen_as_printed(lift: dict[str, Chapter]) -> None:
+def test_table_2_can_be_chosen_as_printed(lift: dict[str, PaperChapter]) -> None:
     assert [r.verdict for r in lift["Table 2"].rows] == [AGREES, AGREES, UNCHECKED]
 
 
-def test_no_difference_is_unexplained_and_nothing_agrees_by_construction(lift: dict[str, Chapter]) -> None:
+def test_no_difference_is_unexplained_and_nothing_agrees_by_construction(lift: dict[str, PaperChapter]) -> None:
     rows = [r for c in lift.values() for r in c.rows]
     assert not [r.what for r in rows if "not known" in r.why]
     by_construction = [r for r in rows if "by construction" in r.why]
@@ -85,14 +85,14 @@ def test_no_difference_is_unexplained_and_nothing_agrees_by_construction(lift: d
     assert {r.verdict for r in by_construction} == {UNCHECKED}
 
 
-def test_every_table_and_figure_of_the_paper_has_its_place(lift: dict[str, Chapter]) -> None:
+def test_every_table_and_figure_of_the_paper_has_its_place(lift: dict[str, PaperChapter]) -> None:
     assert list(lift) == [
         "Figs. 1 to 4 and 7", "Table 1", "Fig. 5", "Fig. 6", "Eqs. 15 to 30", "Table 2", "Fig. 8", "Fig. 9", "Fig. 10",
         "Table 3 and Fig. 11", "Table 4 and Fig. 12", "Fig. 13",
     ]  # fmt: skip
 
 
-def test_alignment_is_estimated_and_estimated_again_after_correction(lift: dict[str, Chapter]) -> None:
+def test_alignment_is_estimated_and_estimated_again_after_correction(lift: dict[str, PaperChapter]) -> None:
     """Fig. 9 on ten trips of the virtual lift, Fig. 13 on six others after its rail was taken to 2.3 mm."""
     found = {r.what: r for r in lift["Fig. 9"].rows}
     assert found["“good correlation with deviations of the guide”"].verdict == AGREES
@@ -105,7 +105,7 @@ def test_alignment_is_estimated_and_estimated_again_after_correction(lift: dict[
         assert after < 2.3 + 0.15
 
 
-def test_pages_are_written(lift: dict[str, Chapter], tmp_path: Path) -> None:
+def test_pages_are_written(lift: dict[str, PaperChapter], tmp_path: Path) -> None:
     made = list(lift.values())
     page = papers.write(tmp_path, made)
     text = page.read_text(encoding="utf-8")
@@ -122,8 +122,8 @@ def test_pages_are_written(lift: dict[str, Chapter], tmp_path: Path) -> None:
 
 def test_rows_need_their_reason() -> None:
     with pytest.raises(ValueError, match="needs its reason"):
-        Row("x", "1", "2", DIFFERS)
+        PaperRow(what="x", paper="1", ours="2", verdict=DIFFERS)
     with pytest.raises(ValueError, match="no verdict"):
-        Row("x", "1", "2", "nearly")
+        PaperRow(what="x", paper="1", ours="2", verdict="nearly")
     assert compared("x", 1.0, 1.2, 0.1).why == "the reason is not known"
     assert compared("x", 1.0, 1.05, 0.1, "J", basis="b").why == "within 0.1 J: b"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from gear_stand_in import RANGES, START, TEETH, measured, stand_in
 
+from discrepancy.validation.published import AGREES, UNCHECKED
 from gearbox.files.operating_condition import OperatingCondition
 from gearbox.papers import chain as papers_chain
-from gearbox.papers.rows import AGREES, UNCHECKED
 from gearbox.signals.recordings import Recording
 from gearbox.updating.chain import UpdatingChain
 from gearbox.updating.runs import Runs

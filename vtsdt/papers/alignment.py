@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter, PaperRow
 from multibody.base.progress import Progress
-from vtsdt.papers.validation import AGREES, DIFFERS, UNCHECKED, Chapter, Row
 
 if TYPE_CHECKING:
     from vtsdt.alignment.result import Alignment
@@ -27,7 +27,7 @@ _PLACES = ("0.1 m", "0.4 m", "1.1 to 1.3 m", "1.5 to 1.8 m")
 _OWN_RAIL = "the rail is the project's own, drawn with the paper's places: that ours are there is by construction"
 
 
-def chapters_of_alignment(paper: str, progress: Progress) -> list[Chapter]:
+def chapters_of_alignment(paper: str, progress: Progress) -> list[PaperChapter]:
     """Return the chapters of Figs. 8, 9 and 13.
 
     Parameters
@@ -43,9 +43,7 @@ def chapters_of_alignment(paper: str, progress: Progress) -> list[Chapter]:
     nominal = LiftParameters.bench()
     trips = _recorded(nominal.cabin_guide, 0, _BEFORE, partial(_tell, progress, "Fig. 9: "))
     still = _recorded(nominal.cabin_guide, 3, _SCALING, partial(_tell, progress, "Fig. 9, for the scaling: "))
-    moved = _recorded(
-        nominal.cabin_guide, 2, _SCALING, partial(_tell, progress, "Fig. 9, rail moved: "), _INTRODUCED
-    )
+    moved = _recorded(nominal.cabin_guide, 2, _SCALING, partial(_tell, progress, "Fig. 9, rail moved: "), _INTRODUCED)
     pair = [align(part, nominal, observe=False) for part in (still, moved)]
     scaled, factor = calibrated(nominal, pair[0], pair[1], _INTRODUCED)
     before = align(trips, scaled, observe=False)
@@ -87,24 +85,28 @@ def _straightened(guide: Any, found: Alignment) -> Any:
     return dataclasses.replace(guide, right_x=Profile(rail.height, tuple(map(float, deviation))))
 
 
-def _figure_8(paper: str, trips: list[Any]) -> Chapter:
+def _figure_8(paper: str, trips: list[Any]) -> PaperChapter:
     from vtsdt.alignment.report import plot_trips
 
     up = trips[0]
     weight = 9.80665 * 32.0
-    row = Row(
-        "cable tension, cabin height and acceleration of a trip",
-        "drawn, no numbers",
-        f"F_c {up.tension.min():.0f} to {up.tension.max():.0f} N about a weight of {weight:.0f} N, 1.9 m in 6 s",
-        UNCHECKED,
-        "the paper's measurements are not published; low-passed at 60 Hz at 1 kHz as there",
+    row = PaperRow(
+        what="cable tension, cabin height and acceleration of a trip",
+        paper="drawn, no numbers",
+        ours=f"F_c {up.tension.min():.0f} to {up.tension.max():.0f} N about a weight of {weight:.0f} N, 1.9 m in 6 s",
+        verdict=UNCHECKED,
+        why="the paper's measurements are not published; low-passed at 60 Hz at 1 kHz as there",
     )
-    return Chapter(
-        paper, "Fig. 8", "measurements that the estimation takes", (row,), {"papers_fig8": plot_trips(trips[:2])}
+    return PaperChapter(
+        paper=paper,
+        place="Fig. 8",
+        title="measurements that the estimation takes",
+        rows=(row,),
+        figures={"papers_fig8": plot_trips(trips[:2])},
     )
 
 
-def _figure_9(paper: str, found: Alignment, true: np.ndarray, factor: float) -> Chapter:
+def _figure_9(paper: str, found: Alignment, true: np.ndarray, factor: float) -> PaperChapter:
     from vtsdt.alignment.sections import sections
 
     inside = (found.height >= 0.1) & (found.height <= 1.8) & np.isfinite(found.estimate)
@@ -115,20 +117,29 @@ def _figure_9(paper: str, found: Alignment, true: np.ndarray, factor: float) -> 
     listed = ", ".join(f"{s.low:.2f} to {s.high:.2f} m" for s in found.sections)
     really = ", ".join(f"{a:.2f} to {b:.2f} m" for a, b in sections(found.height, true, _THRESHOLD))
     rows = (
-        Row("trips and their median", "10", f"{len(found.trips)}", AGREES, "exact"),
-        Row(
-            "deviation over height", "drawn, no numbers", "drawn", UNCHECKED, "the paper's estimates are not published"
+        PaperRow(what="trips and their median", paper="10", ours=f"{len(found.trips)}", verdict=AGREES, why="exact"),
+        PaperRow(
+            what="deviation over height",
+            paper="drawn, no numbers",
+            ours="drawn",
+            verdict=UNCHECKED,
+            why="the paper's estimates are not published",
         ),
-        Row(
-            "“good correlation with deviations of the guide”", "no number",
-            f"correlation {correlation:.2f} (of the median {of_median:.2f}), RMS error {1e3 * error:.2f} mm",
-            AGREES if correlation > 0.9 else DIFFERS, "above 0.9" if correlation > 0.9 else "below 0.9",
+        PaperRow(
+            what="“good correlation with deviations of the guide”",
+            paper="no number",
+            ours=f"correlation {correlation:.2f} (of the median {of_median:.2f}), RMS error {1e3 * error:.2f} mm",
+            verdict=AGREES if correlation > 0.9 else DIFFERS,
+            why="above 0.9" if correlation > 0.9 else "below 0.9",
         ),
-        Row(
-            "beyond 2.3 mm", ", ".join(_PLACES), f"estimated: {listed}; truly: {really} (heights of the cabin's floor)",
-            UNCHECKED, _OWN_RAIL,
+        PaperRow(
+            what="beyond 2.3 mm",
+            paper=", ".join(_PLACES),
+            ours=f"estimated: {listed}; truly: {really} (heights of the cabin's floor)",
+            verdict=UNCHECKED,
+            why=_OWN_RAIL,
         ),
-    )  # fmt: skip
+    )
     text = (
         "The virtual lift has other masses, friction and contact stiffness than the model, a disturbing force of 1 N, "
         f"a gear and sensors. The paper's scaling: on other trips the rail was moved by {1e3 * _INTRODUCED:g} mm, and "
@@ -137,10 +148,17 @@ def _figure_9(paper: str, found: Alignment, true: np.ndarray, factor: float) -> 
         "all pairs of trips, which has less error than the paper's median over trips."
     )
     figure = found.plot(truth=true)
-    return Chapter(paper, "Fig. 9", "estimated alignment of the guide", rows, {"papers_fig9": figure}, text)
+    return PaperChapter(
+        paper=paper,
+        place="Fig. 9",
+        title="estimated alignment of the guide",
+        rows=rows,
+        figures={"papers_fig9": figure},
+        text=text,
+    )
 
 
-def _figure_13(paper: str, before: Alignment, after: Alignment) -> Chapter:
+def _figure_13(paper: str, before: Alignment, after: Alignment) -> PaperChapter:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.0, 3.6), layout="constrained")
@@ -161,17 +179,28 @@ def _figure_13(paper: str, before: Alignment, after: Alignment) -> Chapter:
             for found in (before, after)
         ]
         rows.append(
-            Row(
-                f"mean deviation from {section.low:.2f} to {section.high:.2f} m", "drawn, no numbers",
-                f"{1e3 * ours[0]:.2f} mm before, {1e3 * ours[1]:.2f} mm after", UNCHECKED,
-                "the corrected guide is not published; ours is the bench's rail taken to 2.3 mm where the estimate was "
-                "beyond, and estimated again from other trips",
+            PaperRow(
+                what=f"mean deviation from {section.low:.2f} to {section.high:.2f} m",
+                paper="drawn, no numbers",
+                ours=f"{1e3 * ours[0]:.2f} mm before, {1e3 * ours[1]:.2f} mm after",
+                verdict=UNCHECKED,
+                why="the corrected guide is not published; ours is the bench's rail taken to 2.3 mm where the estimate "
+                "was beyond, and estimated again from other trips",
             )
-        )  # fmt: skip
-    rows.append(
-        Row(
-            "more deviation than before at 0.4 m", "yes, from bending the whole guide", "no", DIFFERS,
-            "a correction on paper moves only what is to be moved",
         )
-    )  # fmt: skip
-    return Chapter(paper, "Fig. 13", "alignment before and after", tuple(rows), {"papers_fig13": figure})
+    rows.append(
+        PaperRow(
+            what="more deviation than before at 0.4 m",
+            paper="yes, from bending the whole guide",
+            ours="no",
+            verdict=DIFFERS,
+            why="a correction on paper moves only what is to be moved",
+        )
+    )
+    return PaperChapter(
+        paper=paper,
+        place="Fig. 13",
+        title="alignment before and after",
+        rows=tuple(rows),
+        figures={"papers_fig13": figure},
+    )

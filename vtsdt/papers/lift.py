@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter, PaperRow, compared
 from multibody.base.progress import Progress
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile_table import ProfileTable
 from vtsdt.lift.energy import TripEnergy
 from vtsdt.lift.lift import Lift
 from vtsdt.papers.alignment import chapters_of_alignment
-from vtsdt.papers.validation import AGREES, DIFFERS, UNCHECKED, Chapter, Row, compared
 
 __all__ = ["PAPER", "TABLE_4", "TABLE_4_MEASURED", "chapters"]
 
@@ -33,7 +33,7 @@ _NAMES = ("E_c", "E_cw", "E_cb", "|E_m|", "η_t")
 _OWN = "the project's own bench; the paper's masses, stiffnesses and gains are not published"
 
 
-def chapters(progress: Progress) -> Iterator[Chapter]:
+def chapters(progress: Progress) -> Iterator[PaperChapter]:
     """Yield the chapters of the lift paper, in its order."""
     yield _drawings()
     progress("Table 1: states and times of the models")
@@ -56,7 +56,7 @@ def chapters(progress: Progress) -> Iterator[Chapter]:
     yield figure_13
 
 
-def _drawings() -> Chapter:
+def _drawings() -> PaperChapter:
     """The figures that print no number and no curve."""
     whats = {
         "Fig. 1, elements of the framework": "a drawing of boxes; what they stand for is the packages of this project",
@@ -64,11 +64,13 @@ def _drawings() -> Chapter:
         "Fig. 3, contact of guide and shoe": "a sketch of Eq. 3; the law is on the page of the guide",
         "Fig. 7, degrees of freedom of the cabin model": "a sketch; the 12 states are counted under Table 1",
     }
-    rows = tuple(Row(what, "a drawing", "—", UNCHECKED, why) for what, why in whats.items())
-    return Chapter(PAPER, "Figs. 1 to 4 and 7", "drawings", rows)
+    rows = tuple(
+        PaperRow(what=what, paper="a drawing", ours="—", verdict=UNCHECKED, why=why) for what, why in whats.items()
+    )
+    return PaperChapter(paper=PAPER, place="Figs. 1 to 4 and 7", title="drawings", rows=rows)
 
 
-def _table_1() -> Chapter:
+def _table_1() -> PaperChapter:
     made = {
         "reference": (37, 87.1, Lift.reference(profile=True)),
         "1D": (17, 11.5, Lift.one_dimensional(profile=True)),
@@ -78,7 +80,13 @@ def _table_1() -> Chapter:
     for name, (states, seconds, lift) in made.items():
         found = len(lift.system.states)
         rows.append(
-            Row(f"states of the {name} model", f"{states}", f"{found}", AGREES if found == states else DIFFERS, "exact")
+            PaperRow(
+                what=f"states of the {name} model",
+                paper=f"{states}",
+                ours=f"{found}",
+                verdict=AGREES if found == states else DIFFERS,
+                why="exact",
+            )
         )
         given: dict[str, Any] = {
             "1D": {"friction_c": -7.0, "friction_cw": 4.0}, "cabin": {"F_c": 32.0 * 9.80665},
@@ -90,28 +98,28 @@ def _table_1() -> Chapter:
             lift.trip("up", inputs=given)
             taken.append(time.process_time() - begun)
         rows.append(
-            Row(
-                f"time of one 6 s simulation, {name} model",
-                f"{seconds:g} s",
-                f"{min(taken):.2g} s",
-                DIFFERS,
-                "another program on another machine: compiled equations and solver here, an FMU there; processor time, "
-                "least of three, compiled before, equilibrium and outputs included",
+            PaperRow(
+                what=f"time of one 6 s simulation, {name} model",
+                paper=f"{seconds:g} s",
+                ours=f"{min(taken):.2g} s",
+                verdict=DIFFERS,
+                why="another program on another machine: compiled equations and solver here, an FMU there; processor "
+                "time, least of three, compiled before, equilibrium and outputs included",
             )
         )
     rows.append(
-        Row(
-            "DoF of the support in the 1D model",
-            "text: 2, table: 3",
-            "3",
-            AGREES,
-            "as the table and the count of 17 states need",
+        PaperRow(
+            what="DoF of the support in the 1D model",
+            paper="text: 2, table: 3",
+            ours="3",
+            verdict=AGREES,
+            why="as the table and the count of 17 states need",
         )
     )
-    return Chapter(PAPER, "Table 1", "reference and reduced models", tuple(rows))
+    return PaperChapter(paper=PAPER, place="Table 1", title="reference and reduced models", rows=tuple(rows))
 
 
-def _figure_5() -> Chapter:
+def _figure_5() -> PaperChapter:
     from vtsdt.lift.reduction import one_dimensional_against_reference
 
     straight = LiftParameters.bench().straightened()
@@ -121,20 +129,25 @@ def _figure_5() -> Chapter:
         error = found.errors[name]
         ok = error < 1e-3
         rows.append(
-            Row(
-                f"{label}: difference of the 1D model",
-                "“roughly the same prediction”",
-                f"{100 * error:.3f} % of its standard deviation",
-                AGREES if ok else DIFFERS,
-                "below 0.1 %" if ok else "above 0.1 %",
+            PaperRow(
+                what=f"{label}: difference of the 1D model",
+                paper="“roughly the same prediction”",
+                ours=f"{100 * error:.3f} % of its standard deviation",
+                verdict=AGREES if ok else DIFFERS,
+                why="below 0.1 %" if ok else "above 0.1 %",
             )
         )
-    return Chapter(
-        PAPER, "Fig. 5", "1D against 3D model on straight guides", tuple(rows), {"papers_fig5": found.plot()},
-        "The friction of the reference model is given to the 1D model, as in the paper.")  # fmt: skip
+    return PaperChapter(
+        paper=PAPER,
+        place="Fig. 5",
+        title="1D against 3D model on straight guides",
+        rows=tuple(rows),
+        figures={"papers_fig5": found.plot()},
+        text="The friction of the reference model is given to the 1D model, as in the paper.",
+    )
 
 
-def _figure_6() -> Chapter:
+def _figure_6() -> PaperChapter:
     from matplotlib.figure import Figure
 
     from vtsdt.lift.modes import modes_along_trip
@@ -165,46 +178,62 @@ def _figure_6() -> Chapter:
     axis.legend(fontsize="small", ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
     low, high = float(np.nanmin(one[:, -1])), float(np.nanmax(one[:, -1]))
     rows = (
-        Row(
-            "vertical modes, 1D against reference",
-            "the same",
-            f"{100 * apart:.2f} % apart at most",
-            AGREES if apart < 0.01 else DIFFERS,
-            "within 1 %" if apart < 0.01 else "more than 1 %",
+        PaperRow(
+            what="vertical modes, 1D against reference",
+            paper="the same",
+            ours=f"{100 * apart:.2f} % apart at most",
+            verdict=AGREES if apart < 0.01 else DIFFERS,
+            why="within 1 %" if apart < 0.01 else "more than 1 %",
         ),
-        Row("highest vertical mode", "about 60 Hz", f"{low:.0f} to {high:.0f} Hz", DIFFERS, _OWN),
-        Row(
-            "frequencies of each mode", "drawn, no numbers", "drawn", UNCHECKED, f"the figure prints no numbers; {_OWN}"
+        PaperRow(
+            what="highest vertical mode",
+            paper="about 60 Hz",
+            ours=f"{low:.0f} to {high:.0f} Hz",
+            verdict=DIFFERS,
+            why=_OWN,
+        ),
+        PaperRow(
+            what="frequencies of each mode",
+            paper="drawn, no numbers",
+            ours="drawn",
+            verdict=UNCHECKED,
+            why=f"the figure prints no numbers; {_OWN}",
         ),
     )
-    return Chapter(PAPER, "Fig. 6", "natural frequencies over the cable's length", rows, {"papers_fig6": figure})
+    return PaperChapter(
+        paper=PAPER,
+        place="Fig. 6",
+        title="natural frequencies over the cable's length",
+        rows=rows,
+        figures={"papers_fig6": figure},
+    )
 
 
-def _equations() -> Chapter:
+def _equations() -> PaperChapter:
     rows = (
-        Row(
-            "Eq. 15, torque demand to current",
-            "i_q* = K_T(…)",
-            "as printed, multiplied by K_T",
-            AGREES,
-            "a current should be the torque divided by K_T; the printed form is kept, and K_pω takes the factor up",
+        PaperRow(
+            what="Eq. 15, torque demand to current",
+            paper="i_q* = K_T(…)",
+            ours="as printed, multiplied by K_T",
+            verdict=AGREES,
+            why="a current should be the torque divided by K_T; the printed form is kept, and K_pω takes the factor up",
         ),
-        Row(
-            "Eqs. 26 and 29, sign of the residual",
-            "r = ŷ − y, x̂⁺ = x̂⁻ + K r",
-            "innovation y − ŷ",
-            DIFFERS,
-            "with the printed signs the update drives the estimate away from the measurement",
+        PaperRow(
+            what="Eqs. 26 and 29, sign of the residual",
+            paper="r = ŷ − y, x̂⁺ = x̂⁻ + K r",
+            ours="innovation y − ŷ",
+            verdict=DIFFERS,
+            why="with the printed signs the update drives the estimate away from the measurement",
         ),
-        Row(
-            "Eq. 30, index",
-            "P⁺ = (I − K H_k) P⁻",
-            "H_(k+1), Joseph form",
-            DIFFERS,
-            "Eqs. 27 and 28 have k + 1; Joseph's form keeps the covariance positive",
+        PaperRow(
+            what="Eq. 30, index",
+            paper="P⁺ = (I − K H_k) P⁻",
+            ours="H_(k+1), Joseph form",
+            verdict=DIFFERS,
+            why="Eqs. 27 and 28 have k + 1; Joseph's form keeps the covariance positive",
         ),
     )
-    return Chapter(PAPER, "Eqs. 15 to 30", "printed signs and indices", rows)
+    return PaperChapter(paper=PAPER, place="Eqs. 15 to 30", title="printed signs and indices", rows=rows)
 
 
 #: Diagonals of Q and R as printed.
@@ -214,40 +243,40 @@ TABLE_2 = {
 }  # fmt: skip
 
 
-def _table_2() -> Chapter:
+def _table_2() -> PaperChapter:
     from vtsdt.alignment.filter import TUNINGS
 
     tuning = TUNINGS["table2"]
     noise = (tuning.height, tuning.acceleration)
     rows = (
-        Row(
-            "Q of 12 states and δ",
-            "1e-2, 1e-1, 1e-4, 1e-3; δ 1e-3",
-            "the same, as tuning `table2`; the default is another, see the page of the alignment"
+        PaperRow(
+            what="Q of 12 states and δ",
+            paper="1e-2, 1e-1, 1e-4, 1e-3; δ 1e-3",
+            ours="the same, as tuning `table2`; the default is another, see the page of the alignment"
             if dict(tuning.process) == TABLE_2
             else f"{dict(tuning.process)}",
-            AGREES if dict(tuning.process) == TABLE_2 else DIFFERS,
-            "exact",
+            verdict=AGREES if dict(tuning.process) == TABLE_2 else DIFFERS,
+            why="exact",
         ),
-        Row(
-            "R of z_c and z̈_c",
-            "1e-4, 1e-7",
-            f"{noise[0]:g}, {noise[1]:g}",
-            AGREES if noise == (1e-4, 1e-7) else DIFFERS,
-            "exact",
+        PaperRow(
+            what="R of z_c and z̈_c",
+            paper="1e-4, 1e-7",
+            ours=f"{noise[0]:g}, {noise[1]:g}",
+            verdict=AGREES if noise == (1e-4, 1e-7) else DIFFERS,
+            why="exact",
         ),
-        Row(
-            "unit of Q",
-            "not stated",
-            "per second",
-            UNCHECKED,
-            "the paper does not say whether it is per step or per second",
+        PaperRow(
+            what="unit of Q",
+            paper="not stated",
+            ours="per second",
+            verdict=UNCHECKED,
+            why="the paper does not say whether it is per step or per second",
         ),
     )
-    return Chapter(PAPER, "Table 2", "tuning of the filter", rows)
+    return PaperChapter(paper=PAPER, place="Table 2", title="tuning of the filter", rows=rows)
 
 
-def _figure_10() -> Chapter:
+def _figure_10() -> PaperChapter:
     from vtsdt.rig.recordings import drawn_spectrum
     from vtsdt.rig.rig import LiftRig
     from vtsdt.whatif.runs import Loaded, TripRunner
@@ -265,21 +294,41 @@ def _figure_10() -> Chapter:
     ]
     found = threshold(made)
     rows = (
-        Row("configurations under the threshold", "70 % of 14", f"{len(found.under)} of {len(made)}",
-            AGREES if len(found.under) == 10 else DIFFERS, "the tenth of fourteen medians"),
-        Row("threshold", "2.3 mm", f"{1e3 * found.level:.2f} mm", DIFFERS,
-            "it is a property of the fourteen guides: ours are drawn with means of 1.4 to 2.6 mm; 95 % interval "
-            f"{1e3 * found.interval[0]:.2f} to {1e3 * found.interval[1]:.2f} mm"),
-        Row("energy loss grows with the deviation", "drawn", f"correlation {found.correlation:.2f}",
-            AGREES if found.correlation > 0.8 else DIFFERS, "above 0.8"),
-    )  # fmt: skip
+        PaperRow(
+            what="configurations under the threshold",
+            paper="70 % of 14",
+            ours=f"{len(found.under)} of {len(made)}",
+            verdict=AGREES if len(found.under) == 10 else DIFFERS,
+            why="the tenth of fourteen medians",
+        ),
+        PaperRow(
+            what="threshold",
+            paper="2.3 mm",
+            ours=f"{1e3 * found.level:.2f} mm",
+            verdict=DIFFERS,
+            why="it is a property of the fourteen guides: ours are drawn with means of 1.4 to 2.6 mm; 95 % interval "
+            f"{1e3 * found.interval[0]:.2f} to {1e3 * found.interval[1]:.2f} mm",
+        ),
+        PaperRow(
+            what="energy loss grows with the deviation",
+            paper="drawn",
+            ours=f"correlation {found.correlation:.2f}",
+            verdict=AGREES if found.correlation > 0.8 else DIFFERS,
+            why="above 0.8",
+        ),
+    )
     title = "deviation of fourteen configurations against energy loss"
-    return Chapter(
-        PAPER, "Fig. 10", title, rows, {"papers_fig10": found.plot()},
-        "Synthetic: rails drawn from a spectrum, deviations known, energies of the reference model.")  # fmt: skip
+    return PaperChapter(
+        paper=PAPER,
+        place="Fig. 10",
+        title=title,
+        rows=rows,
+        figures={"papers_fig10": found.plot()},
+        text="Synthetic: rails drawn from a spectrum, deviations known, energies of the reference model.",
+    )
 
 
-def _table_3(progress: Progress) -> Chapter:
+def _table_3(progress: Progress) -> PaperChapter:
     from vtsdt.rig.rig import LiftRig
     from vtsdt.whatif.compare import TABLE_3, compare_trips, weighed
 
@@ -293,21 +342,35 @@ def _table_3(progress: Progress) -> Chapter:
         fewer = "a virtual bench: fewer things are in it that the model lacks than in a real one"
         more = "a virtual bench, whose left rail and both rails across are bent too, which the model does not know"
         rows.append(
-            Row(f"{name}: RMSE", f"{rmse:g} {unit}", f"{mine:.3g} {unit}", DIFFERS, fewer if mine < rmse else more)
+            PaperRow(
+                what=f"{name}: RMSE",
+                paper=f"{rmse:g} {unit}",
+                ours=f"{mine:.3g} {unit}",
+                verdict=DIFFERS,
+                why=fewer if mine < rmse else more,
+            )
         )
-        rows.append(Row(f"{name}: ρ", f"{rho:g}", f"{mine_rho:.2f}", DIFFERS, fewer if mine_rho > rho else more))
+        rows.append(
+            PaperRow(
+                what=f"{name}: ρ",
+                paper=f"{rho:g}",
+                ours=f"{mine_rho:.2f}",
+                verdict=DIFFERS,
+                why=fewer if mine_rho > rho else more,
+            )
+        )
     text = (
         "The virtual lift has other rails left and across, a gear, other masses and stiffnesses, a disturbance of "
         "1 N and sensors; the model has the right rail, and masses from the tensions at rest. The scan of the paper "
         "scrambles the row of ρ; it is read as 0.63, 0.98, 0.72, 0.63, 0.59, 0.87."
     )
-    return Chapter(
-        PAPER,
-        "Table 3 and Fig. 11",
-        "updated model against measurement",
-        tuple(rows),
-        {"papers_fig11": trips[0].plot()},
-        text,
+    return PaperChapter(
+        paper=PAPER,
+        place="Table 3 and Fig. 11",
+        title="updated model against measurement",
+        rows=tuple(rows),
+        figures={"papers_fig11": trips[0].plot()},
+        text=text,
     )
 
 
@@ -316,12 +379,12 @@ def _renamed(record: Any) -> Any:
     return dataclasses.replace(record, signals=signals)
 
 
-def _table_4() -> Chapter:
+def _table_4() -> PaperChapter:
     from vtsdt.whatif.figures import energies
     from vtsdt.whatif.study import what_if
 
     study = what_if(samples=0, sections=False)
-    rows: list[Row] = []
+    rows: list[PaperRow] = []
     for name, printed in TABLE_4.items():
         nominal = study[name].nominal
         ours = (nominal.E_c, nominal.E_cw, nominal.E_cb, nominal.E_m, 100.0 * nominal.eta_t)
@@ -351,19 +414,32 @@ def _table_4() -> Chapter:
             )
     e_cb, e_m, eta = TABLE_4_MEASURED["original"][2:]
     rows.append(
-        Row(
-            "η_t as the text defines it, |E_m|/E_cb, measured original",
-            f"{eta:.2f} %",
-            f"{100 * e_m / e_cb:.2f} %",
-            DIFFERS,
-            "the text's E_out/E_in does not return the printed value; the definition above does, six times",
+        PaperRow(
+            what="η_t as the text defines it, |E_m|/E_cb, measured original",
+            paper=f"{eta:.2f} %",
+            ours=f"{100 * e_m / e_cb:.2f} %",
+            verdict=DIFFERS,
+            why="the text's E_out/E_in does not return the printed value; the definition above does, six times",
         )
     )
-    rows.append(Row("measured energies", "12.46 J, …", "—", UNCHECKED, "the paper's measurements are not published"))
+    rows.append(
+        PaperRow(
+            what="measured energies",
+            paper="12.46 J, …",
+            ours="—",
+            verdict=UNCHECKED,
+            why="the paper's measurements are not published",
+        )
+    )
     text = (
         "Bench parameters are the project's own: guide stiffness, centre of mass, counterweight's rail and mass were "
         "fitted to the original column; the other columns follow from the model."
     )
-    return Chapter(
-        PAPER, "Table 4 and Fig. 12", "corrective actions", tuple(rows), {"papers_fig12": energies(study)}, text
+    return PaperChapter(
+        paper=PAPER,
+        place="Table 4 and Fig. 12",
+        title="corrective actions",
+        rows=tuple(rows),
+        figures={"papers_fig12": energies(study)},
+        text=text,
     )

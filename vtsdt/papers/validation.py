@@ -9,117 +9,24 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import json
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter
+from multibody.base.progress import Progress, silent
 
-__all__ = ["AGREES", "DIFFERS", "UNCHECKED", "Chapter", "Row", "compared", "main", "to_markdown", "validate"]
+__all__ = ["main", "to_markdown", "validate"]
 
-AGREES, DIFFERS, UNCHECKED = "agrees", "differs", "cannot be checked"
 #: Where other packages' chapters come from: each has a function ``chapters(progress)``.
 #: Those that simulate for long take a folder as well, in which simulations are kept.
 CHAPTERS = {"lift": "vtsdt.papers.lift", "gearbox": "gearbox.papers.gearbox"}
 KEEPING = ("gearbox",)
 
 
-@dataclass(frozen=True)
-class Row:
-    """One figure of a paper beside ours.
-
-    Parameters
-    ----------
-    what : str
-    paper, ours : str
-        As they are printed.
-    verdict : {"agrees", "differs", "cannot be checked"}
-    why : str
-        The tolerance, the known reason, or why it cannot be checked; never empty for the last two.
-    """
-
-    what: str
-    paper: str
-    ours: str
-    verdict: str
-    why: str = ""
-
-    def __post_init__(self) -> None:
-        if self.verdict not in (AGREES, DIFFERS, UNCHECKED):
-            raise ValueError(f"'{self.what}': there is no verdict '{self.verdict}'")
-        if self.verdict != AGREES and not self.why:
-            raise ValueError(f"'{self.what}': a row that {self.verdict} needs its reason")
-
-
-@dataclass(frozen=True, eq=False)
-class Chapter:
-    """A table or figure of a paper.
-
-    Parameters
-    ----------
-    paper : str
-        Short name of the paper.
-    place : str
-        Such as ``"Table 4"``.
-    title : str
-    rows : tuple of Row
-    figures : dict
-        Ours, by file name without its ending.
-    text : str
-        What has to be known to read the rows.
-    """
-
-    paper: str
-    place: str
-    title: str
-    rows: tuple[Row, ...]
-    figures: dict[str, Figure] = field(default_factory=dict)
-    text: str = ""
-
-
-def compared(
-    what: str,
-    paper: float,
-    ours: float,
-    tolerance: float,
-    unit: str = "",
-    *,
-    digits: int = 2,
-    basis: str = "",
-    why: str = "",
-) -> Row:
-    """Return a row of two numbers: it agrees within the tolerance, else it differs for the reason given.
-
-    Parameters
-    ----------
-    what : str
-    paper, ours, tolerance : float
-    unit : str
-    digits : int
-        Printed after the point.
-    basis : str
-        Where the tolerance comes from.
-    why : str
-        Known reason of a difference; a row beyond its tolerance without one is an error of the validation.
-
-    Examples
-    --------
-    >>> compared("E_c, original", 13.87, 13.867, 0.07, "J").verdict
-    'agrees'
-    """
-    unit = f" {unit}" if unit else ""
-    shown = (f"{paper:.{digits}f}{unit}", f"{ours:.{digits}f}{unit}")
-    if abs(ours - paper) <= tolerance:
-        told = f"within {tolerance:.{max(digits, 1)}g}{unit}" + (f": {basis}" if basis else "")
-        return Row(what, *shown, AGREES, told)
-    return Row(what, *shown, DIFFERS, why or "the reason is not known")
-
-
 def validate(
-    progress: Callable[[str], None] | None = None, only: str | None = None, folder: Path | None = None
-) -> dict[str, list[Chapter]]:
+    progress: Progress = silent, only: str | None = None, folder: Path | None = None
+) -> dict[str, list[PaperChapter]]:
     """Make every table and figure again and return the chapters by machine.
 
     Parameters
@@ -131,24 +38,23 @@ def validate(
     folder : Path, optional
         Keeps the simulations, so that what was broken off goes on where it stopped.
     """
-    told = progress or (lambda text: None)
-    found: dict[str, list[Chapter]] = {}
+    made: dict[str, list[PaperChapter]] = {}
     for machine, name in CHAPTERS.items():
         package = name.partition(".")[0]
         there = importlib.util.find_spec(package) is not None and importlib.util.find_spec(name) is not None
         if there and only in (None, machine):
             kept = (folder,) if machine in KEEPING else ()
-            found[machine] = list(importlib.import_module(name).chapters(told, *kept))
-    return found
+            made[machine] = list(importlib.import_module(name).chapters(progress, *kept))
+    return made
 
 
-def count(chapters: Iterable[Chapter]) -> dict[str, int]:
+def count(chapters: Iterable[PaperChapter]) -> dict[str, int]:
     """Return how many rows have each verdict."""
     rows = [r for c in chapters for r in c.rows]
     return {v: sum(r.verdict == v for r in rows) for v in (AGREES, DIFFERS, UNCHECKED)}
 
 
-def to_markdown(chapters: Sequence[Chapter], images: str = "") -> str:
+def to_markdown(chapters: Sequence[PaperChapter], images: str = "") -> str:
     """Return the validation as a page; ``images`` is the folder of the figures as the page sees it."""
     total = count(chapters)
     lines = [
@@ -180,7 +86,7 @@ def _cell(text: str) -> str:
     return text.replace("|", "\\|")
 
 
-def to_json(chapters: Sequence[Chapter]) -> dict[str, Any]:
+def to_json(chapters: Sequence[PaperChapter]) -> dict[str, Any]:
     """Return the validation as JSON."""
     return {
         "schema": 1,
@@ -192,7 +98,7 @@ def to_json(chapters: Sequence[Chapter]) -> dict[str, Any]:
     }
 
 
-def write(out: Path, chapters: Sequence[Chapter]) -> Path:
+def write(out: Path, chapters: Sequence[PaperChapter]) -> Path:
     """Write page (HTML and Markdown), JSON and figures into a folder; return the HTML page."""
     import base64
     from importlib import resources
@@ -257,7 +163,7 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _into_docs(docs: Path, machine: str, chapters: Sequence[Chapter]) -> None:
+def _into_docs(docs: Path, machine: str, chapters: Sequence[PaperChapter]) -> None:
     folder = docs / "images" / "papers"
     folder.mkdir(parents=True, exist_ok=True)
     for chapter in chapters:
