@@ -69,7 +69,7 @@ def _columns(each: int) -> Callable[[], None]:
             fit.experiment.clear_cache()
         linearised = stage.without_results().linearised_problem(preparation)
         candidates, _ = candidate_sensitivities(linearised, entries[::each])
-        shapes = sum(len(c.columns) for c in candidates)
+        shapes = sum(len(c.sensitivities) for c in candidates)
 
     work()
     work.note = f"{len(entries[::each])} candidates, {shapes} with their shapes"  # type: ignore[attr-defined]

@@ -23,7 +23,7 @@ from scipy.stats import chi2
 
 from discrepancy.statistics import synthetic as sy
 from discrepancy.statistics.scan import scan
-from discrepancy.statistics.whitened import plain_weights, raw_residual, whiten_all
+from discrepancy.statistics.whitened import raw_residual, rms_whitener, whiten_all
 from discrepancy.statistics.whitening import fit_whitener
 
 LEVEL = 0.02
@@ -50,7 +50,7 @@ def show(label: str, k: int, n: int, more: str = "") -> None:
 def chi_square_alarms(case: sy.Case, cands: list) -> tuple[bool, bool]:
     """Alarms of the naive χ² and of the χ² after plain AR whitening."""
     res, sens = case.residual, case.sensitivities
-    w = whiten_all(plain_weights(res), res, sens, cands)
+    w = whiten_all(rms_whitener(res), res, sens, cands)
     raw = raw_residual(w, res, sens, cands, ())
     alarms = []
     for order in (0, 24):
@@ -59,7 +59,7 @@ def chi_square_alarms(case: sy.Case, cands: list) -> tuple[bool, bool]:
         assert w.scorer is not None
         sigma2 = float(w.e @ w.e) / (w.projection.layout.n_data - w.projection.n_directions)
         s = w.scorer(w.e[:, None])
-        p = chi2.sf(s.lm[:, 0] / sigma2, w.scorer.kdim) * len(s.lm)
+        p = chi2.sf(s.score[:, 0] / sigma2, w.scorer.kdim) * len(s.score)
         alarms.append(bool(np.min(p) < LEVEL))
     return alarms[0], alarms[1]
 
@@ -78,7 +78,7 @@ def null(args: argparse.Namespace) -> None:
                 case = sy.make_case(axis, d, rng)
                 cands = sy.candidates(axis)
                 r = scan(case.residual, case.sensitivities, cands, seed=s, draws=args.draws, level=LEVEL)
-                alarm = [x.kind for x in r.rows if x.p < LEVEL]
+                alarm = [x.kind for x in r.rows if x.p_value < LEVEL]
                 got["calibrated"] += bool(alarm)
                 names.update(alarm[:1])
                 if not args.no_peers:
@@ -121,23 +121,23 @@ def power(args: argparse.Namespace) -> None:
                 refused += 1
                 continue
             row = r[f"{kind}@guide"]
-            size = args.factor * row.mde
+            size = args.factor * row.smallest_visible_strength
             sign = 1.0 if cand.one_sided else float(rng.choice([-1.0, 1.0]))
-            amp = np.zeros(cand.k)
+            amp = np.zeros(cand.n_strengths)
             amp[0] = sign * size
             rng.bit_generator.state = state
             case = sy.make_case(axis, d, rng, [(kind, dict(row.shape), amp)])
             r = scan(*_parts(case), cands, seed=s, draws=args.draws, level=LEVEL)
             n += 1
             hit = r[f"{kind}@guide"]
-            found["detected"] += hit.p < LEVEL
-            found["first"] += r.rows[0].kind == kind and r.rows[0].p < LEVEL
+            found["detected"] += hit.p_value < LEVEL
+            found["first"] += r.rows[0].kind == kind and r.rows[0].p_value < LEVEL
             best = r.rows[0]
             tied = r.ties is not None and any(t.startswith(kind) for t in r.ties.names)
-            found["in ties"] += tied or (best.kind == kind and best.p < LEVEL)
-            found["size"] += abs(hit.amplitude[0] - amp[0]) < 0.2 * abs(amp[0])
+            found["in ties"] += tied or (best.kind == kind and best.p_value < LEVEL)
+            found["size"] += abs(hit.expected_strength[0] - amp[0]) < 0.2 * abs(amp[0])
             if not tied and best.kind != kind:
-                misses[f"{kind}→{best.kind if best.p < LEVEL else 'nothing'}"] += 1
+                misses[f"{kind}→{best.kind if best.p_value < LEVEL else 'nothing'}"] += 1
         for what in ("detected", "first", "in ties", "size"):
             show(
                 f"{n_rec} records, {args.factor:g} × MDE: {what}",

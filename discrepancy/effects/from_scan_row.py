@@ -13,7 +13,7 @@ from discrepancy.effects.kinds import Kind, kind_named
 
 if TYPE_CHECKING:
     from discrepancy.effects.catalogue import Entry
-    from discrepancy.statistics.verdicts import Row
+    from discrepancy.statistics.scan_result import ScanRow
 
 __all__ = ["DIFFERENCE", "FURTHEST", "contained", "differs_from", "effect_of", "simpler_in"]
 
@@ -27,7 +27,7 @@ def simpler_in(effects: Sequence[Effect], kind: str, where: str) -> list[Effect]
     return [e for e in effects if e.kind in inside and e.where == where]
 
 
-def contained(a: Row, b: Row) -> bool:
+def contained(a: ScanRow, b: ScanRow) -> bool:
     """Tell whether one of two candidates at the same place is a limit of the other."""
     if a.where != b.where:
         return False
@@ -39,20 +39,20 @@ def differs_from(effects: Sequence[Effect], kind: Kind, where: str) -> bool:
     return kind.by_direction and bool(simpler_in(effects, kind.name, where))
 
 
-def effect_of(entry: Entry, row: Row, effects: Sequence[Effect], instead_of: Sequence[Effect] = ()) -> Effect:
+def effect_of(entry: Entry, row: ScanRow, effects: Sequence[Effect], instead_of: Sequence[Effect] = ()) -> Effect:
     """Return the effect that a row of a scan stands for, at its expected strength.
 
     Parameters
     ----------
     entry : Entry
-    row : Row
+    row : ScanRow
     effects : sequence of Effect
         What the model has already.
     instead_of : sequence of Effect
         Simpler laws in whose place it stands: it begins with their strength besides its own.
     """
     kind = entry.kind
-    amplitude = np.atleast_1d(row.amplitude)
+    amplitude = np.atleast_1d(row.expected_strength)
     if amplitude.size < len(kind.strengths):
         amplitude = np.array([amplitude[0], -amplitude[0]])
     elif kind.one_sided:

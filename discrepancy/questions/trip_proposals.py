@@ -6,17 +6,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from discrepancy.questions.trip_plan import TripPlan
+from discrepancy.statistics.thresholds import DECISIVE_BIC
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["DECIDES", "ENOUGH", "NextMeasurement", "Proposal", "chance", "repeats_needed"]
+__all__ = ["ENOUGH", "NextMeasurement", "Proposal", "chance", "repeats_needed"]
 
-#: Difference of BIC that decides, as in the search, and the chance that is enough.
-DECIDES, ENOUGH = 6.0, 0.8
+#: Probability of a decisive difference of BIC that is enough.
+ENOUGH = 0.8
 
 
-def chance(separation: float, decides: float = DECIDES) -> float:
+def chance(separation: float, decides: float = DECISIVE_BIC) -> float:
     """Return the chance that a trip with a separation D decides.
 
     Examples

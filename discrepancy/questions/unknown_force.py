@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["UnknownForce", "describe_unknown", "described"]
 
 #: Laws that are told, and the least share of the curve's work for which a catalogue kind counts as alike.
-LAWS, ALIKE = 4, 0.8
+LAWS, RESEMBLANCE = 4, 0.8
 DRAWS = 200
 
 
@@ -196,6 +196,6 @@ def _alike(study: Study, effect: Effect, index: int) -> tuple[tuple[str, float],
     whole = float(np.mean(gone))
     if whole <= 0.0:
         return ()
-    rows = [r for r in scan.rows if r.where == effect.where and r.error_drop > 0.0]
-    shares = [(r.kind, min(1.0, float(r.error_drop) / whole)) for r in rows]
-    return tuple(sorted((s for s in shares if s[1] >= ALIKE), key=lambda s: -s[1])[:3])
+    rows = [r for r in scan.rows if r.where == effect.where and r.error_reduction > 0.0]
+    shares = [(r.kind, min(1.0, float(r.error_reduction) / whole)) for r in rows]
+    return tuple(sorted((s for s in shares if s[1] >= RESEMBLANCE), key=lambda s: -s[1])[:3])

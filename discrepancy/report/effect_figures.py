@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from discrepancy.report.conclusion import Conclusion, UnknownCurve
-    from discrepancy.statistics.scan import ScanResult
+    from discrepancy.statistics.scan_result import ScanResult
 
 __all__ = ["candidate_scores", "parameter_shifts", "unknown_curve"]
 
@@ -28,14 +28,14 @@ def _short(kind: str) -> str:
 @drawing
 def candidate_scores(scan: ScanResult, most: int = 14, title: str = "") -> Figure:
     """Draw how far each candidate stands from zero, in standard errors, with what it needs to be believed."""
-    rows = sorted(scan.rows, key=lambda r: -r.lm / r.lam)[:most]
+    rows = sorted(scan.rows, key=lambda r: -r.score / r.inflation)[:most]
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     figure, axes = new_figure(1, height=1.0 + 0.3 * max(len(rows), 2))
     a = axes[0, 0]
-    score = np.sqrt([max(r.lm / r.lam, 0.0) for r in rows])
-    need = np.array([r.needed for r in rows])
-    sure = np.array([r.p < scan.level for r in rows], dtype=bool)
+    score = np.sqrt([max(r.score / r.inflation, 0.0) for r in rows])
+    need = np.array([r.critical_ratio for r in rows])
+    sure = np.array([r.p_value < scan.level for r in rows], dtype=bool)
     y = np.arange(len(rows))[::-1]
     for chosen, colour, hatch, word in (
         (sure, AFTER["color"], "", "stands out"),

@@ -26,7 +26,7 @@ import numpy as np
 from discrepancy.problem.problem import Problem, noise_floors
 from discrepancy.residual.signal_bandwidth import signal_bandwidth
 from discrepancy.statistics.hat_functions import even_hat_functions
-from discrepancy.statistics.low_rank_noise import Shaping, shaping_along
+from discrepancy.statistics.low_rank_weighting import LowRankWeighting, low_rank_weighting
 from estimation.response.experiment import Experiment
 from estimation.response.perturbations import InputPerturbation
 from estimation.signals.correlation import correlation_time
@@ -331,7 +331,7 @@ def shaping_of(
     x0: np.ndarray,
     noise: np.ndarray,
     sensors: Sequence[SensorError] = (),
-) -> Shaping:
+) -> LowRankWeighting:
     """Return the weights of an experiment's residual, from ``experiment.input_noise``.
 
     Parameters
@@ -345,7 +345,7 @@ def shaping_of(
         Noise of the outputs as they are compared, SI.
     sensors : sequence of SensorError
     """
-    none = Shaping(noise, np.zeros((0, 0)), np.zeros(0))
+    none = LowRankWeighting(noise, np.zeros((0, 0)), np.zeros(0))
     time = np.array(experiment.record.time)
     noisy = {n: s for n, s in experiment.input_noise.items() if s > 0.0}
     if not noisy or time.size < 4 or not np.all(noise > 0.0):
@@ -357,4 +357,4 @@ def shaping_of(
     share = np.sqrt((knots - 1) / (time.size - 1))
     perturbations = [InputPerturbation(n, s * share * hats[:, k]) for n, s in noisy.items() for k in range(knots)]
     found = experiment.respond(system, p, x0, perturbations=perturbations, sensors=sensors).derivatives
-    return shaping_along(found, noise)
+    return low_rank_weighting(found, noise)

@@ -14,9 +14,9 @@ from discrepancy.effects.catalogue import catalogue
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import effect_of
 from discrepancy.search.model_comparison import bic_difference
-from discrepancy.search.step import TIE
 from discrepancy.search.trial_fits import Fit, tried
 from discrepancy.stages.stage import Accepted, Rival, Stage
+from discrepancy.statistics.thresholds import DECISIVE_BIC
 from discrepancy.statistics.ties import canonical_correlation
 from multibody.base.parallel import side_by_side
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Swap", "better_in_its_place"]
 
 CLOSE = 30.0  # difference of BIC up to which another explanation is worth a second look; chosen
-ALIKE = 0.9  # correlation from which the same law at another place is; chosen
+SAME_LAW_CORRELATION = 0.9  # correlation from which the same law at another place is; chosen
 MOST = 4  # other explanations of one effect that are fitted
 
 
@@ -104,7 +104,7 @@ def better_in_its_place(stages: Sequence[Stage], fit: Fit, progress: Callable[[s
         if found is not None
     ]
     best = max(swaps, key=lambda s: s.better, default=None)
-    return best if best is not None and best.better > TIE else None
+    return best if best is not None and best.better > DECISIVE_BIC else None
 
 
 def _others(accepted: Accepted, scan: ScanResult) -> list[str]:
@@ -115,11 +115,11 @@ def _others(accepted: Accepted, scan: ScanResult) -> list[str]:
     rows = {r.name: r for r in scan.rows}
     if scan.scorer is not None and name in rows:
         columns = scan.scorer.columns
-        own = columns.Z[:, columns.groups[rows[name].group].cols]
+        own = columns.Z[:, columns.groups[rows[name].group].columns]
         alike = [
             r for r in scan.rows
             if r.kind == accepted.effect.kind and r.name != name
-            and canonical_correlation(own, columns.Z[:, columns.groups[r.group].cols]) >= ALIKE
+            and canonical_correlation(own, columns.Z[:, columns.groups[r.group].columns]) >= SAME_LAW_CORRELATION
         ]  # fmt: skip
-        names += [r.name for r in sorted(alike, key=lambda r: -r.lm)]
+        names += [r.name for r in sorted(alike, key=lambda r: -r.score)]
     return [n for n in dict.fromkeys(names) if n in rows]

@@ -10,14 +10,15 @@ from discrepancy.effects.catalogue import catalogue
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import contained, effect_of, simpler_in
 from discrepancy.search.model_comparison import CLEARLY, bic_difference, matters, taken
-from discrepancy.search.step import LOOKS, MOST, TIE, Step
+from discrepancy.search.step import LOOKS, MOST, Step
 from discrepancy.search.trial_fits import Fit, tried
 from discrepancy.stages.stage import Accepted, Rival, Stage
-from discrepancy.statistics.masking_pairs import HiddenPairs, Pair, hidden_pairs
+from discrepancy.statistics.masking_pairs import MaskingPairs, Pair, find_masking_pairs
+from discrepancy.statistics.thresholds import DECISIVE_BIC
 from multibody.base.parallel import side_by_side
 
 if TYPE_CHECKING:
-    from discrepancy.statistics.verdicts import Row
+    from discrepancy.statistics.scan_result import ScanRow
 
 __all__ = ["look_ahead"]
 
@@ -63,11 +64,11 @@ def look_ahead(
     refused = {e.name for e, _ in step.refused}
     known = {r.name for r in step.scan.rows if r.name in refused or simpler_in(stage.effects, r.kind, r.where)}
 
-    def excluded(a: Row, b: Row) -> bool:
+    def excluded(a: ScanRow, b: ScanRow) -> bool:
         return contained(a, b) or a.name in known or b.name in known
 
     singly = str(step.accepted.effect) if step.accepted is not None else ""
-    hidden = hidden_pairs(step.scans, excluded, level=level / LOOKS, seed=seed, singly=singly)
+    hidden = find_masking_pairs(step.scans, excluded, level=level / LOOKS, seed=seed, singly=singly)
     if hidden is None:
         return step
 
@@ -79,7 +80,7 @@ def look_ahead(
     families = _families(hidden)
     fits = side_by_side(lambda f: together(f[0]), families)
     better = [(s, f) for s, f in zip(fits, families, strict=True) if s is not None]
-    better = [t for t in better if bic_difference(t[0], stage) < -TIE and matters(t[0], stage)]
+    better = [t for t in better if bic_difference(t[0], stage) < -DECISIVE_BIC and matters(t[0], stage)]
     if not better:
         return step
     better = _simplest_first(better, stage)
@@ -98,11 +99,11 @@ def look_ahead(
     return _both(step, stage, better, min(1.0, LOOKS * hidden.p_value), fit, progress)
 
 
-def _families(hidden: HiddenPairs) -> list[list[Pair]]:
+def _families(hidden: MaskingPairs) -> list[list[Pair]]:
     """Return the pairs worth a refit, each with those that all but do the same."""
     families: list[list[Pair]] = []
     for pair in (p for p in hidden.pairs if p.gain > HALF * hidden.pairs[0].gain):
-        family = next((f for f in families if hidden.scores.alike(pair, f[0])), None)
+        family = next((f for f in families if hidden.scores.twins(pair, f[0])), None)
         if family is not None:
             family.append(pair)
         elif len(families) < PAIRS:
@@ -135,7 +136,7 @@ def _simplest_first(
         both = any(a in one and b in two for one, two in (names, names[::-1]))
         return both and taken(other, stage) >= work
 
-    close = [t for t in found if bic_difference(t[0], stage) - least < TIE or in_its_place(t[0])]
+    close = [t for t in found if bic_difference(t[0], stage) - least < DECISIVE_BIC or in_its_place(t[0])]
     first = min(close, key=lambda t: sum(len(e.strengths) for e in t[0].effects))
     return [first, *(t for t in found if t is not first)]
 
@@ -190,7 +191,7 @@ def _rivals(
             found[names[-1]].append(_two(new, float(difference), refitted))
         else:
             gone = next(n for n in names if n not in pair.names)
-            found[gone].append(Rival(new[0].kind, new[0].where, float(difference), refitted, difference < TIE))
+            found[gone].append(Rival(new[0].kind, new[0].where, float(difference), refitted, difference < DECISIVE_BIC))
     return {n: _sorted(r) for n, r in found.items()}
 
 
@@ -198,7 +199,7 @@ def _sorted(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
     return tuple(sorted(rivals, key=lambda r: r.delta_bic))
 
 
-def _two(rows: Sequence[Row], difference: float, refitted: bool = True) -> Rival:
+def _two(rows: Sequence[ScanRow], difference: float, refitted: bool = True) -> Rival:
     """Return two effects as one other explanation."""
     kind = f"{rows[0].kind} with {rows[1].name}"
-    return Rival(kind, rows[0].where, difference, refitted, difference < TIE)
+    return Rival(kind, rows[0].where, difference, refitted, difference < DECISIVE_BIC)

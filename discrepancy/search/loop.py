@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 from discrepancy.effects.effect import Effect
 from discrepancy.search.model_comparison import bic_difference
-from discrepancy.search.step import LOOKS, TIE
+from discrepancy.search.step import LOOKS
 from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.stage import Accepted, Stage
+from discrepancy.statistics.thresholds import DECISIVE_BIC
 
 if TYPE_CHECKING:
     from discrepancy.search.exchange import Swap
@@ -83,7 +84,7 @@ class Search:
         except RuntimeError as error:
             study.progress(f"without it the machine could not be simulated there: {error}")
             return False
-        if bic_difference(again, stage) > -TIE:
+        if bic_difference(again, stage) > -DECISIVE_BIC:
             return False
         study.progress("it does better than before: the calibration goes on from there")
         study.stages[-1] = replace(again, accepted=stage.accepted, notes=stage.notes)

@@ -18,7 +18,7 @@ import numpy as np
 
 from discrepancy.statistics.blocks import Array, Candidate, Residual, Sensitivities
 from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
-from discrepancy.statistics.null import cut, shuffled
+from discrepancy.statistics.null_distribution import cut_pieces, shuffled_residuals
 from discrepancy.statistics.scan import scan
 from discrepancy.statistics.scan_result import ScanResult
 from discrepancy.statistics.verdicts import Verdict
@@ -81,14 +81,14 @@ def with_effect(sens: Sensitivities, candidate: Candidate, shape: int = 0) -> Se
     Use it to ask what remains after an effect: a second scan, or the omnibus test as a test of lack of fit.
     """
     blocks = [
-        np.concatenate([f, z], axis=2) for f, z in zip(sens.blocks, candidate.columns[shape], strict=True)
+        np.concatenate([f, z], axis=2) for f, z in zip(sens.blocks, candidate.sensitivities[shape], strict=True)
     ]
-    names = (*sens.names, *(f"{candidate.name}.{a}" for a in candidate.amplitudes))
+    names = (*sens.names, *(f"{candidate.name}.{a}" for a in candidate.strengths))
     return Sensitivities(
         names,
         blocks,
-        np.append(sens.prior_std, np.full(candidate.k, np.inf)),
-        np.append(sens.prior_offset, np.zeros(candidate.k)),
+        np.append(sens.prior_std, np.full(candidate.n_strengths, np.inf)),
+        np.append(sens.prior_offset, np.zeros(candidate.n_strengths)),
         sens.nuisance,
     )
 
@@ -103,7 +103,7 @@ def generic_candidates(
     def place(column: Array, c: int, b: int) -> Array:
         z = np.zeros((len(column), C, column.shape[1]))
         z[:, c] = column
-        return residual.weighing[b](z) if residual.weighing else z
+        return residual.weighting[b](z) if residual.weighting else z
 
     for name, blocks in drivers.items():
         signal = [np.asarray(b, dtype=float) for b in blocks]
@@ -131,14 +131,17 @@ def generic_candidates(
                 )
             out.append(
                 Candidate(
-                    f"delayed {name}", channel, tuple(grid), tuple({"lag": lag * residual.dt} for lag in lags)
+                    kind=f"delayed {name}",
+                    where=channel,
+                    sensitivities=tuple(grid),
+                    shapes=tuple({"lag": lag * residual.dt} for lag in lags),
                 )
             )
             for kind, knots in curves.items():
                 if len(knots):
                     # One hat function is left out: their sum is an offset, which the catalogue holds.
                     cols = tuple(place(hat_functions(s, knots)[:, 1:], c, b) for b, s in enumerate(signal))
-                    out.append(Candidate(f"{kind} of {name}", channel, (cols,)))
+                    out.append(Candidate(kind=f"{kind} of {name}", where=channel, sensitivities=(cols,)))
     return out
 
 
@@ -211,8 +214,8 @@ def omnibus(
     few = [c for c in generic if not c.kind.startswith(FINE)]
     r = scan(residual, sensitivities, generic, level=level, draws=draws, seed=seed, noise_floor=noise_floor, few=few)
     matter = [row for row in r.rows if row.verdict is not Verdict.NEGLIGIBLE and row.carries_over]
-    best = min(matter, key=lambda x: x.p) if matter else None
-    p = best.p if best else 1.0
+    best = min(matter, key=lambda x: x.p_value) if matter else None
+    p = best.p_value if best else 1.0
     symptoms = {"portmanteau": _portmanteau(r), "low-frequency energy": _low_frequency(r)}
     if moving is not None:
         symptoms["motion against rest"] = _motion(r, moving, draws, seed)
@@ -226,7 +229,7 @@ def _portmanteau(r: ScanResult) -> tuple[float, float, str]:
     q, h = 0.0, 20
     for c in range(lay.n_channels):
         for b, n in enumerate(lay.lengths):
-            x = lay.view(r.residual, b)[:, c]
+            x = lay.view(r.whitened_residual, b)[:, c]
             den = float(x @ x)
             if den > 0 and n > 2 * h:
                 rho = np.array([x[k:] @ x[:-k] for k in range(1, h + 1)]) / den
@@ -243,7 +246,7 @@ def _low_frequency(r: ScanResult) -> tuple[float, float, str]:
     if r.scorer is None:
         return float("nan"), float("nan"), "no candidate to measure it with"
     bands = r.scorer.variance.bands
-    S = bands.normalised(bands.cross(r.residual[:, None]))
+    S = bands.normalised(bands.cross(r.whitened_residual[:, None]))
     value = float(np.mean(np.einsum("cc->c", S[0, :, :, 0]).real))
     return value, float("nan"), f"variance below {bands.edges[1]:.3g} Hz relative to white"
 
@@ -259,9 +262,11 @@ def _motion(r: ScanResult, moving: Sequence[Array], draws: int, seed: int) -> tu
         out: Array = np.mean(d[mask] ** 2, axis=0) / np.mean(d[~mask] ** 2, axis=0)
         return out
 
-    seen = float(ratio(r.residual[:, None])[0])
-    pieces = cut(lay, r.whitener.dt, r.residual)
+    seen = float(ratio(r.whitened_residual[:, None])[0])
+    pieces = cut_pieces(lay, r.whitener.dt, r.whitened_residual)
     rng = np.random.default_rng(seed)
-    by_luck = np.concatenate([ratio(E) for E in shuffled(r.residual, r.projection, pieces, draws, rng)])
+    by_luck = np.concatenate(
+        [ratio(E) for E in shuffled_residuals(r.whitened_residual, r.projection, pieces, draws, rng)]
+    )
     p = (1.0 + float(np.sum(by_luck >= seen))) / (len(by_luck) + 1.0)
     return seen, p, "variance in motion over variance at rest; noise in motion alone also raises it"

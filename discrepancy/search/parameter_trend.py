@@ -82,7 +82,11 @@ def parameter_trends(stage: Stage, level: float, seed: int) -> tuple[Trend, ...]
         return ()
     along = np.linspace(-0.5, 0.5, count)
     candidates = [
-        Candidate("trend", name, (tuple(t * F[:, :, k : k + 1] for t, F in zip(along, sens.blocks, strict=True)),))
+        Candidate(
+            kind="trend",
+            where=name,
+            sensitivities=(tuple(t * F[:, :, k : k + 1] for t, F in zip(along, sens.blocks, strict=True)),),
+        )
         for k, name in enumerate(sens.names)
     ]
     floor = [stage.noise[c] for c in residual.channels]
@@ -90,9 +94,9 @@ def parameter_trends(stage: Stage, level: float, seed: int) -> tuple[Trend, ...]
     units = {q.name: q.unit for q in stage.identify.parameters}
     return tuple(
         Trend(
-            r.where, units[r.where], float(np.ravel(r.amplitude)[0]), float(np.ravel(r.std)[0]),
-            min(1.0, LOOKS * float(r.p)), float(r.error_drop),
+            r.where, units[r.where], float(np.ravel(r.expected_strength)[0]), float(np.ravel(r.standard_error)[0]),
+            min(1.0, LOOKS * float(r.p_value)), float(r.error_reduction),
         )
-        for r in sorted(found.rows, key=lambda r: -r.error_drop)
+        for r in sorted(found.rows, key=lambda r: -r.error_reduction)
         if r.verdict is Verdict.MISSING
     )  # fmt: skip

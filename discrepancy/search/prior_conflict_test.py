@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.search.model_comparison import bic_difference
-from discrepancy.search.step import TIE
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
+from discrepancy.statistics.thresholds import DECISIVE_BIC
 
 if TYPE_CHECKING:
     from discrepancy.stages.stage import Stage
@@ -39,7 +39,7 @@ class Beyond:
     def told(self, effect: str) -> str:
         """Say it in a sentence or two."""
         parts = [conflict_text(q, value) for q, value in self.moved]
-        better = "better than" if self.delta_bic < -TIE else "as well as"
+        better = "better than" if self.delta_bic < -DECISIVE_BIC else "as well as"
         return (
             f"Before {effect} is believed: {' and '.join(parts)} explain{'s' if len(parts) == 1 else ''} these records "
             f"{better} the effect does. Check {'that value' if len(parts) == 1 else 'these values'}, or state a "
@@ -72,6 +72,6 @@ def beyond_priors(study: Study, baseline: Stage, found: Stage) -> Beyond | None:
         return None
     moved = prior_conflicts(free.identify, {q.name: q for q in study.problem.uncertain})
     difference = bic_difference(free, found)
-    if not moved or difference > TIE:
+    if not moved or difference > DECISIVE_BIC:
         return None
     return Beyond(moved, float(difference))

@@ -17,20 +17,18 @@ from discrepancy.sensitivities.candidates import candidate_sensitivities, cannot
 from discrepancy.stages.prior_conflict import needs_prior_conflict
 from discrepancy.stages.stage import Accepted, Rival, Stage
 from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
+from discrepancy.statistics.thresholds import DECISIVE_BIC, TWIN_CORRELATION
 from multibody.base.errors import ModelError
 from multibody.base.parallel import side_by_side
 
 if TYPE_CHECKING:
-    from discrepancy.statistics.scan import ScanResult
-    from discrepancy.statistics.verdicts import Row
+    from discrepancy.statistics.scan_result import ScanResult, ScanRow
 
-__all__ = ["FINALISTS", "LOOKS", "TIE", "Step", "scored", "search_step"]
+__all__ = ["FINALISTS", "LOOKS", "Step", "scored", "search_step"]
 
 FINALISTS = 3
 LOOKS = 5  # plain scan, whitened scan, pairs, free curves, omnibus test: each gets a share of the level
-TIE = 6.0  # difference of BIC below which two explanations are not told apart (3 of log-likelihood)
-ALIKE = 0.98  # correlation of what two effects change from which the scan alone can say that they are a tie; chosen
-TWINS = 0.999  # the same from which twice as much as `TIE` does not tell fits on trial apart; chosen
+TIE_CORRELATION = 0.98  # correlation of what two effects change from which the scan alone calls them a tie; chosen
 SAME = 0.9999  # the same from which a refit of the second would tell nothing; chosen
 MOST = 0.8  # share of a richer law's gain that makes the simpler law in it the first answer
 
@@ -48,7 +46,7 @@ class Step:
         With the accepted effect in it.
     refused : tuple of (Entry, str)
         Candidates that these records cannot speak about.
-    slight : tuple of Row
+    slight : tuple of ScanRow
         Candidates with which the refitted model is the better one, by too little to matter.
     first : tuple of (Accepted, Stage), optional
         Of two effects that hide each other the one that is added first, and the stage with it alone; the accepted one
@@ -59,7 +57,7 @@ class Step:
     accepted: Accepted | None
     stage: Stage | None
     refused: tuple[tuple[Entry, str], ...]
-    slight: tuple[Row, ...] = ()
+    slight: tuple[ScanRow, ...] = ()
     first: tuple[Accepted, Stage] | None = None
 
     @property
@@ -127,7 +125,7 @@ def search_step(
         return Step(tuple(scans), None, None, tuple(refused))
     by_name = {c.name: c for c in candidates}
 
-    def trial(row: Row) -> Stage | ModelError | None:
+    def trial(row: ScanRow) -> Stage | ModelError | None:
         candidate = by_name[row.name]
         entry: Entry = candidate.info["entry"]
         simpler = simpler_in(stage.effects, row.kind, row.where)
@@ -139,10 +137,10 @@ def search_step(
             found = best_of([beside], stage, progress)
         return found
 
-    tried: list[tuple[Stage, Row]] = []
-    slight: list[Row] = []
+    tried: list[tuple[Stage, ScanRow]] = []
+    slight: list[ScanRow] = []
 
-    def look_at(some: Sequence[Row]) -> None:
+    def look_at(some: Sequence[ScanRow]) -> None:
         for row, found in zip(some, side_by_side(trial, some), strict=True):
             if isinstance(found, ModelError):
                 refused.append((by_name[row.name].info["entry"], cannot_be_built(found)))
@@ -156,12 +154,12 @@ def search_step(
     look_at(rows)
     if not tried:
         return Step(tuple(scans), None, None, tuple(refused), tuple(slight))
-    p_value = min(1.0, LOOKS * tried[0][1].p)
+    p_value = min(1.0, LOOKS * tried[0][1].p_value)
     if taken(tried[0][0], stage) < MOST:
         look_at(_bent(scans[-1], tried[0][1].where, [r.name for r in rows]))
     tried = _simplest_first(tried, stage)
     best, row = tried[0]
-    p_value = min(p_value, LOOKS * row.p)
+    p_value = min(p_value, LOOKS * row.p_value)
     rivals = _rivals(best, stage, tried[1:], scans, row.name)
     accepted = Accepted(best.effects[-1], p_value, bic_difference(best, stage), rivals)
     return Step(tuple(scans), accepted, best, tuple(refused), tuple(slight))
@@ -183,9 +181,9 @@ def _scans(
     """
     from discrepancy.statistics.scan import scan
     from discrepancy.statistics.verdicts import Verdict
-    from discrepancy.statistics.whitened import plainly_weighed
+    from discrepancy.statistics.whitened import scaled_by_rms
 
-    plain = plainly_weighed(residual, sensitivities, candidates)
+    plain = scaled_by_rms(residual, sensitivities, candidates)
 
     def scanned(whiten: bool) -> ScanResult:
         return scan(
@@ -194,14 +192,14 @@ def _scans(
         )  # fmt: skip
 
     first = scanned(whiten=False)
-    if first.null.pieces.few:
+    if first.null.pieces.too_few:
         return [scanned(whiten=True)]
     if any(r.verdict is Verdict.MISSING for r in first.rows):
         return [first]
     return [first, scanned(whiten=True)]
 
 
-def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Sequence[Effect]) -> list[Row]:
+def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Sequence[Effect]) -> list[ScanRow]:
     """Return the significant candidates worth a refit, best first.
 
     Each brings the simpler kinds that it contains with it.  Significant richer kinds of the effects that are in the
@@ -214,7 +212,7 @@ def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Seque
     significant = sorted((r for r in scan.rows if r.verdict is Verdict.MISSING), key=lambda r: r.delta_bic)
     if not significant:
         return []
-    worth = _unlike(scan, [r for r in significant if r.error_drop > 0.5 * significant[0].error_drop], effects)
+    worth = _unlike(scan, [r for r in significant if r.error_reduction > 0.5 * significant[0].error_reduction], effects)
     simpler = [f"{kind}@{r.where}" for r in worth for kind in kind_named(r.kind).contains]
     names = [r.name for r in worth]
     richer = [r.name for r in significant if simpler_in(effects, r.kind, r.where)]
@@ -223,14 +221,14 @@ def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Seque
     return [scan[n] for n in names]
 
 
-def _unlike(scan: ScanResult, rows: Sequence[Row], effects: Sequence[Effect]) -> list[Row]:
+def _unlike(scan: ScanResult, rows: Sequence[ScanRow], effects: Sequence[Effect]) -> list[ScanRow]:
     """Return the first `FINALISTS` of some candidates that do not all but change what another of them does.
 
     Of those that do, the one stays at whose place something was found already, else the first.
     """
     known = {e.where for e in effects}
     left = list(rows)
-    kept: list[Row] = []
+    kept: list[ScanRow] = []
     while left and len(kept) < FINALISTS:
         ties = scan.ties_of(left[0].name)
         alike = (*ties.same_kind, *ties.other_kind) if ties is not None else ()
@@ -240,7 +238,7 @@ def _unlike(scan: ScanResult, rows: Sequence[Row], effects: Sequence[Effect]) ->
     return kept
 
 
-def _bent(scan: ScanResult, where: str, known: Sequence[str]) -> list[Row]:
+def _bent(scan: ScanResult, where: str, known: Sequence[str]) -> list[ScanRow]:
     """Return the kinds at a place that are not linear in their strength: a scan along straight lines misjudges them."""
     return [r for r in scan.rows if r.where == where and r.name not in known and not kind_named(r.kind).linear]
 
@@ -251,7 +249,7 @@ def _richer(kind: str, best: Stage) -> bool:
     return simple.kind in kind_named(kind).contains or len(kind_named(kind).strengths) > len(simple.strengths)
 
 
-def _simplest_first(tried: list[tuple[Stage, Row]], stage: Stage) -> list[tuple[Stage, Row]]:
+def _simplest_first(tried: list[tuple[Stage, ScanRow]], stage: Stage) -> list[tuple[Stage, ScanRow]]:
     """Put first the simplest explanation that the records do not tell from the best, or that does most of its work.
 
     A law with more freedom always fits a little better, because no law is exact.  Where a simpler law that it contains
@@ -260,7 +258,7 @@ def _simplest_first(tried: list[tuple[Stage, Row]], stage: Stage) -> list[tuple[
     """
     best = tried[0][0]
     least = bic_difference(best, stage)
-    close = [t for t in tried if bic_difference(t[0], stage) - least < TIE]
+    close = [t for t in tried if bic_difference(t[0], stage) - least < DECISIVE_BIC]
     known = {e.where for e in stage.effects}  # of two places that look the same, the one where something was found
     first = min(close, key=lambda t: (_size(t), t[1].where not in known))
     inside = [
@@ -274,33 +272,33 @@ def _simplest_first(tried: list[tuple[Stage, Row]], stage: Stage) -> list[tuple[
     return [first, *(t for t in tried if t is not first)]
 
 
-def _size(tried: tuple[Stage, Row]) -> tuple[int, int, int]:
+def _size(tried: tuple[Stage, ScanRow]) -> tuple[int, int, int]:
     """Return what makes an explanation long: strengths and effects of its model, and what its last law contains."""
     effects = tried[0].effects
     return sum(len(e.strengths) for e in effects), len(effects), len(effects[-1].definition.contains)
 
 
 def _rivals(
-    best: Stage, stage: Stage, others: Sequence[tuple[Stage, Row]], scans: Sequence[ScanResult], name: str
+    best: Stage, stage: Stage, others: Sequence[tuple[Stage, ScanRow]], scans: Sequence[ScanResult], name: str
 ) -> tuple[Rival, ...]:
     """Return the other explanations: refitted finalists, and what the scan cannot tell apart or ranks next."""
     found: dict[str, Rival] = {}
     alike = [t for scan in scans if (ties := scan.ties_of(name)) for t in (*ties.same_kind, *ties.other_kind)]
-    twins = {t.name for t in alike if t.correlation >= TWINS}
+    twins = {t.name for t in alike if t.correlation >= TWIN_CORRELATION}
     for other, row in others:
         difference = bic_difference(other, stage) - bic_difference(best, stage)
         # fits on trial end a few of BIC apart, even of what is all but the same
-        close = difference < (2.0 * TIE if row.name in twins else TIE)
+        close = difference < (2.0 * DECISIVE_BIC if row.name in twins else DECISIVE_BIC)
         found[row.name] = Rival(row.kind, row.where, float(difference), True, close and not _richer(row.kind, best))
     for tie in alike:
         # a part of the accepted effect lies in its span as well, but explains less
-        same = tie.correlation >= ALIKE and abs(2.0 * tie.gain_deficit) < TIE
+        same = tie.correlation >= TIE_CORRELATION and abs(2.0 * tie.gain_deficit) < DECISIVE_BIC
         if tie.name not in found and same and not _richer(tie.kind, best):
             found[tie.name] = Rival(tie.kind, tie.where, 2.0 * tie.gain_deficit, False, True)
     plain = scans[0]
     if name not in plain.refused:
         top = plain[name]
-        for row in sorted(plain.rows, key=lambda r: -r.error_drop)[:8]:
+        for row in sorted(plain.rows, key=lambda r: -r.error_reduction)[:8]:
             if row.name != name and row.name not in found:
                 found[row.name] = Rival(row.kind, row.where, float(row.delta_bic - top.delta_bic), False, False)
     return tuple(sorted(found.values(), key=lambda r: r.delta_bic))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from discrepancy.effects.catalogue import Entry
     from discrepancy.effects.effect import Effect
-    from discrepancy.statistics.verdicts import Row
+    from discrepancy.statistics.scan_result import ScanRow
 
 __all__ = ["Fit", "Refit", "best_of", "fits_with", "tried"]
 
@@ -51,7 +51,7 @@ class Refit(Protocol):
 def fits_with(
     refit: Refit,
     entry: Entry,
-    row: Row,
+    row: ScanRow,
     shapes: Sequence[Mapping[str, float]],
     effects: Sequence[Effect],
     simpler: Sequence[Effect] = (),
@@ -69,7 +69,7 @@ def fits_with(
     refit : Refit
     entry : Entry
         Of the catalogue.
-    row : Row
+    row : ScanRow
         What the scan expects.
     shapes : sequence of mapping
         That the scan has looked at.

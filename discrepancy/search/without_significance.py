@@ -17,15 +17,15 @@ from typing import TYPE_CHECKING
 
 from discrepancy.effects.catalogue import Entry, catalogue
 from discrepancy.search.model_comparison import bic_difference, loud, taken
-from discrepancy.search.step import FINALISTS, LOOKS, TIE
+from discrepancy.search.step import FINALISTS, LOOKS
 from discrepancy.search.trial_fits import Refit, best_of, fits_with
 from discrepancy.stages.stage import Accepted, Rival, Stage
+from discrepancy.statistics.thresholds import DECISIVE_BIC
 from discrepancy.statistics.verdicts import Verdict
 from multibody.base.parallel import side_by_side
 
 if TYPE_CHECKING:
-    from discrepancy.statistics.scan_result import ScanResult
-    from discrepancy.statistics.verdicts import Row
+    from discrepancy.statistics.scan_result import ScanResult, ScanRow
 
 __all__ = ["last_resort"]
 
@@ -66,11 +66,11 @@ def last_resort(
     if small is not None or not loud(stage):
         return small
     facts = stage.linearised_problem()
-    by_drop = sorted((r for r in scan.rows if r.name in entries), key=lambda r: -r.error_drop)
+    by_drop = sorted((r for r in scan.rows if r.name in entries), key=lambda r: -r.error_reduction)
     bent = [r for r in by_drop if not entries[r.name].kind.linear]
     rows = list({r.name: r for r in (*bent, *by_drop[:FINALISTS])}.values())
 
-    def trial(row: Row) -> Stage | None:
+    def trial(row: ScanRow) -> Stage | None:
         entry = entries[row.name]
         progress(f"refit with {row.name}, from the parameters as stated")
         shapes = entry.kind.shape_grid(facts.motion_range(entry)) if entry.kind.at == "connection" else [row.shape]
@@ -92,18 +92,20 @@ def _small(
     there = [r for r in scan.rows if r.verdict in (Verdict.NEGLIGIBLE, Verdict.MISSING) and r.name in entries]
     rows = sorted(there, key=lambda r: r.delta_bic)[:FINALISTS]
 
-    def trial(row: Row) -> Stage | None:
+    def trial(row: ScanRow) -> Stage | None:
         progress(f"refit with {row.name}, which is there and changes little")
         best = best_of(fits_with(refit, entries[row.name], row, [row.shape], stage.effects), stage, progress)
         return best if isinstance(best, Stage) else None
 
     tried = [s for s in side_by_side(trial, rows) if s is not None]
-    return _best(tried, stage, {r.name: min(1.0, LOOKS * r.p) for r in rows})
+    return _best(tried, stage, {r.name: min(1.0, LOOKS * r.p_value) for r in rows})
 
 
 def _best(tried: Sequence[Stage], stage: Stage, p_values: Mapping[str, float]) -> Stage | None:
     """Return the best of some trials by BIC, with the others as its rivals; None if none is clearly better."""
-    better = sorted((s for s in tried if bic_difference(s, stage) < -TIE), key=lambda s: bic_difference(s, stage))
+    better = sorted(
+        (s for s in tried if bic_difference(s, stage) < -DECISIVE_BIC), key=lambda s: bic_difference(s, stage)
+    )
     if not better:
         return None
     best, least = better[0], bic_difference(better[0], stage)
@@ -113,4 +115,4 @@ def _best(tried: Sequence[Stage], stage: Stage, p_values: Mapping[str, float]) -
 
 def _rival(stage: Stage, difference: float) -> Rival:
     effect = stage.effects[-1]
-    return Rival(effect.kind, effect.where, difference, True, difference < TIE)
+    return Rival(effect.kind, effect.where, difference, True, difference < DECISIVE_BIC)

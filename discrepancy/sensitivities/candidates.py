@@ -99,12 +99,12 @@ def candidate_sensitivities(
             strengths, one_sided = [DIFFERENCE], False
         found.append(
             Candidate(
-                entry.kind.name,
-                entry.where,
-                tuple(tuple(cols[k]) for k in kept),
-                tuple(shapes[k] for k in kept),
+                kind=entry.kind.name,
+                where=entry.where,
+                sensitivities=tuple(tuple(cols[k]) for k in kept),
+                shapes=tuple(shapes[k] for k in kept),
                 one_sided=one_sided,
-                amplitudes=tuple(strengths),
+                strengths=tuple(strengths),
                 info={"entry": entry},
             )
         )

@@ -23,9 +23,9 @@ from discrepancy.sensitivities.force_process import (
     force_responses,
 )
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
-from discrepancy.statistics.low_rank_noise import Shaping, shaping_along
-from discrepancy.statistics.null import WHOLE_RECORDS, cut
-from discrepancy.statistics.whitened import plain_projection, projection_in
+from discrepancy.statistics.low_rank_weighting import LowRankWeighting, low_rank_weighting
+from discrepancy.statistics.null_distribution import WHOLE_RECORDS, cut_pieces
+from discrepancy.statistics.whitened import projection_in, rms_projection
 from discrepancy.statistics.whitening import identity
 from estimation.response.perturbations import InputPerturbation
 from multibody.base.quantity_text import quantity_text
@@ -53,7 +53,7 @@ class DisturbanceForce:
         Of its exponential correlation.
     preparation : Preparation
         Of the residual that it was estimated from.
-    weighting : tuple of Shaping
+    weighting : tuple of LowRankWeighting
         The weights of each record's residual.
     """
 
@@ -62,7 +62,7 @@ class DisturbanceForce:
     size: float
     memory: float
     preparation: Preparation
-    weighting: tuple[Shaping, ...]
+    weighting: tuple[LowRankWeighting, ...]
 
     @property
     def sentence(self) -> str:
@@ -131,9 +131,9 @@ def _accumulates(linearised: LinearisedProblem) -> bool:
     residual = linearised.residual()
     if not all(linearised.noise.get(n, 0.0) > 0.0 for n in residual.channels):
         return False
-    projection = plain_projection(residual, linearised.sensitivities())
+    projection = rms_projection(residual, linearised.sensitivities())
     e = projection.layout.stack(projection.whitener, residual.blocks)
-    if not cut(projection.layout, residual.dt, projection.remove(e)).few:
+    if not cut_pieces(projection.layout, residual.dt, projection.remove(e)).too_few:
         return False
     return any(_runs_on(linearised, i) for i in range(len(linearised.experiments)))
 
@@ -212,12 +212,12 @@ class _RandomForce:
             noise = np.maximum(floor, np.minimum(noise * _rms(after), noise))
         return best
 
-    def weighting(self) -> tuple[Shaping, ...]:
+    def weighting(self) -> tuple[LowRankWeighting, ...]:
         """Return the weights of each record."""
         found = []
         for times, response in zip(self.times, self.responses, strict=True):
             root = np.linalg.cholesky(exponential_correlation(times, self.memory) + 1e-9 * np.eye(times.size))
-            found.append(shaping_along(self.size * response @ root, self.noise))
+            found.append(low_rank_weighting(self.size * response @ root, self.noise))
         return tuple(found)
 
 

@@ -30,7 +30,7 @@ __all__ = ["bent", "far_away", "finite_amplitude_sensitivities", "takes_finite_a
 Blocks = Sequence[np.ndarray]
 
 FAR = 0.4  # size of the residual over the spread of what was measured, beyond which a derivative at zero misleads
-ALIKE = 1e-3  # share of a column's energy beyond which its direction is another's; neighbours in SIZES differ by more
+SAME_DIRECTION = 1e-3  # share of a column's energy beyond which its direction is another; SIZES differ by more
 SIZES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # strengths, over the force that the connection's motion takes
 
 
@@ -192,7 +192,7 @@ def bent(
 def _alike(a: np.ndarray | None, b: np.ndarray | None) -> bool:
     """Tell whether two directions are the same but for a small share of their energy."""
     along = float(a @ b) if a is not None and b is not None else 0.0
-    return along > 0.0 and 1.0 - along**2 < ALIKE
+    return along > 0.0 and 1.0 - along**2 < SAME_DIRECTION
 
 
 def _parameters(linearised: LinearisedProblem, system: System) -> np.ndarray:

@@ -19,13 +19,12 @@ from discrepancy.statistics.blocks import Array, Candidate
 from discrepancy.statistics.projection import Projection
 from discrepancy.statistics.scan import scan
 from discrepancy.statistics.verdicts import Verdict
-from discrepancy.statistics.whitened import plain_projection
+from discrepancy.statistics.whitened import rms_projection
 from estimation.signals.correlation import correlation_time
 from multibody.base.parallel import side_by_side
 
 if TYPE_CHECKING:
-    from discrepancy.statistics.scan import ScanResult
-    from discrepancy.statistics.verdicts import Row
+    from discrepancy.statistics.scan_result import ScanResult, ScanRow
     from multibody.assembly.places import Place
 
 __all__ = [
@@ -71,7 +70,7 @@ def free_curve_candidates(linearised: LinearisedProblem, places: Sequence[Place]
     return [one for c in curves for one in c.candidates([of_one[c.place.name] for of_one in blocks])]
 
 
-def significant_and_predictive(row: Row) -> bool:
+def significant_and_predictive(row: ScanRow) -> bool:
     """Tell whether a free curve is significant and also predicts blocks that were left out of its fit.
 
     A curve of many points can follow a residual that one or two of a few blocks carry; its prediction of the others is
@@ -109,8 +108,8 @@ def scan_free_curves(
     )  # fmt: skip
     by_name = {c.name: c for c in candidates}
     rows = sorted((r for r in found.rows if significant_and_predictive(r)), key=lambda r: r.delta_bic)
-    curves = tuple(_effect(by_name[r.name], np.atleast_1d(r.amplitude), dict(r.shape), effects) for r in rows)
-    return FreeCurveScan(curves, tuple(r.p for r in rows), tuple(r.error_drop for r in rows), found)
+    curves = tuple(_effect(by_name[r.name], np.atleast_1d(r.expected_strength), dict(r.shape), effects) for r in rows)
+    return FreeCurveScan(curves, tuple(r.p_value for r in rows), tuple(r.error_reduction for r in rows), found)
 
 
 def _effect(candidate: Candidate, amplitude: np.ndarray, shape: dict[str, float], effects: Sequence[Effect]) -> Effect:
@@ -134,10 +133,10 @@ def free_curve_error_drops(linearised: LinearisedProblem) -> dict[tuple[str, str
     Computed by one projection in the linearised problem; a refit in full simulation costs seconds.
     """
     residual = linearised.residual()
-    projection = plain_projection(residual, linearised.sensitivities())
+    projection = rms_projection(residual, linearised.sensitivities())
     e = projection.remove(projection.layout.stack(projection.whitener, residual.blocks))
     return {
-        (c.where, str(c.info["over"])): _error_drop(projection, e, e - _fitted(c, projection, e), c.k)
+        (c.where, str(c.info["over"])): _error_drop(projection, e, e - _fitted(c, projection, e), c.n_strengths)
         for c in free_curve_candidates(linearised, linearised.system.places)
     }
 
@@ -159,7 +158,7 @@ def _error_drop(projection: Projection, before: Array, after: Array, points: int
 
 def _fitted(candidate: Candidate, projection: Projection, e: Array) -> Array:
     """Return the part of a projected residual that a candidate can follow, however dependent its sensitivities are."""
-    columns = projection.remove(projection.layout.stack(projection.whitener, candidate.columns[0]))
+    columns = projection.remove(projection.layout.stack(projection.whitener, candidate.sensitivities[0]))
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0.0] / size[size > 0.0]
     out: Array = columns @ np.linalg.lstsq(columns, e, rcond=1e-10)[0]

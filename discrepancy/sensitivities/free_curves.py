@@ -103,11 +103,11 @@ class FreeCurves:
             own = slice(k * CURVE_POINTS, (k + 1) * CURVE_POINTS)
             found.append(
                 Candidate(
-                    f"unknown_force over {over}",
-                    self.place.name,
-                    (tuple(block[:, :, own] for block in blocks),),
-                    ({"low": low, "high": high, "v_s": self.v_s},),
-                    amplitudes=tuple(f"curve.y[{k}]" for k in range(CURVE_POINTS)),
+                    kind=f"unknown_force over {over}",
+                    where=self.place.name,
+                    sensitivities=(tuple(block[:, :, own] for block in blocks),),
+                    shapes=({"low": low, "high": high, "v_s": self.v_s},),
+                    strengths=tuple(f"curve.y[{k}]" for k in range(CURVE_POINTS)),
                     info={"place": self.place, "over": over},
                 )
             )

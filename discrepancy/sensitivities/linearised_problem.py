@@ -13,14 +13,14 @@ from discrepancy.effects.kinds import MotionRange
 from discrepancy.residual.input_noise import shaping_of
 from discrepancy.sensitivities.free_curves import FreeCurves
 from discrepancy.statistics.blocks import Residual, Sensitivities
-from discrepancy.statistics.whitened import plain_projection
+from discrepancy.statistics.whitened import rms_projection
 from estimation.response.perturbations import cheaper_by_transition_matrices
 from multibody.base.parallel import side_by_side
 from multibody.system.simulate import simulate
 
 if TYPE_CHECKING:
     from discrepancy.effects.catalogue import Entry
-    from discrepancy.statistics.low_rank_noise import Shaping
+    from discrepancy.statistics.low_rank_weighting import LowRankWeighting
     from estimation.fit.calibrate import Calibration
     from estimation.response.experiment import Experiment
     from estimation.response.sensors import SensorError
@@ -55,7 +55,7 @@ class LinearisedProblem:
         Parameter vector.
     noise : mapping of str to float
         Noise floor of each output, SI.
-    weighting : tuple of Shaping
+    weighting : tuple of LowRankWeighting
         Weight of each experiment's blocks where an unknown force disturbs the machine; empty: none.
     """
 
@@ -66,11 +66,11 @@ class LinearisedProblem:
     preparation: Preparation
     p: np.ndarray
     noise: Mapping[str, float] = field(default_factory=dict)
-    weighting: tuple[Shaping, ...] = ()
+    weighting: tuple[LowRankWeighting, ...] = ()
     _unweighted: dict[Any, Any] = field(default_factory=dict, repr=False)
     _weighted: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
-    def weighted_by(self, weighting: Sequence[Shaping]) -> LinearisedProblem:
+    def weighted_by(self, weighting: Sequence[LowRankWeighting]) -> LinearisedProblem:
         """Return the same problem with other weights; what does not depend on them is shared."""
         return replace(self, weighting=tuple(weighting))
 
@@ -147,7 +147,7 @@ class LinearisedProblem:
         if not experiment.input_noise:
             return block
 
-        def shaping() -> Shaping:
+        def shaping() -> LowRankWeighting:
             noise = np.array([self.noise.get(n, 0.0) for n in experiment.outputs])
             return shaping_of(experiment, self.slim, self.p, self.initial_state(index), noise, self.sensors)
 
@@ -218,7 +218,7 @@ class LinearisedProblem:
         Each channel is weighted by its root mean square.  A direction is a unit vector; None where nothing is left.
         """
         projection = _once(
-            self._weighted, "projection", lambda: plain_projection(self.residual(), self.sensitivities())
+            self._weighted, "projection", lambda: rms_projection(self.residual(), self.sensitivities())
         )
         left = projection.remove(projection.layout.stack(projection.whitener, sensitivity))[:, 0]
         size = float(np.linalg.norm(left))

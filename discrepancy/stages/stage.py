@@ -15,7 +15,7 @@ from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from estimation.signals.preparation import Preparation
 
 if TYPE_CHECKING:
-    from discrepancy.statistics.scan import ScanResult
+    from discrepancy.statistics.scan_result import ScanResult
     from estimation.fit.calibrate import Calibration, Fit
     from estimation.response.sensors import SensorError
     from multibody.machine.model import Model, System

@@ -1,4 +1,4 @@
-"""The arrays that the statistics work on: residual, sensitivities and candidate columns, block by block.
+"""The arrays that the statistics work on: residual, sensitivities and candidates, block by block.
 
 A block is one record (a trip, a run) or a part of one, sampled on a uniform grid. Nothing here knows where
 the arrays came from: simulation, prediction error and inverse residuals are treated alike.
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from discrepancy.statistics.low_rank_noise import Shaping
+from discrepancy.statistics.low_rank_weighting import LowRankWeighting
 
 Array = NDArray[np.float64]
 
@@ -48,8 +48,8 @@ class Residual:
         Sampling interval, s.
     channels : sequence of str
         Names of the outputs, one per column.
-    weighing : sequence of Shaping
-        How each block was weighed down, with the sensitivities and candidates beside it; empty: not at all.
+    weighting : sequence of LowRankWeighting
+        Weighting of each block, applied to its sensitivities and candidates as well; empty: none.
 
     Raises
     ------
@@ -60,15 +60,15 @@ class Residual:
     blocks: tuple[Array, ...]
     dt: float
     channels: tuple[str, ...]
-    weighing: tuple[Shaping, ...] = ()
+    weighting: tuple[LowRankWeighting, ...] = ()
 
     def __init__(
-        self, blocks: Sequence[Array], dt: float, channels: Sequence[str], weighing: Sequence[Shaping] = ()
+        self, blocks: Sequence[Array], dt: float, channels: Sequence[str], weighting: Sequence[LowRankWeighting] = ()
     ) -> None:
         object.__setattr__(self, "blocks", tuple(np.asarray(b, dtype=float) for b in blocks))
         object.__setattr__(self, "dt", float(dt))
         object.__setattr__(self, "channels", tuple(channels))
-        object.__setattr__(self, "weighing", tuple(weighing))
+        object.__setattr__(self, "weighting", tuple(weighting))
         faults = _check_blocks("residual", self.blocks, 2)
         if not self.blocks:
             faults.append("residual: no block given")
@@ -155,7 +155,7 @@ class Sensitivities:
         _raise_if(faults)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Candidate:
     """One effect that might be missing, at one place.
 
@@ -163,52 +163,55 @@ class Candidate:
     ----------
     kind, where : str
         What it is and where it would act.
-    columns : sequence over shapes of sequence over blocks of ndarray, shape (n_t, n_channels, k)
-        Derivative of the outputs with respect to the k amplitudes, for each point of the shape grid.
+    sensitivities : sequence over shapes of sequence over blocks of ndarray, shape (n_t, n_channels, k)
+        Derivative of the outputs with respect to the k strengths, for each point of the shape grid.
     shapes : sequence of mapping, optional
         Shape parameters of each grid point, for instance ``{"speed": 0.01}``; one empty mapping by default.
     one_sided : bool
-        True if physics allows no negative amplitude (friction).
-    delta : float or None
-        Size of the amplitude that would matter; None: what moves an output by its noise floor.
-    amplitudes : sequence of str, optional
-        Names of the k amplitudes.
+        True if physics allows no negative strength (friction).
+    strength_that_matters : float or None
+        None: what moves an output by its noise floor.
+    strengths : sequence of str, optional
+        Names of the k strengths.
     unit : str
-        Unit of the amplitudes.
+        Of the strengths.
+    info : mapping
+        What the maker of the candidate needs to know it by.
     """
 
     kind: str
     where: str
-    columns: tuple[tuple[Array, ...], ...]
+    sensitivities: tuple[tuple[Array, ...], ...]
     shapes: tuple[Mapping[str, float], ...] = ()
     one_sided: bool = False
-    delta: float | None = None
-    amplitudes: tuple[str, ...] = ()
+    strength_that_matters: float | None = None
+    strengths: tuple[str, ...] = ()
     unit: str = ""
     info: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        cols = tuple(tuple(np.asarray(b, dtype=float) for b in shape) for shape in self.columns)
-        object.__setattr__(self, "columns", cols)
+        grid = tuple(tuple(np.asarray(b, dtype=float) for b in blocks) for blocks in self.sensitivities)
+        object.__setattr__(self, "sensitivities", grid)
         if not self.shapes:
-            object.__setattr__(self, "shapes", ({},) * len(cols))
+            object.__setattr__(self, "shapes", ({},) * len(grid))
         faults = []
-        if not cols:
-            faults.append(f"candidate {self.name}: no columns")
-        if len(self.shapes) != len(cols):
-            faults.append(f"candidate {self.name}: {len(self.shapes)} shapes for {len(cols)} sets of columns")
-        for shape in cols:
-            faults += _check_blocks(f"candidate {self.name}", shape, 3)
-        if not faults and len({b.shape[2] for shape in cols for b in shape}) > 1:
-            faults.append(f"candidate {self.name}: the number of amplitudes must be the same everywhere")
-        if not faults and self.one_sided and self.k > 2:
-            faults.append(f"candidate {self.name}: a one-sided effect may have at most two amplitudes")
-        if self.delta is not None and not self.delta > 0:
-            faults.append(f"candidate {self.name}: delta must be positive")
+        if not grid:
+            faults.append(f"candidate {self.name}: no sensitivities")
+        if len(self.shapes) != len(grid):
+            faults.append(f"candidate {self.name}: {len(self.shapes)} shapes for {len(grid)} sets of sensitivities")
+        for blocks in grid:
+            faults += _check_blocks(f"candidate {self.name}", blocks, 3)
+        if not faults and len({b.shape[2] for blocks in grid for b in blocks}) > 1:
+            faults.append(f"candidate {self.name}: the number of strengths must be the same everywhere")
+        if not faults and self.one_sided and self.n_strengths > 2:
+            faults.append(f"candidate {self.name}: a one-sided effect may have at most two strengths")
+        if self.strength_that_matters is not None and not self.strength_that_matters > 0:
+            faults.append(f"candidate {self.name}: strength_that_matters must be positive")
         _raise_if(faults)
-        if not self.amplitudes:
-            names = ("amplitude",) if self.k == 1 else tuple(f"amplitude_{i + 1}" for i in range(self.k))
-            object.__setattr__(self, "amplitudes", names)
+        if not self.strengths:
+            n = self.n_strengths
+            names = ("strength",) if n == 1 else tuple(f"strength_{i + 1}" for i in range(n))
+            object.__setattr__(self, "strengths", names)
 
     @property
     def name(self) -> str:
@@ -216,19 +219,19 @@ class Candidate:
         return f"{self.kind}@{self.where}"
 
     @property
-    def k(self) -> int:
-        """Number of amplitudes."""
-        return int(self.columns[0][0].shape[2])
+    def n_strengths(self) -> int:
+        """Number of strengths, k."""
+        return int(self.sensitivities[0][0].shape[2])
 
     @property
-    def n_shape(self) -> int:
+    def n_free_shapes(self) -> int:
         """Number of shape parameters that the grid leaves free."""
         keys = {key for s in self.shapes for key in s}
         return sum(len({s.get(key) for s in self.shapes}) > 1 for key in keys)
 
 
 def check_compatible(residual: Residual, sens: Sensitivities, candidates: Sequence[Candidate]) -> None:
-    """Refuse arrays whose blocks do not match the residual's; all faults at once."""
+    """Refuse arrays whose blocks do not match the residual's; the error lists all faults."""
     faults = []
     shapes = [b.shape for b in residual.blocks]
     if [b.shape[:2] for b in sens.blocks] != shapes:
@@ -239,7 +242,7 @@ def check_compatible(residual: Residual, sens: Sensitivities, candidates: Sequen
         if nuis is not None and i < len(shapes) and nuis.shape[:2] != shapes[i]:
             faults.append(f"nuisance of block {i} has shape {nuis.shape[:2]}, the residual {shapes[i]}")
     for c in candidates:
-        for s, cols in zip(c.shapes, c.columns, strict=True):
+        for s, cols in zip(c.shapes, c.sensitivities, strict=True):
             if [b.shape[:2] for b in cols] != shapes:
                 faults.append(f"candidate {c.name} {dict(s)}: blocks do not match the residual's {shapes}")
     seen: dict[str, int] = {}

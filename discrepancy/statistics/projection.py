@@ -1,6 +1,6 @@
 """Free a residual, and the candidates, of everything that recalibration could explain.
 
-Whitened arrays are stacked into tall matrices whose rows run over block, time and channel. Priors on the
+WhitenedProblem arrays are stacked into tall matrices whose rows run over block, time and channel. Priors on the
 uncertain parameters are extra rows, so that a projection with priors is the same as augmented least squares.
 """
 

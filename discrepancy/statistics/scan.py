@@ -8,35 +8,41 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from discrepancy.statistics.blocks import Array, Candidate, Residual, Sensitivities, check_compatible
-from discrepancy.statistics.null import Null, cut, null_distribution
+from discrepancy.statistics.null_distribution import NullDistribution, cut_pieces, null_distribution
 from discrepancy.statistics.projection import Layout
-from discrepancy.statistics.scan_result import ScanResult
-from discrepancy.statistics.score import Columns, Scores
-from discrepancy.statistics.verdicts import Row, Verdict, decide, smallest_visible
+from discrepancy.statistics.scan_result import ScanResult, ScanRow
+from discrepancy.statistics.score import CandidateColumns, Scorer, Scores
+from discrepancy.statistics.verdicts import Verdict, decide
 from discrepancy.statistics.whitened import (
-    Clean,
-    Whitened,
+    CleanedResidual,
+    WhitenedProblem,
     best_groups,
     fit_whitened,
-    louder,
-    plainly_weighed,
+    largest_neg_log_p,
     raw_residual,
     remove_effects,
+    scaled_by_rms,
     share_removed,
-    surprise_of,
+    with_local_noise,
 )
 
-MAX_CLEAN = 4
-CLEAN_LEVEL = 0.01
-# Columns from which on what stands out is told by shuffling: laws have at most four, free curves 17.
-FEW_COLUMNS = 4
-# At the textbook amplitude 58 % were detected instead of 80 %, at 1.2 times it 79 % (156 of 198): λ and the
-# shape are estimated, which the formula takes as known.
-MDE_MARGIN = 1.2
+__all__ = ["held_out_gain", "scan", "score_candidates", "smallest_visible"]
+
+#: Effects at most that are removed before the noise is measured, and the level at which they must stand out.
+MOST_REMOVED = 4
+REMOVAL_LEVEL = 0.01
+#: Strengths up to which an effect that stands out is removed without shuffling: laws have at most four, curves 17.
+FEW_STRENGTHS = 4
+#: At the textbook strength 58 % were detected instead of 80 %, at 1.2 times it 79 % (156 of 198): λ and the shape are
+#: estimated, which the formula takes as known.
+VISIBLE_MARGIN = 1.2
+#: Quantile of the standard normal distribution: a probability of 80 % to be seen.
+POWER_QUANTILE = 0.8416212335729143
 
 
 def scan(
@@ -52,10 +58,10 @@ def scan(
     noise_floor: Sequence[float] | None = None,
     rounds: int = 2,
     clean: int = 2,
-    plain: Whitened | None = None,
+    plain: WhitenedProblem | None = None,
     few: Sequence[Candidate] | None = None,
 ) -> ScanResult:
-    """Score every candidate effect on a residual, and say how sure that is.
+    """Score every candidate effect on a residual, with p-values from the null distribution.
 
     Parameters
     ----------
@@ -73,18 +79,17 @@ def scan(
     max_order : int
         Largest number of whitening coefficients per channel.
     whiten : bool
-        False: every channel is weighed by its root mean square alone, and its colour is left as it is.
+        False: every channel is weighted by its root mean square alone, and its colour is left as it is.
     noise_floor : sequence of float, optional
-        Standard deviation of each channel's noise, for the amplitude that would matter; default from the
-        residual.
+        Standard deviation of each channel's noise, for the strength that matters; default from the residual.
     rounds : int
         How often the whitening is refitted after removing calibration and the best candidates.
     clean : int
         How many of the best candidates are removed before the whitening is fitted.
-    plain : Whitened, optional
-        What `discrepancy.statistics.whitened.plainly_weighed` gives for the same arrays, if it is there already.
+    plain : WhitenedProblem, optional
+        What `discrepancy.statistics.whitened.scaled_by_rms` gives for the same arrays, if it was computed before.
     few : sequence of Candidate, optional
-        Those among which ``clean`` looks for the best, if not all: not those with many columns, for instance.
+        Those among which ``clean`` takes the best, if not all: for instance not those with many strengths.
 
     Returns
     -------
@@ -104,12 +109,12 @@ def scan(
     if whiten:
         w = fit_whitened(residual, sensitivities, candidates, max_order, rounds, clean, plain, few)
     else:
-        w = plain or plainly_weighed(residual, sensitivities, candidates)
-    return judge(w, residual, sensitivities, candidates, level, draws, rng, noise_floor)
+        w = plain or scaled_by_rms(residual, sensitivities, candidates)
+    return score_candidates(w, residual, sensitivities, candidates, level, draws, rng, noise_floor)
 
 
-def judge(
-    w: Whitened,
+def score_candidates(
+    w: WhitenedProblem,
     residual: Residual,
     sens: Sensitivities,
     candidates: Sequence[Candidate],
@@ -119,115 +124,116 @@ def judge(
     noise_floor: Sequence[float] | None,
 ) -> ScanResult:
     """Score candidates that are whitened and projected already; the rest is as in `scan`."""
-    lay = w.projection.layout
-    refused = _refused(candidates, w.columns)
+    n_data = w.projection.layout.n_data
+    common: dict[str, Any] = {
+        "level": level,
+        "refused": _refused(candidates, w.columns),
+        "not_excited": w.projection.not_excited,
+        "whitener": w.whitener,
+        "projection": w.projection,
+        "whitened_residual": w.e,
+    }
     if w.scorer is None:
-        pieces = cut(lay, residual.dt, w.e)
-        null = Null(np.zeros((0, draws)), np.zeros(0), pieces)
+        pieces = cut_pieces(w.projection.layout, residual.dt, w.e)
         return ScanResult(
-            (),
-            refused,
-            None,
-            None,
-            level,
-            float(lay.n_data),
-            1.0,
-            "",
-            (),
-            w.projection.not_excited,
-            null,
-            w.whitener,
-            w.projection,
-            w.e,
-            None,
+            rows=(),
+            best=None,
+            ties=None,
+            effective_samples=float(n_data),
+            typical_inflation=1.0,
+            warning="",
+            removed_effects=(),
+            null=NullDistribution(np.zeros((0, draws)), np.zeros(0), pieces),
+            scorer=None,
+            **common,
         )
     scorer = w.scorer
-    cleaned, null = _without_what_stands_out(w, residual.dt, draws, rng, len(candidates))
-    pieces = null.pieces
+    cleaned, null = _clean_and_shuffle(w, residual.dt, draws, rng, len(candidates))
     share = share_removed(scorer, cleaned.basis)
     s = scorer(w.e[:, None], cleaned.e[:, None], share) if cleaned.groups else scorer(w.e[:, None])
-    s = louder(s, scorer, cleaned.e)
+    s = with_local_noise(s, scorer, cleaned.e)
     best = best_groups(scorer, s)
-    lam_bar = float(np.median(s.lam[:, 0]))
-    n_eff = lay.n_data / lam_bar
+    typical = float(np.median(s.inflation[:, 0]))
     floor = np.zeros(len(residual.channels)) if noise_floor is None else np.asarray(noise_floor, dtype=float)
     if not np.all(floor > 0.0):  # a noise that is not known is at most what is left
         left = np.std(np.concatenate(raw_residual(w, residual, sens, candidates, cleaned.groups)), axis=0)
         floor = np.where(floor > 0.0, floor, left)
-    most = np.zeros(len(candidates))
-    most[list(best)] = [surprise_of(scorer, s, c) for c in best]
-    p_values, least = null.p_value(most), null.critical(level)
-    shapes: dict[int, list[int]] = {c: [] for c in best}
+    largest = np.zeros(len(candidates))
+    largest[list(best)] = [largest_neg_log_p(scorer, s, c) for c in best]
+    judged = _Judged(
+        w=w,
+        scores=s,
+        null=null,
+        level=level,
+        typical_inflation=typical,
+        effective_samples=n_data / typical,
+        neg_log_p=largest,
+        p_values=null.p_value(largest),
+        critical=null.critical_values(level),
+        floor=floor,
+        residual=residual,
+        parameters=sens.names,
+    )
+    grids: dict[int, list[int]] = {c: [] for c in best}
     for g, group in enumerate(scorer.columns.groups):
-        shapes[group.candidate].append(g)
-    rows = []
-    for c, g in best.items():
-        visible = _Visible(candidates[c], w, s, least[c], floor, residual)
-        rows.append(
-            _row(candidates[c], g, shapes[c], visible, w, s, null, level, lam_bar, n_eff, most[c], p_values[c], sens)
-        )
-    rows.sort(key=lambda r: (-(r.p < level), r.delta_bic))
-    significant = [r for r in rows if r.verdict is Verdict.MISSING]
-    top = significant[0] if significant else None
-    few = ""
-    if pieces.few:
-        few = (
+        grids[group.candidate].append(g)
+    rows = [judged.row(candidates[c], g, grids[c]) for c, g in best.items()]
+    rows.sort(key=lambda r: (-(r.p_value < level), r.delta_bic))
+    top = next((r for r in rows if r.verdict is Verdict.MISSING), None)
+    pieces = null.pieces
+    warning = ""
+    if pieces.too_few:
+        warning = (
             f"only {len(pieces.spans)} independent pieces of residual (correlation time "
             f"{pieces.correlation_time:.2g} s in {residual.duration:.3g} s): record longer or more often"
         )
-    removed = tuple(candidates[scorer.columns.groups[i].candidate].name for i in cleaned.groups)
-    found = ScanResult(
-        tuple(rows),
-        refused,
-        top,
-        None,
-        level,
-        n_eff,
-        lam_bar,
-        few,
-        removed,
-        w.projection.not_excited,
-        null,
-        w.whitener,
-        w.projection,
-        w.e,
-        scorer,
+    result = ScanResult(
+        rows=tuple(rows),
+        best=top,
+        ties=None,
+        effective_samples=judged.effective_samples,
+        typical_inflation=typical,
+        warning=warning,
+        removed_effects=tuple(candidates[scorer.columns.groups[i].candidate].name for i in cleaned.groups),
+        null=null,
+        scorer=scorer,
+        **common,
     )
-    return found if top is None else replace(found, ties=found.ties_of(top.name))
+    return result if top is None else replace(result, ties=result.ties_of(top.name))
 
 
-def _without_what_stands_out(
-    w: Whitened, dt: float, draws: int, rng: np.random.Generator, n_candidates: int
-) -> tuple[Clean, Null]:
-    """Return the residual without the effects that stand out, and what luck gives with that residual.
+def _clean_and_shuffle(
+    w: WhitenedProblem, dt: float, draws: int, rng: np.random.Generator, n_candidates: int
+) -> tuple[CleanedResidual, NullDistribution]:
+    """Return the residual without the effects that stand out, and the null distribution of that residual.
 
-    A group of a few columns stands out where its surprise could not be luck if it were an exact one.  One of many
-    columns, as a free curve, takes what is slow in the noise for itself; were it removed, the noise would seem lower
-    than it is.  It stands out where its surprise is larger than luck gives with the residual as it is.
+    An effect of few strengths stands out where its F tail probability is too small for chance.  One of many strengths,
+    such as a free curve, also fits what is slow in the noise; were it removed, the noise would seem lower than it is.
+    It stands out where its score exceeds what shuffling gives with the residual as it is.
     """
     scorer = w.scorer
     assert scorer is not None
 
-    def luck(e: Array) -> Null:
-        pieces = cut(w.projection.layout, dt, e)
+    def null_of(e: Array) -> NullDistribution:
+        pieces = cut_pieces(w.projection.layout, dt, e)
         return null_distribution(
             scorer, w.projection, e, draws=draws, rng=rng, n_candidates=n_candidates, pieces=pieces
         )
 
-    least = np.full(len(scorer.columns.groups), -np.log(CLEAN_LEVEL / len(scorer.columns.groups)))
-    cleaned = remove_effects(w, MAX_CLEAN, least)
-    if not cleaned.groups or np.all(scorer.kdim[list(cleaned.groups)] <= FEW_COLUMNS):
-        return cleaned, luck(cleaned.e)
-    as_it_is = luck(w.e)
-    many = scorer.kdim > FEW_COLUMNS
-    own = as_it_is.critical(CLEAN_LEVEL)[[g.candidate for g in scorer.columns.groups]]
+    least = np.full(len(scorer.columns.groups), -np.log(REMOVAL_LEVEL / len(scorer.columns.groups)))
+    cleaned = remove_effects(w, MOST_REMOVED, least)
+    if not cleaned.groups or np.all(scorer.kdim[list(cleaned.groups)] <= FEW_STRENGTHS):
+        return cleaned, null_of(cleaned.e)
+    uncleaned = null_of(w.e)
+    many = scorer.kdim > FEW_STRENGTHS
+    own = uncleaned.critical_values(REMOVAL_LEVEL)[[g.candidate for g in scorer.columns.groups]]
     least[many] = np.maximum(least, own)[many]
-    cleaned = remove_effects(w, MAX_CLEAN, least)
-    return cleaned, luck(cleaned.e) if cleaned.groups else as_it_is
+    cleaned = remove_effects(w, MOST_REMOVED, least)
+    return cleaned, null_of(cleaned.e) if cleaned.groups else uncleaned
 
 
-def _refused(candidates: Sequence[Candidate], columns: Columns) -> dict[str, str]:
-    """Candidates of which no point of the shape grid can be scored."""
+def _refused(candidates: Sequence[Candidate], columns: CandidateColumns) -> dict[str, str]:
+    """Return the candidates of which no point of the shape grid can be scored, with the reason."""
     scored = {g.candidate for g in columns.groups}
     out = {}
     for i, c in enumerate(candidates):
@@ -236,113 +242,133 @@ def _refused(candidates: Sequence[Candidate], columns: Columns) -> dict[str, str
     return out
 
 
-@dataclass(frozen=True)
-class _Visible:
-    """What these records would show of a candidate, shape by shape."""
+@dataclass(frozen=True, kw_only=True)
+class _Judged:
+    """Scores and null distribution of a scan, from which the row of every candidate follows.
 
-    candidate: Candidate
-    w: Whitened
-    s: Scores
-    u_crit: float
+    Attributes
+    ----------
+    neg_log_p, p_values, critical : ndarray, shape (n_candidates,)
+        Largest −ln p of each candidate, its family-wise p, and the −ln p at which it would be declared.
+    floor : ndarray, shape (n_channels,)
+        Noise floor of each channel.
+    parameters : tuple of str
+        Uncertain parameters.
+    """
+
+    w: WhitenedProblem
+    scores: Scores
+    null: NullDistribution
+    level: float
+    typical_inflation: float
+    effective_samples: float
+    neg_log_p: Array
+    p_values: Array
+    critical: Array
     floor: Array
     residual: Residual
+    parameters: tuple[str, ...]
 
-    def needed(self, g: int) -> float:
+    def row(self, c: Candidate, g: int, grid: Sequence[int]) -> ScanRow:
+        """Return the row of a candidate, given its best group and all groups of its shape grid."""
+        scorer, w = self._scorer, self.w
+        group = scorer.columns.groups[g]
+        score, inflation = float(self.scores.score[g, 0]), float(self.scores.inflation[g, 0])
+        strength, cov = scorer.strength(g, self.scores.amplitude[group.columns, 0])
+        dof = float(scorer.dof[g])
+        p = float(self.p_values[group.candidate])
+        alone = self.null.neg_log_p[group.candidate]
+        p_alone = (1.0 + float(np.sum(alone >= self.neg_log_p[group.candidate]))) / (alone.size + 1.0)
+        size, few = float(np.max(np.abs(strength))), self.null.pieces.too_few
+        verdict_for = partial(decide, p=p, level=self.level, strength=size, dof=dof, few=few)
+        visible, matters = self._visible(c, g)
+        verdict, reason = verdict_for(visible=visible, matters=matters)
+        if verdict is Verdict.ABSENT and len(grid) > 1:  # absent is what would have been seen whatever its shape
+            visible, matters = self._least_visible(c, grid)
+            verdict, reason = verdict_for(visible=visible, matters=matters)
+        free = c.n_strengths + c.n_free_shapes
+        imitated = -scorer.columns.imitation[g] @ strength
+        return ScanRow(
+            kind=c.kind,
+            where=c.where,
+            shape=dict(c.shapes[group.shape]),
+            group=g,
+            score=score,
+            inflation=inflation,
+            degrees_of_freedom=dof,
+            p_value=p,
+            p_value_alone=p_alone,
+            critical_ratio=self._critical_ratio(g),
+            expected_strength=strength,
+            standard_error=np.sqrt(np.diag(cov) * inflation),
+            unit=c.unit,
+            confounding=w.columns.confounding[(group.candidate, group.shape)],
+            imitated_by=dict(zip(self.parameters, imitated.tolist(), strict=True)),
+            log_likelihood_gain=score / (2 * self.typical_inflation),
+            delta_bic=-score / self.typical_inflation + free * float(np.log(self.effective_samples)),
+            error_reduction=score / float(w.e @ w.e),
+            held_out_gain=held_out_gain(w.columns.Z[:, group.columns], w.e, w.projection.layout, inflation),
+            smallest_visible_strength=visible,
+            strength_that_matters=matters,
+            verdict=verdict,
+            reason=reason,
+        )
+
+    @property
+    def _scorer(self) -> Scorer:
+        assert self.w.scorer is not None
+        return self.w.scorer
+
+    def _critical_ratio(self, g: int) -> float:
         """Return √(LM/λ) that the family-wise test requires of a group."""
         from scipy.special import fdtri
 
-        assert self.w.scorer is not None
-        k, nu = float(self.w.scorer.kdim[g]), float(self.w.scorer.dof[g])
-        return float(np.sqrt(k * fdtri(k, nu, 1.0 - np.exp(-max(self.u_crit, 1e-9)))))
+        k, nu = float(self._scorer.kdim[g]), float(self._scorer.dof[g])
+        critical = self.critical[self._scorer.columns.groups[g].candidate]
+        return float(np.sqrt(k * fdtri(k, nu, 1.0 - np.exp(-max(critical, 1e-9)))))
 
-    def at(self, g: int) -> tuple[float, float]:
-        """Return the smallest amplitude that would be seen at a group's shape, and that which would matter there."""
-        assert self.w.scorer is not None
-        group = self.w.scorer.columns.groups[g]
-        _, cov = self.w.scorer.raw_amplitude(g, self.s.amplitude[group.cols, 0])
-        variance = float(np.max(np.diag(cov)) * self.s.lam[g, 0])
-        return MDE_MARGIN * smallest_visible(self.needed(g), variance), self._matters(group.shape)
+    def _visible(self, c: Candidate, g: int) -> tuple[float, float]:
+        """Return the smallest strength that would be seen at a group's shape, and that which would matter there."""
+        group = self._scorer.columns.groups[g]
+        _, cov = self._scorer.strength(g, self.scores.amplitude[group.columns, 0])
+        variance = float(np.max(np.diag(cov)) * self.scores.inflation[g, 0])
+        return VISIBLE_MARGIN * smallest_visible(self._critical_ratio(g), variance), self._matters(c, group.shape)
 
-    def least(self, groups: Sequence[int]) -> tuple[float, float]:
-        """Return the same at the shape at which an amplitude that matters shows least."""
-        every = [(mde, delta) for mde, delta in map(self.at, groups) if np.isfinite(delta)]
-        return max(every, key=lambda t: t[0] / t[1], default=self.at(groups[0]))
+    def _least_visible(self, c: Candidate, groups: Sequence[int]) -> tuple[float, float]:
+        """Return the same at the shape at which a strength that matters shows least."""
+        pairs = [self._visible(c, g) for g in groups]
+        return max((p for p in pairs if np.isfinite(p[1])), key=lambda p: p[0] / p[1], default=pairs[0])
 
-    def _matters(self, shape: int) -> float:
-        if self.candidate.delta is not None:
-            return self.candidate.delta
-        blocks = self.candidate.columns[shape]
-        if self.residual.weighing:  # what the outputs themselves would do
-            blocks = tuple(shaping.undone(b) for shaping, b in zip(self.residual.weighing, blocks, strict=True))
+    def _matters(self, c: Candidate, shape: int) -> float:
+        """Return the strength that moves some output by its noise floor, or that which the candidate states."""
+        if c.strength_that_matters is not None:
+            return c.strength_that_matters
+        blocks = c.sensitivities[shape]
+        if self.residual.weighting:  # what the outputs themselves would do
+            blocks = tuple(w.inverse(b) for w, b in zip(self.residual.weighting, blocks, strict=True))
         peak = np.max([np.max(np.abs(b), axis=(0, 2)) for b in blocks], axis=0)
         ok = self.floor > 0
         return float(1.0 / np.max(peak[ok] / self.floor[ok])) if np.any(peak[ok] > 0) else float("inf")
 
 
-def _row(
-    c: Candidate,
-    g: int,
-    shapes: Sequence[int],
-    visible: _Visible,
-    w: Whitened,
-    s: Scores,
-    null: Null,
-    level: float,
-    lam_bar: float,
-    n_eff: float,
-    u: float,
-    p: float,
-    sens: Sensitivities,
-) -> Row:
-    scorer = w.scorer
-    assert scorer is not None
-    group = scorer.columns.groups[g]
-    lm, lam = float(s.lm[g, 0]), float(s.lam[g, 0])
-    amp, cov = scorer.raw_amplitude(g, s.amplitude[group.cols, 0])
-    std = np.sqrt(np.diag(cov) * lam)
-    nu = float(scorer.dof[g])
-    mde, delta = visible.at(g)
-    p_single = (1.0 + float(np.sum(null.single[group.candidate] >= u))) / (null.single.shape[1] + 1.0)
-    judged = partial(decide, p=float(p), level=level, size=float(np.max(np.abs(amp))), dof=nu, few=null.pieces.few)
-    verdict, reason = judged(mde=mde, delta=delta)
-    if verdict is Verdict.ABSENT and len(shapes) > 1:  # absent is what would have been seen whatever its shape
-        mde, delta = visible.least(shapes)
-        verdict, reason = judged(mde=mde, delta=delta)
-    free = c.k + c.n_shape
-    theta = -scorer.columns.absorbed[g] @ amp
-    return Row(
-        c.kind,
-        c.where,
-        lm,
-        lam,
-        float(p),
-        p_single,
-        lm / (2 * lam_bar),
-        -lm / lam_bar + free * float(np.log(n_eff)),
-        amp,
-        std,
-        w.columns.kappa[(group.candidate, group.shape)],
-        mde,
-        delta,
-        lm / float(w.e @ w.e),
-        nu,
-        verdict,
-        reason,
-        dict(c.shapes[group.shape]),
-        dict(zip(sens.names, theta.tolist(), strict=True)),
-        held_out_gain(w.columns.Z[:, group.cols], w.e, w.projection.layout, lam),
-        c.unit,
-        g,
-        visible.needed(g),
-    )
+def smallest_visible(critical: float, variance: float) -> float:
+    """Return the strength seen with a probability of 80 % when √(LM/λ) must exceed ``critical``.
+
+    Parameters
+    ----------
+    critical : float
+    variance : float
+        Of the strength's estimate.
+    """
+    return float((critical + POWER_QUANTILE) * np.sqrt(variance))
 
 
 def held_out_gain(Z: Array, e: Array, layout: Layout, lam: float) -> float:
-    """Log-likelihood gain on each block with the amplitude fitted on the others, summed.
+    """Return the gain of log-likelihood on each block with the amplitudes fitted on the others, summed.
 
-    What is left out is `Layout.left_out`.  An amplitude that only the block itself determines, as a point
-    of a curve at a speed that no other record reaches, is not known from the others: it is held near zero, by a normal
-    prior of the spread that the amplitudes of the whole fit have.
+    `Layout.left_out` says what is left out.  An amplitude that only the block itself determines, such as a point of a
+    curve at a speed that no other record reaches, is not known from the others: a normal prior holds it near zero, with
+    the spread of the amplitudes of the whole fit.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from discrepancy.statistics.projection import Layout, Projection
 from discrepancy.statistics.score_variance import ScoreVariance, make_bands, score_variance
 from multibody.base.parallel import side_by_side
 
-LAMBDA_FLOOR = 0.5
+INFLATION_FLOOR = 0.5
 WINDOWS_PER_BLOCK = 48
 MIN_WINDOW = 16
 # Norm of a column relative to the largest value on the candidate's own shape grid.
@@ -30,17 +30,17 @@ SHORTLIST = 256
 
 @dataclass(frozen=True)
 class Group:
-    """Columns of one candidate at one point of its shape grid."""
+    """CandidateColumns of one candidate at one point of its shape grid."""
 
     candidate: int
     shape: int
-    cols: slice
+    columns: slice
     one_sided: bool
 
 
-@dataclass(frozen=True)
-class Columns:
-    """Projected and orthonormalised candidate columns.
+@dataclass(frozen=True, kw_only=True)
+class CandidateColumns:
+    """The candidates' sensitivities, projected and made orthonormal group by group.
 
     Attributes
     ----------
@@ -48,10 +48,10 @@ class Columns:
     groups : list of Group
     R : list of ndarray, shape (k, k)
         Triangular factors: raw projected columns are ``Z[:, cols] @ R``.
-    absorbed : list of ndarray, shape (n_theta, k)
-        Parameter change that imitates a unit amplitude.
-    kappa : dict
-        (candidate, shape) → share of the candidate's effect that calibration can absorb.
+    imitation : list of ndarray, shape (n_theta, k)
+        Parameter change that imitates a unit strength.
+    confounding : dict
+        (candidate, shape) → κ, the share of the candidate's effect that calibration can absorb.
     dropped : dict
         (candidate, shape) → why it cannot be scored.
     """
@@ -59,8 +59,8 @@ class Columns:
     Z: Array
     groups: list[Group]
     R: list[Array]
-    absorbed: list[Array]
-    kappa: dict[tuple[int, int], float]
+    imitation: list[Array]
+    confounding: dict[tuple[int, int], float]
     dropped: dict[tuple[int, int], str]
 
 
@@ -68,47 +68,55 @@ def prepare_columns(
     whitened: list[tuple[int, int, bool, Array]],
     projection: Projection,
     uncertain: str = "the uncertain parameters",
-) -> Columns:
+) -> CandidateColumns:
     """Project and orthonormalise; ``whitened`` holds (candidate, shape, one_sided, columns (n_rows, k))."""
-    groups, Rs, absorbed = [], [], []
-    kappa: dict[tuple[int, int], float] = {}
+    groups, Rs, imitation = [], [], []
+    confounding: dict[tuple[int, int], float] = {}
     dropped: dict[tuple[int, int], str] = {}
     sizes = [Z.shape[1] for *_, Z in whitened]
     Zall = np.empty((projection.layout.n_rows, sum(sizes)))
-    looked = _orthonormal(whitened, projection, Zall)
+    projected = _orthonormal(whitened, projection, Zall)
     strongest: dict[int, float] = {}
-    for (cand, *_), one in zip(whitened, looked, strict=True):
+    for (cand, *_), one in zip(whitened, projected, strict=True):
         strongest[cand] = max(strongest.get(cand, 0.0), one.peak)
     kept = np.ones(Zall.shape[1], dtype=bool)
     start, at = 0, 0
-    for (cand, shape, one_sided, _), one, k in zip(whitened, looked, sizes, strict=True):
+    for (cand, shape, one_sided, _), one, k in zip(whitened, projected, sizes, strict=True):
         key, own, at = (cand, shape), slice(at, at + k), at + k
         if not np.all(one.norm > NOT_EXCITED * strongest[cand]) or strongest[cand] == 0.0:
-            dropped[key], kappa[key] = "not excited: these records never make it act", float("nan")
+            dropped[key], confounding[key] = "not excited: these records never make it act", float("nan")
             kept[own] = False
             continue
-        kappa[key] = one.kappa
-        if one.kappa > ABSORBED or one.R is None:
+        confounding[key] = one.confounding
+        if one.confounding > ABSORBED or one.R is None:
             dropped[key] = f"not identifiable: {uncertain} can imitate it entirely"
             kept[own] = False
             continue
         Rs.append(one.R)
-        absorbed.append(one.theta)
+        imitation.append(one.theta)
         groups.append(Group(cand, shape, slice(start, start + k), one_sided))
         start += k
-    return Columns(Zall if kept.all() else Zall[:, kept], groups, Rs, absorbed, kappa, dropped)
+    return CandidateColumns(
+        Z=Zall if kept.all() else Zall[:, kept],
+        groups=groups,
+        R=Rs,
+        imitation=imitation,
+        confounding=confounding,
+        dropped=dropped,
+    )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Projected:
-    """What projection and orthonormalisation found out about the columns of one group.
+    """One group of columns, projected and made orthonormal.
 
     Attributes
     ----------
     norm : ndarray, shape (k,)
         Before the projection.
     peak : float
-    kappa : float
+        Largest absolute value before the projection.
+    confounding : float
     R : ndarray, shape (k, k), or None
         None where what is left of the columns is linearly dependent.
     theta : ndarray, shape (n_theta, k)
@@ -116,7 +124,7 @@ class _Projected:
 
     norm: Array
     peak: float
-    kappa: float
+    confounding: float
     R: Array | None
     theta: Array
 
@@ -143,7 +151,7 @@ def _orthonormal(
             projection.remove(together)
         scale = np.where(norm > 0.0, norm, 1.0)
         straight = np.zeros((width, width))
-        found, first = [], 0
+        projected, first = [], 0
         for Z in pack:
             own = slice(first, first + Z.shape[1])
             part = together[:, own]
@@ -155,75 +163,91 @@ def _orthonormal(
                 R = r * norm[own]
             total = float(np.sum(norm[own] ** 2))
             share = float(np.diag(gram) @ norm[own] ** 2) / total if total > 0.0 else 0.0
-            found.append(_Projected(norm[own], float(peak[own].max(initial=0.0)), 1.0 - share, R, theta[:, own]))
+            projected.append(
+                _Projected(
+                    norm=norm[own],
+                    peak=float(peak[own].max(initial=0.0)),
+                    confounding=1.0 - share,
+                    R=R,
+                    theta=theta[:, own],
+                )
+            )
             first = own.stop
         np.matmul(together, straight, out=out[:, end - width : end])
-        return found
+        return projected
 
     packed = [(pack, int(end)) for pack, end in zip(packs, ends, strict=True) if pack]
-    return [one for found in side_by_side(lambda work: straightened(*work), packed) for one in found]
+    return [one for pack in side_by_side(lambda work: straightened(*work), packed) for one in pack]
 
 
-def most_explaining(columns: Columns, e: Array) -> Columns:
+def most_explaining(columns: CandidateColumns, e: Array) -> CandidateColumns:
     """Return the groups that explain most of a projected residual, some `SHORTLIST` columns of them.
 
     Parameters
     ----------
-    columns : Columns
+    columns : CandidateColumns
     e : ndarray, shape (n_rows,)
     """
     if columns.Z.shape[1] <= SHORTLIST:
         return columns
-    size = np.array([g.cols.stop - g.cols.start for g in columns.groups])
+    size = np.array([g.columns.stop - g.columns.start for g in columns.groups])
     used = allowed(columns, (columns.Z.T @ e)[:, None])[:, 0]
-    worth = np.add.reduceat(used**2, [g.cols.start for g in columns.groups]) - PER_COLUMN * size
-    order = np.argsort(-worth, kind="stable")
+    gain = np.add.reduceat(used**2, [g.columns.start for g in columns.groups]) - PER_COLUMN * size
+    order = np.argsort(-gain, kind="stable")
     keep = np.sort(order[: max(1, int(np.searchsorted(np.cumsum(size[order]), SHORTLIST, side="right")))])
     ends = np.cumsum(size[keep])
     groups = [
-        replace(columns.groups[i], cols=slice(int(z - k), int(z)))
+        replace(columns.groups[i], columns=slice(int(z - k), int(z)))
         for i, k, z in zip(keep, size[keep], ends, strict=True)
     ]
-    return Columns(
-        np.concatenate([columns.Z[:, columns.groups[i].cols] for i in keep], axis=1),
-        groups,
-        [columns.R[i] for i in keep],
-        [columns.absorbed[i] for i in keep],
-        columns.kappa,
-        columns.dropped,
+    return replace(
+        columns,
+        Z=np.concatenate([columns.Z[:, columns.groups[i].columns] for i in keep], axis=1),
+        groups=groups,
+        R=[columns.R[i] for i in keep],
+        imitation=[columns.imitation[i] for i in keep],
     )
 
 
-def allowed(columns: Columns, A: Array) -> Array:
+def allowed(columns: CandidateColumns, A: Array) -> Array:
     """Return amplitudes (n_columns, m) that their signs allow: a wrong sign counts as zero."""
     used = A.copy()
     for i, g in enumerate(columns.groups):
         if not g.one_sided:
             continue
-        part = A[g.cols]
+        part = A[g.columns]
         R = columns.R[i]
         if part.shape[0] == 1:
-            used[g.cols] = np.maximum(part, 0.0)
+            used[g.columns] = np.maximum(part, 0.0)
             continue
         raw = np.linalg.solve(R, part)
         d = R / np.linalg.norm(R, axis=0)
         along = np.maximum(d.T @ part, 0.0)
         pick = np.argmax(along, axis=0)
         single = d[:, pick] * along[pick, np.arange(part.shape[1])]
-        used[g.cols] = np.where(np.all(raw >= 0, axis=0), part, single)
+        used[g.columns] = np.where(np.all(raw >= 0, axis=0), part, single)
     return used
 
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of every group for every residual, shape (n_groups, m).
+    """Scores of every group for every residual.
 
-    Amplitudes have shape (n_columns, m) and refer to the orthonormal columns.
+    Attributes
+    ----------
+    score : ndarray, shape (n_groups, m)
+        LM, in units of the whitened noise variance.
+    inflation : ndarray, shape (n_groups, m)
+        λ, the variance of the noise where each group acts.
+    neg_log_p : ndarray, shape (n_groups, m)
+        −ln of the F tail probability of LM/λ.
+    amplitude : ndarray, shape (n_columns, m)
+        In the orthonormal columns.
     """
 
-    lm: Array
-    lam: Array
-    u: Array
+    score: Array
+    inflation: Array
+    neg_log_p: Array
     amplitude: Array
 
 
@@ -257,11 +281,23 @@ class Windows:
         return out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scorer:
-    """Scores residuals; made once for a set of columns."""
+    """Scores residuals; made once for a set of columns.
 
-    columns: Columns
+    Attributes
+    ----------
+    columns : CandidateColumns
+    variance : ScoreVariance
+    kdim, dof : ndarray, shape (n_groups,)
+        Columns of each group, and degrees of freedom with which the noise is known where it acts.
+    own_trace : ndarray, shape (n_groups,)
+        Share of the noise's variance that the group's own fit takes.
+    windows, energies : list
+        Of each block: short windows, and the energy of each group in them.
+    """
+
+    columns: CandidateColumns
     variance: ScoreVariance
     kdim: Array
     dof: Array
@@ -285,7 +321,7 @@ class Scorer:
         Z = self.columns.Z
         A = Z.T @ E
         used = allowed(self.columns, A)
-        lm = self._sum(used**2)
+        score = self._sum(used**2)
         N = E if noise is None else noise
         cross = self.variance.bands.cross(N)
         m = N.shape[1]
@@ -296,11 +332,11 @@ class Scorer:
         left = 1.0 - self.own_trace
         if removed is not None:
             left = 1.0 - self.own_trace * (1.0 - removed)
-        lam = np.maximum(quad / np.maximum(left, 0.1)[:, None], LAMBDA_FLOOR)
-        return Scores(lm, lam, self.surprise(lm / lam), used)
+        inflation = np.maximum(quad / np.maximum(left, 0.1)[:, None], INFLATION_FLOOR)
+        return Scores(score, inflation, self.neg_log_p(score / inflation), used)
 
-    def local(self, e: Array) -> Array:
-        """How much noisier the residual is at the *times* at which each group acts; never below one.
+    def local_inflation(self, e: Array) -> Array:
+        """Return how much noisier the residual is at the *times* at which each group acts; never below one.
 
         The candidate's own fit is removed first; ``e`` has shape (n_rows,).
         """
@@ -308,7 +344,7 @@ class Scorer:
         num = np.zeros(len(self.columns.groups))
         den = np.zeros_like(num)
         level_d = 0.0
-        starts = [g.cols.start for g in self.columns.groups]
+        starts = [g.columns.start for g in self.columns.groups]
         for part, energy in zip(self.windows, self.energies, strict=True):
             fit = np.add.reduceat(part.of(self.columns.Z) * a, starts, axis=2)
             fit -= part.of(e)[:, :, None]
@@ -321,8 +357,8 @@ class Scorer:
         level = (e2 - own) / max(1.0, level_d - 1.0)
         return np.maximum(1.0, num / np.maximum(den, 1e-300) / np.maximum(level, 1e-300))
 
-    def surprise(self, ratio: Array) -> Array:
-        """−ln of the F tail probability of LM/λ: one scale for groups of any size and noise."""
+    def neg_log_p(self, ratio: Array) -> Array:
+        """Return −ln of the F tail probability of LM/λ: one scale for groups of any size and noise."""
         from scipy.special import betaln, fdtrc
 
         k, nu = self.kdim[:, None], self.dof[:, None]
@@ -338,28 +374,28 @@ class Scorer:
         return out
 
     def _sum(self, x: Array) -> Array:
-        return np.add.reduceat(x, [g.cols.start for g in self.columns.groups], axis=0)
+        return np.add.reduceat(x, [g.columns.start for g in self.columns.groups], axis=0)
 
     def _own(self, a: Array) -> Array:
         out = np.empty((len(self.columns.groups), a.shape[1]))
-        single = [i for i, g in enumerate(self.columns.groups) if g.cols.stop - g.cols.start == 1]
+        single = [i for i, g in enumerate(self.columns.groups) if g.columns.stop - g.columns.start == 1]
         if single:
             c = np.array([self.variance.own[i][0, 0] for i in single])
-            out[single] = c[:, None] * a[[self.columns.groups[i].cols.start for i in single]] ** 2
+            out[single] = c[:, None] * a[[self.columns.groups[i].columns.start for i in single]] ** 2
         for i, g in enumerate(self.columns.groups):
-            if g.cols.stop - g.cols.start > 1:
-                part = a[g.cols]
+            if g.columns.stop - g.columns.start > 1:
+                part = a[g.columns]
                 out[i] = np.einsum("cm,cd,dm->m", part, self.variance.own[i], part)
         return out
 
-    def raw_amplitude(self, group: int, a: Array) -> tuple[Array, Array]:
-        """Amplitude in the candidate's unit and its covariance for λ = 1."""
+    def strength(self, group: int, a: Array) -> tuple[Array, Array]:
+        """Return the strength in the candidate's unit, from amplitudes, and its covariance for λ = 1."""
         Rinv = np.linalg.inv(self.columns.R[group])
         return Rinv @ a, Rinv @ Rinv.T
 
 
 def make_scorer(
-    columns: Columns, projection: Projection, dt: float, extra: list[Array] | None = None
+    columns: CandidateColumns, projection: Projection, dt: float, extra: list[Array] | None = None
 ) -> Scorer:
     """Prepare the scorer; ``extra`` are orthonormal directions also removed from the residual's noise."""
     basis = [projection.basis]
@@ -370,15 +406,23 @@ def make_scorer(
             full[lay.rows(b)] = q
             basis.append(full)
     bands = make_bands(lay, dt, basis + list(extra or []))
-    var = score_variance(columns.Z, [g.cols for g in columns.groups], bands)
-    kdim = np.array([float(g.cols.stop - g.cols.start) for g in columns.groups])
+    var = score_variance(columns.Z, [g.columns for g in columns.groups], bands)
+    kdim = np.array([float(g.columns.stop - g.columns.start) for g in columns.groups])
     own = np.array([float(np.trace(c)) for c in var.own])
     # The group's own fit takes its share of the degrees of freedom too.
     windows = [Windows(lay, b) for b in range(len(lay.lengths))]
-    starts = [g.cols.start for g in columns.groups]
+    starts = [g.columns.start for g in columns.groups]
     energies = side_by_side(lambda w: w.sums(np.add.reduceat(w.of(columns.Z) ** 2, starts, axis=2)), windows)
     # Degrees of freedom with which the noise is known at the times at which each group acts.
     first = sum(np.sum(energy, axis=(0, 1)) for energy in energies)
     second = sum(np.sum(energy**2 / w.count, axis=(0, 1)) for w, energy in zip(windows, energies, strict=True))
     dof = np.minimum(var.dof, first**2 / np.maximum(second, 1e-300))
-    return Scorer(columns, var, kdim, np.maximum(dof - kdim, 1.0), own, windows, energies)
+    return Scorer(
+        columns=columns,
+        variance=var,
+        kdim=kdim,
+        dof=np.maximum(dof - kdim, 1.0),
+        own_trace=own,
+        windows=windows,
+        energies=energies,
+    )

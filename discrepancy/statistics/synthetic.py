@@ -172,7 +172,16 @@ def candidates(axis: Axis, exclude: Sequence[str] = ()) -> list[Candidate]:
         if kind in exclude:
             continue
         cols = [axis.respond([law(kind, m, s, axis.dt) for m in axis.motions]) for s in grid]
-        out.append(Candidate(kind, "guide", tuple(map(tuple, cols)), tuple(grid), one_sided, unit="N"))
+        out.append(
+            Candidate(
+                kind=kind,
+                where="guide",
+                sensitivities=tuple(map(tuple, cols)),
+                shapes=tuple(grid),
+                one_sided=one_sided,
+                unit="N",
+            )
+        )
     for c, name in enumerate(axis.channels):
         for kind in ("sensor_offset", "sensor_drift", "sensor_gain"):
             blocks = []
@@ -185,7 +194,7 @@ def candidates(axis: Axis, exclude: Sequence[str] = ()) -> list[Candidate]:
                 ]
                 blocks.append(z)
             if kind not in exclude:
-                out.append(Candidate(kind, name, (tuple(blocks),)))
+                out.append(Candidate(kind=kind, where=name, sensitivities=(tuple(blocks),)))
     return out
 
 

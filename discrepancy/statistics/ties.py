@@ -8,42 +8,46 @@ from dataclasses import dataclass
 import numpy as np
 
 from discrepancy.statistics.blocks import Array
+from discrepancy.statistics.thresholds import DECISIVE_LOG_LIKELIHOOD
 
-GAIN_TIE = 3.0
-CORRELATION_TIE = 0.95
+TIE_CORRELATION = 0.95  # correlation from which twice the decisive gain still leaves a tie; chosen
 EXACT = 1.0 - 1e-8
 
 
-@dataclass(frozen=True)
-class Rival:
+@dataclass(frozen=True, kw_only=True)
+class Tie:
     """A candidate that explains the residual nearly as well as the best one.
 
     Attributes
     ----------
-    name, kind, where : str
+    kind, where : str
     gain_deficit : float
         How much less calibrated log-likelihood it gains than the best.
     correlation : float
         Smallest canonical correlation of the two candidates' calibrated effects.
     why : str
-        "exact" (same columns up to scale), "correlated", or "close gain".
+        "exact" (same sensitivities up to scale), "correlated", or "close gain".
     """
 
-    name: str
     kind: str
     where: str
     gain_deficit: float
     correlation: float
     why: str
 
+    @property
+    def name(self) -> str:
+        """``kind@where``."""
+        return f"{self.kind}@{self.where}"
+
 
 @dataclass(frozen=True)
 class Ties:
-    """Rivals of one candidate, grouped by whether the *kind* or only the *place* is in doubt."""
+    """Ties of one candidate, grouped by whether the *kind* or only the *place* is in doubt."""
 
     best: str
-    same_kind: tuple[Rival, ...]
-    other_kind: tuple[Rival, ...]
+    same_kind: tuple[Tie, ...]
+    other_kind: tuple[Tie, ...]
 
     @property
     def ambiguous(self) -> bool:
@@ -69,7 +73,7 @@ def find_ties(
     bases: Sequence[Array | None],
     eligible: Sequence[bool],
 ) -> Ties:
-    """Rivals of candidate ``best``.
+    """Return the ties of candidate ``best``.
 
     Parameters
     ----------
@@ -77,12 +81,12 @@ def find_ties(
     gains : sequence of float
         Calibrated log-likelihood gains, penalised for the number of free numbers.
     bases : sequence of ndarray or None
-        Orthonormal projected columns of each candidate at its best shape.
+        Orthonormal projected sensitivities of each candidate at its best shape.
     eligible : sequence of bool
-        Candidates that are significant on their own; others rival only if they are exactly collinear.
+        Candidates that are significant on their own; others tie only if they are exactly collinear.
     """
-    same: list[Rival] = []
-    other: list[Rival] = []
+    same: list[Tie] = []
+    other: list[Tie] = []
     ref = bases[best]
     kind0, where0 = names[best]
     for i, (kind, where) in enumerate(names):
@@ -95,13 +99,14 @@ def find_ties(
             why = "exact"
         elif not eligible[i]:
             continue
-        elif deficit < GAIN_TIE:
+        elif deficit < DECISIVE_LOG_LIKELIHOOD:
             why = "close gain"
-        elif rho > CORRELATION_TIE and deficit < 2 * GAIN_TIE:
+        elif rho > TIE_CORRELATION and deficit < 2 * DECISIVE_LOG_LIKELIHOOD:
             why = "correlated"
         else:
             continue
-        rival = Rival(f"{kind}@{where}", kind, where, float(deficit), rho, why)
-        (same if kind == kind0 else other).append(rival)
-    key = lambda r: r.gain_deficit  # noqa: E731
-    return Ties(f"{kind0}@{where0}", tuple(sorted(same, key=key)), tuple(sorted(other, key=key)))
+        tie = Tie(kind=kind, where=where, gain_deficit=float(deficit), correlation=rho, why=why)
+        (same if kind == kind0 else other).append(tie)
+    same.sort(key=lambda t: t.gain_deficit)
+    other.sort(key=lambda t: t.gain_deficit)
+    return Ties(f"{kind0}@{where0}", tuple(same), tuple(other))

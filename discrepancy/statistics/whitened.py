@@ -1,4 +1,4 @@
-"""Residual, sensitivities and candidates in the whitened metric; effects taken out before noise is measured.
+"""Residual, sensitivities and candidates in the whitened metric; effects removed before noise is measured.
 
 The whitening is fitted on the residual without calibration and without the effects that stand out, because an
 effect that stays in the residual would be taken for colour and whitened away.
@@ -15,7 +15,7 @@ from discrepancy.statistics.blocks import Array, Candidate, Residual, Sensitivit
 from discrepancy.statistics.projection import Layout, Projection, project
 from discrepancy.statistics.score import (
     PER_COLUMN,
-    Columns,
+    CandidateColumns,
     Scorer,
     Scores,
     make_scorer,
@@ -24,21 +24,32 @@ from discrepancy.statistics.score import (
 )
 from discrepancy.statistics.whitening import Whitener, fit_whitener, identity
 
-# Surprise (−ln p of one column) above which an effect is kept out of the whitening fit.
-LEAST = 8.0
-# The same before any whitening, where slow noise stands out too: a level that drift does not reach.
-FIRST = 16.0
+#: −ln p of one column above which an effect is kept out of the whitening fit.
+REMOVED_WHITENED = 8.0
+#: The same before any whitening, where slow noise stands out too: a level that drift does not reach.
+REMOVED_UNWHITENED = 16.0
 
 
-@dataclass(frozen=True)
-class Whitened:
-    """Everything in the whitened metric."""
+@dataclass(frozen=True, kw_only=True)
+class WhitenedProblem:
+    """Residual and candidates in the whitened metric.
+
+    Attributes
+    ----------
+    whitener : Whitener
+    projection : Projection
+    e_raw, e : ndarray, shape (n_rows,)
+        Whitened residual before and after the projection.
+    columns : CandidateColumns
+    scorer : Scorer or None
+        None where no candidate can be scored.
+    """
 
     whitener: Whitener
     projection: Projection
     e_raw: Array
     e: Array
-    columns: Columns
+    columns: CandidateColumns
     scorer: Scorer | None
 
 
@@ -49,8 +60,8 @@ def whiten_all(
     candidates: Sequence[Candidate],
     *,
     shortlist: bool = False,
-) -> Whitened:
-    """Whiten and project residual, sensitivities and candidates; on request keep only those that explain most."""
+) -> WhitenedProblem:
+    """Whiten and project residual, sensitivities and candidates; ``shortlist`` keeps those that explain most."""
     has_prior = np.isfinite(sens.prior_std)
     proj = projection_in(whitener, residual, sens)
     layout = proj.layout
@@ -61,25 +72,25 @@ def whiten_all(
     if shortlist:
         columns = most_explaining(columns, e)
     scorer = make_scorer(columns, proj, residual.dt) if columns.groups else None
-    return Whitened(whitener, proj, e_raw, e, columns, scorer)
+    return WhitenedProblem(whitener=whitener, projection=proj, e_raw=e_raw, e=e, columns=columns, scorer=scorer)
 
 
 def projection_in(whitener: Whitener, residual: Residual, sens: Sensitivities) -> Projection:
-    """Return what frees columns of calibration in the metric of a whitener."""
+    """Return the projection onto what calibration cannot explain, in the metric of a whitener."""
     known = int(np.isfinite(sens.prior_std).sum())
     return project(whitener, sens, Layout(tuple(len(b) for b in residual.blocks), len(residual.channels), known))
 
 
-def plain_projection(residual: Residual, sens: Sensitivities) -> Projection:
-    """Return what frees columns of calibration, each channel being weighed by its root mean square alone."""
-    return projection_in(plain_weights(residual), residual, sens)
+def rms_projection(residual: Residual, sens: Sensitivities) -> Projection:
+    """Return the same with each channel divided by its root mean square alone."""
+    return projection_in(rms_whitener(residual), residual, sens)
 
 
 def _stacked(
     layout: Layout, whitener: Whitener, candidates: Sequence[Candidate]
 ) -> list[tuple[int, int, bool, Array]]:
-    """Whiten the columns of all candidates together: one pass costs little more than one candidate's."""
-    entries = [(i, j, c.one_sided, cols) for i, c in enumerate(candidates) for j, cols in enumerate(c.columns)]
+    """Whiten the sensitivities of all candidates together: one pass costs little more than one candidate's."""
+    entries = [(i, j, c.one_sided, cols) for i, c in enumerate(candidates) for j, cols in enumerate(c.sensitivities)]
     if not entries:
         return []
     together = [np.concatenate([cols[b] for *_, cols in entries], axis=2) for b in range(len(layout.lengths))]
@@ -89,10 +100,10 @@ def _stacked(
     return [(i, j, one, z) for (i, j, one, _), z in zip(entries, parts, strict=True)]
 
 
-def louder(s: Scores, scorer: Scorer, e: Array) -> Scores:
-    """Raise λ where the residual is louder at the times at which a candidate acts (noise in motion only)."""
-    lam = s.lam * scorer.local(e)[:, None]
-    return Scores(s.lm, lam, scorer.surprise(s.lm / lam), s.amplitude)
+def with_local_noise(s: Scores, scorer: Scorer, e: Array) -> Scores:
+    """Return scores with λ raised where the residual is noisier at the times at which a candidate acts."""
+    inflation = s.inflation * scorer.local_inflation(e)[:, None]
+    return Scores(s.score, inflation, scorer.neg_log_p(s.score / inflation), s.amplitude)
 
 
 def best_groups(scorer: Scorer, s: Scores) -> dict[int, int]:
@@ -100,18 +111,18 @@ def best_groups(scorer: Scorer, s: Scores) -> dict[int, int]:
     best: dict[int, int] = {}
     for i, g in enumerate(scorer.columns.groups):
         j = best.get(g.candidate)
-        if j is None or s.lm[i, 0] > s.lm[j, 0]:
+        if j is None or s.score[i, 0] > s.score[j, 0]:
             best[g.candidate] = i
     return best
 
 
-def surprise_of(scorer: Scorer, s: Scores, candidate: int) -> float:
-    """Largest surprise on a candidate's shape grid: what the null compares with."""
-    return max(float(s.u[i, 0]) for i, g in enumerate(scorer.columns.groups) if g.candidate == candidate)
+def largest_neg_log_p(scorer: Scorer, s: Scores, candidate: int) -> float:
+    """Return the largest −ln p on a candidate's shape grid, which the null distribution is compared with."""
+    return max(float(s.neg_log_p[i, 0]) for i, g in enumerate(scorer.columns.groups) if g.candidate == candidate)
 
 
 @dataclass(frozen=True)
-class Clean:
+class CleanedResidual:
     """Residual without the effects that were fitted to it."""
 
     e: Array
@@ -119,30 +130,29 @@ class Clean:
     groups: tuple[int, ...]
 
 
-def remove_effects(w: Whitened, limit: int, least_u: float | Array) -> Clean:
-    """Remove the best candidates one after another while each stands out by ``least_u``, one for all or for each."""
+def remove_effects(w: WhitenedProblem, limit: int, least_u: float | Array) -> CleanedResidual:
+    """Remove the best candidates one after another while −ln p reaches ``least_u``, one value or one for each group."""
     assert w.scorer is not None
     Z = w.columns.Z
     basis = np.zeros((len(w.e), 0))
     e = w.e.copy()
     chosen: list[int] = []
-    scorer_k = w.scorer.kdim
     for _ in range(limit):
         share = share_removed(w.scorer, basis)
         s = w.scorer(e[:, None], None if not chosen else e[:, None], share)
-        u = np.where(share > 0.999, 0.0, s.u[:, 0])
-        # Columns were made orthonormal before anything was removed; scale up what is left of them.
+        u = np.where(share > 0.999, 0.0, s.neg_log_p[:, 0])
+        # CandidateColumns were made orthonormal before anything was removed; scale up what is left of them.
         if not np.any(u >= least_u):
             break
         # Among those that stand out, the one that explains most, as a fit would choose.
-        i = int(np.argmax(np.where(u >= least_u, s.lm[:, 0] - PER_COLUMN * scorer_k, -np.inf)))
+        i = int(np.argmax(np.where(u >= least_u, s.score[:, 0] - PER_COLUMN * w.scorer.kdim, -np.inf)))
         chosen.append(i)
-        cols = Z[:, w.columns.groups[i].cols]
+        cols = Z[:, w.columns.groups[i].columns]
         q = cols - basis @ (basis.T @ cols)
         q, _ = np.linalg.qr(q)
         basis = np.concatenate([basis, q], axis=1)
         e = e - q @ (q.T @ e)
-    return Clean(e, basis, tuple(chosen))
+    return CleanedResidual(e, basis, tuple(chosen))
 
 
 def share_removed(scorer: Scorer, basis: Array) -> Array:
@@ -150,13 +160,13 @@ def share_removed(scorer: Scorer, basis: Array) -> Array:
     if basis.shape[1] == 0:
         return np.zeros(len(scorer.columns.groups))
     energy = np.sum((basis.T @ scorer.columns.Z) ** 2, axis=0)
-    starts = [g.cols.start for g in scorer.columns.groups]
+    starts = [g.columns.start for g in scorer.columns.groups]
     out: Array = np.minimum(1.0, np.add.reduceat(energy, starts) / scorer.kdim)
     return out
 
 
 def raw_residual(
-    w: Whitened,
+    w: WhitenedProblem,
     residual: Residual,
     sens: Sensitivities,
     candidates: Sequence[Candidate],
@@ -164,7 +174,7 @@ def raw_residual(
 ) -> list[Array]:
     """Residual in the outputs' units with calibration, nuisances and the given groups fitted and removed."""
     lay = w.projection.layout
-    Z = [w.columns.Z[:, w.columns.groups[i].cols] @ w.columns.R[i] for i in groups]
+    Z = [w.columns.Z[:, w.columns.groups[i].columns] @ w.columns.R[i] for i in groups]
     amp: Array = np.zeros(0)
     e = w.e_raw.copy()
     raw_cols: list[tuple[Array, ...]] = []
@@ -173,7 +183,7 @@ def raw_residual(
         at = 0
         for i in groups:
             g = w.columns.groups[i]
-            cols = candidates[g.candidate].columns[g.shape]
+            cols = candidates[g.candidate].sensitivities[g.shape]
             k = cols[0].shape[2]
             raw_cols.append(tuple(c @ amp[at : at + k] for c in cols))
             e -= lay.stack(w.whitener, [c @ amp[at : at + k] for c in cols])
@@ -194,16 +204,16 @@ def raw_residual(
     return out
 
 
-def plain_weights(residual: Residual) -> Whitener:
-    """Return the weighing of each channel by its root mean square, colour left as it is."""
+def rms_whitener(residual: Residual) -> Whitener:
+    """Return the division of each channel by its root mean square, which leaves its colour as it is."""
     std = np.sqrt(np.mean(np.concatenate(residual.blocks) ** 2, axis=0))
     std[std == 0] = 1.0
     return identity(list(std), residual.channels, residual.dt)
 
 
-def plainly_weighed(residual: Residual, sens: Sensitivities, candidates: Sequence[Candidate]) -> Whitened:
-    """Return everything with each channel weighed by its root mean square alone."""
-    return whiten_all(plain_weights(residual), residual, sens, candidates)
+def scaled_by_rms(residual: Residual, sens: Sensitivities, candidates: Sequence[Candidate]) -> WhitenedProblem:
+    """Return residual and candidates with each channel divided by its root mean square, not whitened."""
+    return whiten_all(rms_whitener(residual), residual, sens, candidates)
 
 
 def fit_whitened(
@@ -213,23 +223,22 @@ def fit_whitened(
     max_order: int,
     rounds: int,
     clean: int,
-    plain: Whitened | None = None,
+    plain: WhitenedProblem | None = None,
     few: Sequence[Candidate] | None = None,
-) -> Whitened:
-    """Fit the whitening on what is left without calibration and the best candidates, and whiten everything with it.
+) -> WhitenedProblem:
+    """Fit the whitening on what is left without calibration and the best candidates, and apply it to everything.
 
-    ``plain`` is everything in the metric of `plainly_weighed`, from where the fit begins, if that is there already;
-    ``few`` are those of the candidates among which the best are looked for, if not all.
+    The fit begins with ``plain``, what `scaled_by_rms` returns, if it was computed before; ``few`` are those of the
+    candidates among which the best are searched, if not all.
     """
-    looked_at = candidates if few is None else few
-    w = plain or whiten_all(plain_weights(residual), residual, sens, looked_at, shortlist=True)
+    searched = candidates if few is None else few
+    w = plain or whiten_all(rms_whitener(residual), residual, sens, searched, shortlist=True)
     for r in range(rounds):
         groups: tuple[int, ...] = ()
         if w.scorer is not None and clean:
-            least = LEAST if r else FIRST
-            groups = remove_effects(w, clean, least).groups
-        raw = raw_residual(w, residual, sens, looked_at, groups)
+            groups = remove_effects(w, clean, REMOVED_WHITENED if r else REMOVED_UNWHITENED).groups
+        raw = raw_residual(w, residual, sens, searched, groups)
         fitted = fit_whitener(raw, residual.dt, residual.channels, max_order=max_order)
         last = r + 1 == rounds
-        w = whiten_all(fitted, residual, sens, candidates if last else looked_at, shortlist=not last)
+        w = whiten_all(fitted, residual, sens, candidates if last else searched, shortlist=not last)
     return w

@@ -90,7 +90,7 @@ class ChannelFilter:
         return self.groups[-1][1] if self.groups else 0
 
     def apply(self, x: Array) -> Array:
-        """Whitened signal in units of the noise standard deviation, for x of shape (n_t,) or (n_t, m)."""
+        """WhitenedProblem signal in units of the noise standard deviation, for x of shape (n_t,) or (n_t, m)."""
         if x.ndim > 1 and x.shape[0] <= min(AS_MATRIX, x.shape[1]):
             return self._as_matrix(x.shape[0]) @ x
         return self._step_by_step(x)

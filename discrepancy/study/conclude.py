@@ -269,7 +269,13 @@ def _left_over(
             refused.append((kind, where, why))
     unseen = (Verdict.ABSENT, Verdict.CANNOT_TELL)
     hidden = [
-        (r.kind, r.where, float(r.mde), float(r.delta), unit_at(study.stage.system, r.kind, r.where))
+        (
+            r.kind,
+            r.where,
+            float(r.smallest_visible_strength),
+            float(r.strength_that_matters),
+            unit_at(study.stage.system, r.kind, r.where),
+        )
         for r in step.scan.rows
         if r.verdict in unseen and (r.kind, r.where) not in present
     ]
@@ -286,9 +292,9 @@ def _slight(study: Study) -> tuple[tuple[str, str, float, float, float, str], ..
     found = []
     for r in sorted(sure.values(), key=lambda r: r.delta_bic)[:SLIGHT]:
         if (r.kind, r.where) not in present and r.delta_bic < 0.0:
-            most = int(np.argmax(np.abs(r.amplitude)))
-            size, std = float(r.amplitude[most]), float(r.std[most])
-            found.append((r.kind, r.where, size, std, float(r.p), unit_at(study.stage.system, r.kind, r.where)))
+            most = int(np.argmax(np.abs(r.expected_strength)))
+            size, std = float(r.expected_strength[most]), float(r.standard_error[most])
+            found.append((r.kind, r.where, size, std, float(r.p_value), unit_at(study.stage.system, r.kind, r.where)))
     return tuple(found)
 
 

@@ -129,7 +129,7 @@ def _visible(seed: int, machine: str = "axis") -> dict[str, float]:
 
     study = Study(machine_module(machine).case(seed).problem(seed=seed))
     scan = study.explain().scan
-    return {r.name: float(r.mde) for r in scan.rows}
+    return {r.name: float(r.smallest_visible_strength) for r in scan.rows}
 
 
 def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds", machine: str = "axis") -> Trial:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["masking_pair", "masking_trial"]
 
-ALIKE = 0.9  # correlation, without its sign, from which two effects count as nearly the same or opposite; chosen
+NEARLY_COLLINEAR = 0.9  # absolute correlation from which two effects count as the same or opposite; chosen
 THIRD = 0.5  # share of what is left of both that a third may explain by itself: else it is the simpler answer; chosen
 MOST = 0.5  # share of a stated value by which it may be wrong; chosen
 
@@ -75,21 +75,21 @@ def _opposed(scan: ScanResult, stated: Mapping[str, float], rng: np.random.Gener
     owners = [g.candidate for g in columns.groups]
     rows = [
         r for r in scan.rows
-        if r.name in stated and r.amplitude.size == 1 and owners.count(columns.groups[r.group].candidate) == 1
+        if r.name in stated and r.expected_strength.size == 1 and owners.count(columns.groups[r.group].candidate) == 1
     ]  # fmt: skip
-    Z = np.concatenate([columns.Z[:, columns.groups[r.group].cols] for r in rows], axis=1)
+    Z = np.concatenate([columns.Z[:, columns.groups[r.group].columns] for r in rows], axis=1)
     size = [float(columns.R[r.group][0, 0]) for r in rows]
     one_sided = [columns.groups[r.group].one_sided for r in rows]
     gram = Z.T @ Z
-    every = np.concatenate([columns.Z[:, columns.groups[r.group].cols] for r in scan.rows], axis=1)
-    owner = np.repeat(np.arange(len(scan.rows)), [r.amplitude.size for r in scan.rows])
+    every = np.concatenate([columns.Z[:, columns.groups[r.group].columns] for r in scan.rows], axis=1)
+    owner = np.repeat(np.arange(len(scan.rows)), [r.expected_strength.size for r in scan.rows])
     found = []
     for i in range(len(rows)):
         for j in range(i):
             rho = float(gram[i, j])
-            if abs(rho) < ALIKE or 1.0 - rho**2 <= APART:
+            if abs(rho) < NEARLY_COLLINEAR or 1.0 - rho**2 <= APART:
                 continue
-            left = (TIMES_VISIBLE * rows[i].needed) ** 2 * scan.lam_bar  # LM of the two together
+            left = (TIMES_VISIBLE * rows[i].critical_ratio) ** 2 * scan.typical_inflation  # LM of the two together
             a = np.sqrt(left / (1.0 - rho**2)) / size[i] * float(rng.choice([-1.0, 1.0]))
             b = -a * rho * size[i] / size[j]
             if (one_sided[i] and a < 0.0) or (not one_sided[i] and one_sided[j] and b < 0.0):

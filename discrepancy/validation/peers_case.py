@@ -18,7 +18,7 @@ from discrepancy.statistics.blocks import Array, Candidate, Residual, Sensitivit
 if TYPE_CHECKING:
     from discrepancy.rigs.recording import Case
     from discrepancy.stages.stage import Stage
-    from discrepancy.statistics.whitened import Whitened
+    from discrepancy.statistics.whitened import WhitenedProblem
 
 __all__ = ["OnColumns", "PeerCase", "Seen", "peer_case", "seen_as"]
 
@@ -101,7 +101,7 @@ class PeerCase:
     sens: Sensitivities
     sens_held: Sensitivities
     dropped: frozenset[str]
-    _plain: Whitened
+    _plain: WhitenedProblem
 
     def held_out(self, named: Sequence[int]) -> float:
         """Return the error on held-out records with the named candidates fitted, as a share of that without.
@@ -114,16 +114,16 @@ class PeerCase:
         chosen = [best[c] for c in named if c in best]
         blocks = [b.copy() for b in self.held.blocks]
         if chosen:
-            raw = np.concatenate([w.columns.Z[:, w.columns.groups[g].cols] @ w.columns.R[g] for g in chosen], axis=1)
+            raw = np.concatenate([w.columns.Z[:, w.columns.groups[g].columns] @ w.columns.R[g] for g in chosen], axis=1)
             amplitude = np.linalg.lstsq(raw, w.e, rcond=1e-10)[0]
             at, n = 0, len(self.residual.blocks)
             for g in chosen:
                 group = w.columns.groups[g]
-                k = group.cols.stop - group.cols.start
+                k = group.columns.stop - group.columns.start
                 a = amplitude[at : at + k]
                 at += k
-                theta = -w.columns.absorbed[g] @ a
-                columns = self.candidates[group.candidate].columns[group.shape][n:]
+                theta = -w.columns.imitation[g] @ a
+                columns = self.candidates[group.candidate].sensitivities[group.shape][n:]
                 for b, block in enumerate(blocks):
                     block -= columns[b] @ a + self.sens_held.blocks[b] @ theta
         before, after = (self._sizes(x) for x in (self.held.blocks, blocks))
@@ -143,7 +143,7 @@ class PeerCase:
         return out
 
 
-def _best(w: Whitened) -> dict[int, int]:
+def _best(w: WhitenedProblem) -> dict[int, int]:
     from discrepancy.statistics.whitened import best_groups
 
     if w.scorer is None:
@@ -151,17 +151,18 @@ def _best(w: Whitened) -> dict[int, int]:
     return best_groups(w.scorer, w.scorer(w.e[:, None]))
 
 
-def seen_as(w: Whitened, candidates: Sequence[Candidate]) -> Seen:
+def seen_as(w: WhitenedProblem, candidates: Sequence[Candidate]) -> Seen:
     """Return residual and columns in one metric as the rivals get them, each candidate at the shape that fits best."""
     lay, columns, best = w.projection.layout, w.columns, _best(w)
     data = slice(0, lay.n_data)
     parts, owner = [], []
     for candidate, g in best.items():
-        raw = columns.Z[data, columns.groups[g].cols] @ columns.R[g]
+        raw = columns.Z[data, columns.groups[g].columns] @ columns.R[g]
         parts.append(raw / np.linalg.norm(raw, axis=0))
         owner += [candidate] * raw.shape[1]
     groups = [
-        (g.candidate, g.cols, g.cols.stop - g.cols.start + candidates[g.candidate].n_shape) for g in columns.groups
+        (g.candidate, g.columns, g.columns.stop - g.columns.start + candidates[g.candidate].n_free_shapes)
+        for g in columns.groups
     ]
     X = np.concatenate(parts, axis=1)
     return Seen(w.e[data], X, np.array(owner), lay.left_out(), columns.Z[data], groups, lay.n_channels)
@@ -171,7 +172,7 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
     """Work out what the rivals get, from a recalibrated stage of a study of the case."""
     from discrepancy.effects.catalogue import catalogue
     from discrepancy.sensitivities.candidates import candidate_sensitivities
-    from discrepancy.statistics.whitened import fit_whitened, plainly_weighed
+    from discrepancy.statistics.whitened import fit_whitened, scaled_by_rms
 
     assert stage.validate is not None
     together = replace(stage.identify, fits=(*stage.identify.fits, *stage.validate.fits))
@@ -186,8 +187,8 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
         Sensitivities(sens.names, sens.blocks[p], sens.prior_std, sens.prior_offset, sens.nuisance[p])
         for p in (slice(0, n), slice(n, None))
     )
-    seen = [replace(c, columns=tuple(shape[:n] for shape in c.columns)) for c in candidates]
-    plain = plainly_weighed(residual, first, seen)
+    seen = [replace(c, sensitivities=tuple(shape[:n] for shape in c.sensitivities)) for c in candidates]
+    plain = scaled_by_rms(residual, first, seen)
     white = fit_whitened(residual, first, seen, 24, 2, 2, plain)
     best = _best(plain)
     dropped = frozenset(c.name for i, c in enumerate(candidates) if i not in best)

@@ -15,6 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from discrepancy.statistics.blocks import Array
+from discrepancy.statistics.thresholds import DECISIVE_BIC
 from discrepancy.validation.peers_case import OnColumns, PeerCase, Seen
 
 __all__ = ["METHODS", "ON_COLUMNS", "THRESHOLDS", "Answer", "methods_on", "stlsq_at", "versions"]
@@ -25,7 +26,6 @@ ENSEMBLE = 40
 ENSEMBLE_ROWS = 3000
 GP_POINTS = 500
 FORWARD = 6
-TIE = 6.0  # difference of the criterion below which two explanations count as one, for rivals and for us
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ def _every(case: OnColumns, seen: Seen, price: float) -> Answer:
         if gains[best][0] >= 0.0:
             break
         if step == 0:
-            near = [c for c in gains if c != best and gains[c][0] - gains[best][0] < TIE]
+            near = [c for c in gains if c != best and gains[c][0] - gains[best][0] < DECISIVE_BIC]
             ties = tuple(case.candidates[c].name for c in near)
         q = gains[best][1]
         e = e - q @ (q.T @ e)

@@ -20,7 +20,7 @@ from discrepancy.statistics.blocks import Array, Candidate, Residual, Sensitivit
 if TYPE_CHECKING:
     from discrepancy.stages.stage import Stage
     from discrepancy.statistics.scan_result import ScanResult
-    from discrepancy.statistics.whitened import Whitened
+    from discrepancy.statistics.whitened import WhitenedProblem
 
 __all__ = [
     "SCHEMES",
@@ -150,7 +150,7 @@ class Shared:
     sens : Sensitivities
     candidates, curves : tuple of Candidate
         Laws and sensors' errors; free curves.
-    laws, free : Whitened
+    laws, free : WhitenedProblem
         Both with each output weighed by its residual's size alone.
     floor : tuple of float
         Noise of each output.
@@ -166,8 +166,8 @@ class Shared:
     sens: Sensitivities
     candidates: tuple[Candidate, ...]
     curves: tuple[Candidate, ...]
-    laws: Whitened
-    free: Whitened
+    laws: WhitenedProblem
+    free: WhitenedProblem
     floor: tuple[float, ...]
     source: list[Array]
     memory: float
@@ -205,10 +205,10 @@ class Shared:
         schemes: Sequence[str],
     ) -> Shared:
         """Work it out for arrays that are there already."""
-        from discrepancy.statistics.null import correlation_length
-        from discrepancy.statistics.whitened import plainly_weighed, raw_residual
+        from discrepancy.statistics.null_distribution import correlation_length
+        from discrepancy.statistics.whitened import raw_residual, scaled_by_rms
 
-        laws, free = (plainly_weighed(residual, sens, what) for what in (candidates, curves))
+        laws, free = (scaled_by_rms(residual, sens, what) for what in (candidates, curves))
         source = raw_residual(laws, residual, sens, [], [])
         memory = correlation_length(laws.projection.layout, laws.e)
         return cls(
@@ -236,7 +236,7 @@ class Shared:
             "often."
         )
 
-    def plain(self, made: Residual, *, curves: bool = False) -> Whitened:
+    def plain(self, made: Residual, *, curves: bool = False) -> WhitenedProblem:
         """Return a trial's residual, freed of calibration, beside the laws' columns or the free curves'."""
         known, of_laws = self.free if curves else self.laws, self.laws
         given = np.isfinite(self.sens.prior_std)
@@ -277,8 +277,8 @@ def resampled_alarms(
     from discrepancy.effects.from_scan_row import contained
     from discrepancy.search.step import LOOKS
     from discrepancy.sensitivities.free_curve_scan import significant_and_predictive
-    from discrepancy.statistics.masking_pairs import hidden_pairs
-    from discrepancy.statistics.scan import judge, scan
+    from discrepancy.statistics.masking_pairs import find_masking_pairs
+    from discrepancy.statistics.scan import scan, score_candidates
     from discrepancy.statistics.verdicts import Verdict
 
     out.mkdir(parents=True, exist_ok=True)
@@ -293,7 +293,9 @@ def resampled_alarms(
             return scan(made, given.sens, given.candidates, level=level / LOOKS, seed=number, noise_floor=given.floor)
         w = given.plain(made, curves=which == "curves")
         what = given.curves if which == "curves" else given.candidates
-        return judge(w, made, given.sens, what, level / LOOKS, 400, np.random.default_rng(number), given.floor)
+        return score_candidates(
+            w, made, given.sens, what, level / LOOKS, 400, np.random.default_rng(number), given.floor
+        )
 
     with path.open("a") as stream:
         for count, number in enumerate(left, 1):
@@ -309,12 +311,12 @@ def resampled_alarms(
                     for r in found.rows
                     if (significant_and_predictive(r) if curves else r.verdict is Verdict.MISSING)
                 ]
-                least = min([least, *(r.p for r in found.rows)])
+                least = min([least, *(r.p_value for r in found.rows)])
                 if missing:
                     told[which] = missing[0].name
                     break
                 if which == "whitened":
-                    both = hidden_pairs(scans, contained, level=level / LOOKS, seed=number)
+                    both = find_masking_pairs(scans, contained, level=level / LOOKS, seed=number)
                     if both is not None:
                         least, told["pairs"] = min(least, both.p_value), " and ".join(both.pairs[0].names)
                         break

@@ -117,5 +117,5 @@ def test_the_disturbance_is_told_by_the_machine_itself(tmp_path):
     left = study.stage.identify.fits[0].residual[:: facts.preparation.decimate]
     block = left[: facts.residual().blocks[0].shape[0]]
     weigh = facts.weighting[0]
-    np.testing.assert_allclose(weigh.undone(weigh(block)), block, atol=1e-6 * np.max(np.abs(block)))
+    np.testing.assert_allclose(weigh.inverse(weigh(block)), block, atol=1e-6 * np.max(np.abs(block)))
     assert np.std(facts.residual().blocks[0][:, 1]) < 0.05 * np.std(block[:, 1])

@@ -122,4 +122,4 @@ def test_pairs_of_the_suite_cancel_as_far_as_they_can():
     from discrepancy.statistics.masking_pairs import PairScores
 
     seen = next(p for p in PairScores(both).masking() if set(p.names) == set(pair))
-    assert seen.gain > 4.0 * none[seen.names[0]].needed ** 2  # hidden at three times what shows, in amplitude
+    assert seen.gain > 4.0 * none[seen.names[0]].critical_ratio ** 2  # hidden at three times what shows, in amplitude

@@ -13,7 +13,7 @@ from discrepancy.questions.trip_plan import TripPlan
 from discrepancy.questions.trip_proposals import NextMeasurement, Proposal, chance, repeats_needed
 from discrepancy.rigs.axis import axis_case, make_axis
 from discrepancy.search.model_comparison import bic_difference
-from discrepancy.search.step import TIE
+from discrepancy.statistics.thresholds import DECISIVE_BIC
 from discrepancy.study.study import Study
 from estimation.signals.preparation import smooth_derivative
 
@@ -39,7 +39,7 @@ def test_the_trip_that_is_proposed_breaks_the_tie():
     hide = [f"{hidden}@guide"]
     first, second = explained_by(axis_case(5, hide, trips=2, strength=0.5), hidden, rival)
     now = bic_difference(second, first)
-    assert abs(now) < TIE, "one recording of six seconds does not tell the two springs apart"
+    assert abs(now) < DECISIVE_BIC, "one recording of six seconds does not tell the two springs apart"
     record, proposals = compare_trips(first, second)
     best = next(p for p in proposals if not p.trip.sensor)
     usual = next(p for p in proposals if p.trip == TripPlan())
@@ -50,7 +50,7 @@ def test_the_trip_that_is_proposed_breaks_the_tie():
     # the same machine, another disturbance, the trip that was asked for
     followed = axis_case(5, hide, trips=2, strength=0.5, plan=best.trip)
     truth, other = explained_by(followed, hidden, rival)
-    assert bic_difference(other, truth) > TIE
+    assert bic_difference(other, truth) > DECISIVE_BIC
 
 
 def test_chance_follows_from_the_separation():
@@ -58,7 +58,7 @@ def test_chance_follows_from_the_separation():
     for separation in (4.0, 12.0):
         draws = separation + 2.0 * np.sqrt(separation) * rng.standard_normal(20000)
         # 20000 draws: a standard error of 0.35 %
-        assert chance(separation) == pytest.approx(np.mean(draws > TIE), abs=0.012)
+        assert chance(separation) == pytest.approx(np.mean(draws > DECISIVE_BIC), abs=0.012)
     assert repeats_needed(0.0) is None
     assert chance(repeats_needed(1.0)) >= 0.8 > chance(repeats_needed(1.0) - 1)
 

@@ -22,7 +22,7 @@ def alarms(n_models, n_records, seed=100):
         axis = sy.make_axis(rng, n_records)
         case = sy.make_case(axis, d, rng)
         r = scan(case.residual, case.sensitivities, sy.candidates(axis), seed=s, draws=150, level=LEVEL)
-        count += any(x.p < LEVEL for x in r.rows)
+        count += any(x.p_value < LEVEL for x in r.rows)
     return count
 
 

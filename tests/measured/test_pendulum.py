@@ -49,6 +49,6 @@ def test_the_inverse_residual_of_small_swings_names_dry_friction_too(measured_da
     study = Study(replace(study.problem, identify=study.problem.validate, validate=(), residual="inverse"))
     step = study.explain()
     # The torque that a standing pendulum needs has no noise to estimate: what is left then says what would matter.
-    assert all(row.delta < float("inf") for row in step.scan.rows)
+    assert all(row.strength_that_matters < float("inf") for row in step.scan.rows)
     assert step.accepted is not None
     assert step.accepted.effect.kind in ("coulomb_friction", "hysteresis")

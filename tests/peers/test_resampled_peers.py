@@ -32,7 +32,7 @@ def given():
 @pytest.mark.parametrize("name", ON_COLUMNS)
 def test_each_sees_a_strong_effect_on_the_residual(given, name):
     c = next(c for c in given.candidates if not c.one_sided)
-    column = c.columns[0][0][:, :, 0]
+    column = c.sensitivities[0][0][:, :, 0]
     made = given.draw(1000)[1]
     tied = made.blocks[0] + 5.0 * np.std(made.blocks[0]) / np.std(column) * column
     case = resampled_case(given, type(made)([tied], made.dt, made.channels))

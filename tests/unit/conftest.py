@@ -166,7 +166,7 @@ def small_study():
     effect = Effect.at_place("coulomb_friction", place, strengths={"coulomb": 1.0}, shape=shape)
     accepted = Accepted(
         effect,
-        seen["coulomb_friction@guide"].p,
+        seen["coulomb_friction@guide"].p_value,
         -900.0,
         (
             Rival("stribeck_friction", "guide", 240.0, True, False),
@@ -201,7 +201,7 @@ def conclusion(small_study):
             return effect.unit(effect.definition.strengths[0])
         return {"sensor_offset": "N" if "force" in row.where else "m"}.get(row.kind, "")
 
-    hidden = tuple((r.kind, r.where, r.mde, r.delta, unit(r)) for r in scan.rows)
+    hidden = tuple((r.kind, r.where, r.smallest_visible_strength, r.strength_that_matters, unit(r)) for r in scan.rows)
     return Conclusion(
         "effect found",
         "Dry (Coulomb) friction of 12 N is missing in the guide. With it, the error of the drive force on "

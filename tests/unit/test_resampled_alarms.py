@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from discrepancy.statistics import synthetic
-from discrepancy.statistics.whitened import plain_weights, plainly_weighed, whiten_all
+from discrepancy.statistics.whitened import rms_whitener, scaled_by_rms, whiten_all
 from discrepancy.validation.peers_methods import ON_COLUMNS
 from discrepancy.validation.resampled import SCHEMES, Resampled, Shared, read_resampled, resampled_alarms
 from discrepancy.validation.resampled_page import resampled_page
@@ -38,7 +38,7 @@ def test_a_number_always_gives_the_same_residual(given):
 
 def test_what_calibration_explains_is_taken_out_as_if_all_had_been_worked_out_anew(given):
     made = given.draw(1000)[1]
-    anew = whiten_all(plain_weights(given.residual), made, given.sens, given.candidates)
+    anew = whiten_all(rms_whitener(given.residual), made, given.sens, given.candidates)
     assert np.allclose(given.plain(made).e, anew.e, atol=1e-10 * np.linalg.norm(anew.e))
     free = given.plain(made, curves=True)
     assert np.allclose(free.e, anew.e, atol=1e-10 * np.linalg.norm(anew.e))
@@ -65,7 +65,7 @@ def test_an_interrupted_run_goes_on(given, tmp_path):
 
 def test_an_effect_in_the_residual_is_an_alarm(given, tmp_path):
     """A scan that never alarmed would have the best rates of all."""
-    column = given.candidates[0].columns[0][0][:, :, 0]
+    column = given.candidates[0].sensitivities[0][0][:, :, 0]
     size = 3.0 * np.std(given.source[0]) / np.std(column)
 
     class Tied:
@@ -85,10 +85,13 @@ def test_two_effects_that_hide_each_other_in_the_residual_are_an_alarm(given, tm
     """The same for pairs: of two opposite effects only a share of a friction is left, and neither shows alone."""
     from discrepancy.statistics.blocks import Candidate
 
-    other, one = (c.columns[0] for c in given.candidates[:2])
+    other, one = (c.sensitivities[0] for c in given.candidates[:2])
     size = [float(np.std(c[0])) for c in (one, other)]
     opposite = tuple(-a / size[0] + 0.3 * b / size[1] for a, b in zip(one, other, strict=True))
-    pair = [Candidate("late", "sensor", (one,)), Candidate("stiff", "loop", (opposite,))]
+    pair = [
+        Candidate(kind="late", where="sensor", sensitivities=(one,)),
+        Candidate(kind="stiff", where="loop", sensitivities=(opposite,)),
+    ]
     two = Shared.of_arrays(given.residual, given.sens, pair, given.curves, [0.0, 0.0], UNTIED)
     column = other[0][:, :, 0] / size[1]
     made = two.draw(1000)[1]
@@ -113,7 +116,7 @@ def test_one_record_is_cut_into_four_to_leave_one_out(given):
         assert [t.start for t in seen.trips] == [0, n // 4, n // 2, 3 * n // 4]
         assert seen.trips[-1].stop == len(seen.e) == n
         assert np.allclose(np.linalg.norm(seen.X, axis=0), 1.0)
-    anew = plainly_weighed(given.residual, given.sens, given.candidates)
+    anew = scaled_by_rms(given.residual, given.sens, given.candidates)
     assert len(anew.columns.groups) == len(case.plain.groups)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discrepancy.sensitivities.finite_amplitude import ALIKE, bent
+from discrepancy.sensitivities.finite_amplitude import SAME_DIRECTION, bent
 
 
 def straight():
@@ -28,7 +28,7 @@ def asked_of(angles):
     return column, asked
 
 
-NEAR = 0.5 * np.sqrt(ALIKE)
+NEAR = 0.5 * np.sqrt(SAME_DIRECTION)
 
 
 @pytest.mark.parametrize(

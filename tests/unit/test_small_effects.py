@@ -69,7 +69,7 @@ def test_an_effect_of_which_the_scan_is_sure_needs_only_be_the_better_model(smal
     found = _small(small, calibrated.scan, refit, entries, lambda _: None)
     assert found is not None
     assert str(found.accepted.effect) == DRY
-    assert found.accepted.p_value == pytest.approx(min(1.0, LOOKS * calibrated.scan[DRY].p))
+    assert found.accepted.p_value == pytest.approx(min(1.0, LOOKS * calibrated.scan[DRY].p_value))
     assert len(set(asked)) <= FINALISTS
     assert _small(small, calibrated.scan, lambda *_, **__: small, entries, lambda _: None) is None
 
@@ -88,7 +88,7 @@ def test_a_trial_weighs_the_outputs_anew_until_their_weights_stay(small_study):
 
 def test_what_one_record_alone_shows_does_not_reject_the_model(monkeypatch, small_study):
     def row(name, p, carries_over, verdict=Verdict.MISSING):
-        return SimpleNamespace(name=name, p=p, carries_over=carries_over, verdict=verdict)
+        return SimpleNamespace(name=name, p_value=p, carries_over=carries_over, verdict=verdict)
 
     rows = [
         row("of one record", 1e-4, False), row("negligible", 1e-5, True, Verdict.NEGLIGIBLE), row("lasting", 0.2, True),

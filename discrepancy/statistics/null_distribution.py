@@ -1,8 +1,9 @@
-"""What luck alone would give: shuffled residuals, and p-values from the most surprising score among all candidates.
+"""The null distribution of the scores: drawn from shuffled residuals, with family-wise p-values.
 
-Blocks of the whitened residual are put in other places, with a random sign and a random circular shift, while
-the candidates stay where they are. With six or more records a block is a whole record; with fewer, records
-are cut into pieces that are longer than the residual's correlation time.
+Blocks of the whitened residual change places, with a random sign and a random circular shift, while the candidates
+stay as they are.  With six or more records a block is a whole record; with fewer, records are cut into pieces that are
+longer than the residual's correlation time.  The family-wise p-value compares with the most improbable score of each
+draw, over all candidates.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class Pieces:
     dt: float
 
     @property
-    def few(self) -> bool:
+    def too_few(self) -> bool:
         """True if there are too few pieces for the shuffle to be varied."""
         return len(self.spans) < WHOLE_RECORDS
 
@@ -61,8 +62,8 @@ def correlation_length(layout: Layout, e: Array) -> float:
     return worst
 
 
-def cut(layout: Layout, dt: float, e: Array) -> Pieces:
-    """Choose the pieces to shuffle."""
+def cut_pieces(layout: Layout, dt: float, e: Array) -> Pieces:
+    """Cut a residual into the pieces that are shuffled."""
     corr = correlation_length(layout, e)
     if len(layout.lengths) >= WHOLE_RECORDS:
         spans = [(b, 0, n) for b, n in enumerate(layout.lengths)]
@@ -77,7 +78,7 @@ def cut(layout: Layout, dt: float, e: Array) -> Pieces:
     return Pieces(tuple(spans), corr * dt, dt)
 
 
-def shuffled(
+def shuffled_residuals(
     e: Array, projection: Projection, pieces: Pieces, draws: int, rng: np.random.Generator, chunk: int = 50
 ) -> Iterator[Array]:
     """Yield projected shuffled residuals, shape (n_rows, ≤ chunk)."""
@@ -105,16 +106,16 @@ def shuffled(
         done += m
 
 
-class OwnLuck:
-    """What luck gives each candidate: its own draws, continued beyond the upper tenth as an exponential.
+class CandidateNulls:
+    """Null distribution of each candidate: its own draws, continued beyond the upper tenth as an exponential.
 
-    Candidates differ in how far luck can go.  A narrow bump meets few independent stretches of residual, and its
-    surprise has a long tail; were all held against the largest of all, that tail would hide the others.
+    Candidates differ in how large a score chance can give them.  A narrow bump meets few independent stretches of
+    residual, and its −ln p has a long tail; were all compared with the largest of all, that tail would hide the others.
 
     Parameters
     ----------
     draws : ndarray, shape (n_candidates, n)
-        Surprise u of shuffled residuals.
+        −ln p of the F tail for shuffled residuals.
     """
 
     def __init__(self, draws: Array) -> None:
@@ -125,65 +126,69 @@ class OwnLuck:
         self._scale = np.maximum(1.0, np.mean(self._sorted[:, n - tail :], axis=1) - self._base)
         self._at_base = -np.log((tail + 1.0) / (n + 1.0))
 
-    def surprise(self, u: Array) -> Array:
-        """Return −ln of the chance that luck gives each candidate a u as large; u has shape (n_candidates, m)."""
+    def neg_log_p(self, u: Array) -> Array:
+        """Return −ln of the probability that chance gives each candidate a u as large, for u (n_candidates, m)."""
         n = self._sorted.shape[1]
-        below = np.array([np.searchsorted(own, each, side="left") for own, each in zip(self._sorted, u, strict=True)])
+        below = np.array(
+            [np.searchsorted(draws, values, side="left") for draws, values in zip(self._sorted, u, strict=True)]
+        )
         within = -np.log((1.0 + n - below.reshape(u.shape)) / (n + 1.0))
         beyond = self._at_base + (u - self._base[:, None]) / self._scale[:, None]
         return np.where(u > self._base[:, None], beyond, within)
 
-    def at(self, surprise: float) -> Array:
-        """Return the u of each candidate at which luck is as surprising, shape (n_candidates,)."""
-        within = np.quantile(self._sorted, 1.0 - np.exp(-surprise), axis=1)
-        beyond = self._base + (surprise - self._at_base) * self._scale
-        return np.where(surprise > self._at_base, beyond, within)
+    def quantile(self, neg_log_p: float) -> Array:
+        """Return the u of each candidate that chance reaches with probability exp(−neg_log_p), (n_candidates,)."""
+        within = np.quantile(self._sorted, 1.0 - np.exp(-neg_log_p), axis=1)
+        beyond = self._base + (neg_log_p - self._at_base) * self._scale
+        return np.where(neg_log_p > self._at_base, beyond, within)
 
 
 @dataclass(frozen=True)
-class Null:
-    """Null distribution of the surprise u.
+class NullDistribution:
+    """Null distribution of u, the −ln p of a score by its F distribution.
 
     Attributes
     ----------
-    single : ndarray, shape (n_candidates, draws)
+    neg_log_p : ndarray, shape (n_candidates, draws)
         Largest u over each candidate's own shape grid.
-    lam : ndarray, shape (n_groups,)
+    inflation : ndarray, shape (n_groups,)
         Mean LM/df of each group over the draws, the inflation that shuffling alone would give.
+    pieces : Pieces
+        What was shuffled.
     """
 
-    single: Array
-    lam: Array
+    neg_log_p: Array
+    inflation: Array
     pieces: Pieces
 
     @cached_property
-    def own(self) -> OwnLuck:
-        """What luck gives each candidate."""
-        return OwnLuck(self.single)
+    def by_candidate(self) -> CandidateNulls:
+        """Null distribution of each candidate."""
+        return CandidateNulls(self.neg_log_p)
 
     @cached_property
     def maxima(self) -> Array:
-        """Largest surprise of every draw over all candidates, each against its own luck, sorted, shape (draws,).
+        """Largest −ln p of every draw over all candidates, each by its own null, sorted, shape (draws,).
 
-        A draw is held against the luck of the other half of the draws, as data are held against draws that they are not
-        among.
+        A draw is compared with the other half of the draws, as data are compared with draws that they are not among.
         """
-        found = np.zeros(self.single.shape[1])
-        if len(self.single):
+        largest = np.zeros(self.neg_log_p.shape[1])
+        if len(self.neg_log_p):
             for half in (slice(0, None, 2), slice(1, None, 2)):
                 rest = slice(1, None, 2) if half.start == 0 else slice(0, None, 2)
-                found[half] = OwnLuck(self.single[:, rest]).surprise(self.single[:, half]).max(axis=0)
-        return np.sort(found)
+                nulls = CandidateNulls(self.neg_log_p[:, rest])
+                largest[half] = nulls.neg_log_p(self.neg_log_p[:, half]).max(axis=0)
+        return np.sort(largest)
 
     def p_value(self, u: Array) -> Array:
-        """Return the family-wise p of the u of every candidate; beyond the draws as `tail_p` has it."""
-        return tail_p(self.maxima, self.own.surprise(u[:, None])[:, 0])
+        """Return the family-wise p of the u of every candidate; beyond the draws as `tail_p` continues them."""
+        return tail_p(self.maxima, self.by_candidate.neg_log_p(u[:, None])[:, 0])
 
-    def critical(self, level: float) -> Array:
-        """Return the u of every candidate that is surpassed by luck, by any of them, with probability ``level``."""
-        if not len(self.single):
+    def critical_values(self, level: float) -> Array:
+        """Return the u of every candidate that chance exceeds, at any of them, with probability ``level``."""
+        if not len(self.neg_log_p):
             return np.zeros(0)
-        return self.own.at(float(np.quantile(self.maxima, 1.0 - level)))
+        return self.by_candidate.quantile(float(np.quantile(self.maxima, 1.0 - level)))
 
 
 def tail_p(draws: Array, u: Array) -> Array:
@@ -218,8 +223,8 @@ def null_distribution(
     rng: np.random.Generator,
     n_candidates: int,
     pieces: Pieces,
-) -> Null:
-    """Score shuffled residuals.
+) -> NullDistribution:
+    """Draw the null distribution: score shuffled residuals.
 
     Parameters
     ----------
@@ -228,14 +233,14 @@ def null_distribution(
     """
     groups = scorer.columns.groups
     owner = np.array([g.candidate for g in groups])
-    single = np.zeros((n_candidates, draws))
+    largest = np.zeros((n_candidates, draws))
     total = np.zeros(len(groups))
-    at = 0
-    for s in side_by_side(scorer, shuffled(e, projection, pieces, draws, rng)):
-        m = s.u.shape[1]
+    done = 0
+    for s in side_by_side(scorer, shuffled_residuals(e, projection, pieces, draws, rng)):
+        m = s.neg_log_p.shape[1]
         block = np.zeros((n_candidates, m))
-        np.maximum.at(block, owner, s.u)
-        single[:, at : at + m] = block
-        total += np.sum(s.lm, axis=1)
-        at += m
-    return Null(single, total / draws / scorer.kdim, pieces)
+        np.maximum.at(block, owner, s.neg_log_p)
+        largest[:, done : done + m] = block
+        total += np.sum(s.score, axis=1)
+        done += m
+    return NullDistribution(largest, total / draws / scorer.kdim, pieces)

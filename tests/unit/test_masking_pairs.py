@@ -29,10 +29,10 @@ def scanned(seed=0, sizes=(0.0, 0.0), away=0.2, one_sided=(False, False), noise=
     e = [sizes[0] * x[:, :, 0] + sizes[1] * y[:, :, 0] for x, y in zip(a, b, strict=True)]
     e = [x + noise * rng.standard_normal(x.shape) for x in e]
     candidates = [
-        Candidate("delay", "input", (tuple(a),), one_sided=one_sided[0]),
-        Candidate("gain", "loop", (tuple(b),), one_sided=one_sided[1]),
-        Candidate("wave", "guide", (tuple(other),)),
-        Candidate("two", "guide", (tuple(two),), amplitudes=("first", "second")),
+        Candidate(kind="delay", where="input", sensitivities=(tuple(a),), one_sided=one_sided[0]),
+        Candidate(kind="gain", where="loop", sensitivities=(tuple(b),), one_sided=one_sided[1]),
+        Candidate(kind="wave", where="guide", sensitivities=(tuple(other),)),
+        Candidate(kind="two", where="guide", sensitivities=(tuple(two),), strengths=("first", "second")),
     ]
     found = scan(
         Residual(e, DT, ("y",)), Sensitivities([], [np.zeros((N, 1, 0))] * BLOCKS), candidates,
@@ -45,24 +45,24 @@ def test_joint_gain_and_amplitudes_are_those_of_least_squares():
     found, e, (a, b, other, two) = scanned(sizes=(2.0, 2.0))
     y = np.concatenate(e)[:, 0]
     whole = {"delay@input": a, "gain@loop": b, "wave@guide": other, "two@guide": two}
-    pairs = PairScores(found).beside("two@guide") + PairScores(found).beside("delay@input")
+    pairs = PairScores(found).with_partners("two@guide") + PairScores(found).with_partners("delay@input")
     assert len(pairs) == 6
     for pair in pairs:
         A = np.concatenate([np.concatenate(whole[n])[:, 0] for n in pair.names], axis=1)
         x, left, *_ = np.linalg.lstsq(A, y)
-        gain = (float(y @ y) - float(left[0])) / np.mean(y**2) / found.lam_bar  # weighed by its root mean square
+        gain = (float(y @ y) - float(left[0])) / np.mean(y**2) / found.typical_inflation  # whitened by its rms
         assert pair.gain == pytest.approx(gain, rel=1e-6)
-        assert np.concatenate([r.amplitude for r in pair.rows]) == pytest.approx(x, rel=1e-6)
+        assert np.concatenate([r.expected_strength for r in pair.rows]) == pytest.approx(x, rel=1e-6)
 
 
-def test_two_effects_that_cancel_are_the_pair_that_hides_each_other():
+def test_two_effects_that_cancel_are_the_masking_pair():
     found, *_ = scanned(sizes=(2.0, 2.0), away=0.1)
-    assert all(r.p > 0.02 for r in found.rows)  # nothing shows by itself
+    assert all(r.p_value > 0.02 for r in found.rows)  # nothing shows by itself
     scores = PairScores(found)
     best = scores.masking()[0]
     assert set(best.names) == {"delay@input", "gain@loop"}
     assert best.gain > 4.0 * sum(best.alone) > 0.0
-    sizes = {r.name: float(r.amplitude[0]) for r in best.rows}
+    sizes = {r.name: float(r.expected_strength[0]) for r in best.rows}
     # The shared part is known badly: ± 0.29 each, by 1/(0.1·√(N·BLOCKS/2)) with noise 1.
     assert sizes == {n: pytest.approx(2.0, abs=0.9) for n in best.names}
     assert scores.p_value(best.gain, seed=1) < 1e-3
@@ -75,15 +75,15 @@ def test_effects_that_cannot_act_the_other_way_round_are_no_pair():
     assert all(set(p.names) != {"delay@input", "gain@loop"} for p in PairScores(found).masking())
 
 
-def test_what_may_not_stand_side_by_side_is_left_out():
+def test_excluded_pairs_are_left_out():
     found, *_ = scanned(sizes=(2.0, 2.0))
     scores = PairScores(found, lambda a, b: "gain" in (a.kind, b.kind))
-    assert all("gain@loop" not in p.names for p in (*scores.masking(), *scores.beside("delay@input")))
+    assert all("gain@loop" not in p.names for p in (*scores.masking(), *scores.with_partners("delay@input")))
 
 
-def test_what_is_all_but_the_same_is_no_pair():
+def test_nearly_identical_effects_are_no_pair():
     found, *_ = scanned(sizes=(2.0, 2.0), away=0.5 * APART**0.5)
-    assert all(set(p.names) != {"delay@input", "gain@loop"} for p in PairScores(found).beside("delay@input"))
+    assert all(set(p.names) != {"delay@input", "gain@loop"} for p in PairScores(found).with_partners("delay@input"))
 
 
 def test_effects_that_add_up_are_no_masking_pair():
@@ -91,7 +91,7 @@ def test_effects_that_add_up_are_no_masking_pair():
     assert not [p for p in PairScores(found).masking() if p.gain > 20.0]
 
 
-def test_luck_gives_a_p_value_below_a_tenth_in_about_a_tenth_of_the_cases():
+def test_chance_gives_a_p_value_below_a_tenth_in_about_a_tenth_of_the_cases():
     trials, hits = 60, 0
     for seed in range(trials):
         scores = PairScores(scanned(seed=100 + seed, noise=1.0)[0])

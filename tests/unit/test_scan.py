@@ -6,7 +6,7 @@ import pytest
 from discrepancy.search.omnibus import with_effect
 from discrepancy.statistics import synthetic as sy
 from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
-from discrepancy.statistics.null import P_FLOOR, tail_p
+from discrepancy.statistics.null_distribution import P_FLOOR, tail_p
 from discrepancy.statistics.projection import Layout, project
 from discrepancy.statistics.scan import scan
 from discrepancy.statistics.score import make_scorer, prepare_columns
@@ -53,8 +53,8 @@ def test_score_equals_the_drop_of_a_full_fit():
     B = np.column_stack([A, np.concatenate([z.reshape(-1) for z in Z])])
     y = np.concatenate([x.reshape(-1) for x in e])
     small_fit, full = (np.linalg.lstsq(M, y, rcond=None) for M in (A, B))
-    assert s.lm[0, 0] == pytest.approx(float(small_fit[1][0] - full[1][0]), rel=1e-9)
-    assert scorer.raw_amplitude(0, s.amplitude[:, 0])[0][0] == pytest.approx(full[0][3], rel=1e-9)
+    assert s.score[0, 0] == pytest.approx(float(small_fit[1][0] - full[1][0]), rel=1e-9)
+    assert scorer.strength(0, s.amplitude[:, 0])[0][0] == pytest.approx(full[0][3], rel=1e-9)
 
 
 def test_lambda_is_one_for_white_noise_on_average():
@@ -67,7 +67,7 @@ def test_lambda_is_one_for_white_noise_on_average():
     cols = prepare_columns([(0, 0, False, lay.stack(w, Z)), (1, 0, False, lay.stack(w, slow))], proj)
     scorer = make_scorer(cols, proj, 0.01)
     E = proj.remove(rng.standard_normal((lay.n_rows, 400)))
-    lam = scorer(E).lam
+    lam = scorer(E).inflation
     # The slow column has about ten degrees of freedom: standard error of the mean of 400 is sqrt(2/10/400) =
     # 0.022.
     np.testing.assert_allclose(lam.mean(axis=1), 1.0, atol=0.08)
@@ -89,8 +89,8 @@ def test_lambda_follows_the_noise_where_the_candidate_acts():
     s = scorer(E)
     # AR(1) with 0.9: spectrum 1/|1 − 0.9 exp(−iω)|².
     want = [1 / abs(1 - 0.9 * np.exp(-2j * np.pi * f * 0.01)) ** 2 for f in (0.3, 20.0)]
-    np.testing.assert_allclose(s.lam.mean(axis=1)[1], max(want[1], 0.5), rtol=0.15)  # floor, band of 12 %
-    np.testing.assert_allclose(s.lam.mean(axis=1)[0], want[0], rtol=0.15)
+    np.testing.assert_allclose(s.inflation.mean(axis=1)[1], max(want[1], 0.5), rtol=0.15)  # floor, band of 12 %
+    np.testing.assert_allclose(s.inflation.mean(axis=1)[0], want[0], rtol=0.15)
 
 
 def test_two_amplitudes_and_signs():
@@ -105,11 +105,11 @@ def test_two_amplitudes_and_signs():
     scorer = make_scorer(cols, proj, 0.01)
     E = np.column_stack([Z @ [1.0, 2.0], Z @ [1.0, -2.0], Z @ [-1.0, -2.0]])
     s = scorer(E)
-    assert s.lm[0, 0] == pytest.approx(float(E[:, 0] @ E[:, 0]))
-    raw = scorer.raw_amplitude(0, s.amplitude[:, 1])[0]
+    assert s.score[0, 0] == pytest.approx(float(E[:, 0] @ E[:, 0]))
+    raw = scorer.strength(0, s.amplitude[:, 1])[0]
     assert raw[1] == pytest.approx(0.0, abs=1e-9)
     assert raw[0] == pytest.approx(max(0.0, float(Z[:, 0] @ E[:, 1] / (Z[:, 0] @ Z[:, 0]))))
-    assert s.lm[0, 2] == pytest.approx(0.0, abs=1e-9)
+    assert s.score[0, 2] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_tail_p_counts_then_extrapolates_and_has_a_floor():
@@ -134,14 +134,14 @@ def axis_case(hidden=(), n_rec=3, disturbance="ar2", seed=11):
 def test_refusals_say_why():
     _, case = axis_case()
     shapes = [b.shape for b in case.residual.blocks]
-    dead = Candidate("dead", "x", (tuple(np.zeros((*s, 1)) for s in shapes),))
-    twin = Candidate("twin", "x", (tuple(b[:, :, :1] for b in case.sensitivities.blocks),))
+    dead = Candidate(kind="dead", where="x", sensitivities=(tuple(np.zeros((*s, 1)) for s in shapes),))
+    twin = Candidate(kind="twin", where="x", sensitivities=(tuple(b[:, :, :1] for b in case.sensitivities.blocks),))
     sens = Sensitivities(case.sensitivities.names, case.sensitivities.blocks)
     r = scan(case.residual, sens, [dead, twin], draws=50)
     assert "not excited" in r.refused["dead@x"]
     assert "imitate" in r.refused["twin@x"]
     assert not r.nothing_missing
-    assert "these could hide" in r.verdict
+    assert "these would not be seen" in r.verdict
 
 
 def test_same_seed_same_answer_and_table():
@@ -150,14 +150,16 @@ def test_same_seed_same_answer_and_table():
     a, b = (scan(case.residual, case.sensitivities, cands, draws=60, seed=3) for _ in range(2))
     assert a.to_frame().equals(b.to_frame())
     assert set(a.to_frame()["kind"]) >= {c.kind for c in cands}
-    assert "MDE" in repr(a)
+    assert "visible" in repr(a)
 
 
 def test_exact_tie_is_named_with_its_other_kind():
     hidden = [("constant_force", {}, [40.0])]
     axis, case = axis_case(hidden)
     cands = [c for c in sy.candidates(axis) if c.kind in ("constant_force", "linear_stiffness")]
-    copy = Candidate("tilted_guide", "guide", tuple(tuple(2 * b for b in s) for s in cands[0].columns))
+    copy = Candidate(
+        kind="tilted_guide", where="guide", sensitivities=tuple(tuple(2 * b for b in s) for s in cands[0].sensitivities)
+    )
     r = scan(case.residual, case.sensitivities, [*cands, copy], draws=100)
     assert r.ties is not None
     assert set(r.ties.names) == {"constant_force@guide", "tilted_guide@guide"}
@@ -172,7 +174,7 @@ def test_after_the_effect_is_in_it_is_no_longer_missing():
     r = scan(case.residual, case.sensitivities, cands, draws=100)
     assert r.best is not None
     assert r.best.kind == "stribeck_friction"
-    assert abs(r.best.amplitude[0] - 40.0) < 4 * r.best.std[0]
+    assert abs(r.best.expected_strength[0] - 40.0) < 4 * r.best.standard_error[0]
     best = next(c for c in cands if c.name == r.best.name)
     shape = [dict(s) for s in best.shapes].index(r.best.shape)
     again = scan(case.residual, with_effect(case.sensitivities, best, shape), cands, draws=100)
@@ -188,9 +190,9 @@ def test_faults_are_collected():
     with pytest.raises(ValueError, match="prior_std"):
         Sensitivities(["a"], [np.zeros((20, 1, 1))], prior_std=[0.0])
     res = Residual([ok], 0.1, ["a"])
-    bad = Candidate("k", "w", ((np.zeros((19, 1, 1)),),))
+    bad = Candidate(kind="k", where="w", sensitivities=((np.zeros((19, 1, 1)),),))
     with pytest.raises(ValueError, match=r"k@w.*do not match"):
         scan(res, Sensitivities([], [np.zeros((20, 1, 0))]), [bad])
-    good = Candidate("k", "w", ((np.zeros((20, 1, 1)),),))
+    good = Candidate(kind="k", where="w", sensitivities=((np.zeros((20, 1, 1)),),))
     with pytest.raises(ValueError, match="given 2 times"):
         scan(res, Sensitivities([], [np.zeros((20, 1, 0))]), [good, good])

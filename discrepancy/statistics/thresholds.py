@@ -1,0 +1,13 @@
+"""Thresholds that several decisions share, each in one place with its reason."""
+
+from __future__ import annotations
+
+__all__ = ["DECISIVE_BIC", "DECISIVE_LOG_LIKELIHOOD", "TWIN_CORRELATION"]
+
+#: Difference of BIC from which two explanations are told apart: odds of twenty to one, which Kass and Raftery (1995),
+#: J. Am. Stat. Assoc. 90, 773, call strong evidence.
+DECISIVE_BIC = 6.0
+#: The same as a difference of log-likelihood.
+DECISIVE_LOG_LIKELIHOOD = 0.5 * DECISIVE_BIC
+#: Correlation of what two effects change from which a fit of the second shows nothing that the first did not; chosen.
+TWIN_CORRELATION = 0.999
