@@ -17,6 +17,7 @@ from discrepancy.effects.uncatalogued_laws import OVER, UNKNOWN_LAWS
 from discrepancy.rigs.recording import BenchError
 from multibody.base.spelling import nearest
 from multibody.declare.component import Component
+from multibody.declare.signature import written_docstring
 from multibody.machine.model import Model
 
 __all__ = [
@@ -121,7 +122,7 @@ class Hidden:
             values = {
                 n: {"value": v, "unit": _plain(declared[n].unit)} for n, v in self.component.values.items()
             }
-            law = (type(self.component).__doc__ or "").strip()
+            law = written_docstring(type(self.component)).strip()
             return {"kind": UNKNOWN, "where": self.where, "over": self.over, "law": law, "parameters": values}
         effect = self.effect
         own = units.get(effect.where, "")

@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 import operator
+from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
 from multibody.base.spelling import nearest
 from multibody.base.units import UnitError, quantity, same_dimension
-from multibody.declare.declarations import Declaration, Input, Option, Output, Parameter, Port, State, Table, Unit
+from multibody.declare.declarations import Declaration, Option, Parameter, Port, State, Table, Unit
+from multibody.declare.signature import DocstringOfDeclarations, SignatureOfDeclarations, written_docstring
 from multibody.declare.source_text import remember
 
 __all__ = ["Component"]
@@ -45,6 +47,8 @@ class Component:
     #: Names of states in the order in which they shall stand, before those that are not named here.
     state_order: ClassVar[tuple[str, ...]] = ()
 
+    __signature__ = SignatureOfDeclarations()
+
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         remember(cls.__module__)
@@ -58,6 +62,8 @@ class Component:
                 elif name in collected:  # a subclass may take a declaration away by setting it to None
                     del collected[name]
         cls.declarations = collected
+        documented = next(base for base in cls.__mro__ if vars(base).get("__doc__"))
+        setattr(cls, "__doc__", DocstringOfDeclarations(written_docstring(documented)))  # noqa: B010 - no text but a descriptor
 
     def __init__(self, **given: Any):
         self.values: dict[str, float] = {}
@@ -90,13 +96,18 @@ class Component:
 
     def start_declarations(self) -> dict[str, State]:
         """Return what may be given a start value: declared states, and position and rate of inertial flanges."""
-        starts: dict[str, State] = dict(self.of_kind(State))
-        inertial = [port for port in self.of_kind(Port).values() if getattr(port, "inertia", None)]
-        for port in inertial:
-            prefix = "" if len(inertial) == 1 else f"{port.name}_"
-            starts[prefix + port.potential] = State(port.units[port.potential], f"{port.potential} at the start")
-            starts[prefix + port.rate] = State(port.units[port.rate], f"{port.rate} at the start")
-        return starts
+        inertial = _inertial(self.declarations)
+        return {**self.of_kind(State), **_motion_starts(inertial, prefixed=len(inertial) > 1)}
+
+    @classmethod
+    def possible_starts(cls) -> dict[str, State]:
+        """Return what may be given a start value under some choice of the options, by name."""
+        states = {name: item for name, item in cls.declarations.items() if isinstance(item, State)}
+        inertial = _inertial(cls.declarations)
+        always = [port for port in inertial if not port.when]
+        alone = [] if len(always) > 1 else always or inertial  # where options leave one, its names have no prefix
+        together = inertial if len(inertial) > 1 else []
+        return {**states, **_motion_starts(alone, prefixed=False), **_motion_starts(together, prefixed=True)}
 
     def _decide_declarations(self) -> None:
         """Leave out what the options exclude, and put the chosen units in."""
@@ -198,6 +209,20 @@ class Component:
         return f"{type(self).__name__}({', '.join(part for part in (told, flags) if part)})"
 
 
+def _inertial(declarations: Mapping[str, Declaration]) -> list[Port]:
+    """Return the ports with an inertia of their own, whose motion has start values."""
+    return [p for p in declarations.values() if isinstance(p, Port) and getattr(p, "inertia", None)]
+
+
+def _motion_starts(ports: Iterable[Port], prefixed: bool) -> dict[str, State]:
+    """Return the start values of the motion of ports: ``position``, or ``<port>_position`` where there are several."""
+    return {
+        f"{port.name}_{what}" if prefixed else what: State(port.units[what], f"{what} at the start", when=port.when)
+        for port in ports
+        for what in (port.potential, port.rate)
+    }
+
+
 def _holds(condition: str, options: dict[str, Any]) -> bool:
     """Tell whether a condition on one option holds.
 
@@ -237,5 +262,3 @@ def out_of_bounds(item: Parameter, number: float) -> str | None:
         return f"parameter '{item.name}' is {number:g} {item.unit}, {most}: {item.meaning}"
     return None
 
-
-SIGNALS = (Input, Output)

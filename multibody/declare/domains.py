@@ -43,9 +43,7 @@ def in_both_domains(
             if not isinstance(item, Declaration):
                 raise TypeError(f"{law.__name__} declares something that is not a declaration")
         port = _PORTS[domain]
-        body |= {
-            "a": port("first side"), "b": port("second side"), "__doc__": law.__doc__, "__module__": module,
-        }
+        body |= {"a": port("first side"), "b": port("second side"), "__module__": module}
         made.append(type(name, (law,), body))
     return made[0], made[1]
 

@@ -16,6 +16,20 @@ LENGTHS = ("x", "y", "z")
 ANGLES = ("roll", "pitch", "yaw")
 COORDINATES = (*LENGTHS, *ANGLES)
 
+_COORDINATE_STARTS = {
+    f"{name}_start": State("m" if name in LENGTHS else "rad", f"{name} at the start, or where it is locked")
+    for name in COORDINATES
+}
+_SPEED_STARTS = {
+    f"{speed}_start": State(unit, f"{speed} at the start")
+    for unit, speeds in (
+        ("m/s", [f"v_{axis}" for axis in LENGTHS]),
+        ("rad/s", [f"w_{axis}" for axis in LENGTHS]),
+        ("rad/s", [f"{angle}_rate" for angle in ANGLES]),
+    )
+    for speed in speeds
+}
+
 
 class World(Component):
     """What holds everywhere: gravity.  A model has at most one.
@@ -114,16 +128,13 @@ class RigidBody(Component):
 
     def start_declarations(self) -> dict[str, State]:
         """Return start values of the coordinates (all six) and of the free speeds."""
-        starts = {
-            f"{name}_start": State(
-                "m" if name in LENGTHS else "rad", f"{name} at the start, or where it is locked"
-            )
-            for name in COORDINATES
-        }
-        for name in self.free:
-            speed = self.speed_name(name)
-            starts[f"{speed}_start"] = State("m/s" if name in LENGTHS else "rad/s", f"{speed} at the start")
-        return {**super().start_declarations(), **starts}
+        speeds = {f"{s}_start": _SPEED_STARTS[f"{s}_start"] for s in map(self.speed_name, self.free)}
+        return {**super().start_declarations(), **_COORDINATE_STARTS, **speeds}
+
+    @classmethod
+    def possible_starts(cls) -> dict[str, State]:
+        """Return start values of the coordinates and of every speed that some choice of free motions has."""
+        return {**super().possible_starts(), **_COORDINATE_STARTS, **_SPEED_STARTS}
 
     def coordinate_states(self, coordinate: str) -> tuple[tuple[str, float], tuple[str, float]]:
         """Return names and start values of a coordinate and its speed."""
