@@ -1,22 +1,11 @@
-"""Measured records, and what can be learned from them: calibration, filters, smoothers.
+"""Measured records, and what is learned from them: experiments, calibration, Kalman filters and smoothers.
 
-Records: :func:`read_records` reads CSV, Parquet and MATLAB files into :class:`Record`, refuses what is
-broken and logs what was done; :class:`Preparation` filters record and model alike;
-:mod:`estimation.signals.metrics` says how far they are apart.
+:func:`read_records` reads CSV, Parquet and MATLAB files into :class:`Record`; :class:`Preparation` filters record and
+model alike; an :class:`Experiment` simulates a record, :func:`calibrate` fits uncertain parameters to experiments;
+:mod:`estimation.filters` estimates states, and :mod:`estimation.signals.metrics` compares signals.
+The public names stand in ``__init__.pyi`` and are imported on first use.  Takes from `multibody`.
 """
 
-from estimation.files.checks import RecordError
-from estimation.files.reading import read_record, read_records
-from estimation.files.record import ReadRules, Record, Signal
-from estimation.signals.preparation import Preparation, SignalError
+import lazy_loader
 
-__all__ = [
-    "Preparation",
-    "ReadRules",
-    "Record",
-    "RecordError",
-    "Signal",
-    "SignalError",
-    "read_record",
-    "read_records",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from discrepancy.problem.study_file import StudyError, StudyFile
-from estimation.files.columns import nearest, pint_unit, to_si
+from estimation.files.column_names import pint_unit, to_si
 from multibody.base.references import module_named
+from multibody.base.spelling import nearest_or_choices
 from multibody.base.units import UnitError
 
 __all__ = ["check_names", "load_builder", "load_model"]
@@ -101,7 +102,7 @@ def load_builder(study: StudyFile) -> Callable[..., Any]:
     found = getattr(module, name, None)
     if found is None:
         own = [each for each, value in vars(module).items() if callable(value) and not each.startswith("_")]
-        raise StudyError([f"{where}: '{source}' has no '{name}'{nearest(name, own)}"])
+        raise StudyError([f"{where}: '{source}' has no '{name}'{nearest_or_choices(name, own)}"])
     if not callable(found):
         raise StudyError([f"{where}: '{name}' in '{source}' is {type(found).__name__} and not callable"])
     return found  # type: ignore[no-any-return]
@@ -154,7 +155,7 @@ def _argument_faults(study: StudyFile, builder: Callable[..., Any]) -> list[str]
     for name in study.model.arguments:
         if name not in by_name and not takes_any:
             faults.append(
-                f"{where}: '{study.model.build}' takes no argument '{name}'{nearest(name, by_name)}"
+                f"{where}: '{study.model.build}' takes no argument '{name}'{nearest_or_choices(name, by_name)}"
             )
     for name, each in by_name.items():
         if each.default is inspect.Parameter.empty and name not in study.model.arguments:
@@ -200,7 +201,7 @@ def check_names(
             if name in kinds[kind]:
                 continue
             elsewhere = next((other for other, known in kinds.items() if name in known), None)
-            hint = f"; it is a {elsewhere} of the model" if elsewhere else nearest(name, kinds[kind])
+            hint = f"; it is a {elsewhere} of the model" if elsewhere else nearest_or_choices(name, kinds[kind])
             hint = hint.replace("a input", "an input").replace("a output", "an output")
             faults.append(f"{file}, {table}: the model has no {kind} '{name}'{hint}")
 
@@ -210,7 +211,7 @@ def check_names(
     look_up("[initial]", [*study.initial.values, *study.initial.free], "state")
     for name, value in study.initial.values.items():
         if value == "measured" and name not in study.outputs:
-            hint = nearest(name, study.outputs)
+            hint = nearest_or_choices(name, study.outputs)
             faults.append(
                 f'{file}, [initial] "{name}": "measured" needs an output of this name in [outputs]{hint}'
             )

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from estimation.files.columns import nearest
+from multibody.base.spelling import nearest_or_choices
 
 __all__ = ["FoundFiles", "find_files", "held_out_faults"]
 
@@ -64,7 +64,7 @@ def find_files(folder: Path, patterns: Sequence[str]) -> FoundFiles:
         else:
             matches = []
             beside = sorted(each.name for each in place.parent.iterdir()) if place.parent.is_dir() else []
-            hint = nearest(place.name, beside) if beside else "; its folder is missing or empty"
+            hint = nearest_or_choices(place.name, beside) if beside else "; its folder is missing or empty"
             faults.append(f"'{pattern}': there is no such file{hint}")
         for match in matches:
             plain = Path(os.path.normpath(match))

@@ -21,11 +21,12 @@ from discrepancy.problem.tables import (
     flatten,
     read_struct,
 )
-from estimation.files.columns import nearest
 from estimation.signals.preparation import Preparation, SignalError
+from multibody.base.spelling import nearest_or_choices
 
 if TYPE_CHECKING:
-    from estimation.files.record import ReadRules, Record
+    from estimation.files.read_rules import ReadRules
+    from estimation.files.record import Record
 
 __all__ = ["StudyError", "StudyFile", "StudyRecords", "read_study"]
 
@@ -107,7 +108,7 @@ class StudyFile:
     @property
     def rules(self) -> ReadRules:
         """What the study allows to be done to its recordings."""
-        from estimation.files.record import ReadRules
+        from estimation.files.read_rules import ReadRules
 
         each = self.records
         return ReadRules(
@@ -135,7 +136,7 @@ class StudyFile:
         estimation.RecordError
             With one sentence for each fault.
         """
-        from estimation.files.reading import read_records
+        from estimation.files.read_records import read_records
 
         signals = {**self.inputs, **self.outputs}
         found = read_records(
@@ -171,7 +172,7 @@ def read_study(path: str | Path) -> StudyFile:
     path = Path(path)
     if not path.is_file():
         beside = sorted(each.name for each in path.parent.glob("*.toml")) if path.parent.is_dir() else []
-        raise StudyError([f"{path}: there is no such study file{nearest(path.name, beside)}"])
+        raise StudyError([f"{path}: there is no such study file{nearest_or_choices(path.name, beside)}"])
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
@@ -212,7 +213,7 @@ class _Reader:
     def read(self) -> StudyFile:
         for name in self.content:
             if name not in (*_TABLES, *_OF_OTHERS):
-                self.fault(f"[{name}]", f"there is no such table{nearest(name, _TABLES)}")
+                self.fault(f"[{name}]", f"there is no such table{nearest_or_choices(name, _TABLES)}")
         model = self.struct(ModelTable, "model", 'say where the model comes from: build = "file.py:name"')
         uncertain = self.named("uncertain", Uncertain)
         inputs = self.named("inputs", Column)
@@ -229,7 +230,7 @@ class _Reader:
             self.fault("[outputs]", "is empty: name at least one measured output")
         for name in offsets.outputs if offsets else []:
             if name not in outputs:
-                self.fault("[offsets] outputs", f"there is no output '{name}'{nearest(name, outputs)}")
+                self.fault("[offsets] outputs", f"there is no output '{name}'{nearest_or_choices(name, outputs)}")
         if study:
             self.check_study(study)
         if candidates and not candidates.include:
@@ -311,7 +312,7 @@ class _Reader:
         elif source.endswith(".py") and not (self.path.parent / source).is_file():
             folder = (self.path.parent / source).parent
             beside = sorted(each.name for each in folder.glob("*.py")) if folder.is_dir() else []
-            hint = nearest(Path(source).name, beside)
+            hint = nearest_or_choices(Path(source).name, beside)
             self.fault("[model] build", f"there is no file '{source}' beside the study{hint}")
         elif not source.endswith(".py") and not all(part.isidentifier() for part in source.split(".")):
             self.fault("[model] build", f"'{source}' is neither a file ending in .py nor a module's name")

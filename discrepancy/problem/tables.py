@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar
 
 import msgspec
 
-from estimation.files.columns import nearest
+from multibody.base.spelling import nearest_or_choices
 
 __all__ = [
     "CandidatesTable",
@@ -158,13 +158,13 @@ def read_struct(kind: type[T], table: Mapping[str, Any], fault: Callable[[str, s
     values: dict[str, Any] = {}
     for key, value in table.items():
         if key not in fields:
-            fault("", f"there is no key '{key}'{nearest(key, fields)}")
+            fault("", f"there is no key '{key}'{nearest_or_choices(key, fields)}")
             continue
         wanted = fields[key].type
         try:
             good = msgspec.convert(value, wanted)
         except msgspec.ValidationError:
-            hint = nearest(value, wanted.__args__) if isinstance(value, str) and wanted not in _SAID else ""
+            hint = nearest_or_choices(value, wanted.__args__) if isinstance(value, str) and wanted not in _SAID else ""
             fault(key, f"must be {_said(wanted)}, and is {value!r}{hint}")
             continue
         if isinstance(good, float) and not math.isfinite(good):
@@ -206,6 +206,6 @@ def _is_entry(value: Mapping[str, Any], keys: list[str]) -> bool:
     if not keys:
         return False
     for key, each in value.items():
-        if not isinstance(each, dict) and (key in keys or nearest(key, keys).startswith("; nearest")):
+        if not isinstance(each, dict) and (key in keys or nearest_or_choices(key, keys).startswith("; nearest")):
             return True
     return not any(isinstance(each, dict) for each in value.values()) and "column" not in keys

@@ -181,7 +181,9 @@ def _experiment(
         *record.log,
         f"zero-phase low-pass at {cutoff:.4g} Hz, motion differentiated, {edge} samples left out at each end",
     )
-    left = Record(record.name, record.path, time[inside], signals, log, record.warnings)
+    left = Record(
+        name=record.name, path=record.path, time=time[inside], signals=signals, log=log, warnings=record.warnings
+    )
     factor = max(1, int(record.rate / (5.0 * cutoff)))
     factor = max(1, min(factor, left.time.size // 200))
     asked = experiment.preparation

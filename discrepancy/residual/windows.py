@@ -122,7 +122,12 @@ def sub_record(record: Record, part: slice, name: str) -> Record:
     time = record.time[part]
     signals = {k: replace(s, values=s.values[part]) for k, s in record.signals.items()}
     return Record(
-        name, record.path, time, signals, (*record.log, f"samples {part.start} to {part.stop}"), record.warnings
+        name=name,
+        path=record.path,
+        time=time,
+        signals=signals,
+        log=(*record.log, f"samples {part.start} to {part.stop}"),
+        warnings=record.warnings,
     )
 
 

@@ -244,7 +244,7 @@ def record_of(
         )
         for c in channels
     }
-    return Record(name, path, stamps, signals, ("made by a virtual rig",))
+    return Record(name=name, path=path, time=stamps, signals=signals, log=("made by a virtual rig",))
 
 
 @dataclass(frozen=True, eq=False)

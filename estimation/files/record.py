@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.files.checks import RecordError
+from estimation.files.faults import RecordError
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ReadRules", "Record", "Signal"]
+__all__ = ["Record", "Signal"]
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Signal:
     measured_unit: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Record:
     """One recording, or one trip or uninterrupted part of it.
 
@@ -77,9 +77,7 @@ class Record:
         for key, signal in self.signals.items():
             values = np.array(signal.values, dtype=float)
             if values.shape != time.shape:
-                raise RecordError(
-                    [f"{self.name}: '{key}' has {len(values)} values for {len(time)} time stamps"]
-                )
+                raise RecordError([f"{self.name}: '{key}' has {len(values)} values for {len(time)} time stamps"])
             values.setflags(write=False)
             signals[key] = replace(signal, values=values)
         object.__setattr__(self, "time", time)
@@ -114,41 +112,4 @@ class Record:
         import pandas as pd
 
         index = pd.Index(self.time, name="time [s]")
-        return pd.DataFrame(
-            {f"{key} [{s.unit or '-'}]": s.values for key, s in self.signals.items()}, index=index
-        )
-
-
-@dataclass(frozen=True)
-class ReadRules:
-    """What a study allows to be done to its recordings; by default nothing.
-
-    Attributes
-    ----------
-    trip : str, optional
-        Column that changes from one trip to the next; each trip becomes a record.
-    drop_nan : bool
-        Leave out rows in which an asked column is empty, NaN or infinite.
-    drop_duplicates : bool
-        Of rows with the same time stamp keep the first.
-    resample : float, optional, Hz
-        Interpolate linearly onto an even grid of this rate.
-    gaps : {"refuse", "split"}
-        What to do with gaps: refuse the file, or make each uninterrupted part a record.
-    longest_gap : float, optional, s
-        Longest step that is not yet a gap; default is five median steps.
-    time_unit : str, optional
-        Unit of the time column, where its name does not say it and it is not seconds.
-    start, stop : float, optional, s
-        Rows outside this window of the file's own time are left out before anything is checked.
-    """
-
-    trip: str | None = None
-    drop_nan: bool = False
-    drop_duplicates: bool = False
-    resample: float | None = None
-    gaps: Literal["refuse", "split"] = "refuse"
-    longest_gap: float | None = None
-    time_unit: str | None = None
-    start: float | None = None
-    stop: float | None = None
+        return pd.DataFrame({f"{key} [{s.unit or '-'}]": s.values for key, s in self.signals.items()}, index=index)

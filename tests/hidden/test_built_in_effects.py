@@ -66,7 +66,7 @@ def record(name: str, hidden: dict[str, float], seed: int) -> Record:
     run = oscillator().build().simulate(float(time[-1]), inputs={"push": (time, push)}, parameters=hidden, times=time)
     x = run["body.position"] + 2e-4 * rng.standard_normal(time.size)
     signals = {"push": Signal(push, "N", "push", "N"), "body.position": Signal(x, "m", "x", "m")}
-    return Record(name, Path(f"{name}.csv"), time, signals)
+    return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 
 @pytest.mark.parametrize(("side", "hidden"), [

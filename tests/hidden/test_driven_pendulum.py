@@ -45,7 +45,7 @@ def study_of(offset: float) -> Study:
         run = driven(0.0115).build().simulate(time[-1], inputs=given, times=time, rtol=1e-10, method="DOP853")
         angle = run["rod.angle"] + 3e-4 * rng.standard_normal(time.size)
         signals = {"drive.torque": Signal(torque, "N*m", "u", "N*m"), "rod.angle": Signal(angle, "rad", "y", "rad")}
-        records.append(Record(f"run{k}", Path(f"run{k}.csv"), time, signals))
+        records.append(Record(name=f"run{k}", path=Path(f"run{k}.csv"), time=time, signals=signals))
     experiments = make_experiments(model, records, ("drive.torque",), ("rod.angle",))
     uncertain = (UncertainParameter("pivot.viscous", 0.01, 0.003, 0.0, unit="N*m*s/rad"),)
     return Study(

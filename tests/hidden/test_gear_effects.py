@@ -39,7 +39,9 @@ def test_the_derivative_by_a_severity_is_that_of_the_simulation() -> None:
     given = {"speed": (SPEED * np.pi / 30, "rad/s"), "torque": (TORQUE, "N*m")}
     signals = {n: Signal(np.full(time.size, v), unit, n, unit) for n, (v, unit) in given.items()}
     signals |= {n: Signal(np.zeros(time.size), unit, n, unit) for n, unit in OUTPUTS.items()}
-    experiment = make_experiments(model, [Record("a", Path("a.csv"), time, signals)], list(given), list(OUTPUTS))[0]
+    experiment = make_experiments(
+        model, [Record(name="a", path=Path("a.csv"), time=time, signals=signals)], list(given), list(OUTPUTS)
+    )[0]
     system = model.build(outputs=list(OUTPUTS))
     names = ["mesh.runout_x_2", "mesh.lobes_cos_1", "mesh.misalignment"]
     steps = {"mesh.runout_x_2": 5e-7, "mesh.lobes_cos_1": 5e-7, "mesh.misalignment": 1e-5}

@@ -35,7 +35,12 @@ DRY = ("coulomb_friction", "asymmetric_coulomb_friction")
 
 
 def record_of(name, time, signals):
-    return Record(name, Path(f"{name}.csv"), time, {k: Signal(v, unit, k, unit) for k, (v, unit) in signals.items()})
+    return Record(
+        name=name,
+        path=Path(f"{name}.csv"),
+        time=time,
+        signals={k: Signal(v, unit, k, unit) for k, (v, unit) in signals.items()},
+    )
 
 
 def with_effect(model, where, kind, **parameters):

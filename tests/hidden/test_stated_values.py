@@ -54,7 +54,7 @@ def record(name: str, true: dict[str, float], seed: int) -> Record:
     for output, unit in zip(OUTPUTS, ("rad/s", "A"), strict=True):
         values = run[output] + NOISE[output] * rng.standard_normal(time.size)
         signals[output] = Signal(values, unit, output, unit)
-    return Record(name, Path(f"{name}.csv"), time, signals)
+    return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 
 def study_of(true: dict[str, float], *more: UncertainParameter) -> Study:

@@ -75,7 +75,7 @@ def record_of(name: str, seed: int, pauses: bool, hidden):
             time.size
         )
         signals[output] = Signal(values, unit, column, unit)
-    return Record(name, Path(f"{name}.csv"), time, signals, log=("time from column t [s]",))
+    return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals, log=("time from column t [s]",))
 
 
 @pytest.fixture(scope="session")

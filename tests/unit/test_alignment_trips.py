@@ -44,7 +44,7 @@ def write(path, columns):
 
 def refused(tmp_path, columns, **options) -> str:
     """Return what is said when a trip is refused."""
-    from estimation.files.checks import RecordError
+    from estimation.files.faults import RecordError
 
     with pytest.raises((AlignmentError, RecordError)) as told:
         read_trips([write(tmp_path / "trip.csv", columns)], **options)

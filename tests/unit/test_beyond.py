@@ -38,7 +38,7 @@ def study_of(true_mass: float, std: float) -> Study:
         )
         position = run["carriage.position"] + 2e-4 * rng.standard_normal(time.size)
         signals = {"drive.force": Signal(force, "N", "f", "N"), "carriage.position": Signal(position, "m", "x", "m")}
-        records.append(Record(f"run{k}", Path(f"run{k}.csv"), time, signals))
+        records.append(Record(name=f"run{k}", path=Path(f"run{k}.csv"), time=time, signals=signals))
     experiments = make_experiments(model, records, ("drive.force",), ("carriage.position",))
     uncertain = (UncertainParameter("carriage.m", 20.0, std, 1.0, unit="kg"),)
     return Study(

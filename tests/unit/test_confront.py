@@ -38,7 +38,7 @@ DT = 0.005
 
 def record_of(name, time, **columns):
     signals = {k.replace("__", "."): Signal(v, unit, k, unit) for k, (v, unit) in columns.items()}
-    return Record(name, Path(f"{name}.csv"), time, signals)
+    return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 
 def slide(stiffness=0.0):

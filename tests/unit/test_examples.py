@@ -133,7 +133,7 @@ def test_a_held_input_keeps_its_value_until_the_next_sample():
     model = load_model_of("emps/emps.py")
     (experiment,) = make_experiments(
         model,
-        [Record("made", Path("made.csv"), time, signals)],
+        [Record(name="made", path=Path("made.csv"), time=time, signals=signals)],
         ["reference.position", "added.pulse"],
         ["motor.force"],
         held=["added.pulse"],

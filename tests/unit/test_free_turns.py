@@ -64,7 +64,7 @@ def recorded(model: Model, signal: np.ndarray, unit: str):
     signals = {"drive.signal": Signal(signal, unit, "u", unit)}
     for name, unit_of, noise in zip(outputs, ("rad", "rad/s"), (1e-3, 0.1), strict=True):
         signals[name] = Signal(run[name] + noise * rng.standard_normal(TIME.size), unit_of, name, unit_of)
-    record = Record("run", Path("run.csv"), TIME, signals)
+    record = Record(name="run", path=Path("run.csv"), time=TIME, signals=signals)
     return make_experiments(model, [record], ("drive.signal",), outputs)
 
 

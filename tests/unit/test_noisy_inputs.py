@@ -42,8 +42,8 @@ def record(name: str, noise: float, seed: int, jitter: float = 0.0) -> Record:
     stamps = time + jitter * STEP * rng.uniform(-1.0, 1.0, time.size)
     read = push + noise * rng.standard_normal(time.size)
     return Record(
-        name, Path(f"{name}.csv"), stamps,
-        {"push": Signal(read, "N", "push", "N"), "body.position": Signal(x, "m", "x", "m")},
+        name=name, path=Path(f"{name}.csv"), time=stamps,
+        signals={"push": Signal(read, "N", "push", "N"), "body.position": Signal(x, "m", "x", "m")},
     )  # fmt: skip
 
 

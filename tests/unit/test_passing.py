@@ -86,7 +86,10 @@ def test_a_batch_goes_past_what_its_own_parameters_say(system, exact, method):
 def test_a_fit_sees_it_and_its_derivatives(system, exact):
     signals = {"body.velocity": Signal(exact(50.0)[:, 1], "m/s", "v", "m/s")}
     experiment = Experiment(
-        record=Record("trip", Path("trip.csv"), TIMES, signals), inputs=(), outputs=("body.velocity",), rtol=1e-4
+        record=Record(name="trip", path=Path("trip.csv"), time=TIMES, signals=signals),
+        inputs=(),
+        outputs=("body.velocity",),
+        rtol=1e-4,
     )
     found = experiment.respond(system, system.p, parameters=["spot.level"])
     np.testing.assert_allclose(found.outputs[:, 0], exact(50.0)[:, 1], rtol=1e-3)
@@ -98,7 +101,9 @@ def test_a_fit_sees_it_and_its_derivatives(system, exact):
 def test_transitions_from_sample_to_sample_go_past_it(system, exact):
     signals = {"body.velocity": Signal(exact(50.0)[:, 1], "m/s", "v", "m/s")}
     experiment = Experiment(
-        record=Record("trip", Path("trip.csv"), TIMES, signals), inputs=(), outputs=("body.velocity",)
+        record=Record(name="trip", path=Path("trip.csv"), time=TIMES, signals=signals),
+        inputs=(),
+        outputs=("body.velocity",),
     )
     found = PerturbationResponse.along(experiment.simulation(system, system.p, system.start), ())
     ends = []

@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from estimation import RecordError, read_record, read_records
-from estimation.files.columns import read_column_name, si_unit_of, to_si
-from estimation.files.record import ReadRules
+from estimation.files.column_names import read_column_name, si_unit_of, to_si
+from estimation.files.read_rules import ReadRules
 from multibody.base.units import UnitError
 
 # Spelling of a column, its SI unit, and the factor from the file's number to SI, by definition of the units

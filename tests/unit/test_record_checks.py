@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from estimation import Record, RecordError, read_record, read_records
-from estimation.files.checks import grid_deviation
-from estimation.files.record import ReadRules
+from estimation.files.read_rules import ReadRules
+from estimation.files.record_checks import grid_deviation
 
 ASKED = {"time": "time_s", "columns": {"x": "x_mm", "F": "F_N"}, "units": {"x": "m", "F": "N"}}
 COUNT = 60

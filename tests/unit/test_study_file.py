@@ -131,7 +131,17 @@ outputs = ["motor.force"]
     )
     read = study(folder, text)
     assert read.preparation == Preparation(0.1, 0.4, 10.0, 2)
-    assert read.rules == ReadRules("trip", True, True, 100.0, "split", 0.2, "ms", 0.1, 0.4)
+    assert read.rules == ReadRules(
+        trip="trip",
+        drop_nan=True,
+        drop_duplicates=True,
+        resample=100.0,
+        gaps="split",
+        longest_gap=0.2,
+        time_unit="ms",
+        start=0.1,
+        stop=0.4,
+    )
     assert (read.study.residual, read.study.seed, read.study.max_effects, read.study.level) == (
         "inverse",
         4,

@@ -51,7 +51,7 @@ def problem_of(dry: float = 6.0, offset: float = 0.0) -> Problem:
             "drive.force": Signal(force, "N", "f", "N"),
             "carriage.position": Signal(position, "m", "x", "m"),
         }
-        records.append(Record(f"run{k}", Path(f"run{k}.csv"), time, signals))
+        records.append(Record(name=f"run{k}", path=Path(f"run{k}.csv"), time=time, signals=signals))
     experiments = make_experiments(
         model, records, ("drive.force",), ("carriage.position",), start={"carriage.position": 0.0}, free=()
     )

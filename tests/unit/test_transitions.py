@@ -183,7 +183,10 @@ def test_a_machine_with_friction_agrees_with_its_integrated_derivatives():
     signals = {name: Signal(np.broadcast_to(v, 76).astype(float), "", name, "") for name, v in values.items()}
     signals["F_c"] = Signal(np.zeros(76), "N", "F_c", "N")
     experiment = Experiment(
-        record=Record("trip", Path("trip.csv"), TICKS, signals), inputs=tuple(names), outputs=("F_c",), rtol=1e-9
+        record=Record(name="trip", path=Path("trip.csv"), time=TICKS, signals=signals),
+        inputs=tuple(names),
+        outputs=("F_c",),
+        rtol=1e-9,
     )
     start = experiment.start_vector(system)
     found = PerturbationResponse.along(experiment.simulation(system, system.p), ("tau_L", "friction_c"))

@@ -54,7 +54,7 @@ def problem() -> FitProblem:
         "mass.position": Signal(place, "m", "x", "m"),
         "mass.velocity": Signal(speed, "m/s", "v", "m/s"),
     }
-    record = Record("run", Path("run.csv"), TIME, signals)
+    record = Record(name="run", path=Path("run.csv"), time=TIME, signals=signals)
     experiment = Experiment(
         record=record,
         inputs=("drive.force",),

@@ -257,7 +257,9 @@ def test_masses_from_tensions_at_rest() -> None:
             "omega_ref": moving, "payload": np.full(1000, load),
             "F_c": (33.0 + load) * 9.80665 + friction + 5.0 * moving,
             "F_cw": np.full(1000, 34.0 * 9.80665)}  # fmt: skip
-        return Record("r", Path("r"), t, {n: Signal(v, "", n, "") for n, v in values.items()}, ())
+        return Record(
+            name="r", path=Path("r"), time=t, signals={n: Signal(v, "", n, "") for n, v in values.items()}, log=()
+        )
 
     found = weighed(LiftParameters.bench(), [record(0.0, 3.0), record(2.0, 0.0), record(4.0, -3.0)])
     assert found.cabin.mass == pytest.approx(33.0)

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.files.columns import read_column_name
-from estimation.files.reading import read_records
-from estimation.files.record import ReadRules, Record
+from estimation.files.column_names import read_column_name
+from estimation.files.read_records import read_records
+from estimation.files.read_rules import ReadRules
+from estimation.files.record import Record
 from estimation.signals.preparation import low_pass
 from multibody.base.units import UnitError
 from vtsdt.files.parameters import LiftParameters

@@ -192,7 +192,9 @@ def prepared(records: Sequence[dict[str, np.ndarray]]) -> list[Trip]:
     trips = []
     for k, record in enumerate(records):
         signals = {name: Signal(record[name], unit, name, unit) for name, unit in units.items()}
-        trips.append(prepare(Record(f"trip {k + 1}", Path(f"trip_{k + 1}"), record["time"], signals)))
+        trips.append(
+            prepare(Record(name=f"trip {k + 1}", path=Path(f"trip_{k + 1}"), time=record["time"], signals=signals))
+        )
     return trips
 
 

@@ -20,7 +20,7 @@ __all__ = ["BAD_INPUT", "main"]
 BAD_INPUT = {
     "discrepancy.problem.study_file": "StudyError",
     "discrepancy.rigs.recording": "BenchError",
-    "estimation.files.checks": "RecordError",
+    "estimation.files.faults": "RecordError",
     "estimation.signals.preparation": "SignalError",
     "multibody.base.errors": "ModelError SimulationError EquationError",
     "multibody.base.parameter_file": "ParameterError",

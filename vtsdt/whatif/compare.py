@@ -119,7 +119,7 @@ def read_trips(paths: Sequence[Path], time: str = "time_s", columns: Mapping[str
     RecordError
         With every fault of every file.
     """
-    from estimation.files.reading import read_records
+    from estimation.files.read_records import read_records
 
     wanted = {**COLUMNS, **dict(columns or {})}
     return list(

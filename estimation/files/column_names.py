@@ -1,17 +1,15 @@
-"""What a column's name says: the unit behind it, and the nearest name when one is misspelt."""
+"""Column names taken apart into quantity and unit, and the unit spellings of measurement files."""
 
 from __future__ import annotations
 
-import difflib
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from multibody.base.units import UnitError, convert, same_dimension
 
-__all__ = ["ColumnName", "nearest", "pint_unit", "read_column_name", "si_unit_of", "to_si"]
+__all__ = ["ColumnName", "pint_unit", "read_column_name", "si_unit_of", "to_si"]
 
 # Suffixes are listed, not guessed: 'angle_a' or 'sensor_left' must not become years or litres.  Left the
 # ending as it stands in a column name, right the unit as multibody.base.units understands it.
@@ -54,12 +52,12 @@ _SHARES = re.compile(r"%|percent|pct|ppm|permille")
 
 @dataclass(frozen=True)
 class ColumnName:
-    """A column's name, taken apart.
+    """The name of a column, taken apart.
 
     Attributes
     ----------
     column : str
-        The name as it stands in the file.
+        The name as in the file.
     quantity : str
         The name without its unit.
     unit : str or None
@@ -101,16 +99,12 @@ def _ending(words: list[str]) -> str | None:
     joined = "_".join(words)
     if joined in _SHORT_RATES:
         top, bottom = words
-        return f"{_ATOMS[top]}/{_ATOMS[bottom.rstrip('23')]}" + (
-            f"**{bottom[-1]}" if bottom[-1] in "23" else ""
-        )
+        return f"{_ATOMS[top]}/{_ATOMS[bottom.rstrip('23')]}" + (f"**{bottom[-1]}" if bottom[-1] in "23" else "")
     if len(words) % 2 == 0 or any(word != "per" for word in words[1::2]):
         return None
     parts: list[str] = []
     for place, word in enumerate(words[::2]):
-        base, power = (
-            (word[:-1], f"**{word[-1]}") if len(words) > 1 and word[-1:] in ("2", "3") else (word, "")
-        )
+        base, power = (word[:-1], f"**{word[-1]}") if len(words) > 1 and word[-1:] in ("2", "3") else (word, "")
         atom = _ATOMS.get(base) or (_WORDS.get(base) if len(words) > 1 else None)
         if atom is None:
             return None
@@ -134,7 +128,7 @@ def _known(unit: str) -> bool:
 
 
 def read_column_name(column: str, expected: str | None = None) -> ColumnName:
-    """Take a column's name apart into quantity and unit.
+    """Take the name of a column apart into quantity and unit.
 
     Understood are ``F_c [N]``, ``speed (rpm)``, ``F in N``, ``F / N`` and the endings ``_mm``, ``_m_per_s2``,
     ``_rad_s``, ``_degC``, ….  Round brackets may hold a remark (``speed (filtered)``) and are then part of
@@ -145,7 +139,7 @@ def read_column_name(column: str, expected: str | None = None) -> ColumnName:
     column : str
         Name as in the file.
     expected : str, optional
-        Unit of what is looked for.  It settles endings that are also words: ``_min`` and ``_g``.
+        Unit of the quantity that is expected.  It decides about endings that are also words: ``_min`` and ``_g``.
 
     Raises
     ------
@@ -154,29 +148,29 @@ def read_column_name(column: str, expected: str | None = None) -> ColumnName:
 
     Examples
     --------
-    >>> [read_column_name(each).unit for each in ("F_c [N]", "position_ref_m", "angle_a")]
+    >>> [read_column_name(name).unit for name in ("F_c [N]", "position_ref_m", "angle_a")]
     ['N', 'm', None]
     """
     name = column.strip()
-    if found := re.fullmatch(r"(.*?)(\s*)\[([^\[\]]*)\]", name):
-        if found[3].strip().isdigit() and not (found[2] and found[3].strip() == "1"):
+    if match := re.fullmatch(r"(.*?)(\s*)\[([^\[\]]*)\]", name):
+        if match[3].strip().isdigit() and not (match[2] and match[3].strip() == "1"):
             return ColumnName(column, name, None)
-        unit = pint_unit(found[3])
+        unit = pint_unit(match[3])
         if unit == "g":
             unit = _gram_or_gravity(column, expected)
         if not _known(unit):
-            raise UnitError(f"unknown unit '[{found[3]}]': write it as in '[N]', '[mm]', '[rad/s]', '[m/s2]'")
-        return ColumnName(column, found[1].strip(), unit)
+            raise UnitError(f"unknown unit '[{match[3]}]': write it as in '[N]', '[mm]', '[rad/s]', '[m/s2]'")
+        return ColumnName(column, match[1].strip(), unit)
     for pattern in (
         r"(.*?\S)\s*\(([^()]*)\)",
         r"(.*\S)\s+in\s+(\S+)",
         r"(.*\S)\s+/\s+(\S+)",
         r"(\S+)\s+(rpm)",
     ):
-        found = re.fullmatch(pattern, name)
-        if found and found[2].strip() and _known(pint_unit(found[2])):
-            unit = pint_unit(found[2])
-            return ColumnName(column, found[1], _gram_or_gravity(column, expected) if unit == "g" else unit)
+        match = re.fullmatch(pattern, name)
+        if match and match[2].strip() and _known(pint_unit(match[2])):
+            unit = pint_unit(match[2])
+            return ColumnName(column, match[1], _gram_or_gravity(column, expected) if unit == "g" else unit)
     name = re.sub(r"\s*\([^()]*\)$", "", name) or name
     words = re.split(r"[_.]", name)
     for length in range(min(5, len(words) - 1), 0, -1):
@@ -197,7 +191,7 @@ def _gram_or_gravity(column: str, expected: str | None) -> str:
 
 
 def _unlike(a: str, b: str) -> bool:
-    """Tell apart what pint takes for the same: angles, cycles and shares, all without dimension."""
+    """Return whether two units that pint takes for alike differ in kind: angles, cycles, shares are dimensionless."""
     kinds = (_ANGLES, _CYCLES, _SHARES)
     of_a, of_b = ([bool(kind.search(unit)) for kind in kinds] for unit in (a, b))
     return any(of_a) and any(of_b) and of_a != of_b and not same_dimension(a, "N*m")
@@ -243,25 +237,3 @@ def to_si(values: np.ndarray, unit: str, expected: str) -> np.ndarray:
         remedy = "; for turns per second write 'turn/s'" if _CYCLES.search(unit) else ""
         raise UnitError(f"'{unit}' is not a measure of '{expected}'{remedy}")
     return np.asarray(convert(values, unit, expected), dtype=float)
-
-
-def nearest(name: str, choices: Iterable[str], lead: str = "; nearest: ") -> str:
-    """Return a hint such as ``"; nearest: 'time_s'"``, or the choices themselves where there are few.
-
-    Examples
-    --------
-    >>> nearest("tme_s", ["time_s", "force_N"])
-    "; nearest: 'time_s'"
-    """
-    names = list(dict.fromkeys(choices))
-    lowered = {each.lower(): each for each in reversed(names)}
-    close = difflib.get_close_matches(name.lower(), list(lowered), n=2, cutoff=0.6)
-    found = [lowered[each] for each in close]
-    if not found:
-        found = [each for each in names if len(name) > 2 and (name.lower() in each.lower())][:3]
-    if found:
-        return lead + ", ".join(f"'{each}'" for each in found)
-    if not names:
-        return "; there is none"
-    shown = ", ".join(f"'{each}'" for each in names[:8]) + (", …" if len(names) > 8 else "")
-    return f"; there are {shown}"

@@ -1,20 +1,17 @@
-"""What can be wrong with a recording: each fault named by file, column and row, with what to do."""
+"""Checks of columns and records: each fault names file, column and row, and the remedy."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import replace
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from estimation.files.reading import Record
+from estimation.files.faults import Fault, Rows
+from estimation.files.record import Record
 
 __all__ = [
-    "Fault",
-    "RecordError",
-    "Rows",
+    "GRID_TOLERANCE",
     "check_copies",
     "check_finite",
     "check_same_scale",
@@ -31,68 +28,12 @@ GAP_FACTOR = 5.0
 """A step longer than this many median steps is a gap."""
 
 
-@dataclass(frozen=True)
-class Fault:
-    """One fault of a recording.
-
-    Attributes
-    ----------
-    text : str
-        Names file, column and row, says what is wrong and what to do.
-    severity : {"error", "warning"}
-        An error refuses the recording, a warning goes into its log and the report.
-    """
-
-    text: str
-    severity: Literal["error", "warning"] = "error"
-
-
-class RecordError(ValueError):
-    """Recordings are refused; ``faults`` holds one sentence for each fault of all files."""
-
-    def __init__(self, faults: Sequence[str]) -> None:
-        self.faults: tuple[str, ...] = tuple(dict.fromkeys(faults))
-        count = len(self.faults)
-        head = "" if count == 1 else f"{count} faults in the recordings:\n  - "
-        super().__init__(head + "\n  - ".join(self.faults))
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Where the rows of a table stand in their file.
-
-    Attributes
-    ----------
-    numbers : ndarray of int, shape (n,)
-        Line (text files) or row (others) of each sample, counted from 1.
-    word : str
-        ``"line"`` or ``"row"``.
-    """
-
-    numbers: np.ndarray
-    word: str = "row"
-
-    def say(self, where: np.ndarray, limit: int = 5) -> str:
-        """Name the rows where a mask is true, such as ``"lines 3, 7, 8 (3 in all)"``."""
-        found = self.numbers[np.flatnonzero(where)]
-        shown = ", ".join(str(int(each)) for each in found[:limit])
-        if len(found) == 1:
-            return f"{self.word} {shown}"
-        return f"{self.word}s {shown}{', …' if len(found) > limit else ''} ({len(found)} in all)"
-
-    def take(self, index: np.ndarray | slice) -> Rows:
-        """Keep the rows of an index or mask."""
-        return Rows(self.numbers[index], self.word)
-
-
 def check_finite(file: str, column: str, values: np.ndarray, rows: Rows) -> list[Fault]:
     """Find values that are missing or infinite."""
     faults = []
     missing, infinite = np.isnan(values), np.isinf(values)
     if missing.all():
-        return [
-            Fault(f"{file}, column '{column}': every value is missing (NaN or empty): name another column")
-        ]
+        return [Fault(f"{file}, column '{column}': every value is missing (NaN or empty): name another column")]
     for mask, what in ((missing, "NaN or empty"), (infinite, "infinite")):
         if mask.any():
             share = 100.0 * float(mask.mean())
@@ -106,7 +47,7 @@ def check_finite(file: str, column: str, values: np.ndarray, rows: Rows) -> list
 
 
 def check_time_order(file: str, column: str, time: np.ndarray, rows: Rows) -> list[Fault]:
-    """Find time stamps that stand still or run backwards."""
+    """Find time stamps that repeat or run backwards."""
     faults = []
     step = np.diff(time)
     if (step == 0.0).any():
@@ -161,7 +102,7 @@ def grid_deviation(time: np.ndarray) -> float:
 
 
 def _clipped(values: np.ndarray) -> tuple[float, np.ndarray] | None:
-    """Extreme value at which the channel stands in long runs that it enters at speed, and where."""
+    """Return the extreme value that the channel keeps in long runs which it enters steeply, and where it does."""
     steps = np.abs(np.diff(values))
     moving = steps[steps > 0.0]
     # A channel with few levels (a switch, a square wave) is at its extremes by nature.
@@ -181,7 +122,7 @@ def _clipped(values: np.ndarray) -> tuple[float, np.ndarray] | None:
 
 
 def check_values(file: str, column: str, values: np.ndarray, rows: Rows) -> list[Fault]:
-    """Find channels that never change or stand at a limit (both warnings)."""
+    """Find channels that are constant or clipped (both warnings)."""
     if len(values) > 1 and np.ptp(values) == 0.0:
         return [
             Fault(
@@ -191,8 +132,8 @@ def check_values(file: str, column: str, values: np.ndarray, rows: Rows) -> list
                 "warning",
             )
         ]
-    if (found := _clipped(values)) is not None:
-        extreme, where = found
+    if (clipped := _clipped(values)) is not None:
+        extreme, where = clipped
         return [
             Fault(
                 f"{file}, column '{column}', {rows.say(where)}: looks clipped at {extreme:.6g}, "
@@ -234,25 +175,25 @@ def _range(record: Record, name: str) -> float:
 
 
 def check_same_scale(records: Sequence[Record], may_be_constant: Collection[str] = ()) -> list[Fault]:
-    """Find what only shows between files: swapped columns, foreign scales, other rates, dead channels.
+    """Find faults that show only between files: swapped columns, other scales or rates, channels not recorded.
 
     Parameters
     ----------
     records : sequence of Record
         All recordings of a study, with the same signals.
     may_be_constant : collection of str
-        Signals that are allowed to stand still in every record (model inputs).
+        Signals that may be constant in every record (model inputs).
     """
     faults: list[Fault] = []
     if not records:
         return faults
     first = records[0]
-    names = [name for name in first.signals if all(name in each.signals for each in records)]
+    names = [name for name in first.signals if all(name in record.signals for record in records)]
     for name in names:
-        spans = [np.ptp(each.signals[name].values) for each in records]
-        level = {float(each.signals[name].values[0]) for each in records}
+        spans = [np.ptp(record.signals[name].values) for record in records]
+        level = {float(record.signals[name].values[0]) for record in records}
         if name not in may_be_constant and not any(spans) and len(level) == 1:
-            files = ", ".join(dict.fromkeys(each.path.name for each in records))
+            files = ", ".join(dict.fromkeys(record.path.name for record in records))
             faults.append(
                 Fault(
                     f"{files}, column '{first.signals[name].column}': constant at {level.pop():.6g} in "
@@ -295,18 +236,16 @@ def check_same_scale(records: Sequence[Record], may_be_constant: Collection[str]
         if not any(abs(record.rate / known - 1.0) < 0.01 for known in rates):
             rates[record.rate] = record
     if len(rates) > 1:
-        told = ", ".join(f"{each.name} {rate:.6g} Hz" for rate, each in list(rates.items())[:6])
-        faults.append(
-            Fault(f"the records have different sampling rates ({told}): each keeps its own", "warning")
-        )
+        listed = ", ".join(f"{record.name} {rate:.6g} Hz" for rate, record in list(rates.items())[:6])
+        faults.append(Fault(f"the records have different sampling rates ({listed}): each keeps its own", "warning"))
     return faults
 
 
 def constant_inputs_once(records: Sequence[Record], may_be_constant: Collection[str]) -> tuple[Record, ...]:
-    """Return the records with one warning for all signals that may stand still and do so in every record.
+    """Return the records with one warning for all signals that may be constant and are so in every record.
 
-    A machine that runs at a set speed under a set load would be told so once for each file and signal; the log keeps
-    the values.
+    A machine that runs at a set speed under a set load would otherwise have one warning for each file and signal; the
+    log keeps the values.
 
     Parameters
     ----------
@@ -314,7 +253,7 @@ def constant_inputs_once(records: Sequence[Record], may_be_constant: Collection[
     may_be_constant : collection of str
     """
     signals = [r.signals for r in records]
-    still = [n for n in may_be_constant if all(n in each and np.ptp(each[n].values) == 0.0 for each in signals)]
+    still = [n for n in may_be_constant if all(n in own and np.ptp(own[n].values) == 0.0 for own in signals)]
     if len(records) < 2 or not still:
         return tuple(records)
     columns = [f"'{signals[0][name].column}'" for name in still]
@@ -322,8 +261,8 @@ def constant_inputs_once(records: Sequence[Record], may_be_constant: Collection[
         f"{', '.join(columns)}: constant within each of the {len(records)} recordings; as inputs they say what was "
         "set, and nothing of how the machine answers to a change"
     )
-    found = []
+    warned = []
     for record in records:
         own = [w for w in record.warnings if not any(f"column {c}: constant at" in w for c in columns)]
-        found.append(replace(record, warnings=tuple(own)).warned(text))
-    return tuple(found)
+        warned.append(replace(record, warnings=tuple(own)).warned(text))
+    return tuple(warned)
