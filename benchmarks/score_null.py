@@ -21,10 +21,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.stats import chi2
 
-from discrepancy.statistics import synthetic as sy
 from discrepancy.statistics.scan import scan
 from discrepancy.statistics.whitened import raw_residual, rms_whitener, whiten_all
 from discrepancy.statistics.whitening import fit_whitener
+from discrepancy.validation import linear_axes
 
 LEVEL = 0.02
 
@@ -47,7 +47,7 @@ def show(label: str, k: int, n: int, more: str = "") -> None:
     )
 
 
-def chi_square_alarms(case: sy.Case, cands: list) -> tuple[bool, bool]:
+def chi_square_alarms(case: linear_axes.Case, cands: list) -> tuple[bool, bool]:
     """Alarms of the naive χ² and of the χ² after plain AR whitening."""
     res, sens = case.residual, case.sensitivities
     w = whiten_all(rms_whitener(res), res, sens, cands)
@@ -73,10 +73,10 @@ def null(args: argparse.Namespace) -> None:
             got: Counter[str] = Counter()
             names: Counter[str] = Counter()
             for s in range(per):
-                rng = np.random.default_rng([args.seed, n_rec, s, sy.DISTURBANCES.index(d)])
-                axis = sy.make_axis(rng, n_rec, args.duration, args.dt)
-                case = sy.make_case(axis, d, rng)
-                cands = sy.candidates(axis)
+                rng = np.random.default_rng([args.seed, n_rec, s, linear_axes.DISTURBANCES.index(d)])
+                axis = linear_axes.make_axis(rng, n_rec, args.duration, args.dt)
+                case = linear_axes.make_case(axis, d, rng)
+                cands = linear_axes.candidates(axis)
                 r = scan(case.residual, case.sensitivities, cands, seed=s, draws=args.draws, level=LEVEL)
                 alarm = [x.kind for x in r.rows if x.p_value < LEVEL]
                 got["calibrated"] += bool(alarm)
@@ -103,20 +103,20 @@ def null(args: argparse.Namespace) -> None:
 
 
 def power(args: argparse.Namespace) -> None:
-    kinds = [k for k in sy.force_laws() if k not in ("coulomb_friction", "viscous_friction", "added_inertia")]
+    kinds = [k for k in linear_axes.force_laws() if k not in ("coulomb_friction", "viscous_friction", "added_inertia")]
     for n_rec in args.records:
         found: Counter[str] = Counter()
         misses: Counter[str] = Counter()
         n = refused = 0
         for s in range(args.models):
             rng = np.random.default_rng([args.seed + 1, n_rec, s])
-            d = sy.DISTURBANCES[s % len(sy.DISTURBANCES)]
-            axis = sy.make_axis(rng, n_rec, args.duration, args.dt)
-            cands = sy.candidates(axis)
+            d = linear_axes.DISTURBANCES[s % len(linear_axes.DISTURBANCES)]
+            axis = linear_axes.make_axis(rng, n_rec, args.duration, args.dt)
+            cands = linear_axes.candidates(axis)
             kind = kinds[int(rng.integers(len(kinds)))]
             cand = next(c for c in cands if c.kind == kind)
             state = rng.bit_generator.state
-            r = scan(*_parts(sy.make_case(axis, d, rng)), cands, seed=s, draws=args.draws, level=LEVEL)
+            r = scan(*_parts(linear_axes.make_case(axis, d, rng)), cands, seed=s, draws=args.draws, level=LEVEL)
             if f"{kind}@guide" in r.refused:
                 refused += 1
                 continue
@@ -126,7 +126,7 @@ def power(args: argparse.Namespace) -> None:
             amp = np.zeros(cand.n_strengths)
             amp[0] = sign * size
             rng.bit_generator.state = state
-            case = sy.make_case(axis, d, rng, [(kind, dict(row.shape), amp)])
+            case = linear_axes.make_case(axis, d, rng, [(kind, dict(row.shape), amp)])
             r = scan(*_parts(case), cands, seed=s, draws=args.draws, level=LEVEL)
             n += 1
             hit = r[f"{kind}@guide"]
@@ -147,7 +147,7 @@ def power(args: argparse.Namespace) -> None:
             )
 
 
-def _parts(case: sy.Case) -> tuple:
+def _parts(case: linear_axes.Case) -> tuple:
     return case.residual, case.sensitivities
 
 
@@ -156,7 +156,9 @@ def main() -> None:
     ap.add_argument("what", choices=["null", "power"])
     ap.add_argument("--records", type=int, nargs="+", default=[1, 2, 4, 8])
     ap.add_argument("--models", type=int, default=240)
-    ap.add_argument("--disturbances", nargs="+", default=list(sy.DISTURBANCES), choices=sy.DISTURBANCES)
+    ap.add_argument(
+        "--disturbances", nargs="+", default=list(linear_axes.DISTURBANCES), choices=linear_axes.DISTURBANCES
+    )
     ap.add_argument("--duration", type=float, default=6.0)
     ap.add_argument("--dt", type=float, default=0.005)
     ap.add_argument("--draws", type=int, default=200)

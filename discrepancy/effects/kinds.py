@@ -6,57 +6,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from discrepancy.effects import shapes
+from discrepancy.effects import shape_grids
+from discrepancy.effects.shape_grids import MotionRange, Shapes
 
 if TYPE_CHECKING:
     from multibody.declare.component import Component
 
-__all__ = ["SHIPPED", "Kind", "KindText", "MotionRange", "kind_named", "kinds", "register"]
-
-Shapes = list[dict[str, float]]
-
-
-@dataclass(frozen=True)
-class MotionRange:
-    """How far and how fast a connection moved in the records.
-
-    Parameters
-    ----------
-    low, high : float
-        Travel, m or rad.
-    speed : float
-        95th percentile of the absolute speed, m/s or rad/s.
-    turns : bool
-        True for a rotation.
-    scale : float
-        Stiffness of the connection's own spring where it has one, else 0.
-    """
-
-    low: float
-    high: float
-    speed: float
-    turns: bool = False
-    scale: float = 0.0
-
-    @property
-    def centre(self) -> float:
-        """Middle of the travel."""
-        return 0.5 * (self.low + self.high)
-
-    @property
-    def half(self) -> float:
-        """Half of the travel."""
-        return max(0.5 * (self.high - self.low), 1e-300)
-
-    @property
-    def v_s(self) -> float:
-        """Speed below which the sign of the speed is smoothed: a hundredth of the speed in the records."""
-        return max(0.01 * self.speed, 1e-300)
-
+__all__ = ["SHIPPED", "Kind", "KindText", "kind_named", "kinds", "register"]
 
 @dataclass(frozen=True)
 class KindText:
-    """A kind in words: what it is, what usually causes it, how to confirm it by hand."""
+    """A kind in words, for reports: what it is, what usually causes it, how to confirm it by hand."""
 
     title: str
     what: str
@@ -73,7 +33,7 @@ class Kind:
     name : str
         Name in files; a kind once named keeps its name.
     at : {"connection", "sensor", "input", "parameter"}
-        What it acts on; ``"parameter"`` is an effect that a component has in it already, with its strengths at zero.
+        What it acts on; ``"parameter"`` is an effect that a component already contains, with its strengths at zero.
     law : str
         Name in `discrepancy.effects.laws.LAWS` (connections), the sensor's or input's error, or the class of the
         component whose parameters the strengths are.
@@ -87,25 +47,24 @@ class Kind:
     one_sided : bool
         A strength below zero makes no physical sense.
     linear : bool
-        False if the force is not proportional to the strength; the scan then takes a secant at the strength that the
-        shape names ``secant``, or at a small one.
+        False if the force is not proportional to the strength; the scan then takes a finite-amplitude sensitivity, at
+        the strength that the shape names ``secant``, or at a small one.
     needs : {"", "stiffness", "load", "ground"}
         What the connection must have: a spring of its own, a force that passes through, or the ground on one side.
     elastic : bool or None
         True: only where the connection has a spring; False: only where it has none; None: anywhere.
     contains : tuple of str
-        Simpler kinds that this one becomes in a limit of its parameters: they are asked first.
+        Simpler kinds that this one becomes in a limit of its parameters: they are tried first.
     by_direction : bool
-        The two strengths are that of the kind contained, one for each direction of motion.
+        The two strengths are those of the contained kind, one for each direction of motion.
     component : type or tuple of type, optional
-        Parameter effects: the class or classes whose instances have it.
+        Parameter effects: the class or classes whose instances can have it.
     sides : tuple of (str, str)
-        Parameter effects: parts of the component that can have it each, and the ending of their parameters' names.
+        Parameter effects: parts of the component that can each have it, and the ending of their parameters' names.
     component_shapes : callable, optional
         Parameter effects: from the component and the ending, the shapes to try.
     stated : bool
-        Parameter effects: the strength is not zero in the component but has the value that was stated, which may be
-        wrong; absence is that value.
+        Parameter effects: the component holds the stated value, which may be wrong; absence is that value, not zero.
     """
 
     name: str
@@ -225,12 +184,12 @@ _add([
         "dry (Coulomb) friction", "A resistance of constant size against the motion, whatever the speed.",
         "Sliding guides, seals, plain bearings, screws, preloaded rolling guides.",
         "Move slowly in both directions: the drive force jumps by twice the friction when the direction changes."),
-        shapes.smooth_sign, ("v_s",), one_sided=True),
+        shape_grids.smooth_sign, ("v_s",), one_sided=True),
     Kind("asymmetric_coulomb_friction", "connection", "AsymmetricCoulomb", ("forward", "backward"), _T(
         "dry friction that differs with direction", "A constant resistance, of another size in each direction.",
         "Worn or tilted guides, a one-sided preload, a screw worn on one flank, a cable chain, weight on an incline.",
         "Move at the same constant speed forwards and backwards: the drive force differs by more than its sign."),
-        shapes.smooth_sign, ("v_s",), one_sided=True, contains=("coulomb_friction",), by_direction=True),
+        shape_grids.smooth_sign, ("v_s",), one_sided=True, contains=("coulomb_friction",), by_direction=True),
     Kind("asymmetric_viscous_friction", "connection", "AsymmetricViscous", ("forward", "backward"), _T(
         "viscous friction that differs with direction", "A resistance proportional to speed, steeper one way.",
         "A shock absorber, a ball screw or nut worn on one flank, seals with a lip, one-sided lubrication.",
@@ -240,7 +199,7 @@ _add([
         "Stribeck friction (more friction at low speed)", "Friction that falls while the motion gathers speed.",
         "Lubricated sliding contacts, in which the oil film builds up only with speed; guides that stood for a while.",
         "Move at very low constant speeds: the drive force falls with rising speed; stick-slip may show."),
-        shapes.low_speeds, ("v_stribeck", "v_s"), one_sided=True, contains=("coulomb_friction",)),
+        shape_grids.low_speeds, ("v_stribeck", "v_s"), one_sided=True, contains=("coulomb_friction",)),
     Kind("quadratic_drag", "connection", "Drag", ("drag",), _T(
         "drag that grows with the square of the speed", "A resistance proportional to speed squared.",
         "Air or fluid that is pushed aside, ventilation of rotors, displaced oil, oil through an orifice.",
@@ -250,12 +209,12 @@ _add([
         "friction proportional to the load", "Dry friction whose level follows the force that passes through.",
         "Gear meshes, screws, loaded guides and bearings: the normal force rises with the load.",
         "Repeat a slow motion with twice the payload: the friction rises with it."),
-        shapes.smooth_sign, ("v_s",), one_sided=True, needs="load"),
+        shape_grids.smooth_sign, ("v_s",), one_sided=True, needs="load"),
     Kind("position_dependent_friction", "connection", "PositionFriction", ("slope", "bow"), _T(
         "friction that changes along the travel", "Dry friction with a level that depends on where the machine is.",
         "Guides that are not parallel, a bent rail, uneven wear, misaligned bearings.",
         "Move slowly over the whole travel both ways: half the difference of the two force curves is the friction."),
-        shapes.centred_sign, elastic=False),
+        shape_grids.centred_sign, elastic=False),
     Kind("constant_force", "connection", "Constant", ("push",), _T(
         "a constant force", "A force that does not depend on motion.",
         "Weight of a part or a slope, a counterbalance, a preloaded cable or hose, an offset of the drive.",
@@ -264,42 +223,42 @@ _add([
         "a spring", "A force proportional to the displacement.",
         "A cable or hose that is dragged along, a bellows, a flexure, magnetic attraction.",
         "Hold still at several places: the holding force rises in a straight line with position."),
-        shapes.centre),
+        shape_grids.centre),
     Kind("cubic_stiffness", "connection", "CubicStiffness", ("stiffness",), _T(
         "a spring that hardens or softens", "A force that grows with the cube of the displacement.",
         "Flexures at large deflection, rubber, stops that come into contact gradually.",
         "Hold still at several places: the holding force bends away from a straight line towards the ends."),
-        shapes.bends_about, ("centre",)),
+        shape_grids.bends_about, ("centre",)),
     Kind("backlash", "connection", "Backlash", ("gap",), _T(
         "play (backlash)", "A gap in an elastic connection: within it nothing is transmitted.",
         "Worn gears, keys, couplings, loose screws, a nut without preload.",
         "Hold one side and move the other by hand: it moves freely for a moment. Reverse slowly and watch both sides."),
-        shapes.spring_gap, ("centre", "stiffness"), one_sided=True, linear=False, needs="stiffness", elastic=True),
+        shape_grids.spring_gap, ("centre", "stiffness"), one_sided=True, linear=False, needs="stiffness", elastic=True),
     Kind("hysteresis", "connection", "Hysteresis", ("level",), _T(
         "friction with elastic displacement (hysteresis)", "Friction that first yields like a spring, then slides.",
         "Rolling guides and ball screws (presliding), rope strands, rubber, clamped joints.",
         "Reverse after a very short stroke: force against position draws a closed loop."),
-        shapes.displacements, ("x_s",), one_sided=True, contains=("coulomb_friction",)),
+        shape_grids.displacements, ("x_s",), one_sided=True, contains=("coulomb_friction",)),
     Kind("position_dependent_force", "connection", "PositionForce", ("bow", "wave"), _T(
         "a force that belongs to the position", "A force that depends on position but not on direction of travel.",
         "A rail that is not level, magnetic attraction, cable carriers, cams, an uneven counterbalance.",
         "Move slowly both ways over the travel: the mean of the two force curves is not flat."),
-        shapes.centred, ("centre", "half")),
+        shape_grids.centred, ("centre", "half")),
     Kind("local_bump", "connection", "Bump", ("level",), _T(
         "a tight spot", "More resistance at one place of the travel.",
         "A rail joint, a dent, dirt, a damaged ball or race, a bent screw.",
         "Move slowly over the place by hand or under power and watch the force; look at the rail there."),
-        shapes.spots, ("place", "width", "v_s"), one_sided=True),
+        shape_grids.spots, ("place", "width", "v_s"), one_sided=True),
     Kind("end_stop", "connection", "EndStop", ("stiffness",), _T(
         "an end stop", "A stop or buffer that is met before the end of the travel.",
         "A rubber buffer, a bump stop of a suspension, a cable that is too short, a part that touches the frame.",
         "Move slowly towards both ends by hand: at one place resistance sets in. Look for a mark of contact there."),
-        shapes.end_stops, ("place",), one_sided=True),
+        shape_grids.end_stops, ("place",), one_sided=True),
     Kind("angle_harmonic", "connection", "Harmonic", ("cosine", "sine"), _T(
         "a force that repeats along the way", "A force with a fixed period in angle or position.",
         "Cogging of a motor, eccentric pulleys or gears, unbalance against gravity, pitch error of a screw or rack.",
         "Move at several speeds: the frequency of the ripple follows the speed; its period in angle stays."),
-        shapes.orders, ("order",)),
+        shape_grids.orders, ("order",)),
     Kind("added_inertia", "connection", "AddedInertia", ("inertia",), _T(
         "inertia that is not in the model", "A resistance against acceleration.",
         "A payload, coupling, rotor, hose or fixture that was forgotten or changed.",
@@ -309,7 +268,7 @@ _add([
         "slip (creep)", "An elastic connection that gives way slowly under load.",
         "A belt or rope that creeps over its pulley, a clamp or press fit that slides.",
         "Mark both sides and run loaded: the marks drift apart."),
-        shapes.spring, one_sided=True, linear=False, needs="stiffness", elastic=True),
+        shape_grids.spring, one_sided=True, linear=False, needs="stiffness", elastic=True),
     Kind("sensor_offset", "sensor", "offset", ("offset",), _T(
         "a sensor offset", "The sensor reads too much or too little by a constant.",
         "Zero not set, temperature, mounting under stress, a homing position that moved.",

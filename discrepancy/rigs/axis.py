@@ -20,7 +20,7 @@ from discrepancy.rigs import axis_model, axis_texts
 from discrepancy.rigs.axis_model import build
 from discrepancy.rigs.axis_trips import CYCLE, trip
 from discrepancy.rigs.hidden_effects import Hidden
-from discrepancy.rigs.recording import Case, Channel, Disturbance, check_folder
+from discrepancy.rigs.recording import Case, Channel, RigDisturbance, check_folder
 from discrepancy.rigs.rig import Rig, Run, write_case
 from estimation.fit.calibrate import UncertainParameter
 from multibody.base.progress import Progress, silent
@@ -294,7 +294,7 @@ def make_axis(
         seed=seed,
         trips=trips,
         strength=strength,
-        disturbance=Disturbance(disturbance),
+        disturbance=RigDisturbance(disturbance),
         dry=dry,
         over=over,
         plan=plan or TripPlan(),
@@ -307,6 +307,6 @@ def make_axis(
         "study.toml": axis_texts.study(
             case, DRY if dry else None, MASS * rig.plan.load if rig.plan.load != 1.0 else None
         ),
-        "README.md": axis_texts.readme(rig, case),
+        "README.md": axis_texts.readme(rig, rig.plan, case),
     }
     return write_case(out, case, texts)

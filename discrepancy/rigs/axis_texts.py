@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from discrepancy.rigs import texts as rig_texts
 
 if TYPE_CHECKING:
-    from discrepancy.rigs.axis import AxisRig
+    from discrepancy.questions.trip_plan import TripPlan
     from discrepancy.rigs.recording import Case
+    from discrepancy.rigs.rig import Rig
 
 __all__ = ["readme", "study"]
 
@@ -21,10 +22,9 @@ def study(case: Case, coulomb: float | None = None, mass: float | None = None) -
     return rig_texts.study(case, "a linear axis", "axis.py:build", arguments, start=note)
 
 
-def readme(rig: AxisRig, case: Case) -> str:
+def readme(rig: Rig, plan: TripPlan, case: Case) -> str:
     """Return the README of a case: that the data are synthetic and how they were made."""
-    words = rig.plan.words
-    planned = "" if words == "as recorded" else f"\nThese trips were asked for ({rig.plan}): {words}.\n"
+    planned = "" if plan.words == "as recorded" else f"\nThese trips were asked for ({plan}): {plan.words}.\n"
     return f"""# Recordings of a virtual axis
 
 **These data are synthetic.** They come from a simulation and not from a machine. They were made by

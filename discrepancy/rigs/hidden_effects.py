@@ -12,7 +12,8 @@ import numpy as np
 
 from discrepancy.effects.catalogue import Entry
 from discrepancy.effects.effect import Effect, law_class
-from discrepancy.effects.kinds import MotionRange, kinds
+from discrepancy.effects.kinds import kinds
+from discrepancy.effects.shape_grids import MotionRange
 from discrepancy.effects.uncatalogued_laws import OVER, UNKNOWN_LAWS
 from discrepancy.rigs.recording import BenchError
 from multibody.base.spelling import nearest

@@ -32,8 +32,8 @@ __all__ = [
     "BenchError",
     "Case",
     "Channel",
-    "Disturbance",
     "Logger",
+    "RigDisturbance",
     "check_folder",
     "perturb",
     "record_of",
@@ -52,7 +52,7 @@ class BenchError(ValueError):
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class RigDisturbance:
     """A coloured force that no model describes: a resonance of second order and a slow drift, equal in power.
 
     Parameters

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from discrepancy.effects.catalogue import Entry, catalogue
-from discrepancy.effects.kinds import MotionRange
+from discrepancy.effects.shape_grids import MotionRange
 from discrepancy.effects.uncatalogued_laws import OVER
 from discrepancy.rigs.hidden_effects import (
     UNKNOWN,
@@ -31,8 +31,8 @@ from discrepancy.rigs.recording import (
     BenchError,
     Case,
     Channel,
-    Disturbance,
     Logger,
+    RigDisturbance,
     check_folder,
     perturb,
     record_of,
@@ -70,7 +70,7 @@ class Rig:
         Records; a quarter of them, at least one, are for validation.
     strength : float
         Factor on the usual size of what is hidden.
-    disturbance : Disturbance
+    disturbance : RigDisturbance
         Force that no model describes.
     logger : Logger
     regularisation : float
@@ -88,7 +88,7 @@ class Rig:
     seed: int = 0
     trips: int = 8
     strength: float = 1.0
-    disturbance: Disturbance = field(default_factory=Disturbance)
+    disturbance: RigDisturbance = field(default_factory=RigDisturbance)
     logger: Logger = field(default_factory=Logger)
     regularisation: float = 0.8
     over: str = "position"

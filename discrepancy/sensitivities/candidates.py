@@ -15,8 +15,8 @@ import numpy as np
 from discrepancy.effects.catalogue import Entry
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import DIFFERENCE, differs_from
-from discrepancy.effects.kinds import MotionRange
 from discrepancy.effects.law_along_motion import MOTION, law_forces
+from discrepancy.effects.shape_grids import MotionRange
 from discrepancy.sensitivities.built_in import Plan, changes_of, integrated_sensitivities
 from discrepancy.sensitivities.finite_amplitude import far_away, finite_amplitude_sensitivities, takes_finite_amplitudes
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem

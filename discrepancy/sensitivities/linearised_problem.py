@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from discrepancy.effects.kinds import MotionRange
+from discrepancy.effects.shape_grids import MotionRange
 from discrepancy.residual.input_noise import shaping_of
 from discrepancy.sensitivities.free_curves import FreeCurves
 from discrepancy.statistics.blocks import Residual, Sensitivities

@@ -10,7 +10,7 @@ import math
 
 import pytest
 
-from discrepancy.rigs.recording import Disturbance
+from discrepancy.rigs.recording import RigDisturbance
 from discrepancy.study.study import Study
 from discrepancy.validation.suite import run_suite
 from discrepancy.validation.trials import Trial, file_name, page, with_section
@@ -87,7 +87,7 @@ def test_reference_model_is_told_the_rails_and_where_it_starts():
 def test_one_dimensional_lift_moves_as_the_one_with_guides_does():
     import numpy as np
 
-    settings = {"seed": 5, "trips": 2, "disturbance": Disturbance(0.0)}
+    settings = {"seed": 5, "trips": 2, "disturbance": RigDisturbance(0.0)}
     with_guides, plain = LiftRig(**settings).case([]), PlainLiftRig(**settings).case([])
     for name in ("friction_c", "tau_L", "payload"):  # what rubs is recorded of the one with guides in both cases
         rubs = [c.identify[0].signals[name].values for c in (plain, with_guides)]

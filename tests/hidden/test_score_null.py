@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from discrepancy.search.omnibus import omnibus
-from discrepancy.statistics import synthetic as sy
 from discrepancy.statistics.scan import scan
+from discrepancy.validation import linear_axes
 
 LEVEL = 0.02
 
@@ -17,11 +17,11 @@ LEVEL = 0.02
 def alarms(n_models, n_records, seed=100):
     count = 0
     for s in range(n_models):
-        d = sy.DISTURBANCES[s % len(sy.DISTURBANCES)]
+        d = linear_axes.DISTURBANCES[s % len(linear_axes.DISTURBANCES)]
         rng = np.random.default_rng([seed, n_records, s])
-        axis = sy.make_axis(rng, n_records)
-        case = sy.make_case(axis, d, rng)
-        r = scan(case.residual, case.sensitivities, sy.candidates(axis), seed=s, draws=150, level=LEVEL)
+        axis = linear_axes.make_axis(rng, n_records)
+        case = linear_axes.make_case(axis, d, rng)
+        r = scan(case.residual, case.sensitivities, linear_axes.candidates(axis), seed=s, draws=150, level=LEVEL)
         count += any(x.p_value < LEVEL for x in r.rows)
     return count
 
@@ -49,19 +49,19 @@ def test_false_alarms_at_most_five_percent(n_records):
 )
 def test_strong_effects_are_named_with_two_records(kind, shape, amplitude):
     rng = np.random.default_rng(21)
-    axis = sy.make_axis(rng, 2)
-    case = sy.make_case(axis, "ar2", rng, [(kind, shape, amplitude)])
-    r = scan(case.residual, case.sensitivities, sy.candidates(axis), draws=150, level=LEVEL)
+    axis = linear_axes.make_axis(rng, 2)
+    case = linear_axes.make_case(axis, "ar2", rng, [(kind, shape, amplitude)])
+    r = scan(case.residual, case.sensitivities, linear_axes.candidates(axis), draws=150, level=LEVEL)
     assert r.best is not None
     assert kind in {n.split("@")[0] for n in r.ties.names}
 
 
 def test_unknown_effect_is_noticed_without_a_catalogue():
     rng = np.random.default_rng(5)
-    axis = sy.make_axis(rng, 4)
+    axis = linear_axes.make_axis(rng, 4)
     drivers = {"position": [m.x for m in axis.motions], "speed": [m.v for m in axis.motions]}
-    quiet = sy.make_case(axis, "ar2", np.random.default_rng(1))
-    loud = sy.make_case(
+    quiet = linear_axes.make_case(axis, "ar2", np.random.default_rng(1))
+    loud = linear_axes.make_case(
         axis, "ar2", np.random.default_rng(1), [("local_bump", {"place": 0.1, "width": 0.03}, [40.0])]
     )
     assert not omnibus(quiet.residual, quiet.sensitivities, drivers, draws=100).rejects

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("pysindy")
 pytest.importorskip("sklearn")
 
-from discrepancy.statistics import synthetic
+from discrepancy.validation import linear_axes
 from discrepancy.validation.peers_methods import ON_COLUMNS, THRESHOLDS, versions
 from discrepancy.validation.resampled import SCHEMES, Resampled, Shared
 from discrepancy.validation.resampled_peers import (
@@ -23,9 +23,9 @@ from discrepancy.validation.resampled_peers import (
 @pytest.fixture(scope="module")
 def given():
     rng = np.random.default_rng(3)
-    axis = synthetic.make_axis(rng, 1, 12.0, 0.01)
-    case = synthetic.make_case(axis, "mixed", rng)
-    every = synthetic.candidates(axis)
+    axis = linear_axes.make_axis(rng, 1, 12.0, 0.01)
+    case = linear_axes.make_case(axis, "mixed", rng)
+    every = linear_axes.candidates(axis)
     return Shared.of_arrays(case.residual, case.sensitivities, every, every[:1], [0.0, 0.0], SCHEMES[:1])
 
 

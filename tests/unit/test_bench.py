@@ -12,7 +12,7 @@ from discrepancy.effects.kinds import SHIPPED, kinds
 from discrepancy.problem.model import load_model
 from discrepancy.problem.study_file import read_study
 from discrepancy.rigs.axis import OUTPUTS, AxisRig, axis_case, entries_of, hidden_in, list_axis, make_axis, trip
-from discrepancy.rigs.recording import BenchError, Channel, Disturbance, Logger, perturb
+from discrepancy.rigs.recording import BenchError, Channel, Logger, RigDisturbance, perturb
 from estimation.fit.calibrate import UncertainParameter
 from multibody.machine.model import Model
 
@@ -213,7 +213,7 @@ def test_strength_scales_what_is_hidden_and_nothing_else() -> None:
 
 def test_without_hidden_effects_only_disturbance_and_noise_are_left() -> None:
     """The model at the true parameters, with its own integrator, against the rig without disturbance."""
-    case = axis_case(seed=8, trips=2, disturbance=Disturbance(0.0))
+    case = axis_case(seed=8, trips=2, disturbance=RigDisturbance(0.0))
     system = case.true_model.build()
     # Noise, and half a step of resolution as white noise of step/√12.
     noise = {
@@ -246,7 +246,7 @@ def test_parameters_stay_within_prior_and_bounds() -> None:
 
 
 def test_disturbance_has_the_stated_size_and_colour() -> None:
-    force = Disturbance(2.0).draw(400_000, 1e-3, np.random.default_rng(1))
+    force = RigDisturbance(2.0).draw(400_000, 1e-3, np.random.default_rng(1))
     # 400 s at a correlation time of 0.5 s: some 400 independent values, 4 % on the root mean square.
     assert np.sqrt(np.mean(force**2)) == pytest.approx(2.0, rel=0.1)
     power = np.abs(np.fft.rfft(force)) ** 2
@@ -254,7 +254,7 @@ def test_disturbance_has_the_stated_size_and_colour() -> None:
     near = power[(frequency > 3.0) & (frequency < 7.0)].mean()
     assert near > 20.0 * power[(frequency > 30.0) & (frequency < 50.0)].mean()
     # Stationary from the first sample on.
-    first = [Disturbance(2.0).draw(2, 1e-3, np.random.default_rng(k))[0] for k in range(400)]
+    first = [RigDisturbance(2.0).draw(2, 1e-3, np.random.default_rng(k))[0] for k in range(400)]
     assert np.std(first) == pytest.approx(2.0, rel=0.15)
 
 

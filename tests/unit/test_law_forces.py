@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from discrepancy.effects.kinds import MotionRange, kind_named
+from discrepancy.effects.kinds import kind_named
 from discrepancy.effects.law_along_motion import law_forces
+from discrepancy.effects.shape_grids import MotionRange
 
 TIME = np.linspace(0.0, 2.0, 401)
 MOTION = {

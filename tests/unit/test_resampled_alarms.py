@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.statistics import synthetic
 from discrepancy.statistics.whitened import rms_whitener, scaled_by_rms, whiten_all
+from discrepancy.validation import linear_axes
 from discrepancy.validation.peers_methods import ON_COLUMNS
 from discrepancy.validation.resampled import SCHEMES, Resampled, Shared, read_resampled, resampled_alarms
 from discrepancy.validation.resampled_page import resampled_page
@@ -22,9 +22,9 @@ KINDS = ("constant_force", "local_bump", "angle_harmonic", "stribeck_friction")
 @pytest.fixture(scope="module")
 def given():
     rng = np.random.default_rng(3)
-    axis = synthetic.make_axis(rng, 1, 12.0, 0.01)
-    case = synthetic.make_case(axis, "ar2", rng)
-    every = synthetic.candidates(axis)
+    axis = linear_axes.make_axis(rng, 1, 12.0, 0.01)
+    case = linear_axes.make_case(axis, "ar2", rng)
+    every = linear_axes.candidates(axis)
     some = [c for c in every if c.kind in KINDS] or every[:4]
     return Shared.of_arrays(case.residual, case.sensitivities, some, some[:1], [0.0, 0.0], UNTIED)
 

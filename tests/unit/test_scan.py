@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from discrepancy.search.omnibus import with_effect
-from discrepancy.statistics import synthetic as sy
 from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
 from discrepancy.statistics.null_distribution import P_FLOOR, tail_p
 from discrepancy.statistics.projection import Layout, project
 from discrepancy.statistics.scan import scan
 from discrepancy.statistics.score import make_scorer, prepare_columns
 from discrepancy.statistics.whitening import identity
+from discrepancy.validation import linear_axes
 
 
 def small(seed=0, n=(120, 90), p=3):
@@ -127,8 +127,8 @@ def test_tail_p_counts_then_extrapolates_and_has_a_floor():
 
 def axis_case(hidden=(), n_rec=3, disturbance="ar2", seed=11):
     rng = np.random.default_rng(seed)
-    axis = sy.make_axis(rng, n_rec, duration=4.0)
-    return axis, sy.make_case(axis, disturbance, rng, hidden)
+    axis = linear_axes.make_axis(rng, n_rec, duration=4.0)
+    return axis, linear_axes.make_case(axis, disturbance, rng, hidden)
 
 
 def test_refusals_say_why():
@@ -146,7 +146,7 @@ def test_refusals_say_why():
 
 def test_same_seed_same_answer_and_table():
     axis, case = axis_case()
-    cands = sy.candidates(axis)
+    cands = linear_axes.candidates(axis)
     a, b = (scan(case.residual, case.sensitivities, cands, draws=60, seed=3) for _ in range(2))
     assert a.to_frame().equals(b.to_frame())
     assert set(a.to_frame()["kind"]) >= {c.kind for c in cands}
@@ -156,7 +156,7 @@ def test_same_seed_same_answer_and_table():
 def test_exact_tie_is_named_with_its_other_kind():
     hidden = [("constant_force", {}, [40.0])]
     axis, case = axis_case(hidden)
-    cands = [c for c in sy.candidates(axis) if c.kind in ("constant_force", "linear_stiffness")]
+    cands = [c for c in linear_axes.candidates(axis) if c.kind in ("constant_force", "linear_stiffness")]
     copy = Candidate(
         kind="tilted_guide", where="guide", sensitivities=tuple(tuple(2 * b for b in s) for s in cands[0].sensitivities)
     )
@@ -170,7 +170,7 @@ def test_exact_tie_is_named_with_its_other_kind():
 def test_after_the_effect_is_in_it_is_no_longer_missing():
     hidden = [("stribeck_friction", {"speed": 0.04}, [40.0])]
     axis, case = axis_case(hidden)
-    cands = sy.candidates(axis)
+    cands = linear_axes.candidates(axis)
     r = scan(case.residual, case.sensitivities, cands, draws=100)
     assert r.best is not None
     assert r.best.kind == "stribeck_friction"

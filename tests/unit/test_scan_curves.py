@@ -5,19 +5,21 @@ import pytest
 
 from discrepancy.questions.force_curves import explain_force
 from discrepancy.questions.simple_laws import suggest_laws
-from discrepancy.statistics import synthetic as sy
 from discrepancy.statistics.periodicity import find_period, split_directions
 from discrepancy.statistics.projection import Layout
 from discrepancy.statistics.scan import held_out_gain
+from discrepancy.validation import linear_axes
 from estimation.fit.intervals import block_sandwich, measure_coverage, split_blocks
 
 
 @pytest.fixture(scope="module")
 def run():
     rng = np.random.default_rng(3)
-    axis = sy.make_axis(rng, 6)
+    axis = linear_axes.make_axis(rng, 6)
     cat = np.concatenate
-    noise = cat([3 * sy._ou(rng, 1200, 0.1, 0.005) + 2 * sy._ou(rng, 1200, 2.0, 0.005) for _ in range(6)])
+    noise = cat(
+        [3 * linear_axes._ou(rng, 1200, 0.1, 0.005) + 2 * linear_axes._ou(rng, 1200, 2.0, 0.005) for _ in range(6)]
+    )
     reg = {
         "position": cat([m.x for m in axis.motions]),
         "speed": cat([m.v for m in axis.motions]),

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from discrepancy.effects.catalogue import catalogue
 from discrepancy.effects.effect import Effect
-from discrepancy.effects.kinds import MotionRange, kind_named
+from discrepancy.effects.kinds import kind_named
+from discrepancy.effects.shape_grids import MotionRange
 from multibody import Model
 from multibody.library import Mass, PositionSource, SpringDamper
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from discrepancy.rigs.recording import Disturbance, Logger, perturb
+from discrepancy.rigs.recording import Logger, RigDisturbance, perturb
 from estimation.files.record import Record, Signal
 from multibody.base.progress import Progress, silent
 from vtsdt.alignment.estimate import align, calibrated
@@ -138,7 +138,7 @@ def visit(
         given = dataclasses.replace(given, cabin_guide=dataclasses.replace(guide, right_x=moved))
     rig = LiftRig(
         seed=seed, trips=trips, under_test="cabin", only_express=True, logger=Logger(rate=1000.0, fine=4), rails=None,
-        parameters=given, configuration=number, disturbance=Disturbance(force),
+        parameters=given, configuration=number, disturbance=RigDisturbance(force),
     )  # fmt: skip
     drawn = perturb(rig.uncertain, rig.stream(1))
     values = {name: float(getattr(v, "value", v)) for name, v in dict(drawn).items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from discrepancy.rigs.recording import Disturbance, Logger
+from discrepancy.rigs.recording import Logger, RigDisturbance
 from discrepancy.rigs.texts import list_table
 from multibody.base.progress import ProgressLine
 from vtsdt.cli.arguments import CommandError, Parser, check_out, common, number, whole
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str]) -> int:
         seed=args.seed,
         trips=args.trips,
         strength=args.strength,
-        disturbance=Disturbance(args.disturbance),
+        disturbance=RigDisturbance(args.disturbance),
         logger=Logger(rate=rate, fine=max(1, round(4000.0 / rate))),
         over=args.unknown_over,
         under_test=args.model,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from discrepancy.rigs.hidden_effects import Hidden
-from discrepancy.rigs.recording import Channel, Disturbance, Logger
+from discrepancy.rigs.recording import Channel, Logger, RigDisturbance
 from discrepancy.rigs.rig import Rig, Run
 from estimation.fit.calibrate import UncertainParameter
 from estimation.response.sensors import SensorError
@@ -121,7 +121,7 @@ class LiftRig(Rig):
     """
 
     trips: int = 10
-    disturbance: Disturbance = field(default_factory=lambda: Disturbance(1.0))
+    disturbance: RigDisturbance = field(default_factory=lambda: RigDisturbance(1.0))
     logger: Logger = field(default_factory=lambda: Logger(rate=250.0, fine=16))
     duration: float = 6.0
     under_test: str = "one_dimensional"

@@ -2,12 +2,50 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from discrepancy.effects.kinds import MotionRange, Shapes
+#: Parameters of a law beside its strengths, one set for each point of the grid.
+Shapes = list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class MotionRange:
+    """How far and how fast a connection moved in the records.
+
+    Parameters
+    ----------
+    low, high : float
+        Travel, m or rad.
+    speed : float
+        95th percentile of the absolute speed, m/s or rad/s.
+    turns : bool
+        True for a rotation.
+    scale : float
+        Stiffness of the connection's own spring where it has one, else 0.
+    """
+
+    low: float
+    high: float
+    speed: float
+    turns: bool = False
+    scale: float = 0.0
+
+    @property
+    def centre(self) -> float:
+        """Middle of the travel."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def half(self) -> float:
+        """Half of the travel."""
+        return max(0.5 * (self.high - self.low), 1e-300)
+
+    @property
+    def v_s(self) -> float:
+        """Speed below which the sign of the speed is smoothed: a hundredth of the speed in the records."""
+        return max(0.01 * self.speed, 1e-300)
 
 
 def smooth_sign(m: MotionRange) -> Shapes:
