@@ -26,7 +26,7 @@ from estimation.signals.correlation import correlation_time
 if TYPE_CHECKING:
 
     from discrepancy.effects.effect import Effect
-    from discrepancy.stages.stage import Accepted, Rival, Stage
+    from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
     from discrepancy.study.study import Study
     from estimation.response.experiment import Experiment
 
@@ -241,7 +241,7 @@ def next_measurements(study: Study) -> tuple[NextMeasurement, ...]:
     return tuple(found)
 
 
-def _against(study: Study, accepted: Accepted, rival: Rival) -> NextMeasurement:
+def _against(study: Study, accepted: AcceptedEffect, rival: RivalExplanation) -> NextMeasurement:
     from discrepancy.effects.kinds import kind_named
 
     best = accepted.effect
@@ -269,7 +269,7 @@ def _against(study: Study, accepted: Accepted, rival: Rival) -> NextMeasurement:
     return NextMeasurement(*names, titles, record, proposals)
 
 
-def _rival_effect(study: Study, accepted: Accepted, rival: Rival) -> Effect | None:
+def _rival_effect(study: Study, accepted: AcceptedEffect, rival: RivalExplanation) -> Effect | None:
     """Return the rival as an effect at the strength that the scan expected of it."""
     from discrepancy.effects.catalogue import catalogue
     from discrepancy.effects.from_scan_row import effect_of

@@ -16,7 +16,7 @@ from discrepancy.questions.compare import PARTS, Comparison, compare, signal_ent
 from discrepancy.questions.explained_share import explained, explained_by_output
 from discrepancy.questions.locate import WhereItFails, locate
 from discrepancy.report.schema import SCHEMA, VERDICTS, check_diagnosis
-from discrepancy.stages.stage import Accepted, Rival, Stage
+from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from multibody.base.quantity_text import bare_unit
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ class Conclusion:
         return self.stages[-1]
 
     @property
-    def accepted(self) -> tuple[Accepted, ...]:
+    def accepted(self) -> tuple[AcceptedEffect, ...]:
         """What was added, in that order, with the values of the last stage."""
         from dataclasses import replace
 
@@ -235,10 +235,10 @@ def parameter_unit(effect: Effect, name: str, stage: Stage) -> str:
     return unit if name == "offset" else f"{unit}/s"
 
 
-def _effect_entry(accepted: Accepted, conclusion: Conclusion) -> dict[str, Any]:
+def _effect_entry(accepted: AcceptedEffect, conclusion: Conclusion) -> dict[str, Any]:
     effect = accepted.effect
 
-    def told(rival: Rival) -> dict[str, Any]:
+    def told(rival: RivalExplanation) -> dict[str, Any]:
         return {
             "kind": rival.kind,
             "where": rival.where,
@@ -261,7 +261,7 @@ def _effect_entry(accepted: Accepted, conclusion: Conclusion) -> dict[str, Any]:
         "runners_up": [told(r) for r in accepted.rivals if not r.indistinguishable],
         "title": effect.definition.text.title,
         "fixed": fixed,
-        **({"hidden_by": accepted.hidden_by} if accepted.hidden_by else {}),
+        **({"hidden_by": accepted.masked_by} if accepted.masked_by else {}),
     }
 
 

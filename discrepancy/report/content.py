@@ -12,7 +12,7 @@ from discrepancy.report.conclusion import Conclusion, Evidence, effect_parameter
 from discrepancy.report.figures import PART_WORDS, stage_title, worst_outputs
 from discrepancy.report.method_section import how, records
 from discrepancy.report.wording import interval_words, luck_words, ratio_words, rival_title, rival_words, share_words
-from discrepancy.stages.stage import Accepted, Stage
+from discrepancy.stages.stage import AcceptedEffect, Stage
 from multibody.base.quantity_text import quantity_text, unit_text
 
 __all__ = ["content"]
@@ -145,7 +145,7 @@ def _table(conclusion: Conclusion, evidence: Evidence, outputs: list[str]) -> li
 # ---------------------------------------------------------------- effects
 
 
-def _effect(conclusion: Conclusion, accepted: Accepted) -> Entry:
+def _effect(conclusion: Conclusion, accepted: AcceptedEffect) -> Entry:
     effect, final = accepted.effect, conclusion.final
     text = kind_text(effect.kind)
     sizes = []
@@ -188,9 +188,9 @@ def _effect(conclusion: Conclusion, accepted: Accepted) -> Entry:
     }
 
 
-def _hidden_by(conclusion: Conclusion, accepted: Accepted) -> Entry | None:
+def _hidden_by(conclusion: Conclusion, accepted: AcceptedEffect) -> Entry | None:
     """Return the other of two effects that hide each other, and what both together improve."""
-    other = next((a for a in conclusion.accepted if str(a.effect) == accepted.hidden_by), None)
+    other = next((a for a in conclusion.accepted if str(a.effect) == accepted.masked_by), None)
     if other is None:
         return None
     title = f"{kind_text(other.effect.kind).title} at {other.effect.where}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from discrepancy.effects.kinds import kind_named
-from discrepancy.stages.stage import Rival
+from discrepancy.stages.stage import RivalExplanation
 from multibody.base.quantity_text import number_text, quantity_text, readable_scale
 
 __all__ = [
@@ -99,14 +99,18 @@ def share_words(share: float) -> str:
     return f"{percent:.1f} %" if abs(percent) < 10.0 else f"{percent:.0f} %"
 
 
-def rival_title(rival: Rival) -> str:
+def rival_title(rival: RivalExplanation) -> str:
     """Return what another explanation is, in words, with its place or its two places.
 
     Examples
     --------
-    >>> rival_title(Rival("sensor_delay", "speed", 1.0, True, True))
+    >>> from dataclasses import replace
+    >>> late = RivalExplanation(
+    ...     kind="sensor_delay", where="speed", delta_bic=1.0, refitted=True, indistinguishable=True
+    ... )
+    >>> rival_title(late)
     'a sensor delay at speed'
-    >>> rival_title(Rival("sensor_delay with input_delay@torque", "speed", 1.0, True, True))
+    >>> rival_title(replace(late, kind="sensor_delay with input_delay@torque"))
     'a sensor delay at speed with an input delay at torque'
     """
     parts = []
@@ -117,7 +121,7 @@ def rival_title(rival: Rival) -> str:
     return " with ".join(parts)
 
 
-def rival_words(rival: Rival) -> str:
+def rival_words(rival: RivalExplanation) -> str:
     """Return how much worse another explanation is, in words."""
     how = "" if rival.refitted else " (estimated; it was not fitted in full)"
     if rival.indistinguishable:

@@ -14,7 +14,7 @@ from discrepancy.search.record_left_out import left_out_difference
 from discrepancy.search.step import LOOKS
 from discrepancy.search.trial_fits import Fit, tried
 from discrepancy.sensitivities.free_curve_scan import FreeCurveScan
-from discrepancy.stages.stage import Accepted, Rival, Stage
+from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 
 __all__ = ["curve_instead", "drop_idle", "free_curve", "lasts", "replace_by_curve"]
 
@@ -193,16 +193,21 @@ def _best_curve(
         return None
     difference, stage, p = found[0]
     rivals = tuple(
-        Rival(
-            t[1].effects[-1].kind + f" over {t[1].effects[-1].over}",
-            t[1].effects[-1].where,
-            t[0] - difference,
-            True,
-            t[0] - difference < CLEARLY,
+        RivalExplanation(
+            kind=t[1].effects[-1].kind + f" over {t[1].effects[-1].over}",
+            where=t[1].effects[-1].where,
+            delta_bic=t[0] - difference,
+            refitted=True,
+            indistinguishable=t[0] - difference < CLEARLY,
         )
         for t in found[1:]
     )
-    return replace(stage, accepted=Accepted(stage.effects[-1], p, bic_difference(stage, before), rivals))
+    return replace(
+        stage,
+        accepted=AcceptedEffect(
+            effect=stage.effects[-1], p_value=p, delta_bic=bic_difference(stage, before), rivals=rivals
+        ),
+    )
 
 
 def lasts(curve: Stage, last: Stage, laws: Sequence[Effect]) -> bool:

@@ -15,7 +15,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import effect_of
 from discrepancy.search.model_comparison import bic_difference
 from discrepancy.search.trial_fits import Fit, tried
-from discrepancy.stages.stage import Accepted, Rival, Stage
+from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from discrepancy.statistics.thresholds import DECISIVE_BIC
 from discrepancy.statistics.ties import canonical_correlation
 from multibody.base.parallel import side_by_side
@@ -51,13 +51,15 @@ class Swap:
     stage: Stage
     better: float
 
-    def accepted(self, before: Accepted, delta_bic: float) -> Accepted:
+    def accepted(self, before: AcceptedEffect, delta_bic: float) -> AcceptedEffect:
         """Return why an effect of the story is there, told anew: the new one in the place of the old, or as it was."""
-        hidden_by = str(self.new) if before.hidden_by == str(self.old) else before.hidden_by
+        masked_by = str(self.new) if before.masked_by == str(self.old) else before.masked_by
         if before.effect.component_name != self.old.component_name:
-            return replace(before, delta_bic=delta_bic, hidden_by=hidden_by)
+            return replace(before, delta_bic=delta_bic, masked_by=masked_by)
         others = (r for r in before.rivals if (r.kind, r.where) != (self.new.kind, self.new.where))
-        first = Rival(self.old.kind, self.old.where, self.better, True, False)
+        first = RivalExplanation(
+            kind=self.old.kind, where=self.old.where, delta_bic=self.better, refitted=True, indistinguishable=False
+        )
         return replace(before, effect=self.new, delta_bic=delta_bic, rivals=(first, *others))
 
 
@@ -107,7 +109,7 @@ def better_in_its_place(stages: Sequence[Stage], fit: Fit, progress: Callable[[s
     return best if best is not None and best.better > DECISIVE_BIC else None
 
 
-def _others(accepted: Accepted, scan: ScanResult) -> list[str]:
+def _others(accepted: AcceptedEffect, scan: ScanResult) -> list[str]:
     """Return what else an effect could be, the closest first: its rivals, and the same law elsewhere."""
     close = [r for r in accepted.rivals if r.delta_bic < CLOSE and " " not in r.kind]
     names = [f"{r.kind}@{r.where}" for r in sorted(close, key=lambda r: r.delta_bic)]

@@ -12,7 +12,7 @@ from discrepancy.effects.from_scan_row import contained, effect_of, simpler_in
 from discrepancy.search.model_comparison import CLEARLY, bic_difference, matters, taken
 from discrepancy.search.step import LOOKS, MOST, Step
 from discrepancy.search.trial_fits import Fit, tried
-from discrepancy.stages.stage import Accepted, Rival, Stage
+from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from discrepancy.statistics.masking_pairs import MaskingPairs, Pair, find_masking_pairs
 from discrepancy.statistics.thresholds import DECISIVE_BIC
 from multibody.base.parallel import side_by_side
@@ -165,7 +165,9 @@ def _both(
     both = replace(best, name=f"+ {second}", effects=ordered)
     rivals = _rivals(better, stage, (str(ordered[-2]), str(second)))
     accepted = [
-        Accepted(effect, p_value, change, rivals[str(effect)], hidden_by=str(other))
+        AcceptedEffect(
+            effect=effect, p_value=p_value, delta_bic=change, rivals=rivals[str(effect)], masked_by=str(other)
+        )
         for effect, other, change in (
             (ordered[-2], second, difference),
             (second, ordered[-2], bic_difference(both, first)),
@@ -176,7 +178,7 @@ def _both(
 
 def _rivals(
     better: Sequence[tuple[Stage, Sequence[Pair]]], stage: Stage, names: tuple[str, str]
-) -> Mapping[str, tuple[Rival, ...]]:
+) -> Mapping[str, tuple[RivalExplanation, ...]]:
     """Return for each effect of the best pair what stands in its place in the others; two new ones go with the last.
 
     Of pairs that all but do the same only the first was refitted; the others are known by the scan alone.
@@ -184,22 +186,36 @@ def _rivals(
     least, own = bic_difference(better[0][0], stage), better[0][1]
     others = [(p, own[0].gain - p.gain, False) for p in own[1:]]
     others += [(f[0], bic_difference(s, stage) - least, True) for s, f in better[1:]]
-    found: dict[str, list[Rival]] = {n: [] for n in names}
+    found: dict[str, list[RivalExplanation]] = {n: [] for n in names}
     for pair, difference, refitted in others:
         new = [r for r in pair.rows if r.name not in names]
         if len(new) == 2:
             found[names[-1]].append(_two(new, float(difference), refitted))
         else:
             gone = next(n for n in names if n not in pair.names)
-            found[gone].append(Rival(new[0].kind, new[0].where, float(difference), refitted, difference < DECISIVE_BIC))
+            found[gone].append(
+                RivalExplanation(
+                    kind=new[0].kind,
+                    where=new[0].where,
+                    delta_bic=float(difference),
+                    refitted=refitted,
+                    indistinguishable=difference < DECISIVE_BIC,
+                )
+            )
     return {n: _sorted(r) for n, r in found.items()}
 
 
-def _sorted(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
+def _sorted(rivals: Iterable[RivalExplanation]) -> tuple[RivalExplanation, ...]:
     return tuple(sorted(rivals, key=lambda r: r.delta_bic))
 
 
-def _two(rows: Sequence[ScanRow], difference: float, refitted: bool = True) -> Rival:
+def _two(rows: Sequence[ScanRow], difference: float, refitted: bool = True) -> RivalExplanation:
     """Return two effects as one other explanation."""
     kind = f"{rows[0].kind} with {rows[1].name}"
-    return Rival(kind, rows[0].where, difference, refitted, difference < DECISIVE_BIC)
+    return RivalExplanation(
+        kind=kind,
+        where=rows[0].where,
+        delta_bic=difference,
+        refitted=refitted,
+        indistinguishable=difference < DECISIVE_BIC,
+    )

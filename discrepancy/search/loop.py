@@ -11,7 +11,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.search.model_comparison import bic_difference
 from discrepancy.search.step import LOOKS
 from discrepancy.stages.fit_stage import with_validation
-from discrepancy.stages.stage import Accepted, Stage
+from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.statistics.thresholds import DECISIVE_BIC
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Search:
     def run(self) -> None:
         """Go on from where the study stands."""
         study = self.study
-        if study.stage.half:
+        if study.stage.half_of_masking_pair:
             study.undo()  # a search was broken off between two effects that hide each other: they come together
         if not study.settled:
             self._settle()
@@ -91,7 +91,7 @@ class Search:
         study.made()
         return True
 
-    def _add(self, accepted: Accepted, trial: Stage) -> None:
+    def _add(self, accepted: AcceptedEffect, trial: Stage) -> None:
         self.study.settled = False
         self._accept_instead(accepted, trial)
         self._settle()
@@ -124,7 +124,7 @@ class Search:
 
         self.study.progress("would parameters outside their stated uncertainty explain as much?")
         found = self._found
-        first = found[1] if found[0].half and len(found) > 1 else found[0]
+        first = found[1] if found[0].half_of_masking_pair and len(found) > 1 else found[0]
         self.study.beyond = beyond_priors(self.study, self.study.stages[1], first)
 
     def _settle(self) -> None:
@@ -136,7 +136,7 @@ class Search:
         self.study.settled = True
         self.study.made()
 
-    def accept(self, accepted: Accepted | None, trial: Stage) -> None:
+    def accept(self, accepted: AcceptedEffect | None, trial: Stage) -> None:
         """Fit the accepted effect fully, from where its trial ended, and make that the latest stage."""
         try:
             stage = self.study.fitted(trial.name, trial.effects, trial, trial.noise)
@@ -162,7 +162,7 @@ class Search:
         self._again(self.study.stages[-1].accepted, stage, self.study.stages[:-1], [effect], note)
         return True
 
-    def _accept_instead(self, accepted: Accepted, trial: Stage) -> None:
+    def _accept_instead(self, accepted: AcceptedEffect, trial: Stage) -> None:
         """Accept an effect, and take the stages of those out of the story in whose place it stands."""
         names = {e.component_name for e in trial.effects}
         gone = [e for e in self.study.stage.effects if e.component_name not in names]
@@ -174,13 +174,13 @@ class Search:
         self._again(accepted, trial, self.study.stages, gone, note)
 
     def _again(
-        self, accepted: Accepted | None, trial: Stage, stages: Sequence[Stage], gone: Sequence[Effect], note: str
+        self, accepted: AcceptedEffect | None, trial: Stage, stages: Sequence[Stage], gone: Sequence[Effect], note: str
     ) -> None:
         """Accept a trial after the given stages without those that added effects that have gone."""
         names = {e.component_name for e in gone}
         kept = [s for s in stages if s.accepted is None or s.accepted.effect.component_name not in names]
-        if accepted is not None and accepted.hidden_by in map(str, gone):
-            accepted = replace(accepted, hidden_by="")
+        if accepted is not None and accepted.masked_by in map(str, gone):
+            accepted = replace(accepted, masked_by="")
         before = list(self.study.stages)
         try:
             self.study.stages[:] = kept
@@ -278,6 +278,6 @@ class Search:
 def _told_alone(stage: Stage, there: Collection[str]) -> Stage:
     """Return a stage of the story; where the effect that hid its own is not in the model any more, without that."""
     accepted = stage.accepted
-    if accepted is None or not accepted.hidden_by or accepted.hidden_by in there:
+    if accepted is None or not accepted.masked_by or accepted.masked_by in there:
         return stage
-    return replace(stage, accepted=replace(accepted, hidden_by=""))
+    return replace(stage, accepted=replace(accepted, masked_by=""))

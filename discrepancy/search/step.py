@@ -15,7 +15,7 @@ from discrepancy.search.model_comparison import bic_difference, matters, taken
 from discrepancy.search.trial_fits import Refit, best_of, fits_with
 from discrepancy.sensitivities.candidates import candidate_sensitivities, cannot_be_built
 from discrepancy.stages.prior_conflict import needs_prior_conflict
-from discrepancy.stages.stage import Accepted, Rival, Stage
+from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
 from discrepancy.statistics.thresholds import DECISIVE_BIC, TWIN_CORRELATION
 from multibody.base.errors import ModelError
@@ -41,24 +41,24 @@ class Step:
     ----------
     scans : tuple of ScanResult
         Scores of all candidates, plainly weighed; then whitened, where that was asked as well.
-    accepted : Accepted or None
+    accepted : AcceptedEffect or None
     stage : Stage or None
         With the accepted effect in it.
     refused : tuple of (Entry, str)
         Candidates that these records cannot speak about.
     slight : tuple of ScanRow
         Candidates with which the refitted model is the better one, by too little to matter.
-    first : tuple of (Accepted, Stage), optional
+    first : tuple of (AcceptedEffect, Stage), optional
         Of two effects that hide each other the one that is added first, and the stage with it alone; the accepted one
         comes after it (`discrepancy.search.look_ahead`).
     """
 
     scans: tuple[ScanResult, ...]
-    accepted: Accepted | None
+    accepted: AcceptedEffect | None
     stage: Stage | None
     refused: tuple[tuple[Entry, str], ...]
     slight: tuple[ScanRow, ...] = ()
-    first: tuple[Accepted, Stage] | None = None
+    first: tuple[AcceptedEffect, Stage] | None = None
 
     @property
     def scan(self) -> ScanResult:
@@ -66,7 +66,7 @@ class Step:
         return self.scans[0]
 
     @property
-    def added(self) -> tuple[Accepted, ...]:
+    def added(self) -> tuple[AcceptedEffect, ...]:
         """What the step adds, in that order."""
         last = () if self.accepted is None else (self.accepted,)
         return last if self.first is None else (self.first[0], *last)
@@ -161,7 +161,9 @@ def search_step(
     best, row = tried[0]
     p_value = min(p_value, LOOKS * row.p_value)
     rivals = _rivals(best, stage, tried[1:], scans, row.name)
-    accepted = Accepted(best.effects[-1], p_value, bic_difference(best, stage), rivals)
+    accepted = AcceptedEffect(
+        effect=best.effects[-1], p_value=p_value, delta_bic=bic_difference(best, stage), rivals=rivals
+    )
     return Step(tuple(scans), accepted, best, tuple(refused), tuple(slight))
 
 
@@ -280,25 +282,39 @@ def _size(tried: tuple[Stage, ScanRow]) -> tuple[int, int, int]:
 
 def _rivals(
     best: Stage, stage: Stage, others: Sequence[tuple[Stage, ScanRow]], scans: Sequence[ScanResult], name: str
-) -> tuple[Rival, ...]:
+) -> tuple[RivalExplanation, ...]:
     """Return the other explanations: refitted finalists, and what the scan cannot tell apart or ranks next."""
-    found: dict[str, Rival] = {}
+    found: dict[str, RivalExplanation] = {}
     alike = [t for scan in scans if (ties := scan.ties_of(name)) for t in (*ties.same_kind, *ties.other_kind)]
     twins = {t.name for t in alike if t.correlation >= TWIN_CORRELATION}
     for other, row in others:
         difference = bic_difference(other, stage) - bic_difference(best, stage)
         # fits on trial end a few of BIC apart, even of what is all but the same
         close = difference < (2.0 * DECISIVE_BIC if row.name in twins else DECISIVE_BIC)
-        found[row.name] = Rival(row.kind, row.where, float(difference), True, close and not _richer(row.kind, best))
+        found[row.name] = RivalExplanation(
+            kind=row.kind,
+            where=row.where,
+            delta_bic=float(difference),
+            refitted=True,
+            indistinguishable=close and not _richer(row.kind, best),
+        )
     for tie in alike:
         # a part of the accepted effect lies in its span as well, but explains less
         same = tie.correlation >= TIE_CORRELATION and abs(2.0 * tie.gain_deficit) < DECISIVE_BIC
         if tie.name not in found and same and not _richer(tie.kind, best):
-            found[tie.name] = Rival(tie.kind, tie.where, 2.0 * tie.gain_deficit, False, True)
+            found[tie.name] = RivalExplanation(
+                kind=tie.kind, where=tie.where, delta_bic=2.0 * tie.gain_deficit, refitted=False, indistinguishable=True
+            )
     plain = scans[0]
     if name not in plain.refused:
         top = plain[name]
         for row in sorted(plain.rows, key=lambda r: -r.error_reduction)[:8]:
             if row.name != name and row.name not in found:
-                found[row.name] = Rival(row.kind, row.where, float(row.delta_bic - top.delta_bic), False, False)
+                found[row.name] = RivalExplanation(
+                    kind=row.kind,
+                    where=row.where,
+                    delta_bic=float(row.delta_bic - top.delta_bic),
+                    refitted=False,
+                    indistinguishable=False,
+                )
     return tuple(sorted(found.values(), key=lambda r: r.delta_bic))

@@ -19,7 +19,7 @@ from discrepancy.effects.catalogue import Entry, catalogue
 from discrepancy.search.model_comparison import bic_difference, loud, taken
 from discrepancy.search.step import FINALISTS, LOOKS
 from discrepancy.search.trial_fits import Refit, best_of, fits_with
-from discrepancy.stages.stage import Accepted, Rival, Stage
+from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from discrepancy.statistics.thresholds import DECISIVE_BIC
 from discrepancy.statistics.verdicts import Verdict
 from multibody.base.parallel import side_by_side
@@ -110,9 +110,20 @@ def _best(tried: Sequence[Stage], stage: Stage, p_values: Mapping[str, float]) -
         return None
     best, least = better[0], bic_difference(better[0], stage)
     rivals = tuple(_rival(s, bic_difference(s, stage) - least) for s in better[1:])
-    return replace(best, accepted=Accepted(best.effects[-1], p_values[str(best.effects[-1])], least, rivals))
+    return replace(
+        best,
+        accepted=AcceptedEffect(
+            effect=best.effects[-1], p_value=p_values[str(best.effects[-1])], delta_bic=least, rivals=rivals
+        ),
+    )
 
 
-def _rival(stage: Stage, difference: float) -> Rival:
+def _rival(stage: Stage, difference: float) -> RivalExplanation:
     effect = stage.effects[-1]
-    return Rival(effect.kind, effect.where, difference, True, difference < DECISIVE_BIC)
+    return RivalExplanation(
+        kind=effect.kind,
+        where=effect.where,
+        delta_bic=difference,
+        refitted=True,
+        indistinguishable=difference < DECISIVE_BIC,
+    )

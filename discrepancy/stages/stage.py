@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from estimation.response.sensors import SensorError
     from multibody.machine.model import Model, System
 
-__all__ = ["Accepted", "Rival", "Stage", "comparable_residuals"]
+__all__ = ["AcceptedEffect", "RivalExplanation", "Stage", "comparable_residuals"]
 
 Result = TypeVar("Result")
 
 SCAN_ROWS = 6000  # samples × outputs of a scan; more costs time and, in coloured residuals, adds nothing
 
 
-@dataclass(frozen=True)
-class Rival:
+@dataclass(frozen=True, kw_only=True)
+class RivalExplanation:
     """Another explanation of what an accepted effect explains.
 
     Parameters
@@ -55,8 +55,8 @@ class Rival:
         return f"{first}@{self.where}", *more
 
 
-@dataclass(frozen=True)
-class Accepted:
+@dataclass(frozen=True, kw_only=True)
+class AcceptedEffect:
     """Why an effect was added.
 
     Parameters
@@ -66,17 +66,17 @@ class Accepted:
         Family-wise probability of such a score by chance, over all candidates.
     delta_bic : float
         Change of BIC by adding it, with the effective number of observations.
-    rivals : tuple of Rival
+    rivals : tuple of RivalExplanation
         In the order of their BIC.
-    hidden_by : str
+    masked_by : str
         ``kind@where`` of the other effect, of two that hide each other and were added together.
     """
 
     effect: Effect
     p_value: float
     delta_bic: float
-    rivals: tuple[Rival, ...] = ()
-    hidden_by: str = ""
+    rivals: tuple[RivalExplanation, ...] = ()
+    masked_by: str = ""
 
     @property
     def ambiguous(self) -> bool:
@@ -103,7 +103,7 @@ class Stage:
         The same with the measured outputs only: what is simulated again and again.
     effects : tuple of Effect
         Effects in the model, at the fitted values.
-    accepted : Accepted or None
+    accepted : AcceptedEffect or None
         Why the last effect was added.
     identify, validate : Calibration
         Fitted on the identification records; on the validation records only each record's own unknowns are fitted.
@@ -127,7 +127,7 @@ class Stage:
     system: System
     slim: System
     effects: tuple[Effect, ...]
-    accepted: Accepted | None = None
+    accepted: AcceptedEffect | None = None
     identify: Calibration
     validate: Calibration | None = None
     sensors: tuple[SensorError, ...]
@@ -144,10 +144,10 @@ class Stage:
         return self.identify.fits[0].experiment.outputs
 
     @property
-    def half(self) -> bool:
+    def half_of_masking_pair(self) -> bool:
         """True where the effect that masks the accepted one is still to be added: alone it is half of an answer."""
-        hidden_by = self.accepted.hidden_by if self.accepted is not None else ""
-        return bool(hidden_by) and hidden_by not in map(str, self.effects)
+        masked_by = self.accepted.masked_by if self.accepted is not None else ""
+        return bool(masked_by) and masked_by not in map(str, self.effects)
 
     def fits(self, part: str) -> tuple[Fit, ...]:
         """Return the fits of ``"identify"`` or ``"validate"`` (empty when nothing is held out)."""

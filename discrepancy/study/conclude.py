@@ -21,7 +21,7 @@ from discrepancy.residual.input_noise import noise_summary
 from discrepancy.search.parameter_trend import Trend, parameter_trends
 from discrepancy.sensitivities.input_feedback import feedback_messages, inputs_with_feedback
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
-from discrepancy.stages.stage import Accepted, Stage
+from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.statistics.verdicts import Verdict
 from multibody.base.quantity_text import quantity_text
 
@@ -130,7 +130,7 @@ def _trends(study: Study) -> tuple[Trend, ...]:
     return parameter_trends(study.stages[-1], study.problem.level, study.problem.seed)
 
 
-def _verdict(accepted: Sequence[Accepted]) -> str:
+def _verdict(accepted: Sequence[AcceptedEffect]) -> str:
     if not accepted:
         return "nothing missing"
     if any(a.effect.definition.free_form for a in accepted):
@@ -143,7 +143,7 @@ def _title(kind: str) -> str:
     return kind_named(kind.split(" ")[0]).text.title
 
 
-def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
+def _sentence(found: Conclusion, accepted: Sequence[AcceptedEffect]) -> str:
     stages, hidden = found.stages, found.hidden
     if not accepted:
         small = _slight_words(found)
@@ -165,11 +165,11 @@ def _sentence(found: Conclusion, accepted: Sequence[Accepted]) -> str:
     return text + _tied_words(accepted, names)
 
 
-def _tied_words(accepted: Sequence[Accepted], names: Sequence[str]) -> str:
+def _tied_words(accepted: Sequence[AcceptedEffect], names: Sequence[str]) -> str:
     """Say what else the last effect could be that leaves the verdict open, or two effects of the story together."""
     for k in reversed(range(len(accepted))):
         a = accepted[k]
-        pair = bool(a.hidden_by) and k > 0 and a.hidden_by == str(accepted[k - 1].effect)
+        pair = bool(a.masked_by) and k > 0 and a.masked_by == str(accepted[k - 1].effect)
         for r in a.rivals:
             two = len(r.names) > 1
             if r.indistinguishable and r.kind != a.effect.kind and (two or a in _last(accepted)):
@@ -178,7 +178,7 @@ def _tied_words(accepted: Sequence[Accepted], names: Sequence[str]) -> str:
     return ""
 
 
-def _last(accepted: Sequence[Accepted]) -> Sequence[Accepted]:
+def _last(accepted: Sequence[AcceptedEffect]) -> Sequence[AcceptedEffect]:
     """Return the last effect, or the last two where they hide each other."""
     return accepted[-2:] if accepted[-1].hidden_by else accepted[-1:]
 
@@ -209,7 +209,7 @@ def _not_lasting(stages: Sequence[Stage]) -> list[str]:
     """Say which effects lower the error of no output on the records that were held out."""
     found = []
     for before, after in pairwise(stages):
-        if after.accepted is None or after.validate is None or after.half:
+        if after.accepted is None or after.validate is None or after.half_of_masking_pair:
             continue
         a, b = before.rmse("validate"), after.rmse("validate")
         if all(b[n] >= a[n] for n in b):
@@ -245,7 +245,7 @@ def _instead(before: Stage, after: Stage) -> str:
     return f" Without {without} the records ask for {' and '.join(far)}." if far else ""
 
 
-def _curve_words(entry: Accepted) -> str:
+def _curve_words(entry: AcceptedEffect) -> str:
     level = "a dry friction whose level follows the position"
     over = level if entry.effect.over == "friction" else f"a function of {entry.effect.over}"
     rivals = [r for r in entry.rivals if r.indistinguishable]
@@ -299,7 +299,7 @@ def _slight(study: Study) -> tuple[tuple[str, str, float, float, float, str], ..
 
 
 def _next(
-    accepted: Sequence[Accepted], hidden: Sequence[tuple[str, str, float, float, str]], study: Study
+    accepted: Sequence[AcceptedEffect], hidden: Sequence[tuple[str, str, float, float, str]], study: Study
 ) -> tuple[str, ...]:
     found = []
     for a in accepted:

@@ -16,7 +16,7 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.study_file import StudyError
-from discrepancy.stages.stage import Accepted, Rival, Stage
+from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from multibody.model.storage import write_whole
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def _entry(stage: Stage) -> dict[str, Any]:
             "p_value": accepted.p_value,
             "delta_bic": accepted.delta_bic,
             "rivals": [dataclasses.asdict(r) for r in accepted.rivals],
-            "hidden_by": accepted.hidden_by,
+            "hidden_by": accepted.masked_by,
         },
         "values": stage.identify.to_dict(),
         "own": [{k: float(v) for k, v in f.own.items()} for f in stage.identify.fits],
@@ -153,9 +153,15 @@ def _effect(entry: dict[str, Any]) -> Effect:
     return Effect(**{**entry, "ports": tuple(entry["ports"])})
 
 
-def _accepted(entry: dict[str, Any] | None) -> Accepted | None:
+def _accepted(entry: dict[str, Any] | None) -> AcceptedEffect | None:
     if entry is None:
         return None
-    rivals = tuple(Rival(**r) for r in entry["rivals"])
+    rivals = tuple(RivalExplanation(**r) for r in entry["rivals"])
     effect = _effect(entry["effect"])
-    return Accepted(effect, entry["p_value"], entry["delta_bic"], rivals, entry.get("hidden_by", ""))
+    return AcceptedEffect(
+        effect=effect,
+        p_value=entry["p_value"],
+        delta_bic=entry["delta_bic"],
+        rivals=rivals,
+        masked_by=entry.get("hidden_by", ""),
+    )

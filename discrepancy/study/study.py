@@ -15,7 +15,7 @@ from discrepancy.search.effect_presence import standing
 from discrepancy.search.look_ahead import look_ahead
 from discrepancy.search.step import Step, scored, search_step
 from discrepancy.stages.fit_stage import fitted_stage
-from discrepancy.stages.stage import Accepted, Stage
+from discrepancy.stages.stage import AcceptedEffect, Stage
 from multibody.base.progress import silent
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ class Study:
             self.problem, self.given.model, name, effects, start, noise, progress=self.progress, **options
         )
 
-    def add(self, effect: Effect, accepted: Accepted | None = None) -> Stage:
+    def add(self, effect: Effect, accepted: AcceptedEffect | None = None) -> Stage:
         """Put an effect into the model, fit again, and make that the latest stage.
 
         Where the machine cannot be simulated with the strengths given, the fit begins at smaller ones.

@@ -38,7 +38,7 @@ def test_both_are_found_with_their_strengths(study):
 
 def test_the_story_says_that_they_hide_each_other(study):
     first, second = (s.accepted for s in study.stages[2:])
-    assert (first.hidden_by, second.hidden_by) == (str(second.effect), str(first.effect))
+    assert (first.masked_by, second.masked_by) == (str(second.effect), str(first.effect))
     alone, both = study.stages[2].rmse("validate"), study.stages[3].rmse("validate")
     before = study.stages[1].rmse("validate")
     assert all(alone[n] > 0.95 * before[n] for n in before)  # the error does not fall at the first step
@@ -75,8 +75,8 @@ def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(problem,
     restore(again, tmp_path / "history.json")
     again.diagnose()
     assert [s.name for s in again.stages] == [s.name for s in whole.stages]
-    assert [s.accepted and s.accepted.hidden_by for s in again.stages] == [
-        s.accepted and s.accepted.hidden_by for s in whole.stages
+    assert [s.accepted and s.accepted.masked_by for s in again.stages] == [
+        s.accepted and s.accepted.masked_by for s in whole.stages
     ]
     for mine, theirs in zip(again.stages, whole.stages, strict=True):
         assert mine.rmse("validate") == pytest.approx(theirs.rmse("validate"), rel=1e-9)
@@ -96,10 +96,10 @@ def test_what_is_left_of_the_two_is_hidden_by_nothing(study, monkeypatch):
     monkeypatch.setattr(settle, "drop_idle", lambda *args: next(answers, None))
     Search(left)._settle()
     assert [str(e) for e in left.stage.effects] == [str(second)]
-    assert left.stage.accepted.hidden_by == ""
-    assert not left.stage.half
-    assert study.stages[2].half
-    assert not study.stages[3].half
+    assert left.stage.accepted.masked_by == ""
+    assert not left.stage.half_of_masking_pair
+    assert study.stages[2].half_of_masking_pair
+    assert not study.stages[3].half_of_masking_pair
 
 
 def test_no_room_for_two_is_no_look_ahead(problem):

@@ -86,7 +86,7 @@ def small_study():
     from discrepancy.effects.catalogue import catalogue
     from discrepancy.effects.effect import Effect
     from discrepancy.sensitivities.candidates import candidate_sensitivities
-    from discrepancy.stages.stage import Accepted, Rival, Stage
+    from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
     from discrepancy.statistics.scan import scan
     from estimation.fit.calibrate import UncertainParameter, calibrate, evaluate
     from estimation.response.experiment import Experiment
@@ -164,13 +164,17 @@ def small_study():
     seen, _ = scanned(recalibrated, 1)
     recalibrated = dataclasses.replace(recalibrated, scan=seen)
     effect = Effect.at_place("coulomb_friction", place, strengths={"coulomb": 1.0}, shape=shape)
-    accepted = Accepted(
-        effect,
-        seen["coulomb_friction@guide"].p_value,
-        -900.0,
-        (
-            Rival("stribeck_friction", "guide", 240.0, True, False),
-            Rival("local_bump", "guide", 610.0, False, False),
+    accepted = AcceptedEffect(
+        effect=effect,
+        p_value=seen["coulomb_friction@guide"].p_value,
+        delta_bic=-900.0,
+        rivals=(
+            RivalExplanation(
+                kind="stribeck_friction", where="guide", delta_bic=240.0, refitted=True, indistinguishable=False
+            ),
+            RivalExplanation(
+                kind="local_bump", where="guide", delta_bic=610.0, refitted=False, indistinguishable=False
+            ),
         ),
     )
     better = stage(

@@ -10,7 +10,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.search.backward_elimination import BENT, SHARE, replace_by_curve
 from discrepancy.search.curve_gain import promised
 from discrepancy.search.model_comparison import above_floor
-from discrepancy.stages.stage import Accepted
+from discrepancy.stages.stage import AcceptedEffect
 
 
 @pytest.fixture(scope="module")
@@ -55,5 +55,8 @@ def test_beside_the_true_law_no_curve_promises_anything_and_none_is_fitted(stick
     def never(*asked):
         raise AssertionError(f"fitted: {asked}")
 
-    stages = [before, replace(right, accepted=Accepted(right.effects[0], 0.001, -50.0, ()))]
+    stages = [
+        before,
+        replace(right, accepted=AcceptedEffect(effect=right.effects[0], p_value=0.001, delta_bic=-50.0, rivals=())),
+    ]
     assert replace_by_curve(stages, never, level=0.02, seed=1, progress=print) is None

@@ -12,7 +12,7 @@ import pytest
 
 from discrepancy.report.conclusion import UnknownCurve, explained, plain, save_diagnosis, to_diagnosis
 from discrepancy.report.schema import check_diagnosis
-from discrepancy.stages.stage import Rival
+from discrepancy.stages.stage import RivalExplanation
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,10 @@ def test_without_held_out_records_it_says_so(conclusion) -> None:
 
 def test_a_tie_is_listed_apart(conclusion, evidence) -> None:
     stage = conclusion.final
-    rivals = (Rival("stribeck_friction", "guide", 1.2, True, True), *stage.accepted.rivals[1:])
+    rivals = (
+        RivalExplanation(kind="stribeck_friction", where="guide", delta_bic=1.2, refitted=True, indistinguishable=True),
+        *stage.accepted.rivals[1:],
+    )
     tied = replace(stage, accepted=replace(stage.accepted, rivals=rivals))
     found = to_diagnosis(
         replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence

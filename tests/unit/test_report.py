@@ -17,7 +17,7 @@ from discrepancy.report.conclusion import UnknownCurve
 from discrepancy.report.schema import check_diagnosis
 from discrepancy.report.wording import interval_words
 from discrepancy.report.write import pictures, render, write
-from discrepancy.stages.stage import Rival
+from discrepancy.stages.stage import RivalExplanation
 from multibody.base.quantity_text import quantity_text
 
 SECTIONS = [
@@ -129,7 +129,14 @@ def test_other_answers_have_their_page(conclusion, evidence) -> None:
     stage = conclusion.final
     tied = replace(
         stage,
-        accepted=replace(stage.accepted, rivals=(Rival("stribeck_friction", "guide", 1.0, True, True),)),
+        accepted=replace(
+            stage.accepted,
+            rivals=(
+                RivalExplanation(
+                    kind="stribeck_friction", where="guide", delta_bic=1.0, refitted=True, indistinguishable=True
+                ),
+            ),
+        ),
     )
     text = _text(
         render(replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence, [])

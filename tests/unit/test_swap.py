@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from discrepancy.effects.effect import Effect
 from discrepancy.search.exchange import Swap, better_in_its_place
-from discrepancy.stages.stage import Accepted, Rival
+from discrepancy.stages.stage import AcceptedEffect, RivalExplanation
 
 MOTOR = Effect("sensor_gain", "motor.torque", {"gain": 0.1})
 GUIDE = Effect("sensor_gain", "carriage.position", {"gain": 0.1})
@@ -18,16 +18,26 @@ def swap() -> Swap:
 
 
 def test_the_old_effect_becomes_the_first_rival_and_the_new_one_is_none_any_more() -> None:
-    other = Rival("sensor_offset", "motor.torque", 20.0, True, False)
-    rivals = (Rival(GUIDE.kind, GUIDE.where, 3.0, True, True), other)
-    told = swap().accepted(Accepted(MOTOR, 1e-6, -50.0, rivals), delta_bic=-64.0)
+    other = RivalExplanation(
+        kind="sensor_offset", where="motor.torque", delta_bic=20.0, refitted=True, indistinguishable=False
+    )
+    rivals = (
+        RivalExplanation(kind=GUIDE.kind, where=GUIDE.where, delta_bic=3.0, refitted=True, indistinguishable=True),
+        other,
+    )
+    told = swap().accepted(AcceptedEffect(effect=MOTOR, p_value=1e-6, delta_bic=-50.0, rivals=rivals), delta_bic=-64.0)
     assert (told.effect, told.p_value, told.delta_bic) == (GUIDE, 1e-6, -64.0)
-    assert told.rivals == (Rival(MOTOR.kind, MOTOR.where, 14.0, True, False), other)
+    assert told.rivals == (
+        RivalExplanation(kind=MOTOR.kind, where=MOTOR.where, delta_bic=14.0, refitted=True, indistinguishable=False),
+        other,
+    )
 
 
 def test_the_others_stay_and_name_the_new_one_where_the_old_one_hid_them() -> None:
-    told = swap().accepted(Accepted(LATE, 1e-6, -50.0, hidden_by=str(MOTOR)), delta_bic=-9.0)
-    assert (told.effect, told.delta_bic, told.hidden_by) == (LATE, -9.0, str(GUIDE))
+    told = swap().accepted(
+        AcceptedEffect(effect=LATE, p_value=1e-6, delta_bic=-50.0, masked_by=str(MOTOR)), delta_bic=-9.0
+    )
+    assert (told.effect, told.delta_bic, told.masked_by) == (LATE, -9.0, str(GUIDE))
 
 
 def test_one_effect_is_not_asked_again() -> None:
