@@ -10,7 +10,7 @@ import numpy as np
 
 from discrepancy.effects.effect import law_class
 from discrepancy.effects.kinds import Kind
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 from multibody.inputs.table import InputTable
 from multibody.solvers import integrate
 from multibody.system.simulate import native_problem
@@ -86,4 +86,4 @@ def law_forces(
         )
         return system.outputs_along(time, np.ascontiguousarray(solution.y.T), inputs, p)[:, 0]
 
-    return np.array(side_by_side(force, every))
+    return np.array(parallel_map(force, every))

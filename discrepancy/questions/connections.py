@@ -15,7 +15,7 @@ import numpy as np
 from discrepancy.stages.residuals_along_motion import ResidualsAlongMotion
 from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
 from estimation.response.perturbations import InputPerturbation
-from multibody.base.parallel import cores
+from multibody.base.parallel import available_cores
 
 __all__ = ["connections_or_why", "failing_connections"]
 
@@ -188,7 +188,7 @@ def _responses(
             facts.linearised.initial_state(i),
             perturbations=[InputPerturbation(f"probe.{p}", f) for p in places for f in (*shared, *generic[p][i])],
             sensors=facts.linearised.sensors,
-            workers=cores(),
+            workers=available_cores(),
         ).derivatives
         flat = (dy * weight[:, None]).reshape(-1, dy.shape[2])
         for p in places:

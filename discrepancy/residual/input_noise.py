@@ -31,7 +31,7 @@ from estimation.response.experiment import Experiment
 from estimation.response.perturbations import InputPerturbation
 from estimation.signals.correlation import correlation_time
 from estimation.signals.preparation import SignalError, low_pass
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 from multibody.base.quantity_text import quantity_text
 
 if TYPE_CHECKING:
@@ -243,7 +243,7 @@ def _noise_share(problem: Problem, system: System, p: np.ndarray, cutoffs: Mappi
         shared = [high[:, :, :1], high[:, :, last:], high[:, :, 1:first]]
         return np.concatenate(shared, axis=2), high[:, :, first:last]
 
-    records = side_by_side(above, problem.identify)
+    records = parallel_map(above, problem.identify)
     scale = np.sqrt(np.mean(np.concatenate([shared[:, :, 0] for shared, _ in records]) ** 2, axis=0))
     for _ in range(ROUNDS):  # each output is weighed by what is left of it
         scale = np.maximum(scale, 1e-300)

@@ -31,7 +31,7 @@ from discrepancy.residual.windows import (
     keeps_growing,
     samples_needed,
 )
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 from multibody.base.progress import silent
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ class _RecordStates:
             wide = [float(np.max(np.ptp(e.record.values(*e.outputs), axis=0) / spread)) for e in experiments]
             longest = int(np.argmax([e.record.duration for e in experiments]))
             experiments = tuple(experiments[i] for i in dict.fromkeys((longest, int(np.argmax(wide)))))
-        estimates = tuple(side_by_side(lambda e: estimate_states(e, system, p), experiments))
+        estimates = tuple(parallel_map(lambda e: estimate_states(e, system, p), experiments))
         scale = np.std(np.concatenate([e.states for e in estimates]), axis=0)
         # A larger range of an angle does not make its errors matter less, unless the angle only counts turns.
         free_states, free_outputs = free_rotations(system, p, experiments, estimates)
@@ -205,7 +205,7 @@ class _RecordStates:
 
     def largest_growth(self) -> ErrorGrowth:
         """Return how errors grow over the record in which they grow the soonest, or the furthest."""
-        found = side_by_side(self._growth, range(len(self.identify)))
+        found = parallel_map(self._growth, range(len(self.identify)))
         return min(found, key=lambda g: (g.within, -float(np.max(g.start))))
 
     def _growth(self, i: int) -> ErrorGrowth:

@@ -18,7 +18,7 @@ from discrepancy.search.trial_fits import Fit, tried
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from discrepancy.statistics.thresholds import DECISIVE_BIC
 from discrepancy.statistics.ties import canonical_correlation
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 
 if TYPE_CHECKING:
     from discrepancy.statistics.scan_result import ScanResult
@@ -102,7 +102,7 @@ def better_in_its_place(stages: Sequence[Stage], fit: Fit, progress: Callable[[s
 
     swaps = [
         Swap(index, old, new, found, -bic_difference(found, last))
-        for (index, old, new), found in zip(asked, side_by_side(trial, asked), strict=True)
+        for (index, old, new), found in zip(asked, parallel_map(trial, asked), strict=True)
         if found is not None
     ]
     best = max(swaps, key=lambda s: s.better, default=None)

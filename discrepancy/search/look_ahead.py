@@ -15,7 +15,7 @@ from discrepancy.search.trial_fits import Fit, tried
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from discrepancy.statistics.masking_pairs import MaskingPairs, Pair, find_masking_pairs
 from discrepancy.statistics.thresholds import DECISIVE_BIC
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 
 if TYPE_CHECKING:
     from discrepancy.statistics.scan_result import ScanRow
@@ -78,7 +78,7 @@ def look_ahead(
         return _fitted(fit, (*stage.effects, *new), 2, stage, progress)
 
     families = _families(hidden)
-    fits = side_by_side(lambda f: together(f[0]), families)
+    fits = parallel_map(lambda f: together(f[0]), families)
     better = [(s, f) for s, f in zip(fits, families, strict=True) if s is not None]
     better = [t for t in better if bic_difference(t[0], stage) < -DECISIVE_BIC and matters(t[0], stage)]
     if not better:

@@ -19,7 +19,7 @@ from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
 from discrepancy.statistics.thresholds import DECISIVE_BIC, TWIN_CORRELATION
 from multibody.base.errors import ModelError
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 
 if TYPE_CHECKING:
     from discrepancy.statistics.scan_result import ScanResult, ScanRow
@@ -141,7 +141,7 @@ def search_step(
     slight: list[ScanRow] = []
 
     def look_at(some: Sequence[ScanRow]) -> None:
-        for row, found in zip(some, side_by_side(trial, some), strict=True):
+        for row, found in zip(some, parallel_map(trial, some), strict=True):
             if isinstance(found, ModelError):
                 refused.append((by_name[row.name].info["entry"], cannot_be_built(found)))
             elif found is not None and bic_difference(found, stage) < 0.0:

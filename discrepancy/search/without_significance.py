@@ -22,7 +22,7 @@ from discrepancy.search.trial_fits import Refit, best_of, fits_with
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from discrepancy.statistics.thresholds import DECISIVE_BIC
 from discrepancy.statistics.verdicts import Verdict
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 
 if TYPE_CHECKING:
     from discrepancy.statistics.scan_result import ScanResult, ScanRow
@@ -77,7 +77,7 @@ def last_resort(
         best = best_of(fits_with(refit, entry, row, shapes, stage.effects, anew=True), stage, progress)
         return best if isinstance(best, Stage) else None
 
-    tried = [s for s in side_by_side(trial, rows) if s is not None and taken(s, stage) > SHARE]
+    tried = [s for s in parallel_map(trial, rows) if s is not None and taken(s, stage) > SHARE]
     return _best(tried, stage, dict.fromkeys((str(s.effects[-1]) for s in tried), p_value))
 
 
@@ -97,7 +97,7 @@ def _small(
         best = best_of(fits_with(refit, entries[row.name], row, [row.shape], stage.effects), stage, progress)
         return best if isinstance(best, Stage) else None
 
-    tried = [s for s in side_by_side(trial, rows) if s is not None]
+    tried = [s for s in parallel_map(trial, rows) if s is not None]
     return _best(tried, stage, {r.name: min(1.0, LOOKS * r.p_value) for r in rows})
 
 

@@ -24,7 +24,7 @@ from discrepancy.statistics.blocks import Candidate
 from estimation.response.experiment import Experiment
 from estimation.response.perturbations import InputPerturbation, Perturbation, cheaper_by_transition_matrices
 from multibody.base.errors import ModelError
-from multibody.base.parallel import cores, side_by_side
+from multibody.base.parallel import available_cores, parallel_map
 
 __all__ = ["candidate_sensitivities", "cannot_be_built"]
 
@@ -124,7 +124,7 @@ def _all_columns(
 
     count = len(linearised.experiments)
     first = of(0)  # what it compiles and builds serves the others
-    found = [first, *side_by_side(of, range(1, count))]
+    found = [first, *parallel_map(of, range(1, count))]
     return {key: [each[key] for each in found] for key in first}
 
 
@@ -216,7 +216,7 @@ def _record_columns(
             perturbations=part,
             sensors=linearised.sensors,
             batch=batch,
-            workers=cores(),
+            workers=available_cores(),
         ).derivatives
         for key, k in wanted:
             if first <= k < first + batch:

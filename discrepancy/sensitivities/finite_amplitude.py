@@ -17,7 +17,7 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect, law_class
 from discrepancy.effects.laws import DryLaw
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 
 if TYPE_CHECKING:
     from discrepancy.effects.catalogue import Entry
@@ -107,7 +107,7 @@ def finite_amplitude_sensitivities(
     except ModelError:
         return []
     base, records = _parameters(linearised, system), range(len(linearised.experiments))
-    without = side_by_side(lambda i: _outputs(linearised, i, system, base), records)
+    without = parallel_map(lambda i: _outputs(linearised, i, system, base), records)
 
     strengths = [size * scale for size in SIZES]
 
@@ -117,7 +117,7 @@ def finite_amplitude_sensitivities(
             for key, value in {**shape, name: strengths[k]}.items():
                 p[system.index("parameter", effect.parameter_name(key))] = value
             try:
-                changed = side_by_side(lambda i: _outputs(linearised, i, system, p), records)
+                changed = parallel_map(lambda i: _outputs(linearised, i, system, p), records)
             except SimulationError:
                 return None
             blocks = [linearised.weighted(i, (changed[i] - without[i])[:, :, None] / strengths[k]) for i in records]

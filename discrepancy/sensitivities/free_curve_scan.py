@@ -21,7 +21,7 @@ from discrepancy.statistics.scan import scan
 from discrepancy.statistics.verdicts import Verdict
 from discrepancy.statistics.whitened import rms_projection
 from estimation.signals.correlation import correlation_time
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 
 if TYPE_CHECKING:
     from discrepancy.statistics.scan_result import ScanResult, ScanRow
@@ -66,7 +66,7 @@ def free_curve_candidates(linearised: LinearisedProblem, places: Sequence[Place]
         linearised.experiments[i].trim_cache()
         return found
 
-    blocks = side_by_side(of_record, range(len(linearised.experiments)))
+    blocks = parallel_map(of_record, range(len(linearised.experiments)))
     return [one for c in curves for one in c.candidates([of_one[c.place.name] for of_one in blocks])]
 
 

@@ -15,7 +15,7 @@ from discrepancy.sensitivities.free_curves import FreeCurves
 from discrepancy.statistics.blocks import Residual, Sensitivities
 from discrepancy.statistics.whitened import rms_projection
 from estimation.response.perturbations import cheaper_by_transition_matrices
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 from multibody.system.simulate import simulate
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ class LinearisedProblem:
     def simulate(self) -> None:
         """Simulate all experiments in parallel: the nominal outputs and the residual are at hand afterwards."""
         runs: list[Callable[[], object]] = [partial(self.nominal_outputs, i) for i in range(len(self.experiments))]
-        side_by_side(lambda run: run(), [self.residual, *runs])
+        parallel_map(lambda run: run(), [self.residual, *runs])
 
     def nominal_outputs(self, index: int) -> dict[str, np.ndarray]:
         """Return all outputs of the nominal run of an experiment on its full time grid, by name."""
@@ -210,7 +210,7 @@ class LinearisedProblem:
                 own.append(one)
             return np.concatenate(own, axis=2)
 
-        return side_by_side(of, range(len(self.experiments)))
+        return parallel_map(of, range(len(self.experiments)))
 
     def direction(self, sensitivity: Sequence[np.ndarray]) -> np.ndarray | None:
         """Return the direction of a sensitivity, (n, n_channels, 1) of each record, once it is free of calibration.

@@ -18,7 +18,7 @@ import numpy as np
 from discrepancy.statistics.blocks import Array
 from discrepancy.statistics.projection import Layout, Projection
 from discrepancy.statistics.score import Scorer
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 
 MIN_PIECES = 12
 WHOLE_RECORDS = 6
@@ -236,7 +236,7 @@ def null_distribution(
     largest = np.zeros((n_candidates, draws))
     total = np.zeros(len(groups))
     done = 0
-    for s in side_by_side(scorer, shuffled_residuals(e, projection, pieces, draws, rng)):
+    for s in parallel_map(scorer, shuffled_residuals(e, projection, pieces, draws, rng)):
         m = s.neg_log_p.shape[1]
         block = np.zeros((n_candidates, m))
         np.maximum.at(block, owner, s.neg_log_p)

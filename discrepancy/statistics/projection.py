@@ -14,7 +14,7 @@ import numpy as np
 
 from discrepancy.statistics.blocks import Array, Sensitivities
 from discrepancy.statistics.whitening import Whitener
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 
 RANK_TOLERANCE = 1e-9
 FEW_BLOCKS = 3  # blocks from which on whole ones are left out in turn
@@ -73,7 +73,7 @@ class Layout:
         def of_block(b: int) -> None:
             out[self.rows(b)] = whitener.apply(blocks[b]).reshape(blocks[b].shape[0] * blocks[b].shape[1], *tail)
 
-        side_by_side(of_block, range(len(blocks)))
+        parallel_map(of_block, range(len(blocks)))
         if prior is not None and self.n_prior:
             out[self.n_data :] = prior
         return out

@@ -13,7 +13,7 @@ import numpy as np
 from discrepancy.statistics.blocks import Array
 from discrepancy.statistics.projection import Layout, Projection
 from discrepancy.statistics.score_variance import ScoreVariance, make_bands, score_variance
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 
 INFLATION_FLOOR = 0.5
 WINDOWS_PER_BLOCK = 48
@@ -177,7 +177,7 @@ def _orthonormal(
         return projected
 
     packed = [(pack, int(end)) for pack, end in zip(packs, ends, strict=True) if pack]
-    return [one for pack in side_by_side(lambda work: straightened(*work), packed) for one in pack]
+    return [one for pack in parallel_map(lambda work: straightened(*work), packed) for one in pack]
 
 
 def most_explaining(columns: CandidateColumns, e: Array) -> CandidateColumns:
@@ -412,7 +412,7 @@ def make_scorer(
     # The group's own fit takes its share of the degrees of freedom too.
     windows = [Windows(lay, b) for b in range(len(lay.lengths))]
     starts = [g.columns.start for g in columns.groups]
-    energies = side_by_side(lambda w: w.sums(np.add.reduceat(w.of(columns.Z) ** 2, starts, axis=2)), windows)
+    energies = parallel_map(lambda w: w.sums(np.add.reduceat(w.of(columns.Z) ** 2, starts, axis=2)), windows)
     # Degrees of freedom with which the noise is known at the times at which each group acts.
     first = sum(np.sum(energy, axis=(0, 1)) for energy in energies)
     second = sum(np.sum(energy**2 / w.count, axis=(0, 1)) for w, energy in zip(windows, energies, strict=True))

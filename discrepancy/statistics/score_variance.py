@@ -19,7 +19,7 @@ import numpy as np
 
 from discrepancy.statistics.blocks import Array
 from discrepancy.statistics.projection import Layout
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 
 MIN_ORDINATES = 5.0
 RELATIVE_WIDTH = 0.12
@@ -67,13 +67,13 @@ class Bands:
     def cross(self, stacked: Array) -> Array:
         """Band cross-energies Σ w x_c conj(x_d), shape (n_bands, n_channels, n_channels, m), complex."""
         blocks = range(len(self.layout.lengths))
-        found = side_by_side(lambda b: self._energies(self.spectra(stacked, b), b), blocks)
+        found = parallel_map(lambda b: self._energies(self.spectra(stacked, b), b), blocks)
         return self._summed(found, stacked.shape[1])
 
     def cross_of(self, spectra: Sequence[Array]) -> Array:
         """Return what `cross` does, from the spectra of every block."""
         blocks = range(len(self.layout.lengths))
-        return self._summed(side_by_side(lambda b: self._energies(spectra[b], b), blocks), len(spectra[0]))
+        return self._summed(parallel_map(lambda b: self._energies(spectra[b], b), blocks), len(spectra[0]))
 
     def _energies(self, spectra: Array, block: int) -> list[tuple[int, Array]]:
         X = spectra * np.sqrt(self.weight[block])
@@ -193,7 +193,7 @@ def score_variance(Z: Array, groups: list[slice], bands: Bands) -> ScoreVariance
     root = np.sqrt(bands.count)
     norm = root[:, :, None] * root[:, None, :]
     blocks = range(len(lay.lengths))
-    spectra = side_by_side(lambda b: bands.spectra(Z, b), blocks)
+    spectra = parallel_map(lambda b: bands.spectra(Z, b), blocks)
     cross = bands.cross_of(spectra)
     # A[d, c] acts on e_c; averaging over the columns of a group gives λ = tr(V)/k.
     A = np.empty((len(groups), K, C, C), dtype=complex)
@@ -217,7 +217,7 @@ def score_variance(Z: Array, groups: list[slice], bands: Bands) -> ScoreVariance
         back *= np.sqrt(n)
         M[lay.rows(b)] = back.T.reshape(-1, Z.shape[1])
 
-    side_by_side(of_block, blocks)
+    parallel_map(of_block, blocks)
     alone = np.einsum("ij,ij->j", Z, M)
     own = [
         Z[:, cols].T @ M[:, cols] if cols.stop - cols.start > 1 else alone[cols, None] for cols in groups

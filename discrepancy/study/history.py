@@ -17,7 +17,7 @@ import numpy as np
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.study_file import StudyError
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
-from multibody.model.storage import write_whole
+from multibody.base.json_file import write_json_atomically
 
 if TYPE_CHECKING:
     from discrepancy.study.study import Study
@@ -83,7 +83,7 @@ def save_history(study: Study, path: str | Path) -> Path:
         "in_windows_instead": study.mode_reason if study.in_windows_instead else "",
         "stages": [_entry(s) for s in study.stages],
     }
-    return write_whole(path, content)
+    return write_json_atomically(path, content)
 
 
 def read_history(path: str | Path) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from estimation.fit.calibration import UncertainParameter
 from estimation.fit.least_squares import Piece
 from estimation.response.experiment import Experiment, Response
 from estimation.response.sensors import SensorError
-from multibody.base.parallel import cores, side_by_side
+from multibody.base.parallel import available_cores, parallel_map
 
 if TYPE_CHECKING:
     from multibody.machine.model import System
@@ -83,7 +83,7 @@ class FitProblem:
             parameters=wanted,
             states=states,
             sensors=tuple(sensors.values()),
-            workers=cores(),
+            workers=available_cores(),
         )
         outputs = found.outputs.copy()
         extra = []
@@ -107,7 +107,7 @@ class FitProblem:
             point, found = self._seen.get(kind, (None, []))
             if point is not None and np.array_equal(point, theta):
                 return found
-        found = side_by_side(lambda i: self.respond(theta, i, derivatives), range(len(self.experiments)))
+        found = parallel_map(lambda i: self.respond(theta, i, derivatives), range(len(self.experiments)))
         self._seen[derivatives] = (theta.copy(), found)
         return found
 

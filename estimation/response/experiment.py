@@ -25,7 +25,7 @@ from estimation.response.perturbations import (
 from estimation.response.record_simulation import RecordSimulation
 from estimation.response.sensors import SensorError, apply_sensors
 from estimation.signals.preparation import Preparation
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 
 if TYPE_CHECKING:
     from multibody.inputs.table import InputTable
@@ -279,7 +279,7 @@ class Experiment:
             chosen = slice(first, min(first + batch, total))
             return simulation.integrate(_directions(simulation, physical, states, integrated, chosen))
 
-        parts = side_by_side(part, range(0, max(total, 1), batch), most=workers)
+        parts = parallel_map(part, range(0, max(total, 1), batch), most=workers)
         dy = np.concatenate([d for _, d, _ in parts], axis=2)
         response = self._prepared(parts[0][0], dy, sensors, parameters, physical)
         return replace(response, evaluations=parts[0][2])
@@ -297,7 +297,7 @@ class Experiment:
             return self._prepared(linearised.outputs, linearised(some), sensors, [], [])
 
         count = min(workers, len(perturbations))
-        shares = side_by_side(respond, [perturbations[k::count] for k in range(count)])
+        shares = parallel_map(respond, [perturbations[k::count] for k in range(count)])
         derivatives = np.empty((*shares[0].outputs.shape, len(perturbations)))
         for k, share in enumerate(shares):
             derivatives[:, :, k::count] = share.derivatives

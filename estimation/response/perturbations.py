@@ -245,7 +245,7 @@ class _Trajectory:
 
     def _between(self, times: np.ndarray) -> np.ndarray:
         """Return the states at increasing times: each stretch is integrated from the sample before it."""
-        from multibody.base.parallel import side_by_side
+        from multibody.base.parallel import parallel_map
 
         samples = self.simulation.time
         before = np.searchsorted(samples, times, side="right") - 1
@@ -256,7 +256,7 @@ class _Trajectory:
             begin = float(samples[before[part[0]]])
             return self._integrated(self._states[np.searchsorted(self._known, begin)], begin, times[part])
 
-        return np.concatenate(side_by_side(states, stretches))
+        return np.concatenate(parallel_map(states, stretches))
 
     def _integrated(self, x0: np.ndarray, begin: float, times: np.ndarray) -> np.ndarray:
         from multibody.solvers import Samples, integrate

@@ -14,19 +14,19 @@ import os
 import re
 import sys
 import sysconfig
-import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
 from multibody.base.errors import ModelError
+from multibody.base.json_file import write_json_atomically
 from multibody.base.references import module_named
 from multibody.base.spelling import nearest
 from multibody.declare.component import Component
 from multibody.model.graph import ModelGraph, ModelInput
 
-__all__ = ["SCHEMA", "load", "save", "write_whole"]
+__all__ = ["SCHEMA", "load", "save"]
 
 SCHEMA = 1
 _TOP = {"schema": int, "name": str, "components": dict, "connections": list, "inputs": list, "outputs": dict}
@@ -72,21 +72,7 @@ def save(model: ModelGraph, path: str | Path) -> Path:
         "schema": SCHEMA, "name": model.name, "components": components, "connections": model.connections,
         "inputs": inputs, "outputs": model.outputs,
     }  # fmt: skip
-    return write_whole(path, content)
-
-
-def write_whole(path: Path, content: Any) -> Path:
-    """Write JSON in one move and return the path: a reader, or a program that is interrupted, never has half a file."""
-    text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
-    handle, draft = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text + "\n")
-        os.chmod(draft, 0o644)
-        os.replace(draft, path)
-    finally:
-        Path(draft).unlink(missing_ok=True)
-    return path
+    return write_json_atomically(path, content)
 
 
 def load(path: str | Path, model_class: Callable[[str], M]) -> M:

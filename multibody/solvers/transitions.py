@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from multibody.base.parallel import side_by_side
+from multibody.base.parallel import parallel_map
 from multibody.compile.native import load_driver
 from multibody.solvers.frozen import frozen_transitions
 from multibody.solvers.kernels.intervals import WIDTH
@@ -130,7 +130,7 @@ def transitions(
             _carry(found, a[few], b[few], fastest[smooth], whole[smooth], first, part.start + smooth, lasting)
         return fastest, pieces
 
-    looks = side_by_side(first_look, _parts(h.size))
+    looks = parallel_map(first_look, _parts(h.size))
     fastest, pieces = (np.concatenate(each) for each in zip(*looks, strict=True))
     for each in found:
         each[~np.isfinite(fastest)] = np.nan
@@ -224,9 +224,9 @@ def _look_again(
 
     if rough.size:
         cuts = np.unique(np.searchsorted(first, np.arange(0, owner.size + CHUNK, CHUNK)).clip(0, rough.size))
-        side_by_side(in_pieces, [slice(int(a), int(b)) for a, b in pairwise(cuts)])
+        parallel_map(in_pieces, [slice(int(a), int(b)) for a, b in pairwise(cuts)])
     if stiff.size:
-        side_by_side(frozen, _parts(stiff.size))
+        parallel_map(frozen, _parts(stiff.size))
 
 
 def _begins(

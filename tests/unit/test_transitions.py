@@ -131,7 +131,7 @@ def test_threads_change_nothing_and_faults_are_named(monkeypatch):
     times = np.linspace(0.0, 1.0, 701)
     wavy = of_time(lambda t: A * (1.0 + 0.5 * np.sin(40.0 * t)), lambda t: B)
     several = transitions(times, wavy)
-    monkeypatch.setattr(threads, "cores", lambda: 1)
+    monkeypatch.setattr(threads, "available_cores", lambda: 1)
     for one, other in zip(transitions(times, wavy), several, strict=True):
         np.testing.assert_array_equal(one, other)
     with pytest.raises(ProblemError, match="increasing times"):
