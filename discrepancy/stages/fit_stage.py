@@ -1,14 +1,14 @@
-"""A stage: a study's model with some effects in it, fitted to the records and laid beside those held out."""
+"""The fit of a stage: a problem's model with some effects in it, calibrated and evaluated on the records held out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.stages.export import machine_with_effects
+from discrepancy.stages.fitted_machine import machine_with_effects
 from discrepancy.stages.stage import Stage
 from estimation.fit.calibrate import calibrate, evaluate
 
@@ -17,10 +17,25 @@ if TYPE_CHECKING:
     from discrepancy.problem.problem import Problem
     from multibody.machine.model import Model
 
-__all__ = ["Held", "fitted_stage", "with_validation"]
+__all__ = ["FittedValues", "fitted_stage", "with_validation"]
 
-#: Values of the parameters, each record's own unknowns, and scales of the outputs that an earlier fit has given.
-Held = tuple[Mapping[str, float], Sequence[np.ndarray], Mapping[str, float]]
+
+@dataclass(frozen=True, eq=False)
+class FittedValues:
+    """The result of an earlier fit.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+    own : sequence of ndarray
+        Each record's own unknowns.
+    scale : mapping of str to float
+        Scales of the outputs.
+    """
+
+    parameters: Mapping[str, float]
+    own: Sequence[np.ndarray]
+    scale: Mapping[str, float]
 
 
 def fitted_stage(
@@ -29,36 +44,36 @@ def fitted_stage(
     name: str,
     effects: tuple[Effect, ...],
     start: Stage | None,
-    noise: Any,
+    noise: Mapping[str, float],
     *,
-    move: bool = True,
+    calibrated: bool = True,
     trial: bool = False,
-    stated: bool = False,
-    held: Held | None = None,
+    from_prior: bool = False,
+    values: FittedValues | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Stage:
-    """Fit the model with some effects in it and lay it beside the held-out records.
+    """Fit the model with some effects in it and evaluate it on the records held out.
 
     Parameters
     ----------
     problem : Problem
-        Model, records and uncertain parameters as they are confronted.
+        Model, records and uncertain parameters, prepared for the mode of the residual.
     origin : Model
         The machine as the user gave it, which the stage's own machine is built from.
     name : str
     effects : tuple of Effect
     start : Stage or None
         Where the fit begins.
-    noise : mapping
+    noise : mapping of str to float
         Noise floor of each output.
-    move : bool
-        False leaves the uncertain parameters where they are.
+    calibrated : bool
+        False keeps the uncertain parameters at their given values.
     trial : bool
-        A quicker fit, without the held-out records.
-    stated : bool
-        Begin where the uncertain parameters were stated, and the machine where the sensors put it.
-    held : tuple, optional
-        What an earlier fit has given: nothing is fitted to the records for identification then.
+        A quicker fit, without the records held out.
+    from_prior : bool
+        Begin at the given values of the uncertain parameters and the initial states that the sensors show.
+    values : FittedValues, optional
+        The result of an earlier fit: nothing is fitted to the records for identification then.
     progress : callable
     """
     model = problem.model
@@ -68,54 +83,53 @@ def fitted_stage(
     system = model.build(probes=True)
     slim = model.build(probes=True, outputs=measured)
     sensors = tuple(s for e in effects if (s := e.sensor_error()) is not None)
-    parameters = list(problem.uncertain) if move else []
-    begun = start.identify.to_dict() if start is not None else {}
+    parameters = list(problem.uncertain) if calibrated else []
+    begin = start.identify.to_dict() if start is not None else {}
     own, scale = _own(start), start.identify.scale if trial and start is not None else None
-    if stated:
-        begun, own = {k: v for k, v in begun.items() if k not in {q.name for q in problem.uncertain}}, None
-    if held is not None:
-        begun, own, scale = dict(held[0]), list(held[1]), dict(held[2])
+    if from_prior:
+        begin, own = {k: v for k, v in begin.items() if k not in {q.name for q in problem.uncertain}}, None
+    if values is not None:
+        begin, own, scale = dict(values.parameters), list(values.own), dict(values.scale)
     base = system.parameter_vector({p.name: p.value for p in problem.uncertain})
     for effect in effects:
         parameters += effect.uncertain()
-    first = [begun.get(p.name, p.value) for p in parameters]
-    found = calibrate(
+    calibration = calibrate(
         slim,
         problem.identify,
         parameters,
         noise=noise,
         sensors=sensors,
         base=base,
-        start=first,
+        start=[begin.get(p.name, p.value) for p in parameters],
         own=own,
         scale=scale,
         max_evaluations=20 if trial else 40,
-        hold=held is not None,
+        hold=values is not None,
         progress=None if trial else progress,
     )
     p = base.copy()
-    for key, value in found.to_dict().items():
+    for key, value in calibration.to_dict().items():
         if not key.startswith("sensor."):
             p[system.index("parameter", key)] = value
-    fitted = tuple(e.with_values(found.to_dict()) for e in effects)
+    fitted = tuple(e.with_values(calibration.to_dict()) for e in effects)
     sensors = tuple(s for e in fitted if (s := e.sensor_error()) is not None)
-    beside = None
+    validation = None
     if problem.validate and not trial:
-        beside = evaluate(slim, problem.validate, found, noise=noise, sensors=sensors, base=base)
-    values = {k: v for k, v in found.to_dict().items() if not k.startswith("sensor.")}
-    given = {} if move else {q.name: q.value for q in problem.uncertain}
+        validation = evaluate(slim, problem.validate, calibration, noise=noise, sensors=sensors, base=base)
+    of_model = {} if calibrated else {q.name: q.value for q in problem.uncertain}
+    of_model |= {k: v for k, v in calibration.to_dict().items() if not k.startswith("sensor.")}
     machine = None
     if not trial:
         units = {n: system.unit(n) for n in measured}
-        machine = machine_with_effects(origin, fitted, {**given, **values}, sensors, units)
+        machine = machine_with_effects(origin, fitted, of_model, sensors, units)
     return Stage(
         name=name,
-        model=model.with_values({**given, **values}),
+        model=model.with_values(of_model),
         system=system,
         slim=slim,
         effects=fitted,
-        identify=found,
-        validate=beside,
+        identify=calibration,
+        validate=validation,
         sensors=sensors,
         p=p,
         noise=noise,
@@ -124,14 +138,14 @@ def fitted_stage(
 
 
 def with_validation(problem: Problem, stage: Stage) -> Stage:
-    """Return a stage laid beside the held-out records as it is."""
+    """Return a stage evaluated on the records held out, its parameters as they are."""
     if not problem.validate:
         return stage
     base = stage.system.parameter_vector({p.name: p.value for p in problem.uncertain})
-    held = evaluate(
+    validation = evaluate(
         stage.slim, problem.validate, stage.identify, noise=stage.noise, sensors=stage.sensors, base=base
     )
-    return replace(stage, validate=held)
+    return replace(stage, validate=validation)
 
 
 def _own(stage: Stage | None) -> list[np.ndarray] | None:

@@ -1,4 +1,4 @@
-"""How far calibrated parameters are from what was stated about them."""
+"""Prior conflict: how far calibrated parameters are from their stated values."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ CONFLICT_STD = 3.0  # deviations from its stated value at which a parameter coun
 
 
 def prior_penalty(calibration: Calibration, other: Calibration | None = None) -> float:
-    """Return how unlikely the fitted values are by what was stated: Σ (θ − θ₀)²/(s² + σ²), one for each parameter.
+    """Return the penalty of the fitted values by their priors: Σ (θ − θ₀)²/(s² + σ²), one term for each parameter.
 
-    s is the stated standard deviation and σ that of the fit: a value that the records hardly give does not count as far
-    away.  Parameters without a stated deviation and those at a bound do not count.
+    s is the stated standard deviation and σ that of the fit: a value that the records hardly determine is not in
+    conflict.  Parameters without a stated deviation and those at a bound do not count.
 
     Parameters
     ----------
     calibration : Calibration
     other : Calibration, optional
-        Where the deviations of the fit are taken from when the calibration has none, as that of a trial.
+        Source of the deviations of the fit where the calibration has none, as that of a trial fit.
     """
     known = _deviations(other) if other is not None else {}
     total = 0.0
@@ -50,22 +50,22 @@ def prior_conflicts(
     ----------
     calibration : Calibration
     stated : mapping of str to UncertainParameter, optional
-        What was stated, where the calibration itself was given other deviations.
+        The priors, where the calibration itself was given other deviations.
     """
-    found = []
+    conflicts = []
     for q, value in zip(calibration.parameters, calibration.values, strict=True):
-        said = (stated or {}).get(q.name, q)
-        if abs(float(value) - said.value) > CONFLICT_STD * said.std:
-            found.append((said, float(value)))
-    return tuple(found)
+        prior = (stated or {}).get(q.name, q)
+        if abs(float(value) - prior.value) > CONFLICT_STD * prior.std:
+            conflicts.append((prior, float(value)))
+    return tuple(conflicts)
 
 
 def needs_prior_conflict(richer: Calibration, poorer: Calibration) -> bool:
-    """Tell whether a poorer model replaces an effect only with parameters outside their stated uncertainty."""
+    """Tell whether a poorer model replaces an effect only with parameters in conflict with their priors."""
     return bool({q.name for q, _ in prior_conflicts(poorer)} - {q.name for q, _ in prior_conflicts(richer)})
 
 
 def conflict_text(parameter: UncertainParameter, value: float) -> str:
-    """Return a parameter's value beside what was stated, as it stands in a sentence."""
+    """Return a parameter's value with its prior, for a sentence."""
     stated, deviation = quantity_text(parameter.value, parameter.unit), quantity_text(parameter.std, parameter.unit)
     return f"{parameter.name} = {quantity_text(value, parameter.unit)} (stated: {stated} ± {deviation})"

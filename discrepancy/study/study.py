@@ -14,7 +14,7 @@ from discrepancy.problem.problem import Problem, noise_floors, read_problem
 from discrepancy.search.effect_presence import standing
 from discrepancy.search.look_ahead import look_ahead
 from discrepancy.search.step import Step, scored, search_step
-from discrepancy.stages.fit_stage import fitted_stage
+from discrepancy.stages.fit_stage import FittedValues, fitted_stage
 from discrepancy.stages.stage import AcceptedEffect, Stage
 from multibody.base.progress import silent
 
@@ -138,7 +138,7 @@ class Study:
         self.prepare()
         self.progress("simulate the model as given")
         noise = noise_floors(self.problem.identify, self.problem.noise)
-        self.stages.append(self.fitted("as given", (), None, noise, move=False))
+        self.stages.append(self.fitted("as given", (), None, noise, calibrated=False))
         self.progress("recalibrate the uncertain parameters")
         self.stages.append(self.fitted("recalibrated", (), None, noise))
         self.made()
@@ -171,7 +171,7 @@ class Study:
         moved: bool = True,
     ) -> Stage:
         """Return a stage at values that a fit has given before; only what is held out has its own unknowns fitted."""
-        return self.fitted(name, effects, None, dict(noise), move=moved, held=(values, own, scale))
+        return self.fitted(name, effects, None, dict(noise), calibrated=moved, values=FittedValues(values, own, scale))
 
     def fitted(
         self, name: str, effects: tuple[Effect, ...], start: Stage | None, noise: Any, **options: Any
@@ -217,7 +217,7 @@ class Study:
 
         ``stated`` begins where the parameters were stated in place of where the latest fit has put them.
         """
-        return self._with(effect, instead_of, trial=True, stated=stated)
+        return self._with(effect, instead_of, trial=True, from_prior=stated)
 
     def _with(self, effect: Effect, instead_of: Sequence[Effect] = (), **options: bool) -> Stage:
         current = self.stage

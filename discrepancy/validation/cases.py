@@ -110,7 +110,7 @@ def _beside_truth(study: Any, hidden: Sequence[str], named: Sequence[str], truth
             parts = {"strengths": strengths, "shape": true, "load": entry.load}
             effects.append(Effect.at_place(entry.kind.name, entry.place, **parts))
     try:
-        best = study.fitted("truth", tuple(effects), start, start.noise, stated=bent).rmse("validate")
+        best = study.fitted("truth", tuple(effects), start, start.noise, from_prior=bent).rmse("validate")
     except (RuntimeError, ModelError):
         return math.nan
     last = study.stages[-1].rmse("validate")

@@ -1,4 +1,4 @@
-"""The machine of a stage as a model of its own: what was given, with the effects, the fitted values and the sensors."""
+"""The machine of a stage as a model to save: with the effects, the fitted values and the errors of the sensors."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from discrepancy.effects.sensor_errors import FaultySensor
+from discrepancy.residual.prescribed_motion import free_motions
 from multibody.declare.declarations import Output
 
 if TYPE_CHECKING:
@@ -26,10 +27,10 @@ def machine_with_effects(
     sensors: Sequence[SensorError] = (),
     units: Mapping[str, str] | None = None,
 ) -> Model:
-    """Return the machine with its effects, as it can be saved, loaded and simulated without the study.
+    """Return the machine with its effects, so that it can be saved, loaded and simulated without the study.
 
-    A study that compares forces along a given motion works on a copy in which that motion is prescribed; what is
-    returned here is the machine that was handed in.
+    A study that compares forces along a given motion works on a copy in which that motion is prescribed; the effects
+    are added here to the machine that was handed in.
 
     Parameters
     ----------
@@ -37,10 +38,11 @@ def machine_with_effects(
         As the study's builder returned it.
     effects : sequence of Effect
     values : mapping of str to float
-        Fitted values by name, SI; what the machine does not have (an input of the prescribed motion) is left out.
+        Fitted values by name, SI; those that the machine does not have (an input of the prescribed motion) are left
+        out.
     sensors : sequence of SensorError
-        Become parts between a quantity and the output that reads it: the output keeps its name where it has one of
-        its own; a state that is measured under the state's name is read as ``reading.<state>``.
+        Become components between a quantity and the output that reads it.  The output keeps its name where it has one
+        of its own; a state that is measured under the state's name is read as ``reading.<state>``.
     units : mapping of str to str, optional
         Units of the measured outputs.
     """
@@ -61,13 +63,13 @@ def machine_with_effects(
 def _with_sensor(model: Model, output: str, errors: dict[str, float], unit: str) -> Model:
     other = model.copy()
     source = other.outputs.get(output, output)
-    found = other.find(source)
-    if found is None:
-        return model  # what the study compares and the machine does not have, such as the force that a motion needs
+    endpoint = other.find(source)
+    if endpoint is None:
+        return model  # an output that only the study's copy has, such as the force that a prescribed motion needs
     name = f"sensor.{output}"
     late = errors.pop("delay", 0.0)
     given = {**errors, "delay": late} if late > 0.0 else errors
-    if not isinstance(found[1].declarations.get(found[2]), Output):
+    if not isinstance(endpoint[1].declarations.get(endpoint[2]), Output):
         source = _measured(other, source)
         if not source:
             _log.warning("the error of the sensor of '%s' is not in the saved model: %s", output, errors)
@@ -83,7 +85,6 @@ def _with_sensor(model: Model, output: str, errors: dict[str, float], unit: str)
 
 def _measured(model: Model, state: str) -> str:
     """Put an ideal sensor on the flange whose motion a state is, and return its output; empty for another state."""
-    from discrepancy.residual.prescribed_motion import free_motions
     from multibody.library import AngleSensor, PositionSensor, SpeedSensor, VelocitySensor
 
     sensors = {"translation": (PositionSensor, VelocitySensor), "rotation": (AngleSensor, SpeedSensor)}
