@@ -180,7 +180,7 @@ def _tied_words(accepted: Sequence[AcceptedEffect], names: Sequence[str]) -> str
 
 def _last(accepted: Sequence[AcceptedEffect]) -> Sequence[AcceptedEffect]:
     """Return the last effect, or the last two where they hide each other."""
-    return accepted[-2:] if accepted[-1].hidden_by else accepted[-1:]
+    return accepted[-2:] if accepted[-1].masked_by else accepted[-1:]
 
 
 def _slight_words(found: Conclusion) -> str:
