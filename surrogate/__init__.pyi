@@ -2,8 +2,8 @@ from .comparison import OptimiserComparison, compare_optimisers
 from .evaluation import evaluate
 from .firefly import FireflySettings
 from .fitting import RankDeficiencyError, fit_response_surface, surface_study
+from .optimisation_result import OptimisationResult, StopReason
 from .optimise import METHODS, local_maxima, maximise
-from .outcome import OptimisationResult, StopReason
 from .polynomial import Terms, polynomial_terms
 from .quality import FitQuality, TestQuality
 from .response_surface import ResponseSurface

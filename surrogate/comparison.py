@@ -1,4 +1,4 @@
-"""Optimisers side by side at equal numbers of evaluations, over many seeds."""
+"""Optimisers compared at equal numbers of evaluations, over many seeds."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .methods import SEARCHES
-from .optimise import METHODS, maximise
-from .outcome import OptimisationResult
-from .space import DesignSpace
+from surrogate.methods import SEARCHES
+from surrogate.optimisation_result import OptimisationResult
+from surrogate.optimise import METHODS, maximise
+from surrogate.plots import plot_history
+from surrogate.space import DesignSpace
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 __all__ = ["OptimiserComparison", "compare_optimisers"]
 
@@ -28,7 +30,7 @@ class OptimiserComparison:
     results : dict of str to tuple of OptimisationResult
         Runs of each method, one for each seed.
     target : float
-        The value that counts as found, the tolerance taken off.
+        The value that a run must reach, the tolerance already subtracted.
     """
 
     results: dict[str, tuple[OptimisationResult, ...]]
@@ -66,10 +68,8 @@ class OptimiserComparison:
             )
         return pd.DataFrame(rows).set_index("method")
 
-    def plot(self) -> Any:
+    def plot(self) -> Figure:
         """Median best value against evaluations; returns the figure."""
-        from .plots import plot_history
-
         return plot_history([run for runs in self.results.values() for run in runs], target=self.target)
 
 
@@ -93,7 +93,7 @@ def compare_optimisers(
     f, space, budget, polish, gradient, vectorised
         As in :func:`surrogate.maximise`.
     target, tolerance : float
-        A run has found it at ``target - tolerance`` or above.
+        A run reaches the target at ``target - tolerance`` or above.
     methods : mapping or iterable of str
         Names, or a label for each set of options: ``{"label": {"method": …, "options": …}}``.
     seeds : iterable of int

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .space import DesignSpace
+from surrogate.space import DesignSpace
 
 __all__ = ["evaluate", "is_vectorised"]
 

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from .objective import Objective
+from surrogate.objective import Objective
 
 __all__ = ["FireflySettings", "firefly_search"]
 
@@ -17,7 +17,7 @@ Attraction = Literal["exp(-gamma r)", "exp(-gamma r^2)"]
 Steps = Literal["uniform", "gaussian", "printed"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FireflySettings:
     """Settings of the swarm; lengths are shares of the parameters' ranges.
 
@@ -91,9 +91,7 @@ def firefly_search(objective: Objective, settings: FireflySettings, rng: np.rand
         done += 1
 
 
-def _move(
-    place: Array, light: Array, alpha: float, settings: FireflySettings, rng: np.random.Generator
-) -> Array:
+def _move(place: Array, light: Array, alpha: float, settings: FireflySettings, rng: np.random.Generator) -> Array:
     moved = place.copy()
     # The dimmest pulls first, so that the last word of every firefly's move belongs to the brightest.
     for j in np.argsort(light, kind="stable"):

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .least_squares import solve
-from .polynomial import Terms, TermSet, polynomial_terms
-from .response_surface import ResponseSurface, checked_responses
-from .space import DesignSpace, SurrogateWarning
+from surrogate.least_squares import solve
+from surrogate.polynomial import Terms, TermSet, polynomial_terms
+from surrogate.response_surface import ResponseSurface, checked_responses
+from surrogate.space import DesignSpace, SurrogateWarning
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,9 +85,7 @@ def fit_response_surface(
         raise ValueError(f"the terms have {chosen.variables} variables for {len(space)} parameters")
     still = [name for name, column in zip(space.names, x.T, strict=True) if np.ptp(column) == 0.0]
     if still:
-        raise ValueError(
-            f"{', '.join(still)} never changes over the points: leave it out of the design space"
-        )
+        raise ValueError(f"{', '.join(still)} never changes over the points: leave it out of the design space")
     if p > n:
         raise ValueError(
             f"{p} coefficients cannot be found from {n} points: take a lower order or fewer parameters, or "
@@ -111,11 +110,17 @@ def fit_response_surface(
             SurrogateWarning,
             stacklevel=2,
         )
-    surface = ResponseSurface(space, chosen, fit.coefficients, response, unit, x, y, None, fit)
-    if test is None:
-        return surface
-    judged = surface.test(*test)
-    return ResponseSurface(space, chosen, fit.coefficients, response, unit, x, y, judged, fit)
+    surface = ResponseSurface(
+        space=space,
+        terms=chosen,
+        coefficients=fit.coefficients,
+        response=response,
+        unit=unit,
+        train_points=x,
+        train_responses=y,
+        _fit=fit,
+    )
+    return surface if test is None else replace(surface, test_quality=surface.test(*test))
 
 
 def surface_study(
@@ -153,12 +158,10 @@ def surface_study(
         for order in orders:
             row: dict[str, Any] = {"points": len(np.asarray(responses)), "order": order, "note": ""}
             row["coefficients"] = len(polynomial_terms(len(space), order, terms))
-            with warnings.catch_warnings(record=True) as told:
+            with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", SurrogateWarning)
                 try:
-                    surface = fit_response_surface(
-                        space, points, responses, order=order, terms=terms, test=test
-                    )
+                    surface = fit_response_surface(space, points, responses, order=order, terms=terms, test=test)
                 except ValueError as error:
                     rows.append(row | {"note": str(error)})
                     continue
@@ -170,5 +173,5 @@ def surface_study(
                     "test_max_relative_error": unseen.max_relative_error,
                     "test_mean_relative_error": unseen.mean_relative_error,
                 }
-            rows.append(row | {"note": "; ".join(dict.fromkeys(str(w.message) for w in told))})
+            rows.append(row | {"note": "; ".join(dict.fromkeys(str(w.message) for w in caught))})
     return pd.DataFrame(rows)

@@ -12,7 +12,7 @@ __all__ = ["LinearFit", "solve"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LinearFit:
     """Solution of min |A c - y|.
 
@@ -59,9 +59,9 @@ def solve(matrix: Array, y: Array) -> LinearFit:
     coefficients = coefficients + spread @ (u[:, :rank].T @ (y - matrix @ coefficients))
     smallest = s[-1] if len(s) == matrix.shape[1] else 0.0
     return LinearFit(
-        coefficients,
-        (u[:, :rank] ** 2).sum(axis=1),
-        spread,
-        vt[rank:].T,
-        float(s[0] / smallest) if smallest > 0.0 else float("inf"),
+        coefficients=coefficients,
+        leverages=(u[:, :rank] ** 2).sum(axis=1),
+        spread=spread,
+        null=vt[rank:].T,
+        condition=float(s[0] / smallest) if smallest > 0.0 else float("inf"),
     )

@@ -1,7 +1,7 @@
 """The searches behind ``maximise``: firefly, and SciPy's alternatives, all on the unit cube.
 
 A search takes the objective, its options and a Generator, runs until it converges or the objective refuses
-more evaluations, and returns why it stopped.  What was found is in the objective.
+more evaluations, and returns why it stopped.  The objective holds the result.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from .firefly import FireflySettings, firefly_search
-from .objective import Objective
-from .outcome import StopReason
+from surrogate.firefly import FireflySettings, firefly_search
+from surrogate.objective import Objective
+from surrogate.optimisation_result import StopReason
 
 __all__ = ["SEARCHES", "climb", "complete_options"]
 
@@ -30,7 +30,7 @@ def climb(objective: Objective, start: Array) -> Array:
     """
     from scipy.optimize import minimize
 
-    found = minimize(
+    result = minimize(
         objective.loss,
         np.asarray(start, dtype=float),
         jac=objective.loss_gradient if objective.has_gradient else "2-point",
@@ -39,7 +39,7 @@ def climb(objective: Objective, start: Array) -> Array:
         # The default ftol stops at relative 2e-9, which is coarser than a polish should be.
         options={"ftol": 1e-13, "gtol": 1e-9, "maxiter": 200},
     )
-    return np.clip(found.x, 0.0, 1.0)
+    return np.clip(result.x, 0.0, 1.0)
 
 
 def _firefly(objective: Objective, options: dict[str, Any], rng: np.random.Generator) -> StopReason:
@@ -47,16 +47,14 @@ def _firefly(objective: Objective, options: dict[str, Any], rng: np.random.Gener
     return StopReason.ITERATIONS
 
 
-def _differential_evolution(
-    objective: Objective, options: dict[str, Any], rng: np.random.Generator
-) -> StopReason:
+def _differential_evolution(objective: Objective, options: dict[str, Any], rng: np.random.Generator) -> StopReason:
     from scipy.optimize import Bounds, differential_evolution
     from scipy.stats import qmc
 
     k = len(objective.space)
     members = options["population"]
     while True:
-        found = differential_evolution(
+        result = differential_evolution(
             cast(Any, objective.losses),  # the stubs know only functions of one point
             Bounds(np.zeros(k), np.ones(k)),
             strategy=options["strategy"],
@@ -71,7 +69,7 @@ def _differential_evolution(
             rng=rng,
         )
         if not options["restart"]:
-            return StopReason.CONVERGED if found.success else StopReason.BUDGET
+            return StopReason.CONVERGED if result.success else StopReason.BUDGET
 
 
 def _direct(objective: Objective, options: dict[str, Any], rng: np.random.Generator) -> StopReason:
@@ -88,7 +86,7 @@ def _direct(objective: Objective, options: dict[str, Any], rng: np.random.Genera
             return -objective.best_value + 1.0
         return objective.loss(t)
 
-    found = direct(
+    result = direct(
         loss,
         Bounds(np.zeros(k), np.ones(k)),
         eps=options["eps"],
@@ -98,7 +96,7 @@ def _direct(objective: Objective, options: dict[str, Any], rng: np.random.Genera
         vol_tol=options["vol_tol"],
         len_tol=options["len_tol"],
     )
-    return StopReason.BUDGET if full or not found.success else StopReason.CONVERGED
+    return StopReason.BUDGET if full or not result.success else StopReason.CONVERGED
 
 
 def _multistart(objective: Objective, options: dict[str, Any], rng: np.random.Generator) -> StopReason:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .evaluation import evaluate
-from .space import DesignSpace
+from surrogate.evaluation import evaluate
+from surrogate.space import DesignSpace
 
 __all__ = ["BudgetExhausted", "Objective"]
 

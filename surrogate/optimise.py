@@ -1,4 +1,4 @@
-"""One door to every optimiser, and a list of the local maxima of a cheap function."""
+"""Every optimiser behind one function, and a list of the local maxima of a cheap function."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .methods import SEARCHES, climb, complete_options
-from .objective import BudgetExhausted, Objective
-from .outcome import OptimisationResult, StopReason
-from .space import DesignSpace
+from surrogate.methods import SEARCHES, climb, complete_options
+from surrogate.objective import BudgetExhausted, Objective
+from surrogate.optimisation_result import OptimisationResult, StopReason
+from surrogate.space import DesignSpace
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,7 +56,7 @@ def maximise(
         The parameters.
     method : {"firefly", "differential_evolution", "direct", "multistart"}
         ``"firefly"`` is the paper's, the others are SciPy's. For a smooth function ``"multistart"`` is
-        usually the quickest; :func:`surrogate.compare_optimisers` tells for a function of one's own.
+        usually the quickest; :func:`surrogate.compare_optimisers` compares them on your own function.
     budget : int, optional
         Evaluations at most, the polish included. By default 3000, or what firefly's ``population`` and
         ``iterations`` need plus the polish. Calls of an analytic gradient are counted apart.
@@ -193,12 +193,8 @@ def local_maxima(
                 break
         else:
             places.append((float(values[index]), ends[index], 1))
-    frame = space.to_frame(
-        space.from_unit(np.array([place for _, place, _ in places]).reshape(-1, len(space)))
-    )
-    return frame.assign(
-        value=[value for value, _, _ in places], starts=[count / starts for _, _, count in places]
-    )
+    frame = space.to_frame(space.from_unit(np.array([place for _, place, _ in places]).reshape(-1, len(space))))
+    return frame.assign(value=[value for value, _, _ in places], starts=[count / starts for _, _, count in places])
 
 
 def _polish(objective: Objective, climbs: int) -> None:
@@ -222,10 +218,10 @@ def _peaks(points: Array, values: Array, most: int) -> list[Array]:
     order = [i for i in np.argsort(-values, kind="stable")[:_SCANNED] if np.isfinite(values[i])]
     ranked = points[order]
     apart = _APART**2 * points.shape[1]
-    found: list[Array] = []
+    peaks: list[Array] = []
     for rank, point in enumerate(ranked):
-        if len(found) >= most:
+        if len(peaks) >= most:
             break
         if not (((ranked[:rank] - point) ** 2).sum(axis=1) < apart).any():
-            found.append(point)
-    return found
+            peaks.append(point)
+    return peaks

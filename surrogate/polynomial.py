@@ -33,9 +33,7 @@ class Terms:
         rows = tuple(tuple(int(e) for e in row) for row in self.exponents)
         object.__setattr__(self, "exponents", rows)
         if not rows or len({len(row) for row in rows}) != 1:
-            raise ValueError(
-                "a polynomial needs at least one term, and one exponent per variable in each term"
-            )
+            raise ValueError("a polynomial needs at least one term, and one exponent per variable in each term")
         if any(e < 0 for row in rows for e in row):
             raise ValueError("exponents must be whole numbers of at least 0")
         if len(set(rows)) != len(rows):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .space import SurrogateWarning
+from surrogate.space import SurrogateWarning
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -19,7 +19,7 @@ __all__ = ["FitQuality", "TestQuality", "r_squared", "relative_errors"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FitQuality:
     """Quality on the points of the fit.
 
@@ -63,7 +63,7 @@ class FitQuality:
         return pd.DataFrame([asdict(self)])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TestQuality:
     """Quality on points that were not used in the fit; fields as in :class:`FitQuality`."""
 
@@ -86,11 +86,11 @@ class TestQuality:
         """Compare predictions with responses, both of shape (n,)."""
         worst, mean = relative_errors(responses, predictions)
         return cls(
-            len(responses),
-            r_squared(responses, responses - predictions),
-            float(np.sqrt(np.mean((responses - predictions) ** 2))),
-            worst,
-            mean,
+            points=len(responses),
+            r2=r_squared(responses, responses - predictions),
+            rmse=float(np.sqrt(np.mean((responses - predictions) ** 2))),
+            max_relative_error=worst,
+            mean_relative_error=mean,
         )
 
 
@@ -104,7 +104,7 @@ def r_squared(responses: Array, errors: Array) -> float:
 
 
 def relative_errors(responses: Array, predictions: Array) -> tuple[float, float]:
-    """Largest and mean |error| / |response|; responses that are zero beside the others are left out."""
+    """Largest and mean |error| / |response|; responses that are zero compared with the others are left out."""
     scale = np.abs(responses)
     usable = scale > 1e-12 * scale.max()
     if not usable.all():

@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+import json
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .least_squares import LinearFit, solve
-from .polynomial import Terms, TermSet, polynomial_terms
-from .quality import FitQuality, TestQuality, r_squared, relative_errors
-from .space import DesignSpace, SurrogateWarning
+from surrogate.least_squares import LinearFit, solve
+from surrogate.plots import plot_surface
+from surrogate.polynomial import Terms, TermSet, polynomial_terms
+from surrogate.quality import FitQuality, TestQuality, r_squared, relative_errors
+from surrogate.space import DesignSpace, SurrogateWarning
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 __all__ = ["ResponseSurface"]
 
 Array = NDArray[np.float64]
+_SCHEMA = 1
+_NEEDED = ("schema", "space", "exponents", "coefficients", "response", "unit")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ResponseSurface:
     """A polynomial in parameters scaled to [0, 1].
 
@@ -64,9 +69,7 @@ class ResponseSurface:
     def __post_init__(self) -> None:
         c = np.array(self.coefficients, dtype=float)
         if self.terms.variables != len(self.space):
-            raise ValueError(
-                f"the terms have {self.terms.variables} variables for {len(self.space)} parameters"
-            )
+            raise ValueError(f"the terms have {self.terms.variables} variables for {len(self.space)} parameters")
         if c.shape != (len(self.terms),):
             raise ValueError(f"{c.size} coefficients of shape {c.shape} for {len(self.terms)} terms")
         if not np.isfinite(c).all():
@@ -93,7 +96,13 @@ class ResponseSurface:
     ) -> ResponseSurface:
         """A surface from known coefficients, in the order of :func:`polynomial_terms`."""
         chosen = terms if isinstance(terms, Terms) else polynomial_terms(len(space), order, terms)
-        return cls(space, chosen, np.asarray(coefficients, dtype=float), response, unit)
+        return cls(
+            space=space,
+            terms=chosen,
+            coefficients=np.asarray(coefficients, dtype=float),
+            response=response,
+            unit=unit,
+        )
 
     @property
     def term_names(self) -> tuple[str, ...]:
@@ -169,14 +178,10 @@ class ResponseSurface:
 
     def hessian(self, points: ArrayLike) -> Array:
         """Second derivatives by the parameters, shape (n, k, k)."""
-        curved = np.einsum(
-            "npij,p->nij", self.terms.hessian(self._scaled(points, "raise")), self.coefficients
-        )
+        curved = np.einsum("npij,p->nij", self.terms.hessian(self._scaled(points, "raise")), self.coefficients)
         return curved / np.multiply.outer(self.space.span, self.space.span)
 
-    def prediction_interval(
-        self, points: ArrayLike, *, confidence: float = 0.95
-    ) -> tuple[Array, Array, Array]:
+    def prediction_interval(self, points: ArrayLike, *, confidence: float = 0.95) -> tuple[Array, Array, Array]:
         """Prediction and the interval in which a new response is expected.
 
         Student's t on the residual scatter: right for scatter that is independent from point to point. A
@@ -205,9 +210,7 @@ class ResponseSurface:
         if fit.rank < len(self.terms):
             raise ValueError("no prediction interval: some terms cannot be told apart; fit a lower order")
         if quality.points <= fit.rank:
-            raise ValueError(
-                f"no prediction interval: {quality.points} points leave none over to judge scatter"
-            )
+            raise ValueError(f"no prediction interval: {quality.points} points leave none over to judge scatter")
         from scipy.stats import t as student
 
         values = self.terms.values(self._scaled(points, "raise"))
@@ -238,24 +241,96 @@ class ResponseSurface:
             frame["std_error"] = np.where(self._fit.rank == len(self.terms), std, np.nan)
         return frame
 
-    def plot(self) -> Any:
+    def plot(self) -> Figure:
         """Predicted against simulated responses and a cut along each parameter; returns the figure."""
-        from .plots import plot_surface
+        fitted = None
+        if self.train_points is not None:
+            responses = np.asarray(self.train_responses)
+            fitted = responses, self.predict(self.train_points), responses - self.loo_residuals()
+        label = f"{self.response} [{self.unit}]" if self.unit else self.response
+        return plot_surface(self.space, self.predict, label, fitted)
 
-        return plot_surface(self)
+    def to_dict(self) -> dict[str, Any]:
+        """Plain content, for JSON; numbers keep all their digits."""
+        content: dict[str, Any] = {
+            "schema": _SCHEMA,
+            "kind": "polynomial response surface",
+            "response": self.response,
+            "unit": self.unit,
+            "space": self.space.to_dict(),
+            "terms": list(self.term_names),
+            "exponents": [list(row) for row in self.terms.exponents],
+            "coefficients": self.coefficients.tolist(),
+        }
+        if self.train_points is not None and self.train_responses is not None:
+            content["train"] = {
+                "points": self.train_points.tolist(),
+                "responses": self.train_responses.tolist(),
+            }
+        if self.test_quality is not None:
+            content["test_quality"] = asdict(self.test_quality)
+        return content
+
+    @classmethod
+    def from_dict(cls, content: Any) -> ResponseSurface:
+        """Read what :meth:`to_dict` returned.
+
+        Raises
+        ------
+        ValueError
+            Naming what is wrong.
+        """
+        if not isinstance(content, dict):
+            raise ValueError(f"expected an object with {', '.join(_NEEDED)}")
+        missing = [key for key in _NEEDED if key not in content]
+        if missing:
+            raise ValueError(f"not a response surface; it lacks {', '.join(missing)}")
+        if content["schema"] != _SCHEMA:
+            raise ValueError(f"schema {content['schema']} is not known here (expected {_SCHEMA})")
+        try:
+            train = content.get("train")
+            tested = content.get("test_quality")
+            space = DesignSpace.from_dict(content["space"])
+            points = None if train is None else space.points(train["points"], what="train points")
+            responses = None if train is None else np.array(train["responses"], dtype=float)
+            if points is not None and responses is not None and responses.shape != (points.shape[0],):
+                raise ValueError(f"{responses.size} train responses for {points.shape[0]} train points")
+            return cls(
+                space=space,
+                terms=Terms(tuple(tuple(row) for row in content["exponents"])),
+                coefficients=np.array(content["coefficients"], dtype=float),
+                response=str(content["response"]),
+                unit=str(content["unit"]),
+                train_points=points,
+                train_responses=responses,
+                test_quality=None if tested is None else TestQuality(**tested),
+            )
+        except KeyError as error:
+            raise ValueError(f"lacks {error}") from error
+        except TypeError as error:
+            raise ValueError(str(error)) from error
 
     def save(self, path: str | Path) -> None:
         """Write to a JSON file."""
-        from .store import save_surface
-
-        save_surface(self, path)
+        Path(path).write_text(json.dumps(self.to_dict(), indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | Path) -> ResponseSurface:
-        """Read from a JSON file written by :meth:`save`."""
-        from .store import load_surface
+        """Read from a JSON file written by :meth:`save`.
 
-        return load_surface(path)
+        Raises
+        ------
+        ValueError
+            Naming the file and what is wrong with it.
+        """
+        try:
+            content = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise ValueError(f"{path}: not a JSON file ({error})") from error
+        try:
+            return cls.from_dict(content)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
 
     def __repr__(self) -> str:
         head = f"ResponseSurface of {self.response}{f' [{self.unit}]' if self.unit else ''}: "
@@ -274,9 +349,7 @@ class ResponseSurface:
 
     def _needs_fit(self, what: str) -> LinearFit:
         if self._fit is None:
-            raise ValueError(
-                f"this surface was made from given coefficients: {what} would need the fitted points"
-            )
+            raise ValueError(f"this surface was made from given coefficients: {what} would need the fitted points")
         return self._fit
 
 
@@ -287,14 +360,11 @@ def checked_responses(
     x = space.points(points, what=f"{what}points").copy()
     y = np.array(responses, dtype=float)
     if y.shape != (x.shape[0],):
-        raise ValueError(
-            f"{what}responses have shape {y.shape} for {x.shape[0]} points; expected ({x.shape[0]},)"
-        )
+        raise ValueError(f"{what}responses have shape {y.shape} for {x.shape[0]} points; expected ({x.shape[0]},)")
     if not np.isfinite(y).all():
         rows = np.flatnonzero(~np.isfinite(y))
         raise ValueError(
-            f"{what}responses are not finite in rows {rows.tolist()}: leave out the points whose simulation "
-            "failed"
+            f"{what}responses are not finite in rows {rows.tolist()}: leave out the points whose simulation failed"
         )
     if len(y) > 1 and np.ptp(y) <= 1e-13 * np.abs(y).max():
         raise ValueError(f"{what}responses are all {y[0]:.6g}: they do not vary, so there is nothing to fit")

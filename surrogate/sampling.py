@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .space import DesignSpace
+from surrogate.plots import plot_design
+from surrogate.space import DesignSpace
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 __all__ = ["Design", "latin_hypercube"]
 
@@ -81,11 +83,9 @@ class Design:
         """The points, one column for each parameter."""
         return self.space.to_frame(self.points)
 
-    def plot(self) -> Any:
+    def plot(self) -> Figure:
         """Scatter of every pair of parameters; returns the matplotlib figure."""
-        from .plots import plot_design
-
-        return plot_design(self)
+        return plot_design(self.space, self.points)
 
 
 def latin_hypercube(

@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .evaluation import evaluate
-from .space import DesignSpace, SurrogateWarning
+from surrogate.evaluation import evaluate
+from surrogate.plots import plot_morris, plot_one_at_a_time
+from surrogate.space import DesignSpace, SurrogateWarning
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 __all__ = ["MorrisResult", "OneAtATimeResult", "morris", "one_at_a_time", "select_names"]
 
@@ -31,7 +33,7 @@ def select_names(names: tuple[str, ...], scores: Array, share: float) -> tuple[s
     return tuple(names[i] for i in order if scores[i] >= threshold and scores[i] > 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OneAtATimeResult:
     """Response when one parameter moves and the others stay.
 
@@ -84,11 +86,9 @@ class OneAtATimeResult:
         )
         return frame.sort_values("range", ascending=False)
 
-    def plot(self) -> Any:
+    def plot(self) -> Figure:
         """Response over each parameter's range, as Fig. 8 of the paper; returns the figure."""
-        from .plots import plot_one_at_a_time
-
-        return plot_one_at_a_time(self)
+        return plot_one_at_a_time(self.space.names, self.levels, self.responses)
 
 
 def one_at_a_time(
@@ -127,9 +127,7 @@ def one_at_a_time(
     point = space.from_unit(np.full(k, 0.5))
     unknown = sorted(set(base or {}) - set(space.names))
     if unknown:
-        raise ValueError(
-            f"base names {', '.join(unknown)}, which the space lacks; it has {', '.join(space.names)}"
-        )
+        raise ValueError(f"base names {', '.join(unknown)}, which the space lacks; it has {', '.join(space.names)}")
     for name, value in (base or {}).items():
         point[space.names.index(name)] = value
     centre = space.to_unit(point, inside=True)[0]
@@ -143,14 +141,20 @@ def one_at_a_time(
     unit = np.array(rows)
     y = evaluate(f, space, space.from_unit(unit), vectorised=vectorised, executor=executor)
     if not np.isfinite(y[0]):
-        raise ValueError(
-            f"the function failed at the base {dict(zip(space.names, point.tolist(), strict=True))}"
-        )
+        raise ValueError(f"the function failed at the base {dict(zip(space.names, point.tolist(), strict=True))}")
     blocks = y[1:].reshape(k, levels + 2)
     ends = unit[1:].reshape(k, levels + 2, k)[np.arange(k), :, np.arange(k)][:, levels:]
     slopes = (blocks[:, -1] - blocks[:, -2]) / (ends[:, 1] - ends[:, 0])
-    _tell_failures(y)
-    return OneAtATimeResult(space, point, float(y[0]), grid, blocks[:, :levels], slopes, len(y))
+    _warn_of_failures(y)
+    return OneAtATimeResult(
+        space=space,
+        base=point,
+        base_response=float(y[0]),
+        levels=grid,
+        responses=blocks[:, :levels],
+        slopes=slopes,
+        evaluations=len(y),
+    )
 
 
 @dataclass(frozen=True)
@@ -201,11 +205,9 @@ class MorrisResult:
         )
         return frame.sort_values("mu_star", ascending=False)
 
-    def plot(self) -> Any:
+    def plot(self) -> Figure:
         """Spread over size of the effects; returns the figure."""
-        from .plots import plot_morris
-
-        return plot_morris(self)
+        return plot_morris(self.space.names, self.mu_star, self.sigma)
 
 
 def morris(
@@ -250,22 +252,18 @@ def morris(
             unit[walk, moved:, i] += direction[i] * delta
     flat = np.clip(unit.reshape(-1, k), 0.0, 1.0)
     y = evaluate(f, space, space.from_unit(flat), vectorised=vectorised, executor=executor)
-    _tell_failures(y)
+    _warn_of_failures(y)
     effects = np.full((trajectories, k), np.nan)
     changes = np.diff(y.reshape(trajectories, k + 1), axis=1)
     rows = np.arange(trajectories)[:, None]
     effects[rows, orders] = changes / (directions[rows, orders] * delta)
-    lost = [
-        name for name, seen in zip(space.names, np.isfinite(effects).sum(axis=0), strict=True) if seen < 2
-    ]
+    lost = [name for name, seen in zip(space.names, np.isfinite(effects).sum(axis=0), strict=True) if seen < 2]
     if lost:
-        raise ValueError(
-            f"too many evaluations failed: fewer than two effects are left for {', '.join(lost)}"
-        )
+        raise ValueError(f"too many evaluations failed: fewer than two effects are left for {', '.join(lost)}")
     return MorrisResult(space, effects, len(y))
 
 
-def _tell_failures(y: Array) -> None:
+def _warn_of_failures(y: Array) -> None:
     failed = int((~np.isfinite(y)).sum())
     if failed:
         warnings.warn(

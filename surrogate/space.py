@@ -21,7 +21,7 @@ ROUNDING = 1e-9
 
 
 class SurrogateWarning(UserWarning):
-    """A result can be used, but not for as much as one might think."""
+    """A result is usable, but less reliable than it may look."""
 
 
 @dataclass(frozen=True)
@@ -162,9 +162,7 @@ class DesignSpace:
         """Scale points on [0, 1], shape (n, k) or (k,), back to the parameters' units (same shape)."""
         t = np.asarray(points, dtype=float)
         if t.ndim == 0 or t.shape[-1] != len(self):
-            raise ValueError(
-                f"scaled points have shape {t.shape}; the last axis must have {len(self)} entries"
-            )
+            raise ValueError(f"scaled points have shape {t.shape}; the last axis must have {len(self)} entries")
         low, span = np.array(self.lower), self.span
         # Exact at both ends, which low + span * t is not.
         return np.where(t == 1.0, np.array(self.upper), low + span * t)

@@ -10,19 +10,21 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from .evaluation import evaluate
-from .sensitivity import select_names
-from .space import DesignSpace
+from surrogate.evaluation import evaluate
+from surrogate.plots import plot_sobol
+from surrogate.sensitivity import select_names
+from surrogate.space import DesignSpace
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 __all__ = ["SobolResult", "sobol"]
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SobolResult:
     """Variance shares with parameters uniform over their ranges.
 
@@ -65,11 +67,9 @@ class SobolResult:
         )
         return frame.sort_values("total", ascending=False)
 
-    def plot(self) -> Any:
+    def plot(self) -> Figure:
         """Bars of first and total shares; returns the figure."""
-        from .plots import plot_sobol
-
-        return plot_sobol(self)
+        return plot_sobol(self.space.names, (self.first, self.first_interval), (self.total, self.total_interval))
 
 
 def sobol(
@@ -122,22 +122,24 @@ def sobol(
                 "needs all of them; fit a response surface to those that succeed and analyse that"
             )
         if np.ptp(y) <= 1e-13 * np.abs(y).max():
-            raise ValueError(f"the response is {y[0]:.6g} everywhere: there is no variance to share out")
+            raise ValueError(
+                f"the response is {y[0]:.6g} everywhere: there is no variance to divide among the parameters"
+            )
         return y.reshape(1, *t.shape[1:])
 
     rng = np.random.default_rng(seed)
-    found = sobol_indices(func=columns, n=samples, dists=cast(Any, [uniform()] * len(space)), rng=rng)
-    spread = found.bootstrap(confidence_level=confidence)
+    indices = sobol_indices(func=columns, n=samples, dists=cast(Any, [uniform()] * len(space)), rng=rng)
+    spread = indices.bootstrap(confidence_level=confidence)
     return SobolResult(
-        space,
-        np.ravel(found.first_order),
-        np.ravel(found.total_order),
-        _interval(spread.first_order),
-        _interval(spread.total_order),
-        count,
+        space=space,
+        first=np.ravel(indices.first_order),
+        total=np.ravel(indices.total_order),
+        first_interval=_interval(spread.first_order),
+        total_interval=_interval(spread.total_order),
+        evaluations=count,
     )
 
 
-def _interval(found: Any) -> Array:
-    bounds = found.confidence_interval
+def _interval(bootstrap: Any) -> Array:
+    bounds = bootstrap.confidence_interval
     return np.column_stack([np.ravel(bounds.low), np.ravel(bounds.high)])

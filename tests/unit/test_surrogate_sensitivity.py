@@ -99,7 +99,7 @@ def test_bad_settings_are_named():
         morris(linear, SPACE, trajectories=1)
     with pytest.raises(ValueError, match="power of two"):
         sobol(linear, SPACE, samples=1000)
-    with pytest.raises(ValueError, match="no variance to share out"):
+    with pytest.raises(ValueError, match="no variance to divide among the parameters"):
         sobol(lambda x: 1.0, SPACE, samples=16)
     with pytest.raises(ValueError, match="share must lie between 0 and 1"):
         morris(linear, SPACE).select(2.0)

@@ -1,4 +1,4 @@
-"""What an optimiser found, how, and how fast."""
+"""The result of an optimisation: the best point, how it was reached, and at what cost."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .space import DesignSpace
+from surrogate.plots import plot_history
+from surrogate.space import DesignSpace
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 __all__ = ["OptimisationResult", "StopReason"]
 
@@ -27,7 +29,7 @@ class StopReason(Enum):
     CONVERGED = "the method's own measure of convergence was met"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OptimisationResult:
     """Outcome of :func:`surrogate.maximise`.
 
@@ -46,7 +48,7 @@ class OptimisationResult:
     failed : int
         Evaluations that gave no finite number.
     improved_at : ndarray, shape (m,)
-        Number of evaluations when a better point was found.
+        Number of evaluations at each improvement.
     improved_to : ndarray, shape (m,)
         Best value from there on.
     value_before_polish : float
@@ -81,7 +83,7 @@ class OptimisationResult:
         return tuple(n for n, v in zip(self.space.names, t, strict=True) if v < 1e-6 or v > 1.0 - 1e-6)
 
     def best_after(self, evaluations: int) -> float:
-        """Best value found within so many evaluations; −inf before the first success."""
+        """Best value within so many evaluations; −inf before the first success."""
         index = int(np.searchsorted(self.improved_at, evaluations, side="right")) - 1
         return float(self.improved_to[index]) if index >= 0 else float("-inf")
 
@@ -111,10 +113,8 @@ class OptimisationResult:
             "options": self.options,
         }
 
-    def plot(self) -> Any:
+    def plot(self) -> Figure:
         """Best value against evaluations; returns the figure."""
-        from .plots import plot_history
-
         return plot_history([self])
 
     def __repr__(self) -> str:
