@@ -86,9 +86,9 @@ def cut_loops(model: Model, outputs: Sequence[str]) -> tuple[Model, tuple[str, .
         fed = [e for ends in other.connections if source in ends for e in ends if e != source]
         if not fed:
             continue
-        graph = other._graph
-        graph.connections = [ends for ends in graph.connections if source not in ends]
-        graph.outputs.pop(name, None)
+        other.disconnect(source)
+        if name in other.outputs:
+            other.remove_output(name)
         other.input(name, *fed)
         cut.append(name)
     if cut:
@@ -100,33 +100,18 @@ def _prune(model: Model) -> None:
     """Take out signal parts whose outputs feed nothing any more, and what only fed them."""
     from multibody.declare.declarations import Port
 
-    graph = model._graph
     while True:
         idle = [
             n
-            for n, c in graph.components.items()
+            for n, c in model.components.items()
             if not c.of_kind(Port)
-            and not any(_owner(model, e) == n for e in graph.outputs.values())
-            and not any(_owner(model, ends[0]) == n or _outputs_of(model, ends, n) for ends in graph.connections)
+            and not any(model.owner(e) == n for e in model.outputs.values())
+            and not any(model.owner(ends[0]) == n or _outputs_of(model, ends, n) for ends in model.connections)
         ]
         if not idle:
             return
         for name in idle:
-            kept = []
-            for ends in graph.connections:
-                rest = tuple(e for e in ends if _owner(model, e) != name)
-                if len(rest) > 1:
-                    kept.append(rest)
-            for entry in graph.inputs.values():
-                entry.targets = [t for t in entry.targets if _owner(model, t) != name]
-            graph.connections = kept
-            graph.inputs = {k: v for k, v in graph.inputs.items() if v.targets}
-            del graph.components[name]
-
-
-def _owner(model: Model, endpoint: str) -> str:
-    found = model.find(endpoint)
-    return found[0] if found is not None else ""
+            model.remove(name)
 
 
 def _outputs_of(model: Model, ends: Sequence[str], name: str) -> bool:
@@ -245,9 +230,11 @@ def prescribed(model: Model, motions: Sequence[Motion]) -> Model:
         for name in m.quantities:
             other.input(name, f"{part}.{name.rpartition('.')[2]}")
         if m.force:
-            entry = other._graph.inputs.pop(m.force)
+            entry = other.remove_input(m.force)
             other.input(f"idle.{m.force}", *entry.targets, default=0.0)
             other.output(m.force, m.needed)
     states = {s for m in motions for s in m.states}
-    other._graph.outputs = {n: s for n, s in other._graph.outputs.items() if s not in states}
+    for name, source in other.outputs.items():
+        if source in states:
+            other.remove_output(name)
     return other

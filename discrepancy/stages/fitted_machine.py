@@ -76,8 +76,8 @@ def _with_sensor(model: Model, output: str, errors: dict[str, float], unit: str)
             return model
     other.add(name, FaultySensor(unit=unit or "1", late=late > 0.0, **given))
     other.connect(source, f"{name}.true")
-    if output in other._graph.outputs:
-        other._graph.outputs[output] = f"{name}.reading"
+    if output in other.outputs:
+        other.redirect_output(output, f"{name}.reading")
     else:
         other.output(f"reading.{output}", f"{name}.reading")
     return other

@@ -6,9 +6,9 @@ and brought to rest.
 
 from __future__ import annotations
 
-import copy
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,10 +60,10 @@ class Model(ModelGraph):
     def copy(self, name: str | None = None) -> Model:
         """Return an independent copy; components are values and are shared."""
         other = Model(name or self.name)
-        other._graph = copy.copy(self._graph)
-        for slot in ("components", "connections", "inputs", "outputs", "features", "faults"):
-            setattr(other._graph, slot, copy.copy(getattr(self._graph, slot)))
-        other._graph.inputs = {k: copy.deepcopy(v) for k, v in self._graph.inputs.items()}
+        other._components, other._connections = dict(self._components), list(self._connections)
+        other._inputs = {name: replace(entry, targets=list(entry.targets)) for name, entry in self._inputs.items()}
+        other._outputs, other._features = dict(self._outputs), dict(self._features)
+        other._faults = list(self._faults)
         return other
 
     def with_values(self, values: dict[str, float]) -> Model:
@@ -80,8 +80,8 @@ class Model(ModelGraph):
         for key, value in values.items():
             kind = key.rpartition(".")[2]
             source = key.removeprefix("input.").rpartition(".")[0]
-            if key.startswith("input.") and getattr(other._graph.inputs.get(source), kind, None) is not None:
-                setattr(other._graph.inputs[source], kind, value)
+            if key.startswith("input.") and getattr(other._inputs.get(source), kind, None) is not None:
+                setattr(other._inputs[source], kind, value)
                 continue
             if (point := _table_point(key)) is not None:
                 found = self.find(point[0])
@@ -90,32 +90,30 @@ class Model(ModelGraph):
                     continue
             found = self.find(key)
             if found is None or found[2] not in (*found[1].values, *found[1].starts):
-                known = [
-                    f"{n}.{p}" for n, c in self._graph.components.items() for p in (*c.values, *c.starts)
-                ]
+                known = [f"{n}.{p}" for n, c in self._components.items() for p in (*c.values, *c.starts)]
                 faults.append(f"no parameter '{key}'{nearest(key, known)}")
             else:
                 changes.setdefault(found[0], {})[found[2]] = value
         if faults:
             raise ModelError(self.name, faults)
-        for (owner, table), moved in points.items():
-            x, y = (axis.copy() for axis in self._graph.components[owner].tables[table])
-            for axis, k, value in moved:
+        for (owner, table), changed in points.items():
+            x, y = (axis.copy() for axis in self._components[owner].tables[table])
+            for axis, k, value in changed:
                 (x if axis == "x" else y)[k] = value
             changes.setdefault(owner, {})[table] = (x, y)
         for name, change in changes.items():
-            other._graph.components[name] = self._graph.components[name].copy(**change)
+            other._components[name] = self._components[name].copy(**change)
         return other
 
     def with_input_error(self, name: str, **errors: float) -> Model:
         """Return a copy in which an input has a ``gain`` (relative), ``offset`` or ``delay`` (s) error."""
-        if name not in self._graph.inputs:
-            raise KeyError(f"model '{self.name}' has no input '{name}'{nearest(name, self._graph.inputs)}")
+        if name not in self._inputs:
+            raise KeyError(f"model '{self.name}' has no input '{name}'{nearest(name, self._inputs)}")
         other = self.copy()
         for kind, value in errors.items():
             if kind not in ("gain", "offset", "delay"):
                 raise ValueError(f"an input has no '{kind}' error: give gain, offset or delay")
-            setattr(other._graph.inputs[name], kind, value)
+            setattr(other._inputs[name], kind, value)
         return other
 
     # ---------------------------------------------------------------- compiling and looking

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from multibody.base.spelling import nearest
 from multibody.declare.component import Component
@@ -64,16 +64,6 @@ class ModelInput:
     delay: float | None = None
 
 
-@dataclass
-class _Graph:
-    components: dict[str, Component] = field(default_factory=dict)
-    connections: list[tuple[str, ...]] = field(default_factory=list)
-    inputs: dict[str, ModelInput] = field(default_factory=dict)
-    outputs: dict[str, str] = field(default_factory=dict)
-    features: dict[str, tuple[float | str, str]] = field(default_factory=dict)
-    faults: list[str] = field(default_factory=list)
-
-
 class ModelGraph:
     """A named graph of components: the data that assembly, files and descriptions take.
 
@@ -86,51 +76,53 @@ class ModelGraph:
     def __init__(self, name: str):
         self.name = name
         self.ground = Endpoint(GROUND)
-        self._graph = _Graph()
+        self._components: dict[str, Component] = {}
+        self._connections: list[tuple[str, ...]] = []
+        self._inputs: dict[str, ModelInput] = {}
+        self._outputs: dict[str, str] = {}
+        self._features: dict[str, tuple[float | str, str]] = {}
+        self._faults: list[str] = []
 
     # ---------------------------------------------------------------- building
 
     def add(self, name: str, component: Component) -> Part:
         """Add a component under a name and return it as a `Part` whose attributes can be connected."""
-        graph = self._graph
         name = str(name)
         if not isinstance(component, Component):
-            told = (
+            what = (
                 f"the class {component.__name__}"
                 if isinstance(component, type)
                 else f"a {type(component).__name__}"
             )
-            graph.faults.append(f"'{name}' is {told}, not a component: add an instance of a Component class")
+            self._faults.append(f"'{name}' is {what}, not a component: add an instance of a Component class")
             component = Component()
         elif not hasattr(component, "values"):
             kind = type(component).__name__
-            graph.faults.append(f"component '{name}': {kind}.__init__ must call super().__init__(**values)")
+            self._faults.append(f"component '{name}': {kind}.__init__ must call super().__init__(**values)")
             component = Component()
-        elif name in graph.components:
-            graph.faults.append(f"the name '{name}' is used twice: give each component its own name")
+        elif name in self._components:
+            self._faults.append(f"the name '{name}' is used twice: give each component its own name")
         else:
-            graph.components[name] = component
+            self._components[name] = component
         return Part(name, component)
 
     def connect(self, *endpoints: str) -> None:
         """Connect ports to each other (or to ``model.ground``), or an output signal to input signals."""
-        self._graph.connections.append(tuple(str(e) for e in endpoints))
+        self._connections.append(tuple(str(e) for e in endpoints))
 
     def input(self, name: str, *targets: str, default: float | None = None) -> None:
         """Declare a signal that enters from outside and the component inputs that it feeds."""
-        if name in self._graph.inputs:
-            self._graph.faults.append(f"the model input '{name}' is declared twice")
-        self._graph.inputs[name] = ModelInput(name, [str(t) for t in targets], default=default)
+        if name in self._inputs:
+            self._faults.append(f"the model input '{name}' is declared twice")
+        self._inputs[name] = ModelInput(name, [str(t) for t in targets], default=default)
 
     def output(self, name: str, source: str) -> None:
         """Give a second name to a component's output, state or port quantity, such as
         ``"drive.flange.force"``.
         """
-        if name in self._graph.outputs:
-            self._graph.faults.append(f"the model output '{name}' is declared twice")
-        self._graph.outputs[name] = str(source)
-
-    # ---------------------------------------------------------------- looking
+        if name in self._outputs:
+            self._faults.append(f"the model output '{name}' is declared twice")
+        self._outputs[name] = str(source)
 
     def feature(self, what: str, width: float | str, speed: str) -> None:
         """Declare that something narrow passes by, such as a tooth or a bend of a rail, which no step may jump over.
@@ -144,45 +136,72 @@ class ModelGraph:
         speed : str
             State or output of the model at whose speed it passes; without that signal it does not count.
         """
-        self._graph.features[what] = (width, speed)
+        self._features[what] = (width, speed)
+
+    def remove(self, name: str) -> None:
+        """Remove a component with its ends of connections, and what then connects or feeds nothing."""
+        left = (tuple(end for end in ends if self.owner(end) != name) for ends in self._connections)
+        self._connections = [ends for ends in left if len(ends) > 1]
+        for entry in self._inputs.values():
+            entry.targets = [target for target in entry.targets if self.owner(target) != name]
+        self._inputs = {k: entry for k, entry in self._inputs.items() if entry.targets}
+        del self._components[name]
+
+    def disconnect(self, endpoint: str) -> None:
+        """Remove every connection of an endpoint."""
+        self._connections = [ends for ends in self._connections if endpoint not in ends]
+
+    def remove_input(self, name: str) -> ModelInput:
+        """Remove a model input and return it."""
+        return self._inputs.pop(name)
+
+    def remove_output(self, name: str) -> None:
+        """Remove a second name of a quantity."""
+        del self._outputs[name]
+
+    def redirect_output(self, name: str, source: str) -> None:
+        """Let the second name of a quantity stand for another one."""
+        self._outputs[name] = str(source)
+
+    # ---------------------------------------------------------------- looking
 
     @property
     def features(self) -> dict[str, tuple[float | str, str]]:
         """What passes by: width and speed by name (see `feature`)."""
-        return dict(self._graph.features)
+        return dict(self._features)
 
     @property
     def components(self) -> dict[str, Component]:
         """The components by name, in the order in which they were added."""
-        return dict(self._graph.components)
+        return dict(self._components)
 
     @property
     def connections(self) -> list[tuple[str, ...]]:
         """The connections as they were made."""
-        return list(self._graph.connections)
+        return list(self._connections)
 
     @property
     def inputs(self) -> dict[str, ModelInput]:
         """The declared model inputs by name."""
-        return dict(self._graph.inputs)
+        return dict(self._inputs)
 
     @property
     def outputs(self) -> dict[str, str]:
         """Second names of quantities: name → component quantity."""
-        return dict(self._graph.outputs)
+        return dict(self._outputs)
 
     @property
     def declared_faults(self) -> list[str]:
         """Faults met while the model was put together (a name used twice, not a component)."""
-        return list(self._graph.faults)
+        return list(self._faults)
 
     def part(self, name: str) -> Part:
         """Return a component of the model as a `Part`."""
-        if name not in self._graph.components:
+        if name not in self._components:
             raise KeyError(
-                f"model '{self.name}' has no component '{name}'{nearest(name, self._graph.components)}"
+                f"model '{self.name}' has no component '{name}'{nearest(name, self._components)}"
             )
-        return Part(name, self._graph.components[name])
+        return Part(name, self._components[name])
 
     def find(self, endpoint: str) -> tuple[str, Component, str] | None:
         """Split ``"carriage.guide.a"`` into component name, component and the rest; None when no component
@@ -191,13 +210,17 @@ class ModelGraph:
         pieces = endpoint.split(".")
         for cut in range(len(pieces) - 1, 0, -1):
             name = ".".join(pieces[:cut])
-            if name in self._graph.components:
-                return name, self._graph.components[name], ".".join(pieces[cut:])
+            if name in self._components:
+                return name, self._components[name], ".".join(pieces[cut:])
         return None
 
+    def owner(self, endpoint: str) -> str:
+        """Return the name of the component that an endpoint belongs to; empty when there is none."""
+        found = self.find(endpoint)
+        return found[0] if found is not None else ""
+
     def __repr__(self) -> str:
-        graph = self._graph
         return (
-            f"{type(self).__name__}({self.name!r}: {len(graph.components)} components, "
-            f"{len(graph.connections)} connections, {len(graph.inputs)} inputs)"
+            f"{type(self).__name__}({self.name!r}: {len(self._components)} components, "
+            f"{len(self._connections)} connections, {len(self._inputs)} inputs)"
         )
