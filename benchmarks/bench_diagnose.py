@@ -35,7 +35,7 @@ def bench_step() -> Callable[[], None]:
 
     def work() -> None:
         study.explain()
-        study.steps.clear()
+        study.decisions.clear()
 
     work()
     return work

@@ -37,7 +37,7 @@ def _stage() -> tuple[Any, Any, list[Any]]:
     noise = noise_floors(study.problem.identify, {})
     values = {q.name: q.value for q in study.problem.uncertain}
     scale = {n: noise[n] for n in experiment.outputs}
-    stage = study.held_stage("recalibrated", (), values, [own], scale, noise)
+    stage = study.restored("recalibrated", (), values, [own], scale, noise)
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs)
     picked = [entries[int(k)] for k in np.linspace(0, len(entries) - 1, CANDIDATES)]
     return stage, stage.scan_preparation, picked

@@ -14,8 +14,8 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from discrepancy.conclusion.conclusion import Conclusion
 from discrepancy.problem.problem import Problem
-from discrepancy.report.conclusion import Conclusion
 from discrepancy.study.study import Study
 from estimation.fit.calibrate import UncertainParameter
 from vtsdt.files.parameters import LiftParameters

@@ -1,5 +1,4 @@
-"""What else a user asks: how well the model agrees, where it fails, what an unknown force depends on, and what to
-measure next.
+"""Questions about a fitted model: agreement, where it fails, what an unknown force depends on, what to measure next.
 
 Takes from `discrepancy.search` and what is below it.
 """

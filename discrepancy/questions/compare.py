@@ -1,4 +1,4 @@
-"""Model and measurement side by side: the figures of agreement of every part, record and output."""
+"""Model and measurement compared: the figures of agreement of every part, record and output."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discrepancy.drawing.comparison_figure import comparison_figure
 from discrepancy.stages.stage import Stage
 from estimation.signals.metrics import Agreement, agreement, coherence, spectral_density
 
@@ -56,7 +57,7 @@ class SignalComparison:
         Noise floor, in ``unit``.
     figures : Agreement
     work : Work or None
-        Only for forces and torques beside a measured motion.
+        Only for forces and torques where a motion is measured too.
     """
 
     part: str
@@ -131,15 +132,15 @@ class Comparison:
 
     def pooled(self, part: str) -> dict[str, Agreement]:
         """Return the figures of every output over all records of a part; empty without records."""
-        found = {}
+        pooled = {}
         for output in dict.fromkeys(s.output for s in self.of(part)):
             group = self.of(part, output=output)
-            found[output] = agreement(
+            pooled[output] = agreement(
                 np.concatenate([s.measured for s in group]),
                 np.concatenate([s.model for s in group]),
                 group[0].noise,
             )
-        return found
+        return pooled
 
     def to_frame(self) -> pd.DataFrame:
         """Return a row for every part, record and output; errors in the output's unit, work in J."""
@@ -172,13 +173,12 @@ class Comparison:
 
     def plot(self, part: str = "identify", record: str | None = None) -> Figure:
         """Draw measurement, model, residual and its spectrum against the noise floor, for one record."""
-        from discrepancy.report.figures import comparison_figure
-
-        found = self.of(part, record)
-        if not found:
+        signals = self.of(part, record)
+        if not signals:
+            what = f"no record '{record}'" if record else "no record"
             known = sorted({(s.part, s.record) for s in self.signals})
-            raise KeyError(f"there is no record '{record or 'at all'}' in part '{part}'; there are: {known}")
-        return comparison_figure([s for s in found if s.record == found[0].record])
+            raise KeyError(f"there is {what} in part '{part}'; there are: {known}")
+        return comparison_figure([s for s in signals if s.record == signals[0].record])
 
     def __repr__(self) -> str:
         lines = [
@@ -197,7 +197,7 @@ class Comparison:
 
 
 def compare(stage: Stage) -> Comparison:
-    """Lay the model of a stage beside all its records.
+    """Compare the model of a stage with all its records.
 
     Parameters
     ----------
@@ -208,21 +208,18 @@ def compare(stage: Stage) -> Comparison:
     -------
     Comparison
     """
-    found: list[SignalComparison] = []
-    for part in PARTS:
-        for fit in stage.fits(part):
-            found += _of_fit(stage, part, fit)
-    return Comparison(stage.name, tuple(found))
+    signals = (s for part in PARTS for fit in stage.fits(part) for s in _signals_of(stage, part, fit))
+    return Comparison(stage.name, tuple(signals))
 
 
-def _of_fit(stage: Stage, part: str, fit: Fit) -> list[SignalComparison]:
+def _signals_of(stage: Stage, part: str, fit: Fit) -> list[SignalComparison]:
     experiment = fit.experiment
     units = [stage.system.unit(n) for n in experiment.outputs]
-    found = []
+    signals = []
     for c, (output, unit) in enumerate(zip(experiment.outputs, units, strict=True)):
         measured, model = experiment.measured[:, c], fit.response.outputs[:, c]
         noise = stage.noise.get(output) or None
-        found.append(
+        signals.append(
             SignalComparison(
                 part,
                 experiment.name,
@@ -236,7 +233,7 @@ def _of_fit(stage: Stage, part: str, fit: Fit) -> list[SignalComparison]:
                 _work(fit, units, c),
             )
         )
-    return found
+    return signals
 
 
 def _work(fit: Fit, units: list[str], column: int) -> Work | None:
@@ -252,10 +249,10 @@ def _work(fit: Fit, units: list[str], column: int) -> Work | None:
     for y in (experiment.measured, fit.response.outputs):
         force = 0.5 * (y[1:, column] + y[:-1, column])
         if units[along] == position:
-            way = np.diff(y[:, along])
+            path = np.diff(y[:, along])
         else:
-            way = 0.5 * (y[1:, along] + y[:-1, along]) * np.diff(experiment.time)
-        amounts.append(float(np.sum(force * way)))
+            path = 0.5 * (y[1:, along] + y[:-1, along]) * np.diff(experiment.time)
+        amounts.append(float(np.sum(force * path)))
     return Work(amounts[0], amounts[1], experiment.outputs[along])
 
 

@@ -1,14 +1,14 @@
-"""The next measurement: which trip would tell two explanations apart that these records do not.
+"""The next measurement: which trip would distinguish two explanations that these records do not.
 
-Both explanations are fitted models.  A candidate trip is simulated with both.  What counts is the part of their
-difference that the rival could not make up for by being calibrated again on that trip,
+Both explanations are fitted models.  A candidate trip is simulated with both.  Its separation is the part of their
+difference that a recalibration of the alternative on that trip could not remove,
 
     D = ‖(I − P_[F, Z_h]) d‖²,   d = ŷ_g − ŷ_h,
 
-with F the sensitivities of what calibration may move, priors included, Z_h those of the rival's own strengths and
-shapes, and each output in units of its residual times the square root of how many samples that remembers.  For small
-effects d is Z_g times the expected amplitude.  If the first is true, the difference of twice the log-likelihood is
-normal with mean D and variance 4D, so that the chance to decide follows.
+with F the sensitivities of the uncertain parameters, priors included, Z_h those of the alternative's strengths and
+shapes, and each output in units of its residual times the square root of the residual's correlation time in samples.
+For small effects d is Z_g times the expected amplitude.  If the first is true, the difference of twice the
+log-likelihood is normal with mean D and variance 4D; the chance that the trip decides follows.
 """
 
 from __future__ import annotations
@@ -19,15 +19,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discrepancy.effects.catalogue import catalogue
+from discrepancy.effects.effect import Effect
+from discrepancy.effects.from_scan_row import effect_of
+from discrepancy.effects.kinds import kind_named
 from discrepancy.questions.trip_plan import TripPlan
 from discrepancy.questions.trip_proposals import NextMeasurement, Proposal, chance, repeats_needed
+from discrepancy.search.state import SearchState
+from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from estimation.signals.correlation import correlation_time
 
 if TYPE_CHECKING:
-
-    from discrepancy.effects.effect import Effect
-    from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
-    from discrepancy.study.study import Study
     from estimation.response.experiment import Experiment
 
 __all__ = ["TRIPS", "compare_trips", "next_measurements"]
@@ -49,9 +51,9 @@ TRIPS = tuple(
         "load=1.5",
     )
 )
-#: Units of what a sensor can be bought for.
+#: Units of quantities for which there are sensors.
 SENSED = ("N", "N*m", "m", "rad", "m/s", "rad/s", "m/s**2", "rad/s**2", "V", "A")
-#: Rivals of one effect, and added sensors, that are looked at.
+#: Rivals of one effect, and added sensors, that are examined.
 MOST_RIVALS, MOST_SENSORS = 2, 2
 
 
@@ -76,7 +78,7 @@ class _Pair:
         inputs = {n: np.asarray(given.record.signals[n].values) for n in given.inputs}
         time, changed = trip.apply(np.asarray(given.record.time), inputs)
         signals = {n: Signal(u, given.record.signals[n].unit, n, "") for n, u in changed.items()}
-        record = Record(name=f"{given.record.name} {trip.words}", path=given.record.path, time=time, signals=signals)
+        record = Record(f"{given.record.name} {trip.words}", given.record.path, time, signals)
         start = {n: float(x) for n, x in zip(stage.system.state_names, self._start(stage), strict=True)}
         return replace(given, record=record, outputs=self.outputs, offsets=(), start=start, input_noise={})
 
@@ -98,7 +100,7 @@ class _Pair:
         return p
 
     def run(self, trip: TripPlan) -> tuple[np.ndarray, np.ndarray, np.ndarray, float] | None:
-        """Return difference (n, c), derivatives of the rival (n, c, m), prior deviations (m,), and the duration."""
+        """Return difference (n, c), derivatives of the alternative (n, c, m), prior deviations (m,), and duration."""
         p_a, p_b = self._loaded(self.a, trip), self._loaded(self.b, trip)
         if p_a is None or p_b is None:
             return None
@@ -147,17 +149,17 @@ def load_of(stage: Stage) -> str:
 def _scales(stage: Stage, outputs: Sequence[str], runs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the scale of each output as it is measured (infinite: not measured), and as it would be.
 
-    A measured output counts with the size of its residual, times the square root of the samples that this remembers.
-    One that is not is taken to be as good, relative to how much it changes, as the worst of those measured.
+    A measured output counts with the RMS of its residual, times the square root of its correlation time in samples.
+    One that is not measured is taken to be as good, relative to how much it changes, as the worst of those measured.
     """
     now = np.full(len(outputs), np.inf)
     relative = []
     for c, name in enumerate(stage.outputs):
         parts = [f.residual[:, c] for f in stage.identify.fits]
         rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
-        memory = float(np.mean([correlation_time(p) for p in parts]))
+        correlation = float(np.mean([correlation_time(p) for p in parts]))
         k = list(outputs).index(name)
-        now[k] = max(rms, stage.noise.get(name, 0.0), 1e-300) * np.sqrt(memory)
+        now[k] = max(rms, stage.noise.get(name, 0.0), 1e-300) * np.sqrt(correlation)
         relative.append(now[k] / max(float(np.std(runs[:, k])), 1e-300))
     added = np.maximum(max(relative) * np.std(runs, axis=0), 1e-300)
     return now, np.where(np.isfinite(now), now, added)
@@ -171,9 +173,9 @@ def compare_trips(
     Parameters
     ----------
     a, b : Stage
-        The explanation taken for true, and its rival.
+        The explanation taken as true, and its alternative.
     trips : sequence of TripPlan
-        The recorded trip is tried with added sensors besides.
+        The recorded trip is also tried with added sensors.
     progress : callable
     """
     shared = [n for n in a.system.output_names if n in set(b.system.output_names)]
@@ -184,9 +186,9 @@ def compare_trips(
     per = len(a.identify.fits[0].experiment.inputs)
     index = int(np.argmax([sum(spans[i : i + per]) for i in range(0, len(spans), per)])) if per else 0
     pair = _Pair(a, b, index, tuple(shared))
-    found: list[Proposal] = []
+    proposals: list[Proposal] = []
     for trip in dict.fromkeys([TripPlan(), *trips]):
-        progress(f"what a trip {trip.words} would tell")
+        progress(f"simulate a trip {trip.words} with both explanations")
         try:
             run = pair.run(trip)
         except RuntimeError as error:  # a trip that cannot be simulated is not proposed
@@ -198,10 +200,10 @@ def compare_trips(
         if trip == TripPlan():
             level = pair._experiment(a, trip).simulate(a.system, a.p, pair._start(a), a.sensors)
             now, added = _scales(a, shared, level)
-            found += _with_sensors(pair, run, now, added)
-        found.append(_proposal(trip, pair.separation(d, F, std, now), duration))
-    found.sort(key=lambda p: -p.separation)
-    return a.identify.fits[index].experiment.name, tuple(found)
+            proposals += _with_sensors(pair, run, now, added)
+        proposals.append(_proposal(trip, pair.separation(d, F, std, now), duration))
+    proposals.sort(key=lambda p: -p.separation)
+    return a.identify.fits[index].experiment.name, tuple(proposals)
 
 
 def _proposal(trip: TripPlan, separation: float, duration: float) -> Proposal:
@@ -211,82 +213,76 @@ def _proposal(trip: TripPlan, separation: float, duration: float) -> Proposal:
 def _with_sensors(
     pair: _Pair, run: tuple[np.ndarray, np.ndarray, np.ndarray, float], now: np.ndarray, added: np.ndarray
 ) -> list[Proposal]:
-    """Return the recorded trip with each output measured in addition that would tell most."""
+    """Return the recorded trip with one more output measured, for the outputs with the largest separation."""
     d, F, std, duration = run
-    found = []
+    proposals = []
     for k, name in enumerate(pair.outputs):
         if np.isfinite(now[k]) or pair.a.system.unit(name) not in SENSED or not np.any(d[:, k]):
             continue
         scale = now.copy()
         scale[k] = added[k]
-        found.append(_proposal(TripPlan(sensor=name), pair.separation(d, F, std, scale), duration))
-    found.sort(key=lambda p: -p.separation)
-    return found[:MOST_SENSORS]
+        proposals.append(_proposal(TripPlan(sensor=name), pair.separation(d, F, std, scale), duration))
+    proposals.sort(key=lambda p: -p.separation)
+    return proposals[:MOST_SENSORS]
 
 
-# -------------------------------------------------------------------- of a study
+# -------------------------------------------------------------------- of a search
 
 
-def next_measurements(study: Study) -> tuple[NextMeasurement, ...]:
-    """Return, for each explanation that the records do not tell from its rivals, what to measure.
+def next_measurements(state: SearchState) -> tuple[NextMeasurement, ...]:
+    """Return what to measure, for each explanation that the records do not distinguish from its rivals.
 
-    The rival is fitted in full in the place of the accepted effect.  Trips are proposed where the machine is simulated
-    over whole records.
+    The alternative is fitted in full in place of the accepted effect.  Trips are proposed where the machine is
+    simulated over whole records.
     """
-    found = []
-    for accepted in (s.accepted for s in study.stages if s.accepted is not None):
-        rivals = [r for r in accepted.rivals if r.indistinguishable and " " not in r.kind]
-        for rival in rivals[:MOST_RIVALS]:
-            found.append(_against(study, accepted, rival))
-    return tuple(found)
+    measurements = []
+    for accepted in (s.accepted for s in state.stages if s.accepted is not None):
+        tied = [r for r in accepted.rivals if r.indistinguishable and " " not in r.kind]
+        measurements += [_against(state, accepted, other) for other in tied[:MOST_RIVALS]]
+    return tuple(measurements)
 
 
-def _against(study: Study, accepted: AcceptedEffect, rival: RivalExplanation) -> NextMeasurement:
-    from discrepancy.effects.kinds import kind_named
-
+def _against(state: SearchState, accepted: AcceptedEffect, alternative: RivalExplanation) -> NextMeasurement:
     best = accepted.effect
     titles = (
         f"{best.definition.text.title} at {best.where}",
-        f"{kind_named(rival.kind).text.title} at {rival.where}",
+        f"{kind_named(alternative.kind).text.title} at {alternative.where}",
     )
-    names = (str(best), f"{rival.kind}@{rival.where}")
-    if study.mode != "simulation":
+    names = (str(best), f"{alternative.kind}@{alternative.where}")
+    if state.mode != "simulation":
         confirm = best.definition.text.confirm.rstrip(".")
         return NextMeasurement(*names, titles, why_not=f"{confirm} (trips are compared by simulation only)")
-    last = study.stages[-1]
+    last = state.stages[-1]
     kept = tuple(e for e in last.effects if e.component_name != best.component_name or e.kind != best.kind)
     if len(kept) == len(last.effects):
         return NextMeasurement(*names, titles, why_not="the first is not in the model any more")
-    effect = _rival_effect(study, accepted, rival)
+    effect = _effect_of(state, accepted, alternative)
     if effect is None:
-        return NextMeasurement(*names, titles, why_not=kind_named(rival.kind).text.confirm.rstrip("."))
-    study.progress(f"what would tell {best} from {effect}")
+        return NextMeasurement(*names, titles, why_not=kind_named(alternative.kind).text.confirm.rstrip("."))
+    state.progress(f"which trip would distinguish {best} from {effect}")
     try:
-        other = study.fitted(last.name, (*kept, effect), last, last.noise, trial=True)
-        record, proposals = compare_trips(last, other, progress=study.progress)
+        other = state.fitted(last.name, (*kept, effect), last, last.noise, trial=True)
+        record, proposals = compare_trips(last, other, progress=state.progress)
     except RuntimeError as error:
         return NextMeasurement(*names, titles, why_not=f"the second could not be simulated: {error}")
     return NextMeasurement(*names, titles, record, proposals)
 
 
-def _rival_effect(study: Study, accepted: AcceptedEffect, rival: RivalExplanation) -> Effect | None:
-    """Return the rival as an effect at the strength that the scan expected of it."""
-    from discrepancy.effects.catalogue import catalogue
-    from discrepancy.effects.from_scan_row import effect_of
-
-    name = f"{rival.kind}@{rival.where}"
-    stage = study.stages[-1]
+def _effect_of(state: SearchState, accepted: AcceptedEffect, alternative: RivalExplanation) -> Effect | None:
+    """Return the alternative as an effect with the strength that the scan expects of it."""
+    name = f"{alternative.kind}@{alternative.where}"
+    stage = state.stages[-1]
     experiment = stage.identify.fits[0].experiment
     entry = next((e for e in catalogue(stage.system, experiment.outputs, experiment.inputs) if e.name == name), None)
-    step = next(
+    decision = next(
         (
-            s
-            for s in study.steps
-            if str(accepted.effect) in [str(a.effect) for a in s.added]
-            and any(r.name == name for r in s.scan.rows)
+            d
+            for d in state.decisions
+            if str(accepted.effect) in [str(a.effect) for a in d.added]
+            and any(r.name == name for r in d.scan.rows)
         ),
         None,
     )
-    if entry is None or step is None:
+    if entry is None or decision is None:
         return None
-    return effect_of(entry, step.scan[name], stage.effects)
+    return effect_of(entry, decision.scan[name], stage.effects)

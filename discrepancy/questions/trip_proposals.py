@@ -1,4 +1,4 @@
-"""What a trip that would tell two explanations apart is worth: its chance to decide, and how it is told."""
+"""Trips that would distinguish two explanations: how likely each is to decide, and how it is described."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ENOUGH = 0.8
 
 
 def chance(separation: float, decides: float = DECISIVE_BIC) -> float:
-    """Return the chance that a trip with a separation D decides.
+    """Return the chance that a trip with a separation D decides, by a difference of BIC as in the search.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def repeats_needed(separation: float, enough: float = ENOUGH, most: int = 1000) 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A trip and what it would tell.
+    """A trip and how well it would distinguish two explanations.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Proposal:
 
 @dataclass(frozen=True)
 class NextMeasurement:
-    """What to measure to tell two explanations apart.
+    """What to measure to distinguish two explanations.
 
     Parameters
     ----------
@@ -111,19 +111,19 @@ class NextMeasurement:
     @property
     def sentence(self) -> str:
         """What to do, in a sentence or two."""
-        ask = f"To tell {self.titles[0]} from {self.titles[1]}"
+        purpose = f"To tell {self.titles[0]} from {self.titles[1]}"
         if not self.proposals:
-            return f"{ask}: {self.why_not}."
+            return f"{purpose}: {self.why_not}."
         top = self.proposals[0]
         if top.repeats is None:
             return (
-                f"{ask}: none of {len(self.proposals)} trips with these or other sensors would do; the two look the "
-                "same to everything that the model has as an output."
+                f"{purpose}: none of {len(self.proposals)} trips with these or other sensors would do; the two look "
+                "the same to everything that the model has as an output."
             )
         many = "one trip" if top.repeats == 1 else f"{top.repeats} trips"
         text = (
-            f"{ask}: take {many} like {self.record}, {top.trip.words} ({top.duration:.3g} s; one decides with a chance "
-            f"of {'over 99' if top.power > 0.995 else f'{100 * top.power:.0f}'} %)."
+            f"{purpose}: take {many} like {self.record}, {top.trip.words} ({top.duration:.3g} s; one decides with a "
+            f"chance of {'over 99' if top.power > 0.995 else f'{100 * top.power:.0f}'} %)."
         )
         if top.trip.sensor:
             plain = next((p for p in self.proposals if not p.trip.sensor), None)
@@ -158,5 +158,3 @@ class NextMeasurement:
         lines += [f"  {p.trip.words:55s} D = {p.separation:8.3g}  power {p.power:.0%}" for p in self.proposals]
         return "\n".join(lines)
 
-
-# -------------------------------------------------------------------- one trip, two models

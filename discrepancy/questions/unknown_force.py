@@ -1,30 +1,105 @@
-"""What can be said of a force without a name: what it depends on, what looks the same, which simple law is near."""
+"""A force that no kind of the catalogue explains: where it acts, its course over time, and what it is a function of."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discrepancy.effects.effect import Effect
+from discrepancy.effects.kinds import kind_named
 from discrepancy.questions.simple_laws import Law
+from discrepancy.search.model_comparison import exceeds_noise
+from discrepancy.search.state import SearchState
+from discrepancy.stages.force_estimate import ForceEstimate, estimate_force
+from discrepancy.statistics.thresholds import LEVEL_SHARES
 
 if TYPE_CHECKING:
-    from discrepancy.effects.effect import Effect
-    from discrepancy.questions.force_curves import CurveReport
-    from discrepancy.stages.force_estimate import ForceEstimate
-    from discrepancy.study.study import Study
+    from discrepancy.questions.force_curves import CurveReport, Explanation
+    from estimation.fit.calibrate import Calibration
 
-__all__ = ["UnknownForce", "describe_unknown", "described"]
+__all__ = ["UnknownCurve", "UnknownForce", "describe_accepted_curve", "describe_force", "find_unidentified_force"]
 
-#: Laws that are told, and the least share of the curve's work for which a catalogue kind counts as alike.
-LAWS, RESEMBLANCE = 4, 0.8
+#: Simple laws that are listed.
+LAWS = 4
+#: Least share of the curve's error reduction from which a kind of the catalogue is said to resemble it.
+RESEMBLANCE = 0.8
+#: Level of the test what an unidentified force follows, made only where the omnibus test has rejected; chosen.
+FOLLOWS_LEVEL = 0.1
 DRAWS = 200
 
 
 @dataclass(frozen=True, eq=False)
+class UnknownCurve:
+    """An unidentified force, as a curve over what it follows.
+
+    Parameters
+    ----------
+    where : str
+        Connection at which it acts.
+    regressor : str
+        ``"position"``, ``"speed"``, ``"time"`` or ``"friction"`` (a level over position that turns with the
+        direction).
+    regressor_unit, unit : str
+        Unit of ``x``; unit of the force.
+    x, force, std : ndarray, shape (n,)
+    statement : str
+        What is known about it, in a sentence.
+    p_value, delta_bic : float
+        As for named effects.
+    """
+
+    where: str
+    regressor: str
+    regressor_unit: str
+    unit: str
+    x: np.ndarray
+    force: np.ndarray
+    std: np.ndarray
+    statement: str = ""
+    p_value: float = math.nan
+    delta_bic: float = math.nan
+
+    @classmethod
+    def of_effect(
+        cls, effect: Effect, calibration: Calibration, statement: str = "", **figures: float
+    ) -> UnknownCurve:
+        """Return the curve of an effect of kind ``unknown_force``, with the deviations of its points."""
+        known = {p.name: s for p, s in zip(calibration.parameters, calibration.std, strict=True)}
+        std = np.array([known.get(effect.parameter_name(n), math.nan) for n in effect.strengths], dtype=float)
+        turns = effect.domain == "rotation"
+        unit = {"time": "s", "speed": "rad/s" if turns else "m/s"}.get(effect.over, "rad" if turns else "m")
+        return cls(
+            effect.where,
+            effect.over,
+            unit,
+            "N*m" if turns else "N",
+            np.array(effect.knots),
+            np.array(list(effect.strengths.values()), dtype=float),
+            std,
+            statement,
+            **figures,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the curve and what it is a function of, as ``parameters`` of the effect."""
+        return {
+            "function_of": {"value": self.regressor, "std": None, "unit": self.regressor_unit},
+            "curve": {
+                "x": self.x.tolist(),
+                "value": self.force.tolist(),
+                "std": self.std.tolist(),
+                "unit": self.unit,
+                "x_unit": self.regressor_unit,
+            },
+        }
+
+
+@dataclass(frozen=True, eq=False)
 class UnknownForce:
-    """What is known about a force that no kind of the catalogue explains.
+    """What the records say about a force that no kind of the catalogue explains.
 
     Parameters
     ----------
@@ -34,8 +109,8 @@ class UnknownForce:
         What it is a function of; None if the sensors do not determine the force.
     laws : tuple of Law
         Simple laws for it, by error on blocks left out.
-    alike : tuple of (kind, share)
-        Kinds of the catalogue at the same place that would take most of the same error away.
+    similar : tuple of (kind, share)
+        Kinds of the catalogue at the same place that would remove most of the same error.
     over : str
         What the curve that was added is a function of.
     """
@@ -43,12 +118,12 @@ class UnknownForce:
     estimate: ForceEstimate
     report: CurveReport | None
     laws: tuple[Law, ...] = ()
-    alike: tuple[tuple[str, float], ...] = ()
+    similar: tuple[tuple[str, float], ...] = ()
     over: str = ""
 
     @property
     def sentence(self) -> str:
-        """What is known, in a few sentences."""
+        """The description, in a few sentences."""
         e = self.estimate
         if self.report is None:
             return (
@@ -68,12 +143,11 @@ class UnknownForce:
                 f" No simple law does as well as the curve; the nearest, {self.laws[0].name} ({self.laws[0].formula}), "
                 f"is {100 * worse:.0f} % worse on blocks left out."
             )
-        if self.alike:
-            from discrepancy.effects.kinds import kind_named
-
-            told = ", ".join(f"{kind_named(k).text.title} ({100 * s:.0f} %)" for k, s in self.alike[:2])
+        if self.similar:
+            titles = ", ".join(f"{kind_named(k).text.title} ({100 * s:.0f} %)" for k, s in self.similar[:2])
             text += (
-                f" It resembles {told} of the catalogue: in brackets the share of the curve's work that it would do."
+                f" It resembles {titles} of the catalogue; in brackets, the share of the curve's error reduction that "
+                "it would reach."
             )
         return text
 
@@ -106,7 +180,7 @@ class UnknownForce:
                 }
                 for x in self.laws
             ],
-            "resembles": [{"kind": k, "share": s} for k, s in self.alike],
+            "resembles": [{"kind": k, "share": s} for k, s in self.similar],
             "force": {
                 "time": self.estimate.time,
                 "record": self.estimate.record,
@@ -116,15 +190,13 @@ class UnknownForce:
         }
 
 
-def describe_unknown(study: Study) -> UnknownForce | None:
-    """Describe the last force without a name that a study found; None if it found none.
+def describe_accepted_curve(state: SearchState) -> UnknownForce | None:
+    """Describe the force of the last free curve that a search accepted; None if it accepted none.
 
-    The force is estimated on the model without it; what it is a function of, and which simple law is near, are asked
-    of that estimate and not of the curve that was added, which has an argument already.
+    The force is estimated on the model without it.  What it is a function of, and which simple law is near, follow
+    from that estimate and not from the accepted curve, whose argument was chosen before.
     """
-    from discrepancy.stages.force_estimate import estimate_force
-
-    stages = study.stages
+    stages = state.stages
     k = next(
         (
             i
@@ -138,30 +210,30 @@ def describe_unknown(study: Study) -> UnknownForce | None:
     accepted, before = stages[k].accepted, stages[k - 1]
     assert accepted is not None
     effect = accepted.effect
-    study.progress(f"the force at {effect.where} over time")
+    state.progress(f"the force at {effect.where} over time")
     place = next(p for p in before.system.places if p.name == effect.where)
     estimate = estimate_force(before, place, stages[k])
-    alike = _alike(study, effect, k)
-    return described(study, estimate, alike, effect.over)
+    similar = _similar_kinds(state, effect, k)
+    return describe_force(state, estimate, similar, effect.over)
 
 
-def described(
-    study: Study,
+def describe_force(
+    state: SearchState,
     estimate: ForceEstimate,
-    alike: tuple[tuple[str, float], ...] = (),
+    similar: tuple[tuple[str, float], ...] = (),
     over: str = "",
     level: float | None = None,
 ) -> UnknownForce:
-    """Say what an estimated force is a function of and which simple law is near, if the sensors determine it.
+    """Describe what an estimated force is a function of and which simple law is near, if the sensors determine it.
 
-    ``level`` is that at which it is said to be one; default: the study's.
+    ``level`` is the significance level of that statement; default: that of the study.
     """
     from discrepancy.questions.force_curves import explain_force
     from discrepancy.questions.simple_laws import suggest_laws
 
     if not estimate.reconstructable:
-        return UnknownForce(estimate, None, (), alike, over)
-    study.progress(f"what the force at {estimate.where} depends on")
+        return UnknownForce(estimate, None, (), similar, over)
+    state.progress(f"what the force at {estimate.where} depends on")
     moving = np.abs(estimate.motion["speed"])
     direction = np.tanh(estimate.motion["speed"] / max(0.01 * float(np.max(moving)), 1e-300))
     report = explain_force(
@@ -172,30 +244,85 @@ def described(
         blocks=estimate.record,
         units=estimate.units,
         draws=DRAWS,
-        level=study.problem.level if level is None else level,
-        seed=study.problem.seed,
+        level=state.problem.level if level is None else level,
+        seed=state.problem.seed,
     )
     laws: tuple[Law, ...] = ()
     best = report.best
     if best is not None:
         x = direction if best.regressor == "direction" else estimate.motion[best.regressor]
         laws = tuple(suggest_laws(estimate.force, x, best.curve, direction=direction, blocks=estimate.record)[:LAWS])
-    return UnknownForce(estimate, report, laws, alike, over)
+    return UnknownForce(estimate, report, laws, similar, over)
 
 
-def _alike(study: Study, effect: Effect, index: int) -> tuple[tuple[str, float], ...]:
-    """Return kinds at the same place by the share of the curve's work that the scan before it expects of them."""
-    stages = study.stages
+def _similar_kinds(state: SearchState, effect: Effect, index: int) -> tuple[tuple[str, float], ...]:
+    """Return kinds at the same place, by the share of the curve's error reduction that the scan expects of them."""
+    stages = state.stages
     scan = stages[index - 1].scan
     if scan is None:  # a stage that was built again from a history
         return ()
-    gone = []
+    reductions = []
     for name in stages[index].outputs:
         a, b = (s.rmse("identify")[name] for s in (stages[index], stages[index - 1]))
-        gone.append(1.0 - (a / b) ** 2 if b > 0 else 0.0)
-    whole = float(np.mean(gone))
+        reductions.append(1.0 - (a / b) ** 2 if b > 0 else 0.0)
+    whole = float(np.mean(reductions))
     if whole <= 0.0:
         return ()
     rows = [r for r in scan.rows if r.where == effect.where and r.error_reduction > 0.0]
     shares = [(r.kind, min(1.0, float(r.error_reduction) / whole)) for r in rows]
     return tuple(sorted((s for s in shares if s[1] >= RESEMBLANCE), key=lambda s: -s[1])[:3])
+
+
+def find_unidentified_force(state: SearchState) -> tuple[UnknownCurve, UnknownForce] | None:
+    """Return the force that would explain the residual best where no effect does, and its description.
+
+    The force is estimated over time at every connection at which the sensors determine it, and the connection with the
+    largest marginal likelihood is taken.  A disturbance from outside can be estimated as a force as well; one that the
+    model lacks follows the motion significantly.
+
+    Parameters
+    ----------
+    state : SearchState
+        Of a search that found nothing, while the residual follows the inputs.
+
+    Returns
+    -------
+    (UnknownCurve, UnknownForce) or None
+        None where the residual does not follow the inputs or is near the noise, where no force can be determined or the
+        force follows nothing, and where a motion is prescribed.
+    """
+    stage, omnibus = state.stages[-1], state.omnibus
+    if state.mode == "inverse":  # its inputs are measured motions, whose noise the residual follows in any case
+        return None
+    if omnibus is None or not omnibus.rejects or not exceeds_noise(stage):
+        return None
+    state.progress("estimate the missing force over time at every connection")
+    estimates = [estimate_force(stage, place, explain_all=True) for place in stage.system.places]
+    known = [e for e in estimates if e.reconstructable and e.log_likelihood > 0.0]
+    if not known:
+        return None
+    best = max(known, key=lambda e: e.log_likelihood)
+    force = describe_force(state, best, level=FOLLOWS_LEVEL)
+    explanation = force.report.best if force.report is not None else None
+    if explanation is None:
+        return None
+    return _curve(best, force, explanation, min(1.0, LEVEL_SHARES * omnibus.p)), force
+
+
+def _curve(estimate: ForceEstimate, force: UnknownForce, explanation: Explanation, p_value: float) -> UnknownCurve:
+    """Return the force over position or speed, if it follows one of them; else over time in the first record."""
+    statement = (
+        f"Something is missing. No law and no curve explains it; of all connections a force at {estimate.where} would "
+        f"explain most. {force.sentence}"
+    )
+    figures = {"p_value": p_value, "delta_bic": -2.0 * estimate.log_likelihood}
+    if explanation.regressor in ("position", "speed") and explanation.parity == "even":
+        c = explanation.curve
+        return UnknownCurve(
+            estimate.where, explanation.regressor, c.unit, estimate.unit, c.grid, c.value, c.std, statement, **figures
+        )
+    first = estimate.record == 0
+    return UnknownCurve(
+        estimate.where, "time", "s", estimate.unit, estimate.time[first] - estimate.time[first][0],
+        np.asarray(estimate.force[first]), np.asarray(estimate.std[first]), statement, **figures,
+    )  # fmt: skip

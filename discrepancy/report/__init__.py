@@ -1,4 +1,4 @@
-"""What is written: conclusion, JSON, HTML, figures.
+"""What is written of a conclusion: diagnosis.json, the HTML page and its figures.
 
-Takes from `discrepancy.questions` and what is below it.
+Takes from `discrepancy.conclusion` and what is below it.
 """

@@ -6,12 +6,14 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from discrepancy.conclusion.conclusion import Conclusion, Evidence
+from discrepancy.conclusion.sentences import title_of_rival
 from discrepancy.effects.kinds import KindText, kinds
 from discrepancy.questions.compare import PARTS
-from discrepancy.report.conclusion import Conclusion, Evidence, effect_parameters, parameter_unit
+from discrepancy.report.diagnosis_json import effect_parameters, parameter_unit
 from discrepancy.report.figures import PART_WORDS, stage_title, worst_outputs
 from discrepancy.report.method_section import how, records
-from discrepancy.report.wording import interval_words, luck_words, ratio_words, rival_title, rival_words, share_words
+from discrepancy.report.wording import interval_words, luck_words, ratio_words, rival_words, share_words
 from discrepancy.stages.stage import AcceptedEffect, Stage
 from multibody.base.quantity_text import quantity_text, unit_text
 
@@ -62,7 +64,7 @@ def content(conclusion: Conclusion, evidence: Evidence) -> Entry:
         "where_part": PART_WORDS[evidence.before.part],
         "rivals": _rivals(conclusion),
         "hidden": _hidden(conclusion),
-        "slight": _slight(conclusion),
+        "negligible": _negligible(conclusion),
         "refused": _refused(conclusion),
         "next": list(conclusion.next_measurement),
         "separating": list(conclusion.extra.get("separating_trips", ())),
@@ -184,7 +186,7 @@ def _effect(conclusion: Conclusion, accepted: AcceptedEffect) -> Entry:
         "hidden_by": _hidden_by(conclusion, accepted),
         "falls": _falls(conclusion, before, stage),
         "ambiguous": accepted.ambiguous,
-        "tied": [rival_title(r) for r in accepted.rivals if r.indistinguishable],
+        "tied": [title_of_rival(r) for r in accepted.rivals if r.indistinguishable],
     }
 
 
@@ -282,9 +284,9 @@ def _hidden(conclusion: Conclusion) -> Entry:
     return {"seen": seen, "blind": blind}
 
 
-def _slight(conclusion: Conclusion) -> list[Entry]:
+def _negligible(conclusion: Conclusion) -> list[Entry]:
     found = []
-    for kind, where, size, std, p, unit in conclusion.slight:
+    for kind, where, size, std, p, unit in conclusion.negligible:
         told = f"{quantity_text(size, unit)} ± {quantity_text(std, unit, 2)}"
         found.append({"title": kind_text(kind).title, "where": where, "size": told, "luck": luck_words(p)})
     return found

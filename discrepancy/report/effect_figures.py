@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discrepancy.drawing.figure_style import AFTER, BEFORE, drawing, label, new_figure
 from discrepancy.effects.kinds import kinds
-from discrepancy.report.figure_style import AFTER, BEFORE, drawing, label, new_figure
 from discrepancy.report.figures import stage_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from discrepancy.report.conclusion import Conclusion, UnknownCurve
+    from discrepancy.conclusion.conclusion import Conclusion
+    from discrepancy.questions.unknown_force import UnknownCurve
     from discrepancy.statistics.scan_result import ScanResult
 
 __all__ = ["candidate_scores", "parameter_shifts", "unknown_curve"]

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discrepancy.effects.kinds import kinds
-from discrepancy.questions.compare import Comparison, SignalComparison
-from discrepancy.report.figure_style import (
+from discrepancy.conclusion.conclusion import Conclusion, Evidence
+from discrepancy.drawing.comparison_figure import draw_residual_spectrum
+from discrepancy.drawing.figure_style import (
     AFTER,
     BEFORE,
     FLOOR,
@@ -25,6 +25,8 @@ from discrepancy.report.figure_style import (
     wants_log,
     wrapped,
 )
+from discrepancy.effects.kinds import kinds
+from discrepancy.questions.compare import Comparison, SignalComparison
 from multibody.base.quantity_text import readable_scale, unit_text
 
 if TYPE_CHECKING:
@@ -32,12 +34,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from discrepancy.report.conclusion import Conclusion, Evidence
     from discrepancy.stages.residuals_along_motion import ResidualsAlongMotion
     from discrepancy.stages.stage import Stage
 
 __all__ = [
-    "comparison_figure",
     "falling_error",
     "over_time",
     "residual_against",
@@ -279,29 +279,15 @@ def spectra(conclusion: Conclusion, evidence: Evidence, outputs: Sequence[str]) 
     figure, axes = new_figure(len(outputs), height=2.4, sharex=True)
     for a, output in zip(axes[:, 0], outputs, strict=True):
         first, last = _first_and_last(conclusion, evidence, output)
-        _spectrum(a, first, stage_title(conclusion.baseline), BEFORE)
+        draw_residual_spectrum(a, first, stage_title(conclusion.baseline), BEFORE)
         if last is not first:
-            _spectrum(a, last, stage_title(conclusion.final), AFTER)
+            draw_residual_spectrum(a, last, stage_title(conclusion.final), AFTER)
         _floor_line(a, first, conclusion)
         a.set_title(f"{output} on '{first.record}'")
         a.set_ylabel(f"error [{unit_text(first.unit)}/√Hz]")
     axes[-1, 0].set_xlabel("frequency [Hz]")
     _legend_below(figure, dict(zip(*reversed(axes[0, 0].get_legend_handles_labels()), strict=True)))
     return figure
-
-
-def _spectrum(
-    axes: Axes, signal: SignalComparison, name: str, style: dict[str, Any], most: int = 150
-) -> None:
-    frequency, density = signal.spectrum()
-    frequency, density = frequency[1:], np.maximum(density[1:], 1e-300)
-    # Lines that lie too close to be seen apart are averaged.
-    edges = np.geomspace(frequency[0], frequency[-1] * (1.0 + 1e-9), most + 1)
-    at = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, most - 1)
-    count = np.bincount(at, minlength=most)
-    used = count > 0
-    means = [np.bincount(at, weights=x, minlength=most)[used] / count[used] for x in (frequency, density)]
-    axes.loglog(means[0], np.sqrt(means[1]), label=name, **style)
 
 
 def _floor_line(axes: Axes, signal: SignalComparison, conclusion: Conclusion) -> None:
@@ -313,32 +299,3 @@ def _floor_line(axes: Axes, signal: SignalComparison, conclusion: Conclusion) ->
     level = signal.noise / np.sqrt(band)
     axes.plot([float(signal.spectrum()[0][1]), band], [level, level], label="noise of the sensor", **FLOOR)
     axes.set_ylim(bottom=0.05 * level)
-
-
-# ---------------------------------------------------------------- one comparison
-
-
-@drawing
-def comparison_figure(signals: Sequence[SignalComparison]) -> Figure:
-    """Draw, for each output of a record, measurement with model, residual, and the residual's spectrum."""
-    figure, axes = new_figure(len(signals), 3, height=2.4, width=11.0)
-    for row, s in zip(axes, signals, strict=True):
-        row[0].plot(*thinned(s.time, s.measured), label="measured", **MEASURED)
-        row[0].plot(*thinned(s.time, s.model), label="model", **BEFORE)
-        row[0].set_title(f"{s.output} on '{s.record}'")
-        row[0].set_ylabel(wrapped(label(s.output, s.unit)))
-        row[0].legend(loc="best")
-        noise_band(row[1], s.noise)
-        row[1].plot(*thinned(s.time, s.residual), **BEFORE)
-        row[1].set_ylabel(wrapped(label("measured − model", s.unit)))
-        row[1].set_title(f"RMS {s.figures.rmse:.3g} {unit_text(s.unit)}")
-        for a in row[:2]:
-            a.set_xlabel("time [s]")
-        _spectrum(row[2], s, "residual", BEFORE)
-        if s.noise:
-            level = s.noise / np.sqrt(0.5 * s.rate)
-            row[2].axhline(level, label="noise, if white", **FLOOR)
-            row[2].legend(loc="best")
-        row[2].set_xlabel("frequency [Hz]")
-        row[2].set_ylabel(f"error [{unit_text(s.unit)}/√Hz]")
-    return figure

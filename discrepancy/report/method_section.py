@@ -10,7 +10,7 @@ from discrepancy.report.figures import PART_WORDS
 from discrepancy.report.wording import share_words
 
 if TYPE_CHECKING:
-    from discrepancy.report.conclusion import Conclusion
+    from discrepancy.conclusion.conclusion import Conclusion
 
 __all__ = ["how", "records"]
 
@@ -51,7 +51,7 @@ def how(conclusion: Conclusion) -> list[tuple[str, str]]:
     scan = conclusion.baseline.scan
     lines = [
         (
-            "PreparedProblem by",
+            "Residual",
             conclusion.residual_mode
             + ": "
             + _MODES.get(conclusion.residual_mode, "")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from discrepancy.effects.kinds import kind_named
 from discrepancy.stages.stage import RivalExplanation
 from multibody.base.quantity_text import number_text, quantity_text, readable_scale
 
@@ -12,7 +11,6 @@ __all__ = [
     "interval_words",
     "luck_words",
     "ratio_words",
-    "rival_title",
     "rival_words",
     "share_words",
 ]
@@ -97,28 +95,6 @@ def share_words(share: float) -> str:
     if 0.0 <= percent < 0.1:
         return "less than 0.1 %"
     return f"{percent:.1f} %" if abs(percent) < 10.0 else f"{percent:.0f} %"
-
-
-def rival_title(rival: RivalExplanation) -> str:
-    """Return what another explanation is, in words, with its place or its two places.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> late = RivalExplanation(
-    ...     kind="sensor_delay", where="speed", delta_bic=1.0, refitted=True, indistinguishable=True
-    ... )
-    >>> rival_title(late)
-    'a sensor delay at speed'
-    >>> rival_title(replace(late, kind="sensor_delay with input_delay@torque"))
-    'a sensor delay at speed with an input delay at torque'
-    """
-    parts = []
-    for name in rival.names:
-        kind, _, where = name.partition("@")
-        kind, _, over = kind.partition(" ")
-        parts.append(f"{kind_named(kind).text.title}{f' ({over})' if over else ''} at {where}")
-    return " with ".join(parts)
 
 
 def rival_words(rival: RivalExplanation) -> str:

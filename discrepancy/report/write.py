@@ -9,17 +9,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from discrepancy.report import effect_figures as figures_effects
-from discrepancy.report import figures
-from discrepancy.report.conclusion import VERDICTS, Conclusion, Evidence, evidence_of, save_diagnosis
+from discrepancy.conclusion.conclusion import Conclusion, Evidence, evidence_of
+from discrepancy.report import effect_figures, figures
 from discrepancy.report.content import content
+from discrepancy.report.diagnosis_json import save_diagnosis
+from discrepancy.report.schema import VERDICTS
 from discrepancy.stages.residuals_along_motion import residuals_along_motion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from multibody.model.model import Model
 
     from discrepancy.stages.stage import Stage
-    from multibody.machine.model import Model
 
 __all__ = ["Picture", "pictures", "render", "write"]
 
@@ -116,7 +117,7 @@ def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
         )
     )
     found += _score_pictures(conclusion)
-    shifts = figures_effects.parameter_shifts(conclusion)
+    shifts = effect_figures.parameter_shifts(conclusion)
     if shifts is not None:
         found.append(
             _picture(
@@ -131,7 +132,7 @@ def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
     if curve is not None:
         found.append(
             _picture(
-                figures_effects.unknown_curve(curve),
+                effect_figures.unknown_curve(curve),
                 "unknown_force",
                 "The force that would explain the error, as a curve.",
                 "missing",
@@ -159,7 +160,7 @@ def _score_pictures(conclusion: Conclusion) -> list[Picture]:
     if first is not None and first.rows:
         found.append(
             _picture(
-                figures_effects.candidate_scores(first, title="Before anything was added"),
+                effect_figures.candidate_scores(first, title="Before anything was added"),
                 "candidates_before",
                 "How strongly each effect would show in what the recalibrated model misses. Bold: the best "
                 "of the "
@@ -173,7 +174,7 @@ def _score_pictures(conclusion: Conclusion) -> list[Picture]:
     if last is not None and last.rows and last is not first:
         found.append(
             _picture(
-                figures_effects.candidate_scores(last, title="After everything was added"),
+                effect_figures.candidate_scores(last, title="After everything was added"),
                 "candidates_after",
                 "The same after the last effect was added: bars that stay left of their mark are no more "
                 "than luck would "

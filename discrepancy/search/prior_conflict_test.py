@@ -1,7 +1,8 @@
-"""Parameters that may be wrong beyond their stated uncertainty: asked before an effect is believed."""
+"""Prior conflict: whether parameters outside their stated uncertainty explain as much as the first effect."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -12,17 +13,17 @@ from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 from discrepancy.statistics.thresholds import DECISIVE_BIC
 
 if TYPE_CHECKING:
+    from discrepancy.problem.problem import Problem
     from discrepancy.stages.stage import Stage
-    from discrepancy.study.study import Study
     from estimation.fit.calibration import UncertainParameter
 
-__all__ = ["Beyond", "beyond_priors"]
+__all__ = ["PriorConflict", "find_prior_conflict"]
 
-WIDER = 1000.0  # by which the stated deviations are multiplied: hardly any pull is left
+WIDER = 1000.0  # factor on the stated standard deviations: hardly any prior is left
 
 
 @dataclass(frozen=True)
-class Beyond:
+class PriorConflict:
     """Parameters outside their stated uncertainty that explain the residual as well as an effect does.
 
     Parameters
@@ -30,48 +31,56 @@ class Beyond:
     moved : tuple of (UncertainParameter, float)
         What was stated, and the value that explains the records.
     delta_bic : float
-        BIC with these values minus that with the first effect found.
+        BIC with these values minus that with the first effect.
     """
 
     moved: tuple[tuple[UncertainParameter, float], ...]
     delta_bic: float
 
-    def told(self, effect: str) -> str:
-        """Say it in a sentence or two."""
+    def message(self, effect: str) -> str:
+        """Return the warning that belongs to an effect."""
         parts = [conflict_text(q, value) for q, value in self.moved]
         better = "better than" if self.delta_bic < -DECISIVE_BIC else "as well as"
+        one = len(parts) == 1
         return (
-            f"Before {effect} is believed: {' and '.join(parts)} explain{'s' if len(parts) == 1 else ''} these records "
-            f"{better} the effect does. Check {'that value' if len(parts) == 1 else 'these values'}, or state a "
-            "larger uncertainty and ask again."
+            f"Check before you accept {effect}: {' and '.join(parts)} explain{'s' if one else ''} these records "
+            f"{better} the effect does. Check {'that value' if one else 'these values'}, or state a larger uncertainty "
+            "and run the study again."
         )
 
 
-def beyond_priors(study: Study, baseline: Stage, found: Stage) -> Beyond | None:
-    """Ask whether the uncertain parameters, freed of their stated deviations, explain what an effect explains.
+def find_prior_conflict(
+    problem: Problem,
+    fit: Callable[[tuple[UncertainParameter, ...], Stage], Stage],
+    baseline: Stage,
+    first: Stage,
+) -> PriorConflict | None:
+    """Test whether the uncertain parameters, without their stated deviations, explain what an effect explains.
 
     Parameters
     ----------
-    study : Study
+    problem : Problem
+    fit : callable
+        Fits a stage with other priors, given these and the stage.
     baseline : Stage
         Recalibrated, without effects.
-    found : Stage
+    first : Stage
         With the first effect.
 
     Returns
     -------
-    Beyond or None
-        None where no parameter has to leave its uncertainty, or the effect explains more.
+    PriorConflict or None
+        None where no parameter leaves its uncertainty, or the effect explains more.
     """
-    if not any(np.isfinite(q.std) for q in study.problem.uncertain):
+    if not any(np.isfinite(q.std) for q in problem.uncertain):
         return None
-    wide = tuple(replace(q, std=WIDER * q.std) for q in study.problem.uncertain)
+    wide = tuple(replace(q, std=WIDER * q.std) for q in problem.uncertain)
     try:
-        free = study.with_uncertain(wide, baseline)
+        free = fit(wide, baseline)
     except RuntimeError:  # values at which the machine cannot be simulated explain nothing
         return None
-    moved = prior_conflicts(free.identify, {q.name: q for q in study.problem.uncertain})
-    difference = bic_difference(free, found)
+    moved = prior_conflicts(free.identify, {q.name: q for q in problem.uncertain})
+    difference = bic_difference(free, first)
     if not moved or difference > DECISIVE_BIC:
         return None
-    return Beyond(moved, float(difference))
+    return PriorConflict(moved, float(difference))

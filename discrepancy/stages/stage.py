@@ -39,7 +39,7 @@ class RivalExplanation:
     refitted : bool
         True when the figure comes from a refit, False when from the linear scan.
     indistinguishable : bool
-        True when these records cannot tell the two apart.
+        True when these records do not distinguish the two.
     """
 
     kind: str
@@ -69,7 +69,7 @@ class AcceptedEffect:
     rivals : tuple of RivalExplanation
         In the order of their BIC.
     masked_by : str
-        ``kind@where`` of the other effect, of two that hide each other and were added together.
+        ``kind@where`` of the other effect of a masking pair, which were added together.
     """
 
     effect: Effect
@@ -161,6 +161,10 @@ class Stage:
             return {}
         stacked = np.concatenate([f.residual for f in fits])
         return dict(zip(self.outputs, np.sqrt(np.mean(stacked**2, axis=0)).tolist(), strict=True))
+
+    def __repr__(self) -> str:
+        errors = ", ".join(f"{n}: {e:.4g} {self.system.unit(n)}" for n, e in self.rmse("identify").items())
+        return f"Stage({self.name!r}, {len(self.effects)} effects, RMS errors: {errors})"
 
     # ---------------------------------------------------------------- computed once
 

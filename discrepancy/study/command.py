@@ -47,7 +47,7 @@ def _so_far(conclusion: Any) -> str:
 
 def compare(args: Any) -> int:
     """Compare model and records, say where the model fails, and write that; nothing is added."""
-    from discrepancy.study.conclude import conclude
+    from discrepancy.conclusion.conclude import conclude
     from discrepancy.study.study import Study
 
     study = Study.from_file(args.study, seed=args.seed, progress=args.progress)

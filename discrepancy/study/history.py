@@ -10,26 +10,24 @@ import dataclasses
 import hashlib
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.study_file import StudyError
+from discrepancy.search.state import SearchState
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from multibody.base.json_file import write_json_atomically
-
-if TYPE_CHECKING:
-    from discrepancy.study.study import Study
 
 __all__ = ["SCHEMA", "fingerprint", "read_history", "restore", "save_history"]
 
 SCHEMA = 1
 
 
-def fingerprint(study: Study) -> str:
+def fingerprint(state: SearchState) -> str:
     """Return digits that change with the model, the records, and what the study asks."""
-    problem = study.given
+    problem = state.given
     digest = hashlib.sha256()
     parts = [
         problem.model.describe(),
@@ -70,18 +68,18 @@ def _entry(stage: Stage) -> dict[str, Any]:
     }
 
 
-def save_history(study: Study, path: str | Path) -> Path:
+def save_history(state: SearchState, path: str | Path) -> Path:
     """Write the stages of a study, and whether the last one still waits for its second look; return the path."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {
         "schema": SCHEMA,
-        "study": study.problem.name,
-        "fingerprint": fingerprint(study),
-        "seed": study.problem.seed,
-        "settled": study.settled,
-        "in_windows_instead": study.mode_reason if study.in_windows_instead else "",
-        "stages": [_entry(s) for s in study.stages],
+        "study": state.problem.name,
+        "fingerprint": fingerprint(state),
+        "seed": state.problem.seed,
+        "settled": not state.elimination_pending,
+        "in_windows_instead": state.mode_reason if state.in_windows_instead else "",
+        "stages": [_entry(s) for s in state.stages],
     }
     return write_json_atomically(path, content)
 
@@ -110,7 +108,7 @@ def read_history(path: str | Path) -> dict[str, Any]:
     return content
 
 
-def restore(study: Study, path: str | Path) -> None:
+def restore(state: SearchState, path: str | Path) -> None:
     """Build the stages of a history again in a new study of the same model and records.
 
     Raises
@@ -119,21 +117,21 @@ def restore(study: Study, path: str | Path) -> None:
         If the history belongs to another model, other records or other settings, or is damaged.
     """
     content = read_history(path)
-    if content["fingerprint"] != fingerprint(study):
+    if content["fingerprint"] != fingerprint(state):
         raise StudyError(
             [
                 f"{path}: this history belongs to another model, other records or other settings of the study (seed "
                 f"{content.get('seed')}): give the study as it was, or begin anew in another folder"
             ]
         )
-    study.prepare()
-    if content.get("in_windows_instead") and study.cut_into_windows() and study.prepared is not None:
-        study.prepared = dataclasses.replace(study.prepared, reason=content["in_windows_instead"])
-    study.stages.clear()
+    state.prepare()
+    if content.get("in_windows_instead") and state.cut_into_windows() and state.prepared is not None:
+        state.prepared = dataclasses.replace(state.prepared, reason=content["in_windows_instead"])
+    state.stages.clear()
     for k, entry in enumerate(content["stages"]):
-        study.progress(f"build stage '{entry.get('name', k)}' again")
+        state.progress(f"build stage '{entry.get('name', k)}' again")
         try:
-            stage = study.held_stage(
+            stage = state.restored(
                 entry["name"],
                 tuple(_effect(e) for e in entry["effects"]),
                 entry["values"],
@@ -145,8 +143,8 @@ def restore(study: Study, path: str | Path) -> None:
             accepted = _accepted(entry["accepted"])
         except (KeyError, TypeError, ValueError) as error:
             raise StudyError([f"{path}: stage {k} is damaged: {type(error).__name__}: {error}"]) from error
-        study.stages.append(dataclasses.replace(stage, accepted=accepted, notes=tuple(entry["notes"])))
-    study.settled = bool(content["settled"])
+        state.stages.append(dataclasses.replace(stage, accepted=accepted, notes=tuple(entry["notes"])))
+    state.elimination_pending = not content["settled"]
 
 
 def _effect(entry: dict[str, Any]) -> Effect:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
-from discrepancy.validation.trials import Trial, told_as_slight
+from discrepancy.validation.trials import Trial, listed_as_negligible
 
 __all__ = ["MACHINES", "TIMES_VISIBLE", "diagnosed", "hidden_trial", "machine_module", "null_trial"]
 
@@ -71,7 +71,7 @@ def diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axis
         tuple(tied[0]) if tied else (),
         ratio,
         time.perf_counter() - begun,
-        told_as_slight(conclusion.slight, hidden),
+        listed_as_negligible(conclusion.negligible, hidden),
         over=str((truth or {}).get("over", "")),
         curve_over=conclusion.unknown.regressor if conclusion.unknown is not None else "",
         depends_on=str(unknown.get("depends_on") or ""),

@@ -275,10 +275,10 @@ def resampled_alarms(
         First number.
     """
     from discrepancy.effects.from_scan_row import contained
-    from discrepancy.search.step import LOOKS
     from discrepancy.sensitivities.free_curve_scan import significant_and_predictive
     from discrepancy.statistics.masking_pairs import find_masking_pairs
     from discrepancy.statistics.scan import scan, score_candidates
+    from discrepancy.statistics.thresholds import LEVEL_SHARES
     from discrepancy.statistics.verdicts import Verdict
 
     out.mkdir(parents=True, exist_ok=True)
@@ -290,11 +290,12 @@ def resampled_alarms(
 
     def look(which: str, made: Residual, number: int) -> ScanResult:
         if which == "whitened":
-            return scan(made, given.sens, given.candidates, level=level / LOOKS, seed=number, noise_floor=given.floor)
+            share = level / LEVEL_SHARES
+            return scan(made, given.sens, given.candidates, level=share, seed=number, noise_floor=given.floor)
         w = given.plain(made, curves=which == "curves")
         what = given.curves if which == "curves" else given.candidates
         return score_candidates(
-            w, made, given.sens, what, level / LOOKS, 400, np.random.default_rng(number), given.floor
+            w, made, given.sens, what, level / LEVEL_SHARES, 400, np.random.default_rng(number), given.floor
         )
 
     with path.open("a") as stream:
@@ -316,7 +317,7 @@ def resampled_alarms(
                     told[which] = missing[0].name
                     break
                 if which == "whitened":
-                    both = find_masking_pairs(scans, contained, level=level / LOOKS, seed=number)
+                    both = find_masking_pairs(scans, contained, level=level / LEVEL_SHARES, seed=number)
                     if both is not None:
                         least, told["pairs"] = min(least, both.p_value), " and ".join(both.pairs[0].names)
                         break

@@ -9,7 +9,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-__all__ = ["SUITES", "Trial", "file_name", "page", "rates", "read_trials", "told_as_slight", "wilson", "with_section"]
+__all__ = [
+    "SUITES",
+    "Trial",
+    "file_name",
+    "listed_as_negligible",
+    "page",
+    "rates",
+    "read_trials",
+    "wilson",
+    "with_section",
+]
 
 SUITES = ("null", "kinds", "pairs", "triples", "masking", "unknown")
 SEVERAL = ("pairs", "triples", "masking")  # suites in which everything that is hidden is to be named
@@ -191,21 +201,21 @@ def _right_axis(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
     return rows
 
 
-def told_as_slight(slight: Sequence[tuple[str, str, float, float, float, str]], hidden: Sequence[str]) -> str:
+def listed_as_negligible(negligible: Sequence[tuple[str, str, float, float, float, str]], hidden: Sequence[str]) -> str:
     """Say of what is hidden that it was seen, where it was passed over as changing too little.
 
     Parameters
     ----------
-    slight : sequence of tuple
-        As in `discrepancy.report.conclusion.Conclusion`.
+    negligible : sequence of tuple
+        As in `discrepancy.conclusion.conclusion.Conclusion`.
     hidden : sequence of str
 
     Examples
     --------
-    >>> told_as_slight([("sensor_drift", "F_cw", 0.0457, 0.0022, 3e-8, "N/s")], ["sensor_drift@F_cw"])
+    >>> listed_as_negligible([("sensor_drift", "F_cw", 0.0457, 0.0022, 3e-8, "N/s")], ["sensor_drift@F_cw"])
     'sensor_drift@F_cw is told as present but too small to matter (p = 3e-08)'
     """
-    names = {f"{kind}@{where}": p for kind, where, _, _, p, _ in slight}
+    names = {f"{kind}@{where}": p for kind, where, _, _, p, _ in negligible}
     told = [f"{n} is told as present but too small to matter (p = {names[n]:.1g})" for n in hidden if n in names]
     return "; ".join(told)
 

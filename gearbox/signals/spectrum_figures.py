@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discrepancy.report.figure_style import AFTER, BEFORE, MEASURED, drawing, label, new_figure
+from discrepancy.drawing.figure_style import AFTER, BEFORE, MEASURED, drawing, label, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

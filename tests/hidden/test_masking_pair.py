@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from discrepancy.report.conclusion import to_diagnosis
+from discrepancy.report.diagnosis_json import to_diagnosis
 from discrepancy.rigs.axis import AxisRig
 from discrepancy.study.study import Study
 
@@ -36,24 +36,24 @@ def test_both_are_found_with_their_strengths(study):
         assert effects[name].strengths[strength] - stated[strength] == pytest.approx(true, rel=0.1)
 
 
-def test_the_story_says_that_they_hide_each_other(study):
+def test_the_conclusion_says_that_they_mask_each_other(study):
     first, second = (s.accepted for s in study.stages[2:])
     assert (first.masked_by, second.masked_by) == (str(second.effect), str(first.effect))
     alone, both = study.stages[2].rmse("validate"), study.stages[3].rmse("validate")
     before = study.stages[1].rmse("validate")
     assert all(alone[n] > 0.95 * before[n] for n in before)  # the error does not fall at the first step
     assert all(both[n] < 0.95 * before[n] for n in before)
-    told = to_diagnosis(study.diagnose())
-    assert "hide each other" in told["sentence"]
-    assert [e["hidden_by"] for e in told["effects"]] == [str(second.effect), str(first.effect)]
-    assert not any("do not trust it" in w for w in told["warnings"])
+    diagnosis = to_diagnosis(study.diagnose())
+    assert "mask each other" in diagnosis["sentence"]
+    assert [e["hidden_by"] for e in diagnosis["effects"]] == [str(second.effect), str(first.effect)]
+    assert not any("do not trust it" in w for w in diagnosis["warnings"])
 
 
 def test_one_step_at_a_time_names_something_else(problem, monkeypatch):
     """What the look-ahead is for: without it the search of this case ends with effects that are not there."""
-    from discrepancy.study import study as module
+    from discrepancy.search import state
 
-    monkeypatch.setattr(module, "look_ahead", lambda step, *args, **settings: step)
+    monkeypatch.setattr(state, "propose_pair", lambda decision, *args, **settings: decision)
     alone = Study(problem)
     alone.diagnose()
     assert not {str(e) for e in alone.stage.effects} & set(HIDDEN)
@@ -82,19 +82,19 @@ def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(problem,
         assert mine.rmse("validate") == pytest.approx(theirs.rmse("validate"), rel=1e-9)
 
 
-def test_what_is_left_of_the_two_is_hidden_by_nothing(study, monkeypatch):
-    """A stage that waits for what hides it is taken out when a search goes on; one whose partner has gone is not."""
+def test_the_remaining_effect_of_a_pair_is_masked_by_nothing(study, monkeypatch):
+    """A stage that awaits its partner is removed when a search continues; one whose partner was removed is not."""
     from dataclasses import replace
 
-    from discrepancy.search import backward_elimination as settle
+    from discrepancy.search import moves
     from discrepancy.search.loop import Search
 
     first, second = study.stage.effects
     left = replace(study, stages=list(study.stages))
-    without = left.refit(left.stage.name, (second,), left.stage)
+    without = left.on_trial(left.stage.name, (second,), left.stage)
     answers = iter([(without, first)])
-    monkeypatch.setattr(settle, "drop_idle", lambda *args: next(answers, None))
-    Search(left)._settle()
+    monkeypatch.setattr(moves, "find_redundant_effect", lambda *args: next(answers, None))
+    Search(left).eliminate()
     assert [str(e) for e in left.stage.effects] == [str(second)]
     assert left.stage.accepted.masked_by == ""
     assert not left.stage.half_of_masking_pair
@@ -102,7 +102,7 @@ def test_what_is_left_of_the_two_is_hidden_by_nothing(study, monkeypatch):
     assert not study.stages[3].half_of_masking_pair
 
 
-def test_no_room_for_two_is_no_look_ahead(problem):
+def test_without_room_for_two_no_pair_is_proposed(problem):
     from dataclasses import replace
 
     one = Study(replace(problem, max_effects=1))

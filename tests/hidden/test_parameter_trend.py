@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.report.conclusion import to_diagnosis
+from discrepancy.questions.parameter_trend import parameter_trends
+from discrepancy.report.diagnosis_json import to_diagnosis
 from discrepancy.rigs.axis import axis_case
-from discrepancy.search.parameter_trend import parameter_trends
 from discrepancy.study.study import Study
 
 NAME, CHANGE = "guide.viscous", 20.0

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from discrepancy.conclusion.conclude import conclude
 from discrepancy.rigs.axis import axis_case
-from discrepancy.search.backward_elimination import free_curve
 from discrepancy.search.loop import Search
+from discrepancy.search.moves import propose_curve
 from discrepancy.search.omnibus import omnibus_of_stage
 from discrepancy.stages.force_estimate import estimate_force
-from discrepancy.study.conclude import conclude
 from discrepancy.study.study import Study
 
 
@@ -18,7 +18,7 @@ from discrepancy.study.study import Study
 def found():
     case = axis_case(1, ["unknown_force@guide"], over="position", trips=4)
     study = Study(case.problem(seed=1))
-    stage = free_curve(study.stage, study.refit, level=0.02, seed=1, progress=lambda text: None)
+    stage = propose_curve(study.stage, study.on_trial, level=0.02, seed=1, progress=lambda text: None)
     Search(study).accept(stage.accepted, stage)
     return case, study, conclude(study)
 

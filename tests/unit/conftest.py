@@ -164,19 +164,14 @@ def small_study():
     seen, _ = scanned(recalibrated, 1)
     recalibrated = dataclasses.replace(recalibrated, scan=seen)
     effect = Effect.at_place("coulomb_friction", place, strengths={"coulomb": 1.0}, shape=shape)
-    accepted = AcceptedEffect(
-        effect=effect,
-        p_value=seen["coulomb_friction@guide"].p_value,
-        delta_bic=-900.0,
-        rivals=(
-            RivalExplanation(
-                kind="stribeck_friction", where="guide", delta_bic=240.0, refitted=True, indistinguishable=False
-            ),
-            RivalExplanation(
-                kind="local_bump", where="guide", delta_bic=610.0, refitted=False, indistinguishable=False
-            ),
+    rivals = (
+        RivalExplanation(
+            kind="stribeck_friction", where="guide", delta_bic=240.0, refitted=True, indistinguishable=False
         ),
+        RivalExplanation(kind="local_bump", where="guide", delta_bic=610.0, refitted=False, indistinguishable=False),
     )
+    p_value = seen["coulomb_friction@guide"].p_value
+    accepted = AcceptedEffect(effect=effect, p_value=p_value, delta_bic=-900.0, rivals=rivals)
     better = stage(
         "+ coulomb_friction@guide",
         effect.added_to(plain),
@@ -193,8 +188,8 @@ def small_study():
 @pytest.fixture(scope="session")
 def conclusion(small_study):
     """Everything that this study has to say."""
+    from discrepancy.conclusion.conclusion import Conclusion
     from discrepancy.effects.effect import Effect
-    from discrepancy.report.conclusion import Conclusion
 
     scan = small_study.stages[-1].scan
     places = {p.name: p for p in small_study.stages[-1].system.places}
@@ -207,11 +202,11 @@ def conclusion(small_study):
 
     hidden = tuple((r.kind, r.where, r.smallest_visible_strength, r.strength_that_matters, unit(r)) for r in scan.rows)
     return Conclusion(
-        "effect found",
-        "Dry (Coulomb) friction of 12 N is missing in the guide. With it, the error of the drive force on "
+        verdict="effect found",
+        sentence="Dry (Coulomb) friction of 12 N is missing in the guide. With it, the error of the drive force on "
         "the record "
         "that was held out falls from 13.9 N to 0.24 N, which is the noise of the sensor.",
-        small_study.stages,
+        stages=small_study.stages,
         refused=(("load_dependent_friction", "guide", "the load hardly changes in these records"),),
         hidden=hidden,
         next_measurement=(
@@ -230,7 +225,7 @@ def conclusion(small_study):
 @pytest.fixture(scope="session")
 def evidence(conclusion):
     """Its comparisons, and where it fails."""
-    from discrepancy.report.conclusion import evidence_of
+    from discrepancy.conclusion.conclusion import evidence_of
 
     return evidence_of(conclusion)
 

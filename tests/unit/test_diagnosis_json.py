@@ -6,11 +6,14 @@ import copy
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from discrepancy.report.conclusion import UnknownCurve, explained, plain, save_diagnosis, to_diagnosis
+from discrepancy.questions.explained_share import explained_by_output, explained_share
+from discrepancy.questions.unknown_force import UnknownCurve
+from discrepancy.report.diagnosis_json import plain, save_diagnosis, to_diagnosis
 from discrepancy.report.schema import check_diagnosis
 from discrepancy.stages.stage import RivalExplanation
 
@@ -57,17 +60,32 @@ def test_the_effect_is_told_with_interval_unit_and_rivals(diagnosis, small_study
     assert set(effect["fixed"]) | set(effect["parameters"]) == {"coulomb", "v_s"}
 
 
-def test_explained_is_the_excess_that_is_gone(conclusion, diagnosis) -> None:
-    base, end = conclusion.stages[1], conclusion.stages[2]
-    excess = [
-        sum(max(0.0, s.rmse("validate")[n] ** 2 / s.noise[n] ** 2 - 1.0) for n in s.outputs)
-        for s in (base, end)
-    ]
-    assert diagnosis["explained"] == pytest.approx(1.0 - excess[1] / excess[0], rel=1e-12)
+def with_errors(force: float, position: float):
+    """Return as much of a stage as the explained share needs: errors of two outputs with noise floors of 2 and 0.1."""
+    return SimpleNamespace(
+        rmse=lambda part: {"force": force, "position": position},
+        noise={"force": 2.0, "position": 0.1},
+        fits=lambda part: [SimpleNamespace(experiment=SimpleNamespace(measured=np.zeros((3, 2))))],
+    )
+
+
+def test_explained_is_the_share_of_the_excess_over_the_noise_that_is_gone() -> None:
+    # excess before: 10²/2² − 1 = 24 and 0.3²/0.1² − 1 = 8; after: 4²/2² − 1 = 3, and none below the floor
+    before, after = with_errors(10.0, 0.3), with_errors(4.0, 0.05)
+    energy, rms = explained_share(before, after, "identify")
+    assert energy == pytest.approx(29.0 / 32.0, rel=1e-12)
+    assert rms == pytest.approx(0.6938, abs=1e-4)  # 1 − √(3/32)
+    shares = explained_by_output(before, after, "identify")
+    assert shares == {"force": pytest.approx(7.0 / 8.0, rel=1e-12), "position": 1.0}
+    assert explained_share(before, before, "identify") == (0.0, 0.0)
+    assert explained_share(with_errors(1.0, 0.1), after, "identify") == (0.0, 0.0)  # nothing to explain
+    assert explained_by_output(with_errors(1.0, 0.3), after, "identify")["force"] is None
+
+
+def test_explained_is_that_of_the_records_held_out(conclusion, diagnosis) -> None:
+    assert diagnosis["explained"] == explained_share(*conclusion.stages[1:], "validate")[0]
     assert diagnosis["explained"] > 0.99
     assert diagnosis["explained_on"] == "validate"
-    # Nothing added: nothing explained.
-    assert explained(replace(conclusion, stages=conclusion.stages[:2])) == (0.0, 0.0)
 
 
 def test_without_held_out_records_it_says_so(conclusion) -> None:
@@ -81,10 +99,10 @@ def test_without_held_out_records_it_says_so(conclusion) -> None:
 
 def test_a_tie_is_listed_apart(conclusion, evidence) -> None:
     stage = conclusion.final
-    rivals = (
-        RivalExplanation(kind="stribeck_friction", where="guide", delta_bic=1.2, refitted=True, indistinguishable=True),
-        *stage.accepted.rivals[1:],
+    tie = RivalExplanation(
+        kind="stribeck_friction", where="guide", delta_bic=1.2, refitted=True, indistinguishable=True
     )
+    rivals = (tie, *stage.accepted.rivals[1:])
     tied = replace(stage, accepted=replace(stage.accepted, rivals=rivals))
     found = to_diagnosis(
         replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence

@@ -23,8 +23,8 @@ HOUSE: dict[str, tuple[str, ...]] = {
     "surrogate": ("",),
     "estimation": ("files", "signals", "response", "fit", "filters", ""),
     "discrepancy": (
-        "statistics", "effects", "problem", "residual", "sensitivities", "stages", "search", "questions", "report",
-        "study", "rigs", "validation", "",
+        "statistics", "drawing", "effects", "problem", "residual", "sensitivities", "stages", "search", "questions",
+        "conclusion", "report", "study", "rigs", "validation", "",
     ),
     "vtsdt": ("files", "parts", "lift", "rig", "alignment", "whatif", "papers", "cli", ""),
     "gearbox": ("files", "signals", "parts", "stage", "rig", "updating", "papers", ""),

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.search.backward_elimination import lasts
-from discrepancy.search.record_left_out import left_out_difference, left_out_residuals
+from discrepancy.search.model_comparison import left_out_difference, left_out_residuals
+from discrepancy.search.moves import predicts_better
 from discrepancy.study.study import Study
 
 
@@ -55,5 +55,5 @@ def test_friction_over_position_does_not_take_the_place_of_a_true_law(sticking, 
     offer = recalibrated.free_curve_scan(level=0.02, seed=1, where=["guide"])
     for curve in (e for e in offer.effects if e.over in ("position", "friction")):
         fitted = sticking.fitted("curve", (curve,), recalibrated, recalibrated.noise)
-        assert not lasts(fitted, with_law, with_law.effects), curve.over
+        assert not predicts_better(fitted, with_law, with_law.effects), curve.over
     assert "friction" in [e.over for e in offer.effects]

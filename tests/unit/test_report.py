@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.report.conclusion import UnknownCurve
+from discrepancy.questions.unknown_force import UnknownCurve
 from discrepancy.report.schema import check_diagnosis
 from discrepancy.report.wording import interval_words
 from discrepancy.report.write import pictures, render, write
@@ -176,12 +176,11 @@ def test_drawing_leaves_matplotlib_as_it_was(conclusion) -> None:
     import matplotlib
     import matplotlib.pyplot as plt
 
-    from discrepancy.report import effect_figures as figures_effects
-    from discrepancy.report import figures
+    from discrepancy.report import effect_figures, figures
 
     rules, open_figures = dict(matplotlib.rcParams), plt.get_fignums()
     first, again = (figures.falling_error(conclusion) for _ in range(2))
-    figures_effects.candidate_scores(conclusion.baseline.scan)
+    effect_figures.candidate_scores(conclusion.baseline.scan)
     assert dict(matplotlib.rcParams) == rules
     assert plt.get_fignums() == open_figures
     # The same study gives the same pictures.
@@ -194,8 +193,7 @@ def _drawn(figure):
 
 
 def test_axes_have_names_and_units(conclusion, evidence) -> None:
-    from discrepancy.report import effect_figures as figures_effects
-    from discrepancy.report import figures
+    from discrepancy.report import effect_figures, figures
 
     made = [
         figures.falling_error(conclusion),
@@ -205,7 +203,7 @@ def test_axes_have_names_and_units(conclusion, evidence) -> None:
     for figure in made:
         assert all(re.search(r"\[.+\]", a.get_ylabel()) for a in figure.axes)
     assert "µm" in made[0].axes[1].get_ylabel()
-    bars = figures_effects.candidate_scores(conclusion.baseline.scan)
+    bars = effect_figures.candidate_scores(conclusion.baseline.scan)
     assert bars.axes[0].get_xlabel() == "size of the effect in standard errors"
 
 

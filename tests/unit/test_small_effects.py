@@ -1,4 +1,4 @@
-"""What is surely there but changes little, and what trials on the way to it have to keep to."""
+"""Effects that are present but change little, and the rules for fits on trial."""
 
 from __future__ import annotations
 
@@ -8,70 +8,72 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from discrepancy.conclusion.conclude import _negligible
+from discrepancy.conclusion.conclusion import NegligibleEffect
+from discrepancy.conclusion.sentences import negligible_sentence
 from discrepancy.effects.catalogue import catalogue
 from discrepancy.search import omnibus
-from discrepancy.search.model_comparison import matters
-from discrepancy.search.step import FINALISTS, LOOKS, _unlike
-from discrepancy.search.without_significance import _small
+from discrepancy.search.model_comparison import is_relevant
+from discrepancy.search.moves import FINALISTS, Decision, _best_present, _different
+from discrepancy.statistics.thresholds import LEVEL_SHARES
 from discrepancy.statistics.verdicts import Verdict
-from discrepancy.study.conclude import _slight, _slight_words
 from estimation.fit.calibrate import REWEIGH, calibrate
 
 DRY = "coulomb_friction@guide"
 
 
-def study_at(stage, slight=()):
-    """Return as much of a study as its conclusion about small effects needs, with the stage's scan as the last one."""
-    step = SimpleNamespace(scan=stage.scan, refused=(), slight=tuple(slight))
-    return SimpleNamespace(steps=[step], stages=[stage], stage=stage)
+def state_at(stage, irrelevant=()):
+    """Return as much of a search as its conclusion about small effects needs, with the stage's scan as the last one."""
+    decision = Decision(scans=(stage.scan,), reason="", irrelevant=tuple(irrelevant))
+    return SimpleNamespace(decisions=[decision], stages=[stage], stage=stage)
 
 
-def test_what_the_search_passed_over_is_told_with_its_strength(small_study):
+def test_an_irrelevant_effect_is_listed_with_its_strength(small_study):
     _, calibrated, with_friction = small_study.stages
     found = calibrated.scan[DRY]
-    kind, where, size, std, p, unit = _slight(study_at(calibrated, [found]))[0]
+    kind, where, size, std, p, unit = _negligible(state_at(calibrated, [found]))[0]
     assert f"{kind}@{where}" == DRY
     assert size == pytest.approx(small_study.hidden.strengths["coulomb"], rel=0.2)
     assert std < 0.1 * size
     assert p < 1e-3
     assert unit == "N"
-    present = _slight(study_at(replace(calibrated, effects=with_friction.effects), [found]))
+    present = _negligible(state_at(replace(calibrated, effects=with_friction.effects), [found]))
     assert DRY not in {f"{kind}@{where}" for kind, where, *_ in present}
 
 
-def test_what_was_passed_over_for_another_reason_is_not_said_to_be_there(small_study):
+def test_an_effect_rejected_for_another_reason_is_not_said_to_be_present(small_study):
     calibrated = small_study.stages[1]
-    told = {f"{kind}@{where}" for kind, where, *_ in _slight(study_at(calibrated))}
+    listed = {f"{kind}@{where}" for kind, where, *_ in _negligible(state_at(calibrated))}
     assert calibrated.scan[DRY].verdict is Verdict.MISSING  # significant: a refit that is no better, say, leaves it out
-    assert DRY not in told
-    assert told <= {r.name for r in calibrated.scan.rows if r.verdict is Verdict.NEGLIGIBLE}
+    assert DRY not in listed
+    assert listed <= {r.name for r in calibrated.scan.rows if r.verdict is Verdict.NEGLIGIBLE}
 
 
 def test_the_words_name_it_and_say_why_it_is_not_added():
-    assert _slight_words(SimpleNamespace(slight=())) == ""
-    told = _slight_words(SimpleNamespace(slight=(("sensor_drift", "F_cw", 0.122, 0.0073, 1e-8, "N/s"),)))
-    assert "sensor drift at F_cw shows (0.122 N/s ± 0.0073 N/s, p = 1e-08)" in told
-    assert "below the noise floor" in told
+    assert negligible_sentence(()) == ""
+    sentence = negligible_sentence([NegligibleEffect("sensor_drift", "F_cw", 0.122, 0.0073, 1e-8, "N/s")])
+    assert "sensor drift at F_cw is present (0.122 N/s ± 0.0073 N/s, p = 1e-08)" in sentence
+    assert "below the noise floor" in sentence
 
 
 def test_an_effect_of_which_the_scan_is_sure_needs_only_be_the_better_model(small_study):
     _, calibrated, with_friction = small_study.stages
     entries = {e.name: e for e in catalogue(calibrated.system, calibrated.outputs, ("reference.speed",))}
-    loud = {n: 100.0 * v for n, v in calibrated.noise.items()}
-    small, with_friction = replace(calibrated, noise=loud), replace(with_friction, noise=loud)
-    assert not matters(with_friction, small)  # as the noise is now, the search passes over it
-    asked = []
+    above = {n: 100.0 * v for n, v in calibrated.noise.items()}
+    small, with_friction = replace(calibrated, noise=above), replace(with_friction, noise=above)
+    assert not is_relevant(with_friction, small)  # as the noise is now, the search passes over it
+    fitted = []
 
-    def refit(effect, instead_of=(), stated=False):
-        asked.append(str(effect))
+    def refit(effect, instead_of=(), from_prior=False):
+        fitted.append(str(effect))
         return with_friction if str(effect) == DRY else small
 
-    found = _small(small, calibrated.scan, refit, entries, lambda _: None)
+    found = _best_present(small, calibrated.scan, refit, entries, lambda _: None)
     assert found is not None
     assert str(found.accepted.effect) == DRY
-    assert found.accepted.p_value == pytest.approx(min(1.0, LOOKS * calibrated.scan[DRY].p_value))
-    assert len(set(asked)) <= FINALISTS
-    assert _small(small, calibrated.scan, lambda *_, **__: small, entries, lambda _: None) is None
+    assert found.accepted.p_value == pytest.approx(min(1.0, LEVEL_SHARES * calibrated.scan[DRY].p_value))
+    assert len(set(fitted)) <= FINALISTS
+    assert _best_present(small, calibrated.scan, lambda *_, **__: small, entries, lambda _: None) is None
 
 
 def test_a_trial_weighs_the_outputs_anew_until_their_weights_stay(small_study):
@@ -114,6 +116,6 @@ def test_of_candidates_that_change_the_same_only_one_is_refitted():
         return SimpleNamespace(same_kind=(*alike, *near), other_kind=())
 
     scan = SimpleNamespace(ties_of=ties_of)
-    assert [r.where for r in _unlike(scan, rows, [])] == ["load", "pulley", "guide"]
+    assert [r.where for r in _different(scan, rows, [])] == ["load", "pulley", "guide"]
     known = [SimpleNamespace(where="scale")]  # something was found there already: of the two it is the likelier
-    assert [r.where for r in _unlike(scan, rows, known)] == ["scale", "pulley", "guide"]
+    assert [r.where for r in _different(scan, rows, known)] == ["scale", "pulley", "guide"]

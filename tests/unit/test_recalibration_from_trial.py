@@ -1,11 +1,11 @@
-"""An effect is not paid for getting a calibration out of a worse place, and a curve must matter as a law must."""
+"""An effect gets no credit for taking a calibration out of a worse place; a curve must be relevant as a law must."""
 
 from dataclasses import replace
 
 import pytest
 
 from discrepancy.rigs.axis import axis_case
-from discrepancy.search import backward_elimination as settle
+from discrepancy.search import moves
 from discrepancy.search.loop import Search
 from discrepancy.search.model_comparison import bic_difference
 from discrepancy.study.study import Study
@@ -30,14 +30,14 @@ def study():
 def test_a_better_calibration_takes_the_place_of_the_latest_stage(study):
     good = study.stage
     study.stages[-1] = replace(missed_by(good, 1.5), notes=("kept",))  # in a worse place
-    told = []
-    study.progress = told.append
-    assert Search(study)._recalibrated(good)
-    assert "it does better than before: the calibration goes on from there" in told
+    lines = []
+    study.progress = lines.append
+    assert Search(study)._recalibrated_from(good)
+    assert "it does better than before: the calibration continues from there" in lines
     assert len(study.stages) == 2
     assert study.stage.notes == ("kept",)
     assert bic_difference(study.stage, good) == pytest.approx(0.0, abs=1.0)
-    assert not Search(study)._recalibrated(good)  # it ends
+    assert not Search(study)._recalibrated_from(good)  # it ends
 
 
 def test_a_trial_that_cannot_be_simulated_without_its_effect_changes_nothing(study, monkeypatch):
@@ -46,7 +46,7 @@ def test_a_trial_that_cannot_be_simulated_without_its_effect_changes_nothing(stu
 
     latest = study.stage
     monkeypatch.setattr(study, "fitted", fails)
-    assert not Search(study)._recalibrated(latest)
+    assert not Search(study)._recalibrated_from(latest)
     assert study.stage is latest
 
 
@@ -56,7 +56,7 @@ def test_a_curve_below_every_noise_floor_is_no_answer(study):
     effect = type("Curve", (), {"over": "time", "where": "guide"})()
 
     def best(stage):
-        return settle._best_curve(before, before, [effect], [0.001], lambda *_: stage, lambda _: None, least=0.0)
+        return moves._best_curve(before, before, [effect], [0.001], lambda *_: stage, lambda _: None, least=0.0)
 
     assert bic_difference(better, before) < -10.0  # enough samples make anything significant
     floor = {n: 2.0 * r for n, r in before.rmse("identify").items()}

@@ -1,4 +1,4 @@
-"""What a free curve would take away beside the laws: against fits in full simulation."""
+"""The error that a free curve is expected to remove beside the laws: against fits in full simulation."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from dataclasses import replace
 import pytest
 
 from discrepancy.effects.effect import Effect
-from discrepancy.search.backward_elimination import BENT, SHARE, replace_by_curve
-from discrepancy.search.curve_gain import promised
-from discrepancy.search.model_comparison import above_floor
+from discrepancy.search.model_comparison import excess_error, expected_curve_reductions
+from discrepancy.search.moves import CURVE_REDUCTION, LINEAR_ERROR, propose_curve_for_laws
 from discrepancy.stages.stage import AcceptedEffect
 
 
@@ -30,33 +29,33 @@ def wrong(fitted):
     return fitted("viscous_friction", viscous=1.0)
 
 
-def taken_more(curve, laws, before):
+def removed_more(curve, laws, before):
     with_laws, with_curve = laws.rmse("identify"), curve.rmse("identify")
-    return max((with_laws[n] ** 2 - with_curve[n] ** 2) / s for n, s in above_floor(before).items())
+    return max((with_laws[n] ** 2 - with_curve[n] ** 2) / s for n, s in excess_error(before).items())
 
 
 @pytest.mark.parametrize("over", ["speed", "friction"])
-def test_a_fit_takes_little_more_than_is_promised(sticking, wrong, over):
+def test_a_fit_removes_little_more_than_expected(sticking, wrong, over):
     """Beside a law that is far from the truth; viscous friction lies in the span of the curve over speed."""
     before = sticking.stage
     offer = before.free_curve_scan(level=0.02, seed=1, where=["guide"])
     curve = next(e for e in offer.effects if e.over == over)
     fit = sticking.fitted("curve", (curve,), before, before.noise)
-    promise = promised(before, wrong)["guide", over]
-    taken = taken_more(fit, wrong, before)
-    assert taken > 0.1
-    assert taken / BENT < promise < taken / 0.8  # as on 31 machines: docs/method/which-law.md
+    expected = expected_curve_reductions(before, wrong)["guide", over]
+    removed = removed_more(fit, wrong, before)
+    assert removed > 0.1
+    assert removed / LINEAR_ERROR < expected < removed / 0.8  # as on 31 machines: docs/method/which-law.md
 
 
-def test_beside_the_true_law_no_curve_promises_anything_and_none_is_fitted(sticking, fitted):
+def test_beside_the_true_law_no_curve_is_expected_to_gain_and_none_is_fitted(sticking, fitted):
     before, right = sticking.stage, fitted("coulomb_friction", coulomb=10.0)
-    assert max(promised(before, right).values()) < SHARE / BENT
+    assert max(expected_curve_reductions(before, right).values()) < CURVE_REDUCTION / LINEAR_ERROR
 
-    def never(*asked):
-        raise AssertionError(f"fitted: {asked}")
+    def never(*fit):
+        raise AssertionError(f"fitted: {fit}")
 
     stages = [
         before,
         replace(right, accepted=AcceptedEffect(effect=right.effects[0], p_value=0.001, delta_bic=-50.0, rivals=())),
     ]
-    assert replace_by_curve(stages, never, level=0.02, seed=1, progress=print) is None
+    assert propose_curve_for_laws(stages, never, level=0.02, seed=1, progress=print) is None

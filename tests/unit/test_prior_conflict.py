@@ -1,4 +1,4 @@
-"""A parameter that is wrong beyond its stated uncertainty is said to be, and no effect is sold in its place."""
+"""A parameter outside its stated uncertainty is reported, and no effect is accepted in its place without a warning."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from discrepancy.problem.problem import Problem, make_experiments
-from discrepancy.search.effect_presence import standing
+from discrepancy.search.moves import require_presence
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal
 from estimation.fit.calibrate import UncertainParameter
@@ -53,9 +53,9 @@ def test_a_wrong_mass_is_named_beside_the_effect_that_would_replace_it():
     study = study_of(true_mass=24.0, std=0.05)
     conclusion = study.diagnose()
     assert conclusion.accepted, "with 80 deviations between them the effect stands out"
-    assert study.beyond is not None
-    assert [q.name for q, _ in study.beyond.moved] == ["carriage.m"]
-    assert abs(study.beyond.moved[0][1] - 24.0) < 0.1
+    assert study.prior_conflict is not None
+    assert [q.name for q, _ in study.prior_conflict.moved] == ["carriage.m"]
+    assert abs(study.prior_conflict.moved[0][1] - 24.0) < 0.1
     told = [w for w in conclusion.warnings if "carriage.m" in w]
     assert told
     assert "stated" in told[0]
@@ -77,20 +77,20 @@ def test_an_effect_that_takes_nothing_away_must_be_known_to_be_there():
     """Where the model is wrong in another way, what brings parameters back is known badly."""
     study = study_of(true_mass=24.0, std=0.6)
     before = study.stage
-    step = study.explain()
-    assert step.accepted is not None
-    settled = replace(step.stage, noise={"carriage.position": 1.0})  # as if the error that goes were no error
-    known = study.fitted(settled.name, settled.effects, settled, settled.noise)
-    assert standing(replace(step, stage=settled), before, lambda trial: known).accepted is step.accepted
+    decision = study.explain()
+    assert decision.accepted is not None
+    loud = replace(decision.stage, noise={"carriage.position": 1.0})  # as if the error that goes were no error
+    known = study.fitted(loud.name, loud.effects, loud, loud.noise)
+    assert require_presence(replace(decision, stage=loud), before, lambda trial: known).accepted is decision.accepted
     vague = replace(known, identify=replace(known.identify, std=100.0 * known.identify.std))
-    assert standing(replace(step, stage=settled), before, lambda trial: vague).accepted is None
+    assert require_presence(replace(decision, stage=loud), before, lambda trial: vague).accepted is None
 
 
 def test_a_mass_within_its_uncertainty_is_calibrated_and_nothing_is_named():
     study = study_of(true_mass=24.0, std=4.0)
     conclusion = study.diagnose()
     assert conclusion.accepted == ()
-    assert study.beyond is None
+    assert study.prior_conflict is None
 
 
 def test_a_real_effect_is_not_doubted():
@@ -112,4 +112,4 @@ def test_a_real_effect_is_not_doubted():
     study = Study(replace(study.problem, identify=tuple(experiments)))
     conclusion = study.diagnose()
     assert [a.effect.kind for a in conclusion.accepted][:1] == ["coulomb_friction"]
-    assert study.beyond is None
+    assert study.prior_conflict is None

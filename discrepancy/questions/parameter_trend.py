@@ -1,9 +1,9 @@
 """Parameters that change along the records: wear, warming, another tool, which no effect in the machine explains.
 
-A calibrated value is that of all records together.  Where it was smaller in the first and larger in the last, what is
-left of both has the same fingerprint with opposite signs: the parameter's own sensitivity, times the place of the
-record, or of the window of one, in the order of the study.  It is judged by the same scan as effects, against the same
-luck, and told, not added.
+A calibrated value is that of all records together.  Where the true value was smaller in the first and larger in the
+last, the residuals of both are proportional to the parameter's own sensitivity, with opposite signs.  So the candidates
+are these sensitivities times the position of the record, or of a window of it, in the order of the study.  They are
+scored by the same scan as effects, against the same null distribution, and reported; nothing is added to the model.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discrepancy.search.step import LOOKS
 from discrepancy.statistics.blocks import Candidate
+from discrepancy.statistics.thresholds import LEVEL_SHARES
 from discrepancy.statistics.verdicts import Verdict
 from multibody.base.quantity_text import quantity_text
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Trend", "parameter_trends"]
 
-FEWEST = 3  # records: of two, a change and a difference are the same
+MIN_RECORDS = 3  # of two, a trend and a difference are the same
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Trend:
     ----------
     parameter, unit : str
     change, std : float
-        From the first record to the last, and its deviation.
+        From the first record to the last, and its standard deviation.
     p : float
         Family-wise over all parameters.
     share : float
@@ -63,22 +63,22 @@ class Trend:
 
 
 def parameter_trends(stage: Stage, level: float, seed: int) -> tuple[Trend, ...]:
-    """Return the parameters whose change along the records explains what a stage leaves, the surest first.
+    """Return the parameters whose change along the records explains the residual of a stage, the largest share first.
 
     Parameters
     ----------
     stage : Stage
         With its parameters fitted.
     level : float
-        Family-wise level of what a study names; trends are told at the share of one look, beside it.
+        Family-wise significance level of the study; trends are tested at one of its shares.
     seed : int
     """
     from discrepancy.statistics.scan import scan
 
-    facts = stage.weighted_problem()
-    residual, sens = facts.residual(), facts.sensitivities()
+    problem = stage.weighted_problem()
+    residual, sens = problem.residual(), problem.sensitivities()
     count = len(residual.blocks)
-    if count < FEWEST or not sens.names:
+    if count < MIN_RECORDS or not sens.names:
         return ()
     along = np.linspace(-0.5, 0.5, count)
     candidates = [
@@ -90,13 +90,13 @@ def parameter_trends(stage: Stage, level: float, seed: int) -> tuple[Trend, ...]
         for k, name in enumerate(sens.names)
     ]
     floor = [stage.noise[c] for c in residual.channels]
-    found = scan(residual, sens, candidates, level=level / LOOKS, seed=seed, whiten=False, noise_floor=floor)
+    trends = scan(residual, sens, candidates, level=level / LEVEL_SHARES, seed=seed, whiten=False, noise_floor=floor)
     units = {q.name: q.unit for q in stage.identify.parameters}
     return tuple(
         Trend(
             r.where, units[r.where], float(np.ravel(r.expected_strength)[0]), float(np.ravel(r.standard_error)[0]),
-            min(1.0, LOOKS * float(r.p_value)), float(r.error_reduction),
+            min(1.0, LEVEL_SHARES * float(r.p_value)), float(r.error_reduction),
         )
-        for r in sorted(found.rows, key=lambda r: -r.error_reduction)
+        for r in sorted(trends.rows, key=lambda r: -r.error_reduction)
         if r.verdict is Verdict.MISSING
     )  # fmt: skip

@@ -1,11 +1,11 @@
-"""An effect that gives way to another one in its place: what is told of it then."""
+"""An exchange step: what the accepted effects say of each other afterwards."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
 
 from discrepancy.effects.effect import Effect
-from discrepancy.search.exchange import Swap, better_in_its_place
+from discrepancy.search.moves import Exchange, propose_exchange
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation
 
 MOTOR = Effect("sensor_gain", "motor.torque", {"gain": 0.1})
@@ -13,11 +13,11 @@ GUIDE = Effect("sensor_gain", "carriage.position", {"gain": 0.1})
 LATE = Effect("sensor_delay", "carriage.position", {"delay": 1e-3})
 
 
-def swap() -> Swap:
-    return Swap(2, MOTOR, GUIDE, SimpleNamespace(), better=14.0)
+def exchange() -> Exchange:
+    return Exchange(2, MOTOR, GUIDE, SimpleNamespace(), improvement=14.0)
 
 
-def test_the_old_effect_becomes_the_first_rival_and_the_new_one_is_none_any_more() -> None:
+def test_the_old_effect_becomes_the_first_alternative_and_the_new_one_is_none_any_more() -> None:
     other = RivalExplanation(
         kind="sensor_offset", where="motor.torque", delta_bic=20.0, refitted=True, indistinguishable=False
     )
@@ -25,23 +25,25 @@ def test_the_old_effect_becomes_the_first_rival_and_the_new_one_is_none_any_more
         RivalExplanation(kind=GUIDE.kind, where=GUIDE.where, delta_bic=3.0, refitted=True, indistinguishable=True),
         other,
     )
-    told = swap().accepted(AcceptedEffect(effect=MOTOR, p_value=1e-6, delta_bic=-50.0, rivals=rivals), delta_bic=-64.0)
-    assert (told.effect, told.p_value, told.delta_bic) == (GUIDE, 1e-6, -64.0)
-    assert told.rivals == (
+    after = exchange().applied_to(
+        AcceptedEffect(effect=MOTOR, p_value=1e-6, delta_bic=-50.0, rivals=rivals), delta_bic=-64.0
+    )
+    assert (after.effect, after.p_value, after.delta_bic) == (GUIDE, 1e-6, -64.0)
+    assert after.rivals == (
         RivalExplanation(kind=MOTOR.kind, where=MOTOR.where, delta_bic=14.0, refitted=True, indistinguishable=False),
         other,
     )
 
 
-def test_the_others_stay_and_name_the_new_one_where_the_old_one_hid_them() -> None:
-    told = swap().accepted(
+def test_the_others_stay_and_name_the_new_one_where_the_old_one_masked_them() -> None:
+    after = exchange().applied_to(
         AcceptedEffect(effect=LATE, p_value=1e-6, delta_bic=-50.0, masked_by=str(MOTOR)), delta_bic=-9.0
     )
-    assert (told.effect, told.delta_bic, told.masked_by) == (LATE, -9.0, str(GUIDE))
+    assert (after.effect, after.delta_bic, after.masked_by) == (LATE, -9.0, str(GUIDE))
 
 
-def test_one_effect_is_not_asked_again() -> None:
+def test_a_single_effect_is_not_exchanged() -> None:
     def never(*args: object) -> None:
         raise AssertionError("nothing is to be fitted")
 
-    assert better_in_its_place([SimpleNamespace(effects=(MOTOR,))], never, never) is None
+    assert propose_exchange([SimpleNamespace(effects=(MOTOR,))], never, never) is None

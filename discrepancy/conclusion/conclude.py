@@ -1,0 +1,204 @@
+"""From the state of a search to its conclusion: verdict, sentences, what could still hide, what to measure next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from discrepancy.conclusion.conclusion import Conclusion, HiddenEffect, NegligibleEffect, RefusedEffect
+from discrepancy.conclusion.sentences import (
+    answer,
+    curve_statement,
+    manual_checks,
+    poor_fit_note,
+    title_of,
+    verdict_of,
+    warnings_about_effects,
+)
+from discrepancy.effects.effect import unit_at
+from discrepancy.questions.next_measurement import next_measurements
+from discrepancy.questions.parameter_trend import Trend, parameter_trends
+from discrepancy.questions.unknown_force import (
+    UnknownCurve,
+    UnknownForce,
+    describe_accepted_curve,
+    find_unidentified_force,
+)
+from discrepancy.residual.input_noise import noise_summary
+from discrepancy.search.omnibus import Omnibus
+from discrepancy.search.state import SearchState
+from discrepancy.sensitivities.input_feedback import feedback_messages, inputs_with_feedback
+from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
+from discrepancy.stages.stage import AcceptedEffect, Stage
+from discrepancy.statistics.verdicts import Verdict
+
+__all__ = ["conclude"]
+
+MOST_NEGLIGIBLE = 3  # effects that are present but change too little, of which the report lists as many
+
+
+def conclude(state: SearchState) -> Conclusion:
+    """Return the conclusion of a search, or of a comparison where nothing was searched."""
+    problem, stages = state.problem, tuple(state.stages)
+    last = stages[-1]
+    accepted = [s.accepted for s in stages if s.accepted is not None]
+    verdict = verdict_of(accepted)
+    curve, force = _accepted_curve(state, accepted, stages)
+    omnibus = None if accepted else state.omnibus
+    unidentified = None
+    if omnibus is not None:
+        unidentified = state.if_simulated("where the missing force acts", lambda: find_unidentified_force(state))
+    if unidentified is not None:
+        curve, force = unidentified
+        verdict = "unknown effect"
+    refused, hidden = _not_found(state)
+    negligible = _negligible(state)
+    trips = state.if_simulated("what to measure next", lambda: next_measurements(state)) or ()
+    noisy = state.prepared.noisy if state.prepared is not None else ()
+    feedback = _inputs_with_feedback(state)
+    disturbance = last.disturbance
+    trends = state.if_simulated("whether parameters change along the records", lambda: _trends(state)) or ()
+    warnings = [
+        *problem.warnings,
+        *_prior_conflict_warnings(state, accepted),
+        *(n.sentence for n in noisy),
+        *feedback_messages(feedback),
+        *([disturbance.sentence] if disturbance is not None else []),
+        *(t.sentence for t in trends),
+        *warnings_about_effects(stages),
+        *dict.fromkeys(state.unanswered),
+    ]
+    if state.interrupted:
+        warnings.append("The search was interrupted: there may be more effects than those listed here.")
+        verdict = verdict if accepted else ""
+    judged_on = "validate" if stages[min(1, len(stages) - 1)].fits("validate") else "identify"
+    if curve is not None and not accepted:
+        sentences = [curve.statement + poor_fit_note(last)]
+    else:
+        sentences = [answer(stages, hidden, negligible, judged_on) + poor_fit_note(last)]
+        sentences += [omnibus.sentence] if omnibus is not None else []
+    sentences += [noise_summary(noisy)] if noisy else []
+    paths = [str(problem.path)] if problem.path is not None else []
+    paths += [str(e.record.path) for e in (*problem.identify, *problem.validate)]
+    extra: dict[str, Any] = {"separating_trips": [t.to_dict() for t in trips]}
+    if force is not None:
+        extra["unknown"] = force.to_dict()
+    if noisy:
+        extra["noisy_inputs"] = [n.to_dict() for n in noisy]
+    if feedback:
+        extra["reacting_inputs"] = feedback
+    if disturbance is not None:
+        extra["disturbance"] = disturbance.to_dict()
+    if trends:
+        extra["parameter_trends"] = [t.to_dict() for t in trends]
+    if omnibus is not None:
+        extra["follows_inputs"] = _omnibus_entry(omnibus)
+    return Conclusion(
+        verdict=verdict,
+        sentence=" ".join(sentences),
+        stages=stages,
+        refused=refused,
+        hidden=hidden,
+        negligible=negligible,
+        next_measurement=(*(t.sentence for t in trips), *manual_checks(stages, hidden)),
+        unknown=curve,
+        warnings=tuple(warnings),
+        residual_mode=state.mode,
+        residual_reason=state.mode_reason,
+        seed=problem.seed,
+        level=problem.level,
+        name=problem.name,
+        paths=tuple(paths),
+        extra=extra,
+    )
+
+
+def _accepted_curve(
+    state: SearchState, accepted: Sequence[AcceptedEffect], stages: Sequence[Stage]
+) -> tuple[UnknownCurve | None, UnknownForce | None]:
+    """Return the last free curve that was accepted, and its description; None and None if there is none."""
+    last = next((a for a in reversed(accepted) if a.effect.definition.free_form), None)
+    if last is None:
+        return None, None
+    effect = next(e for e in stages[-1].effects if e.component_name == last.effect.component_name)
+    force = state.if_simulated("what the unknown force depends on", lambda: describe_accepted_curve(state))
+    statement = " ".join([curve_statement(last), *([force.sentence] if force is not None else [])])
+    curve = UnknownCurve.of_effect(
+        effect, stages[-1].identify, statement, p_value=last.p_value, delta_bic=last.delta_bic
+    )
+    return curve, force
+
+
+def _prior_conflict_warnings(state: SearchState, accepted: Sequence[AcceptedEffect]) -> list[str]:
+    if accepted:
+        conflict = state.prior_conflict
+        return [conflict.message(title_of(accepted[0]))] if conflict is not None else []
+    conflicts = [conflict_text(q, value) for q, value in prior_conflicts(state.stages[-1].identify)]
+    if not conflicts:
+        return []
+    return [f"Calibration ends outside the stated uncertainty: {' and '.join(conflicts)}. Check the stated values."]
+
+
+def _inputs_with_feedback(state: SearchState) -> dict[str, str]:
+    """Return the recorded inputs that react to the residual, if a search was made."""
+    if state.mode == "inverse" or not state.decisions:  # where motion is given, it is an input
+        return {}
+    stage = state.stages[-1]
+    return inputs_with_feedback(stage.linearised_problem())
+
+
+def _trends(state: SearchState) -> tuple[Trend, ...]:
+    """Return the parameters that change along the records, if a search was made."""
+    if not state.decisions:
+        return ()
+    return parameter_trends(state.stages[-1], state.problem.level, state.problem.seed)
+
+
+def _omnibus_entry(omnibus: Omnibus) -> dict[str, Any]:
+    return {"p": omnibus.p, "rejects": omnibus.rejects, "most": omnibus.leading}
+
+
+def _not_found(state: SearchState) -> tuple[tuple[RefusedEffect, ...], tuple[HiddenEffect, ...]]:
+    """Return the effects that the last scan could not answer for, and those that it did not find."""
+    if not state.decisions:
+        return (), ()
+    decision = state.decisions[-1]
+    present = {(e.kind, e.where) for e in state.stages[-1].effects}
+    refused = [RefusedEffect(e.kind.name, e.where, why) for e, why in decision.refused]
+    for name, why in decision.scan.refused.items():
+        kind, _, where = name.partition("@")
+        if (kind, where) not in present:
+            refused.append(RefusedEffect(kind, where, why))
+    not_found = (Verdict.ABSENT, Verdict.CANNOT_TELL)
+    hidden = [
+        HiddenEffect(
+            r.kind,
+            r.where,
+            float(r.smallest_visible_strength),
+            float(r.strength_that_matters),
+            unit_at(state.stage.system, r.kind, r.where),
+        )
+        for r in decision.scan.rows
+        if r.verdict in not_found and (r.kind, r.where) not in present
+    ]
+    return tuple(refused), tuple(hidden)
+
+
+def _negligible(state: SearchState) -> tuple[NegligibleEffect, ...]:
+    """Return the effects that the last step found to be present, but to change too little."""
+    if not state.decisions:
+        return ()
+    decision = state.decisions[-1]
+    present = {(e.kind, e.where) for e in state.stages[-1].effects}
+    rows = {r.name: r for r in decision.scan.rows if r.verdict is Verdict.NEGLIGIBLE}
+    rows |= {r.name: r for r in decision.irrelevant}
+    negligible = []
+    for r in sorted(rows.values(), key=lambda r: r.delta_bic)[:MOST_NEGLIGIBLE]:
+        if (r.kind, r.where) not in present and r.delta_bic < 0.0:
+            most = int(np.argmax(np.abs(r.expected_strength)))
+            size, std = float(r.expected_strength[most]), float(r.standard_error[most])
+            unit = unit_at(state.stage.system, r.kind, r.where)
+            negligible.append(NegligibleEffect(r.kind, r.where, size, std, float(r.p_value), unit))
+    return tuple(negligible)

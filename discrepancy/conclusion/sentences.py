@@ -1,0 +1,245 @@
+"""The sentences of a conclusion: the answer, its warnings, and what to do next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from discrepancy.conclusion.conclusion import HiddenEffect, NegligibleEffect
+from discrepancy.effects.kinds import kind_named
+from discrepancy.questions.explained_share import explained_share
+from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
+from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
+from multibody.base.quantity_text import quantity_text
+
+__all__ = [
+    "answer",
+    "curve_statement",
+    "kind_title",
+    "manual_checks",
+    "poor_fit_note",
+    "title_of",
+    "title_of_rival",
+    "warnings_about_effects",
+]
+
+#: Multiple of its noise, and share of its spread, from which an output's error is said to be large: chosen.
+LARGE_OVER_NOISE, LARGE_OVER_SPREAD = 10.0, 0.1
+#: Things to do next that are listed.
+MOST_CHECKS = 6
+
+_NUMBER = {1: "one effect", 2: "two effects", 3: "three effects"}
+
+
+def kind_title(kind: str) -> str:
+    """Return a kind in words."""
+    return kind_named(kind.split(" ")[0]).text.title
+
+
+def title_of(accepted: AcceptedEffect) -> str:
+    """Return an accepted effect in words, with its place."""
+    return f"{kind_title(accepted.effect.kind)} at {accepted.effect.where}"
+
+
+def title_of_rival(rival: RivalExplanation) -> str:
+    """Return another explanation in words, with its place or its two places.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> late = RivalExplanation(
+    ...     kind="sensor_delay", where="speed", delta_bic=1.0, refitted=True, indistinguishable=True
+    ... )
+    >>> title_of_rival(late)
+    'a sensor delay at speed'
+    >>> title_of_rival(replace(late, kind="sensor_delay with input_delay@torque"))
+    'a sensor delay at speed with an input delay at torque'
+    """
+    parts = []
+    for name in rival.names:
+        kind, _, where = name.partition("@")
+        kind, _, over = kind.partition(" ")
+        parts.append(f"{kind_named(kind).text.title}{f' ({over})' if over else ''} at {where}")
+    return " with ".join(parts)
+
+
+# -------------------------------------------------------------------- the answer
+
+
+def answer(
+    stages: Sequence[Stage], hidden: Sequence[HiddenEffect], negligible: Sequence[NegligibleEffect], judged_on: str
+) -> str:
+    """Return the answer in two or three sentences.
+
+    Parameters
+    ----------
+    stages : sequence of Stage
+        As given, recalibrated, then one for each effect.
+    hidden : sequence of HiddenEffect
+        Effects that were searched for and not found.
+    negligible : sequence of NegligibleEffect
+        Effects that are present but change too little.
+    judged_on : {"identify", "validate"}
+        Records on which the explained share is computed.
+    """
+    accepted = [s.accepted for s in stages if s.accepted is not None]
+    if not accepted:
+        return _nothing_found(hidden, negligible)
+    names = [title_of(a) for a in accepted]
+    count = _NUMBER.get(len(names), f"{len(names)} effects")
+    text = f"The model lacks {count}: {'; '.join(names)}."
+    text += _error_reduction(stages[1], stages[-1]) + _conflict_without_effects(stages[1], stages[-1])
+    for first, second in pairwise(zip(accepted, names, strict=True)):
+        if first[0].masked_by == str(second[0].effect):
+            text += f" {first[1].capitalize()} and {second[1]} mask each other: either alone changes little."
+    share, _ = explained_share(stages[1], stages[-1], judged_on)
+    text += f" {100 * share:.0f} % of the mean square error above the noise floor is gone."
+    return text + _tie(accepted, names)
+
+
+def _nothing_found(hidden: Sequence[HiddenEffect], negligible: Sequence[NegligibleEffect]) -> str:
+    small = negligible_sentence(negligible)
+    could = [f"{kind_title(kind)} at {where}" for kind, where, mde, delta, _ in hidden if not (mde < delta < math.inf)]
+    base = "No missing effect was found" + (" that would matter" if small else "")
+    if not could:
+        return f"{base}; every effect of the catalogue that would matter would have been detected.{small}"
+    many = f"{len(could)} effects of a size that would matter, for example {could[0]}"
+    return f"{base}.{small} These records could still hide {many}."
+
+
+def negligible_sentence(negligible: Sequence[NegligibleEffect]) -> str:
+    """Return a sentence, with a space before it, about the first effect that is present but changes too little."""
+    if not negligible:
+        return ""
+    kind, where, size, std, p, unit = negligible[0]
+    strength = f"{quantity_text(size, unit)} ± {quantity_text(std, unit, 2)}, p = {p:.1g}"
+    return (
+        f" {kind_title(kind).capitalize()} at {where} is present ({strength}), but its influence on the calibrated "
+        "model is below the noise floor of every output."
+    )
+
+
+def _error_reduction(before: Stage, after: Stage) -> str:
+    """Return by how much the error of the output that falls most has fallen."""
+    part = "validate" if after.validate is not None else "identify"
+    a, b = before.rmse(part), after.rmse(part)
+    name = min(b, key=lambda n: b[n] / a[n] if a[n] > 0 else 1.0)
+    records = "on records that were not used to find it" if part == "validate" else "on the records used to find it"
+    unit = after.system.unit(name)
+    them = "it" if len(after.effects) == 1 else "them"
+    before_text, after_text = quantity_text(a[name], unit), quantity_text(b[name], unit)
+    return f" With {them} the error of {name} falls from {before_text} to {after_text} {records}."
+
+
+def _conflict_without_effects(before: Stage, after: Stage) -> str:
+    """Return which parameters calibration takes out of their stated uncertainty where the effects are left out."""
+    within = {q.name for q in after.identify.parameters} - {q.name for q, _ in prior_conflicts(after.identify)}
+    conflicts = [conflict_text(q, value) for q, value in prior_conflicts(before.identify) if q.name in within]
+    without = "it" if len(after.effects) == 1 else "them"
+    return f" Without {without} the fit needs {' and '.join(conflicts)}." if conflicts else ""
+
+
+def _tie(accepted: Sequence[AcceptedEffect], names: Sequence[str]) -> str:
+    """Return what else the last effect could be, or two effects of the answer together."""
+    for k in reversed(range(len(accepted))):
+        a = accepted[k]
+        pair = bool(a.masked_by) and k > 0 and a.masked_by == str(accepted[k - 1].effect)
+        for other in a.rivals:
+            two = len(other.names) > 1
+            if other.indistinguishable and other.kind != a.effect.kind and (two or a in _last(accepted)):
+                both = names[k - 1 : k + 1] if pair else names[k : k + 2]
+                these = " with ".join(both) if two else names[k]
+                return f" These records cannot distinguish {these} from {title_of_rival(other)}."
+    return ""
+
+
+def _last(accepted: Sequence[AcceptedEffect]) -> Sequence[AcceptedEffect]:
+    """Return the last effect, or the last two where they mask each other."""
+    return accepted[-2:] if accepted[-1].masked_by else accepted[-1:]
+
+
+def verdict_of(accepted: Sequence[AcceptedEffect]) -> str:
+    """Return ``"nothing missing"``, ``"effect found"``, ``"ambiguous"`` or ``"unknown effect"``."""
+    if not accepted:
+        return "nothing missing"
+    if any(a.effect.definition.free_form for a in accepted):
+        return "unknown effect"
+    pairs = any(r.indistinguishable and len(r.names) > 1 for a in accepted for r in a.rivals)
+    return "ambiguous" if pairs or any(a.ambiguous for a in _last(accepted)) else "effect found"
+
+
+def curve_statement(accepted: AcceptedEffect) -> str:
+    """Return what a free curve that was accepted says."""
+    level = "a dry friction whose level depends on the position"
+    over = level if accepted.effect.over == "friction" else f"a function of {accepted.effect.over}"
+    ties = [r for r in accepted.rivals if r.indistinguishable]
+    alias = f" These records do not distinguish it from {ties[0].kind}." if ties else ""
+    where = accepted.effect.where
+    return f"The missing force at {where} is best described as {over}; no law of the catalogue fits as well.{alias}"
+
+
+def poor_fit_note(stage: Stage) -> str:
+    """Return a sentence, with a space before it, that a model does not follow its records, if it does not."""
+    error, shares = stage.rmse("identify"), {}
+    for c, name in enumerate(stage.outputs):
+        spread = float(np.std(np.concatenate([f.experiment.measured[:, c] for f in stage.identify.fits])))
+        large = error[name] > LARGE_OVER_NOISE * stage.noise.get(name, 0.0)
+        if 0.0 < LARGE_OVER_SPREAD * spread < error[name] and large:
+            shares[name] = error[name] / spread
+    if not shares:
+        return ""
+    name = max(shares, key=lambda n: shares[n])
+    return (
+        f" The model does not follow these records: the error of {name} is {100.0 * shares[name]:.0f} % of its spread. "
+        "Something is missing or wrong that was not found."
+    )
+
+
+# -------------------------------------------------------------------- warnings, next steps
+
+
+def warnings_about_effects(stages: Sequence[Stage]) -> list[str]:
+    """Return a warning for every effect that lowers the error of no output on the records held out."""
+    warnings = []
+    for before, after in pairwise(stages):
+        if after.accepted is None or after.validate is None or after.half_of_masking_pair:
+            continue
+        a, b = before.rmse("validate"), after.rmse("validate")
+        if all(b[n] >= a[n] for n in b):
+            warnings.append(
+                f"{title_of(after.accepted).capitalize()} lowers the error on the records used to find it, but of no "
+                "output on those held out: do not trust it."
+            )
+    return warnings
+
+
+def manual_checks(stages: Sequence[Stage], hidden: Sequence[HiddenEffect]) -> tuple[str, ...]:
+    """Return what to check by hand: ties, an effect that could hide, and records to hold out."""
+    accepted = [s.accepted for s in stages if s.accepted is not None]
+    checks = []
+    for a in accepted:
+        for other in a.rivals:
+            if other.indistinguishable and other.kind != a.effect.kind:
+                confirm = kind_named(other.kind.split(" ")[0]).text.confirm
+                checks.append(
+                    f"To tell {title_of(a)} from {title_of_rival(other)}: "
+                    f"{kind_named(a.effect.kind).text.confirm} For the other: {confirm}"
+                )
+            elif other.indistinguishable and other.where != a.effect.where:
+                checks.append(
+                    f"{title_of(a).capitalize()} and at {other.where} look the same to these sensors: measure the "
+                    "force between the two places, or separate them and repeat."
+                )
+    weak = sorted((h for h in hidden if not h[2] < h[3] < math.inf), key=lambda h: -h[2] / max(h[3], 1e-300))
+    if weak and not accepted:
+        kind, where, mde, delta, unit = weak[0]
+        checks.append(
+            f"To rule out {kind_title(kind)} at {where} (detectable above {quantity_text(mde, unit)}, relevant above "
+            f"{quantity_text(delta, unit)}): {kind_named(kind).text.confirm}"
+        )
+    if stages[-1].validate is None:
+        checks.append("Hold out a record ([records] validate): without one the improvement cannot be verified.")
+    return tuple(dict.fromkeys(checks))[:MOST_CHECKS]

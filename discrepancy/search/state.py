@@ -1,0 +1,292 @@
+"""The state of a search: the problem, how model and records are compared, and every stage and decision so far.
+
+The loop (`discrepancy.search.loop`) acts on it, the questions read it, and `discrepancy.study.study.Study` is the same
+state with the methods that users call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from discrepancy.effects.effect import Effect
+from discrepancy.problem.problem import Problem, noise_floors
+from discrepancy.search.moves import (
+    Decision,
+    ScanSettings,
+    propose_effect,
+    propose_pair,
+    require_presence,
+    score_candidates,
+)
+from discrepancy.stages.fit_stage import FittedValues, fitted_stage
+from discrepancy.stages.stage import AcceptedEffect, Stage
+from multibody.base.progress import silent
+
+if TYPE_CHECKING:
+    from discrepancy.residual.prepared_problem import PreparedProblem
+    from discrepancy.search.omnibus import Omnibus
+    from discrepancy.search.prior_conflict_test import PriorConflict
+    from estimation.fit.calibrate import UncertainParameter
+
+__all__ = ["SearchState"]
+
+Answer = TypeVar("Answer")
+
+SHARES = (1.0, 0.3, 0.1, 0.01)  # of the strengths given, with which an effect that is added by hand is fitted
+
+
+@dataclass
+class SearchState:
+    """A model compared with records, and every stage of the search for what it lacks.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model, records and uncertain parameters, as they are used; see ``given``.
+    progress : callable
+        Gets a line of text for everything that takes a while.
+    stages : list of Stage
+        As given, recalibrated, then one for each effect.
+    decisions : list of Decision
+        Of every step that looked for an effect.
+    prepared : PreparedProblem, optional
+        How the residual is taken; chosen when the first stage is made.
+    checkpoint : callable, optional
+        Called with the state whenever a stage has been made, for instance to write its history.
+    elimination_pending : bool
+        True while it is open whether the latest effect has made an earlier one redundant.
+    interrupted : bool
+        True if a search was interrupted; its stages remain.
+    in_windows_instead : bool
+        True if simulations of whole records were replaced by windows.
+    prior_conflict : PriorConflict, optional
+        Parameters that, outside their stated uncertainty, explain as much as the first effect.
+    omnibus : Omnibus, optional
+        Whether the residual follows the machine's inputs; tested where no effect was found.
+    unanswered : list of str
+        Questions that the latest stage could not answer, because its model could not be simulated for them.
+
+    Attributes
+    ----------
+    given : Problem
+        As handed in; ``problem`` may hold windows, or a copy of the model whose motion is prescribed.
+    """
+
+    problem: Problem
+    progress: Callable[[str], None] = silent
+    stages: list[Stage] = field(default_factory=list, kw_only=True)
+    decisions: list[Decision] = field(default_factory=list, kw_only=True)
+    prepared: PreparedProblem | None = field(default=None, kw_only=True)
+    checkpoint: Callable[[SearchState], object] | None = field(default=None, kw_only=True)
+    elimination_pending: bool = field(default=False, kw_only=True)
+    interrupted: bool = field(default=False, kw_only=True)
+    in_windows_instead: bool = field(default=False, kw_only=True)
+    prior_conflict: PriorConflict | None = field(default=None, kw_only=True)
+    omnibus: Omnibus | None = field(default=None, kw_only=True)
+    unanswered: list[str] = field(default_factory=list, kw_only=True)
+
+    def __post_init__(self) -> None:
+        self.given = self.problem
+
+    # ---------------------------------------------------------------- how model and records are compared
+
+    @property
+    def mode(self) -> str:
+        """How the residual is taken: ``"simulation"``, ``"prediction"`` or ``"inverse"``."""
+        return self.prepared.mode if self.prepared is not None else self.problem.residual
+
+    @property
+    def mode_reason(self) -> str:
+        """Why it is taken so."""
+        return self.prepared.reason if self.prepared is not None else "chosen when the first stage is made"
+
+    def prepare(self) -> None:
+        """Choose how model and records are compared, if that has not been done yet."""
+        from discrepancy.residual.residual_mode import prepared_problem
+
+        if self.prepared is None:
+            self._take(prepared_problem(self.problem, self.progress))
+
+    def _take(self, prepared: PreparedProblem) -> None:
+        from discrepancy.residual.tolerances import with_tolerances
+
+        self.prepared = prepared
+        self.problem = with_tolerances(prepared.problem)
+
+    def cut_into_windows(self, errors: Mapping[str, float] | None = None) -> bool:
+        """Begin again with windows if simulations with these errors (or any) do not follow; tell whether that is so."""
+        from discrepancy.residual.residual_mode import problem_in_windows
+
+        windows = problem_in_windows(self.given, errors, self.progress)
+        if windows is None:
+            return False
+        self._take(windows)
+        self.in_windows_instead = True
+        self.stages.clear()
+        self.decisions.clear()
+        self.unanswered.clear()
+        self.omnibus = None
+        return True
+
+    # ---------------------------------------------------------------- stages
+
+    @property
+    def stage(self) -> Stage:
+        """The latest stage; the first call makes "as given" and "recalibrated"."""
+        if not self.stages:
+            self._begin()
+        return self.stages[-1]
+
+    @property
+    def accepted_stages(self) -> list[Stage]:
+        """The stages that the search has made, each with one accepted effect more."""
+        return [s for s in self.stages if s.accepted is not None]
+
+    def _begin(self) -> None:
+        self.prepare()
+        self.progress("simulate the model as given")
+        noise = noise_floors(self.problem.identify, self.problem.noise)
+        self.stages.append(self.fitted("as given", (), None, noise, calibrated=False))
+        self.progress("recalibrate the uncertain parameters")
+        self.stages.append(self.fitted("recalibrated", (), None, noise))
+        self.save()
+
+    def save(self) -> None:
+        """Call the checkpoint: a stage has been made or changed."""
+        if self.checkpoint is not None:
+            self.checkpoint(self)
+
+    def if_simulated(self, question: str, answer: Callable[[], Answer]) -> Answer | None:
+        """Return an answer; None, and a note in ``unanswered``, where the latest model cannot be simulated for it."""
+        from multibody.base.errors import SimulationError
+
+        try:
+            return answer()
+        except SimulationError as error:
+            self.unanswered.append(f"not tested on '{self.stages[-1].name}': {question}: {error}")
+            self.progress(self.unanswered[-1])
+            return None
+
+    # ---------------------------------------------------------------- fits
+
+    def fitted(
+        self, name: str, effects: tuple[Effect, ...], start: Stage | None, noise: Any, **options: Any
+    ) -> Stage:
+        """Return a fitted stage of this problem; options as of `fitted_stage`."""
+        return fitted_stage(
+            self.problem, self.given.model, name, effects, start, noise, progress=self.progress, **options
+        )
+
+    def restored(
+        self,
+        name: str,
+        effects: tuple[Effect, ...],
+        values: Mapping[str, float],
+        own: Sequence[np.ndarray],
+        scale: Mapping[str, float],
+        noise: Mapping[str, float],
+        *,
+        moved: bool = True,
+    ) -> Stage:
+        """Return a stage at the values of an earlier fit; only each held-out record's own unknowns are fitted."""
+        return self.fitted(name, effects, None, dict(noise), calibrated=moved, values=FittedValues(values, own, scale))
+
+    def with_effect(self, effect: Effect, instead_of: Sequence[Effect] = (), **options: bool) -> Stage:
+        """Return the latest stage with an effect added, or replacing others, and everything fitted again."""
+        current = self.stage
+        kept = tuple(e for e in current.effects if e not in instead_of)
+        return self.fitted(f"+ {effect}", (*kept, effect), current, current.noise, **options)
+
+    def effect_on_trial(self, effect: Effect, instead_of: Sequence[Effect] = (), from_prior: bool = False) -> Stage:
+        """Return the latest stage with an effect added, or replacing others, fitted on trial.
+
+        ``from_prior`` begins from the parameters as stated instead of from those of the latest fit.
+        """
+        return self.with_effect(effect, instead_of, trial=True, from_prior=from_prior)
+
+    def on_trial(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
+        """Return a stage fitted on trial; the same fit from the same stage is made once."""
+        fitted = partial(self.fitted, name, effects, start, start.noise, trial=True)
+        return start.trial_fit(name, effects, fitted)
+
+    def with_priors(self, uncertain: tuple[UncertainParameter, ...], start: Stage) -> Stage:
+        """Return a stage's model fitted on trial with other priors of the uncertain parameters."""
+        problem = replace(self.problem, uncertain=uncertain)
+        return fitted_stage(
+            problem, self.given.model, start.name, start.effects, start, start.noise, trial=True, progress=self.progress
+        )
+
+    # ---------------------------------------------------------------- one step
+
+    def add(self, effect: Effect, accepted: AcceptedEffect | None = None) -> Stage:
+        """Add an effect to the model, fit again, and make that the latest stage.
+
+        Where the machine cannot be simulated with the strengths given, the fit begins at smaller ones.
+
+        Raises
+        ------
+        SimulationError
+            If the machine cannot be simulated with a hundredth of them either.
+        """
+        from multibody.base.errors import SimulationError
+
+        stage = None
+        for share in SHARES:
+            smaller = replace(effect, strengths={k: share * v for k, v in effect.strengths.items()})
+            try:
+                stage = self.with_effect(smaller)
+                break
+            except SimulationError as error:
+                reason = error
+                self.progress(f"{effect} with {share:g} of its strengths could not be simulated")
+        if stage is None:
+            raise SimulationError(
+                f"{effect} cannot be added: the machine cannot be simulated from its start values, not even with "
+                f"{SHARES[-1]:g} of the strengths ({', '.join(f'{k} = {v:g}' for k, v in effect.strengths.items())}); "
+                f"give smaller ones, or other values of {', '.join(effect.shape) or 'the model'}. {reason}"
+            ) from reason
+        self.stages.append(replace(stage, accepted=accepted))
+        self.save()
+        return self.stages[-1]
+
+    def undo(self) -> Stage:
+        """Remove the latest effect."""
+        if len(self.stages) > 2:
+            self.stages.pop()
+        return self.stage
+
+    def explain(self) -> Decision:
+        """Score every candidate on the latest stage and refit the best; nothing is added yet."""
+        stage = self.stage  # the first call makes stages
+        settings = self._scan_settings(len(self.stages))
+        decision = propose_effect(stage, self.effect_on_trial, **settings)
+        if self.problem.max_effects - len(stage.effects) > 1:
+            decision = propose_pair(decision, stage, self.on_trial, **settings)
+        decision = require_presence(decision, stage, lambda t: self.fitted(t.name, t.effects, t, t.noise))
+        self.decisions.append(decision)
+        self.stages[-1] = replace(stage, scan=decision.scan)
+        return decision
+
+    def _scan_settings(self, count: int) -> ScanSettings:
+        """Return how candidates are scored on the last of so many stages."""
+        given = self.problem
+        return {
+            "include": given.include, "exclude": given.exclude, "level": given.level, "seed": given.seed + count,
+            "progress": self.progress,
+        }  # fmt: skip
+
+    def scan_again(self) -> None:
+        """Score the candidates again at the stages whose scan is not known any more.
+
+        A history holds the stages of an interrupted search without their scans.
+        """
+        for k, after in enumerate(self.stages[1:], 1):
+            before = self.stages[k - 1]
+            if after.accepted is not None and before.scan is None:
+                scans, *_ = score_candidates(before, **self._scan_settings(k))
+                self.stages[k - 1] = replace(before, scan=scans[0])
