@@ -12,8 +12,8 @@ from collections.abc import Callable
 from gear_runs import Rates, paper
 
 from gearbox.files.parameters import StageParameters
-from gearbox.parts.box import box_modes
-from gearbox.stage.stage import Stage
+from gearbox.parts.shipped_housing import box_modes
+from gearbox.stage.stage import GearStage
 
 
 def bench_paper() -> Callable[[], float]:
@@ -23,35 +23,35 @@ def bench_paper() -> Callable[[], float]:
 
 def bench_modes_8() -> Callable[[], float]:
     """8 modes"""
-    return Rates(Stage.paper(modes=box_modes().first(8)))
+    return Rates(GearStage.paper(modes=box_modes().first(8)))
 
 
 def bench_modes_0() -> Callable[[], float]:
     """no modes: seats that stand still"""
-    return Rates(Stage.paper(housing="clamped"))
+    return Rates(GearStage.paper(housing="clamped"))
 
 
 def bench_teeth() -> Callable[[], float]:
     """64/88 teeth of half the module"""
     gears = {"teeth_1": 64.0, "teeth_2": 88.0, "module": 1.75e-3}
-    return Rates(Stage(StageParameters.paper().replaced("gears", **gears)))
+    return Rates(GearStage(StageParameters.paper().replaced("gears", **gears)))
 
 
 def bench_slices_16() -> Callable[[], float]:
     """16 fixed slices"""
-    return Rates(Stage.paper(slices=16))
+    return Rates(GearStage.paper(slices=16))
 
 
 def bench_slices_31() -> Callable[[], float]:
     """31 fixed slices"""
-    return Rates(Stage.paper(slices=31))
+    return Rates(GearStage.paper(slices=31))
 
 
 def bench_slices_62() -> Callable[[], float]:
     """62 fixed slices"""
-    return Rates(Stage.paper(slices=62))
+    return Rates(GearStage.paper(slices=62))
 
 
 def bench_imperfect() -> Callable[[], float]:
     """with all imperfections and bearing defects, all zero"""
-    return Rates(Stage.paper(imperfect=True, bearing_defects=True))
+    return Rates(GearStage.paper(imperfect=True, bearing_defects=True))

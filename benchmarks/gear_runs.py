@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gearbox.stage.stage import Stage
+from gearbox.stage.stage import GearStage
 
 SPEED, TORQUE = 1000.0, 150.0
 #: Start of the paper's updating, its updated point (Table 4), and a corner of Table 3 with its stiffest damper.
@@ -51,11 +51,11 @@ class Rates:
 
     Parameters
     ----------
-    stage : Stage
+    stage : GearStage
     """
 
-    def __init__(self, stage: Stage, count: int = 2000):
-        from gearbox.stage.running import moving_state
+    def __init__(self, stage: GearStage, count: int = 2000):
+        from gearbox.stage.static_equilibrium import moving_state
         from multibody.compile.native import load_driver
 
         system = self.system = stage.system
@@ -83,6 +83,6 @@ class Rates:
 
 
 @lru_cache(maxsize=1)
-def paper() -> Stage:
+def paper() -> GearStage:
     """Return the paper's stage: both gears with six motions, 16 modes of the housing, 58 states."""
-    return Stage.paper()
+    return GearStage.paper()

@@ -9,5 +9,5 @@ MOVED = {
     "gearbox.rig_hidden": "gearbox.rig.hidden",
     "gearbox.running": "gearbox.stage.running",
     "gearbox.shafts": "gearbox.parts.shafts",
-    "gearbox.vibrating": "gearbox.stage.vibrating",
+    "gearbox.vibrating": "gearbox.stage.stage",
 }

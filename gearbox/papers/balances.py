@@ -6,7 +6,7 @@ import numpy as np
 
 from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter, PaperRow, compared
 from gearbox.papers.printed import PAPER
-from gearbox.stage.stage import Stage, simulate
+from gearbox.stage.stage import GearStage, simulate
 
 __all__ = ["balances_chapter"]
 
@@ -16,7 +16,7 @@ _ENERGIES = ("stored", "lost", "supplied")
 
 def balances_chapter() -> PaperChapter:
     """Return the chapter of static transmission, energy balance, mesh lines and efficiency at the base condition."""
-    stage = Stage.paper()
+    stage = GearStage.paper()
     law = TORQUE / (stage.pair.base_radii[1] * float(np.cos(stage.pair.base_helix_angle)))
     residual, shares = _energies(stage)
     efficiency = 1.0 - sum(shares.values())
@@ -58,7 +58,7 @@ def balances_chapter() -> PaperChapter:
     return PaperChapter(paper=PAPER, place="Section 4.1", title="balances of the model", rows=rows)
 
 
-def _at_rest(stage: Stage) -> float:
+def _at_rest(stage: GearStage) -> float:
     found, system = [], stage.system
     for angle in (np.arange(8) + 0.5) / 8.0 * 2.0 * np.pi / stage.pair.teeth_1:
         state = stage.static_state(TORQUE, angle=float(angle))
@@ -67,7 +67,7 @@ def _at_rest(stage: Stage) -> float:
     return float(np.mean(found))
 
 
-def _energies(stage: Stage) -> tuple[float, dict[str, float]]:
+def _energies(stage: GearStage) -> tuple[float, dict[str, float]]:
     """Return the residual of the balance and the shares of the power that are lost, over eight mesh cycles."""
     duration = 8 * 60.0 / (SPEED * stage.pair.teeth_1)
     lost = {"tooth friction": "mesh.friction_loss", "contact damping": "mesh.contact_loss"}
@@ -82,7 +82,7 @@ def _energies(stage: Stage) -> tuple[float, dict[str, float]]:
     return float(np.max(np.abs(stored + gone - given)) / gone[-1]), shares
 
 
-def _mesh_share(stage: Stage) -> float:
+def _mesh_share(stage: GearStage) -> float:
     from gearbox.signals.lines import energy_share
     from gearbox.signals.signal import Signal
 

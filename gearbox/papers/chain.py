@@ -95,7 +95,7 @@ def chain_on_rig(
 
 def rig_vibration(housing: str) -> Any:
     """Return the paper's stage in a housing as `gearbox.updating.runs.Runs` asks for it, also in another process."""
-    from gearbox.stage.vibrating import build
+    from gearbox.stage.stage import build
 
     return build(housing=housing).vibration
 

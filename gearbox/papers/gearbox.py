@@ -146,7 +146,7 @@ def _table_5() -> PaperChapter:
 def _table_6(tell: Progress) -> PaperChapter:
     from gearbox.files.operating_condition import OperatingCondition
     from gearbox.signals.main_components import main_components
-    from gearbox.stage.vibrating import build
+    from gearbox.stage.stage import build
 
     stage, rows = build(), []
     for name, rpm, torque, _, meshes, theirs in TABLE_5_6:

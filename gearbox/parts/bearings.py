@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gearbox.parts.contact import bell
+from gearbox.parts.tooth_contact import bell
 from multibody.declare.component import Component
 from multibody.declare.declarations import Energy, Input, Option, Output, Parameter, Power, Rotation, Translation
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from gearbox.files.errors import GearError
+from gearbox.parts.housing_modes import AXES, SEATS, SENSORS, ModeSet
 from multibody.declare.component import Component
 from multibody.declare.declarations import Energy, Option, Output, Parameter, Power, State, Translation
 from multibody.equations.statements import variable
@@ -11,17 +13,11 @@ from multibody.equations.statements import variable
 if TYPE_CHECKING:
     from collections.abc import MutableMapping
 
-    from gearbox.parts.modes import ModeSet
     from multibody.assembly.equation_set import Assembly
 
-__all__ = ["AXES", "MAX_MODES", "SEATS", "SENSORS", "FlexibleHousing", "housing_component"]
+__all__ = ["MAX_MODES", "FlexibleHousing", "housing_component"]
 
 MAX_MODES = 40
-AXES = ("x", "y", "z")
-#: bearing seats: of the input and the output shaft, at the low and the high end of z
-SEATS = ("input_low", "input_high", "output_low", "output_high")
-#: accelerometers, as in digital twin-assisted gearbox updating, section 4
-SENSORS = ("input_seat", "output_seat", "base")
 
 
 def _declare(body: MutableMapping[str, Any]) -> None:
@@ -110,14 +106,11 @@ def housing_component(modes: ModeSet) -> FlexibleHousing:
     GearError
         If there are more modes than the component takes, or the housing stands on nothing.
     """
-    from gearbox.files.errors import GearError
-
     if (modes.frequencies <= 0.0).any():
         raise GearError(
             f"the mode set '{modes.name}'",
             ["it has modes of frequency zero, so it is held by nothing: put it on mounts with on_mounts(stiffness)"],
         )
-
     count = modes.frequencies.size
     if count > MAX_MODES:
         raise GearError(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gearbox.files.errors import GearError
 from gearbox.parts.housing import SEATS
-from gearbox.parts.modes import PLACES, ModeSet
+from gearbox.parts.housing_modes import PLACES, ModeSet
 
 __all__ = ["BoxHousing", "box_housing_modes"]
 
@@ -90,7 +90,7 @@ def box_housing_modes(
         Ratio of all modes; finite elements know nothing of it.
     held : bool
         True: the feet stand still.  False: the box is free, its first six modes are those of a rigid body, and its feet
-        are mounts, for `gearbox.parts.modes.ModeSet.on_mounts`.
+        are mounts, for `gearbox.parts.housing_modes.ModeSet.on_mounts`.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from gearbox.stage.faults import FAULTS, HEALTHY, combined, damageable, fault
 if TYPE_CHECKING:
     import pandas
 
-    from gearbox.stage.stage import Stage
+    from gearbox.stage.stage import GearStage
 
 __all__ = ["DatasetPlan", "Sample", "write_dataset"]
 
@@ -147,7 +147,7 @@ class Sample:
         }  # fmt: skip
 
 
-def record(stage: Stage, sample: Sample, plan: DatasetPlan) -> pandas.DataFrame:
+def record(stage: GearStage, sample: Sample, plan: DatasetPlan) -> pandas.DataFrame:
     """Return one recording, columns ``name [unit]``."""
     import pandas
 
@@ -168,11 +168,11 @@ def record(stage: Stage, sample: Sample, plan: DatasetPlan) -> pandas.DataFrame:
 
 
 @lru_cache(maxsize=2)
-def _stage_of(make: Callable[[], Stage]) -> Stage:
+def _stage_of(make: Callable[[], GearStage]) -> GearStage:
     return damageable(make())
 
 
-def _write_one(make: Callable[[], Stage], sample: Sample, plan: DatasetPlan, folder: Path) -> str:
+def _write_one(make: Callable[[], GearStage], sample: Sample, plan: DatasetPlan, folder: Path) -> str:
     path = folder / "signals" / f"{sample.name}.{plan.format}"
     frame = record(_stage_of(make), sample, plan)
     draft = path.with_name(path.name + ".part")
@@ -184,18 +184,18 @@ def _write_one(make: Callable[[], Stage], sample: Sample, plan: DatasetPlan, fol
     return sample.name
 
 
-def paper_stage() -> Stage:
+def paper_stage() -> GearStage:
     """Return the paper's stage with all imperfections of severity zero."""
-    from gearbox.stage.stage import Stage
+    from gearbox.stage.stage import GearStage
 
-    return Stage.paper(imperfect=True, bearing_defects=True)
+    return GearStage.paper(imperfect=True, bearing_defects=True)
 
 
 def write_dataset(
     folder: str | Path,
     plan: DatasetPlan | None = None,
     *,
-    make: Callable[[], Stage] = paper_stage,
+    make: Callable[[], GearStage] = paper_stage,
     executor: Executor | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> pandas.DataFrame:
@@ -246,7 +246,7 @@ def write_dataset(
 
 
 def _made(
-    executor: Executor | None, make: Callable[[], Stage], samples: Sequence[Sample], plan: DatasetPlan, folder: Path
+    executor: Executor | None, make: Callable[[], GearStage], samples: Sequence[Sample], plan: DatasetPlan, folder: Path
 ) -> Iterable[str]:
     if executor is None:
         return (_write_one(make, s, plan, folder) for s in samples)

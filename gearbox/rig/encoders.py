@@ -54,9 +54,9 @@ def build(speed: float = 600.0, torque: float = 120.0) -> Model:
     speed : float, r/min
     torque : float, N m
     """
-    from gearbox.stage.stage import Stage
+    from gearbox.stage.stage import GearStage
 
-    return Stage.torsional(housing="clamped", imperfect=True).moving(speed, torque)
+    return GearStage.torsional(housing="clamped", imperfect=True).moving(speed, torque)
 
 
 def study() -> str:

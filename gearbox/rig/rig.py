@@ -23,7 +23,7 @@ from gearbox.signals.signal import Signal
 from multibody.base.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from gearbox.stage.stage import Stage
+    from gearbox.stage.stage import GearStage
 
 __all__ = ["CONDITIONS", "GearRig", "RigRecording", "main", "make_gear", "record"]
 
@@ -171,13 +171,14 @@ class RigRecording:
         return Recording(self.reported, signals)
 
 
-def true_stage(rig: GearRig, faults: Sequence[HiddenFault]) -> tuple[Stage, dict[str, float]]:
+def true_stage(rig: GearRig, faults: Sequence[HiddenFault]) -> tuple[GearStage, dict[str, float]]:
     """The stage on the rig and the values of its parameters by full name."""
-    from gearbox.stage.stage import Stage, Structure
+    from gearbox.stage.model import Structure
+    from gearbox.stage.stage import GearStage
 
     pits = any(f.kind.kind == "bearing_defect" for f in faults)
     structure = Structure(housing=rig.housing, imperfect=bool(faults), bearing_defects=pits)
-    stage = Stage(None, structure, name="rig of a gear stage")
+    stage = GearStage(None, structure, name="rig of a gear stage")
     mesh = stage.components["mesh"]
     for fault in faults:
         mesh.tables.update(fault.patterns(TEETH))

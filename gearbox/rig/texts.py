@@ -40,7 +40,7 @@ def study(rig: GearRig) -> str:
 # vtsdt update-gearbox study.toml --out updating
 
 [model]
-build = "gearbox.stage.vibrating:build"
+build = "gearbox.stage:build"
 {arguments}
 [uncertain]  # for vtsdt diagnose and vtsdt compare; SI
 "mesh.K" = {{ value = 8.6e5, min = 4.3e5, max = 12.9e5 }}

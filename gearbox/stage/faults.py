@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
 import numpy as np
 
 from gearbox.files.errors import GearError
+from gearbox.stage.model import GearModel
 from multibody.base.spelling import nearest
-
-if TYPE_CHECKING:
-    from gearbox.stage.stage import Stage
 
 __all__ = ["BEARINGS", "FAULTS", "HEALTHY", "Fault", "FaultKind", "combined", "damageable", "fault"]
 
 BEARINGS = ("input_low", "input_high", "output_low", "output_high")
 GEARS = ("input_gear", "output_gear")
 SHAFTS = ("input_shaft", "output_shaft")
-#: label of a stage without any fault
+AnyStage = TypeVar("AnyStage", bound=GearModel)
+#: Label of a stage without any fault.
 HEALTHY = "healthy"
 
 
@@ -222,10 +222,8 @@ def combined(faults: Iterable[Fault]) -> dict[str, float]:
     return found
 
 
-def damageable(stage: Stage) -> Stage:
+def damageable(stage: AnyStage) -> AnyStage:
     """Return the same stage with a structure that can have faults, all of severity zero."""
-    import dataclasses
-
     if stage.structure.imperfect and stage.structure.bearing_defects:
         return stage
     structure = dataclasses.replace(stage.structure, imperfect=True, bearing_defects=True)

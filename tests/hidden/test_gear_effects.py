@@ -14,26 +14,26 @@ from discrepancy.effects.catalogue import catalogue
 from discrepancy.problem.problem import make_experiments
 from estimation.files.record import Record, Signal
 from gearbox.stage.effects import GEAR_KINDS
-from gearbox.stage.stage import Stage
+from gearbox.stage.stage import GearStage
 
 OUTPUTS = {"transmission_error": "m", "drive_torque": "N*m"}
 SPEED, TORQUE = 300.0, 100.0
 
 
 def test_a_gear_stage_offers_its_effects() -> None:
-    rich = Stage.paper(imperfect=True, bearing_defects=True)
+    rich = GearStage.paper(imperfect=True, bearing_defects=True)
     system = rich.build(outputs=["a_base_y"], compiled=False)
     found = {e.name for e in catalogue(system, ["a_base_y"], ["torque"])}
     assert {k.name for k in GEAR_KINDS} <= {name.partition("@")[0] for name in found}
     assert {"eccentricity@mesh.gear_2", "unbalance@input_shaft", "bearing_defect@output_high", "wear@mesh"} <= found
-    plain = Stage.paper().build(outputs=["a_base_y"], compiled=False)
+    plain = GearStage.paper().build(outputs=["a_base_y"], compiled=False)
     names = {e.kind.name for e in catalogue(plain, ["a_base_y"], ["torque"])}
     assert "eccentricity" not in names  # a stage built without imperfections has none to offer
     assert "unbalance" in names
 
 
 def test_the_derivative_by_a_severity_is_that_of_the_simulation() -> None:
-    stage = Stage.torsional(housing="clamped", imperfect=True)
+    stage = GearStage.torsional(housing="clamped", imperfect=True)
     model = stage.moving(SPEED, TORQUE)
     time = np.arange(100) * 5e-4
     given = {"speed": (SPEED * np.pi / 30, "rad/s"), "torque": (TORQUE, "N*m")}

@@ -9,7 +9,7 @@ import pytest
 
 from gearbox.files.geometry import GearPair
 from gearbox.files.parameters import StageParameters, hertz_stiffness
-from gearbox.stage.stage import Stage, simulate
+from gearbox.stage.stage import GearStage, simulate
 
 #: Table 5: speed in r/min, load in N m, and the joint speed printed there in °/s; Table 6: mesh frequency and its
 #: harmonics, and the main components of the paper's virtual signals, Hz
@@ -22,8 +22,8 @@ CONDITIONS = [
 
 
 @cache
-def stage() -> Stage:
-    return Stage.paper()
+def stage() -> GearStage:
+    return GearStage.paper()
 
 
 def peaks(signal: np.ndarray, rate: float, near: tuple[float, ...]) -> list[float]:

@@ -12,7 +12,7 @@ from gearbox.papers import gearbox as papers
 from gearbox.papers.chain import LOADS, SENSORS, chain_on_rig, one_load, rig_recordings, success
 from gearbox.papers.surface import eq_18_chapter, figs_9_10
 from gearbox.signals.main_components import main_components
-from gearbox.stage.vibrating import build
+from gearbox.stage.stage import build
 
 #: Chain on the rig whose truth lies inside the model.
 DESIGNS = 10

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gearbox.stage.faults import FAULTS, combined, fault
-from gearbox.stage.stage import Stage
+from gearbox.stage.stage import GearStage
 from multibody.system.trajectory import Trajectory
 
 F_1 = 1000.0 / 60.0
@@ -20,8 +20,8 @@ RATE = 6400.0
 
 
 @cache
-def stage() -> Stage:
-    return Stage.paper(imperfect=True, bearing_defects=True)
+def stage() -> GearStage:
+    return GearStage.paper(imperfect=True, bearing_defects=True)
 
 
 @cache

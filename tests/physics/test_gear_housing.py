@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from gearbox.files.errors import GearError
-from gearbox.parts.box import PLACES as PLACED
-from gearbox.parts.box import box_modes
 from gearbox.parts.housing import SEATS, SENSORS, housing_component
-from gearbox.parts.modes import ModeSet, read_modes, rigid_modes, write_modes
-from gearbox.stage.stage import Stage
+from gearbox.parts.housing_modes import ModeSet, read_modes, rigid_modes, write_modes
+from gearbox.parts.shipped_housing import PLACES as PLACED
+from gearbox.parts.shipped_housing import box_modes
+from gearbox.stage.stage import GearStage
 
 MASS, INERTIA, SPAN = 28.0, (0.35, 0.55, 0.62), 0.14
 FEET = {f"mount_{k}": (sx * SPAN, -0.125, sz * SPAN) for k, (sx, sz) in enumerate(
@@ -78,7 +78,7 @@ def test_a_mode_file_holds_mounts(tmp_path: Path) -> None:
 
 
 def test_a_stage_stands_on_elastic_mounts() -> None:
-    stage = Stage.paper(modes=free_body().on_mounts(4e7))
+    stage = GearStage.paper(modes=free_body().on_mounts(4e7))
     assert len(stage.build(compiled=False).states) == 2 * 12 + 2 * 6 + 2
 
 
@@ -102,7 +102,7 @@ def test_a_coarser_box_is_hardly_stiffer_than_the_shipped_one() -> None:
 
 @pytest.mark.slow
 def test_the_shipped_modes_are_what_the_command_computes() -> None:
-    """``python -m gearbox.parts.box``; the file has six digits."""
+    """``python -m gearbox.parts.shipped_housing``; the file has six digits."""
     pytest.importorskip("skfem", reason="scikit-fem is not installed (the extra [fem])")
     from gearbox.parts.housing_fem import box_housing_modes
 

@@ -14,7 +14,7 @@ from gearbox.files.geometry import GearPair
 from gearbox.files.parameters import StageParameters
 from gearbox.parts.mesh import HelicalMesh
 from gearbox.parts.shafts import GearShaft
-from gearbox.stage.stage import MOTIONS, line_count, mesh_values
+from gearbox.stage.model import MOTIONS, line_count, mesh_values
 from multibody import Model
 from multibody.machine.model import System
 

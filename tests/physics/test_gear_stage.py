@@ -9,20 +9,20 @@ import pytest
 
 from gearbox.parts.bearings import BearingBushing, SeatLoad
 from gearbox.parts.housing import SEATS
-from gearbox.stage.stage import Stage
+from gearbox.stage.stage import GearStage
 from multibody import Model
 from multibody.machine.model import System
 
 
 @cache
-def stage() -> Stage:
-    return Stage.paper()
+def stage() -> GearStage:
+    return GearStage.paper()
 
 
 @cache
-def energetic() -> tuple[Stage, System]:
+def energetic() -> tuple[GearStage, System]:
     """The richest structure: damage possible, energies integrated."""
-    found = Stage.paper(imperfect=True, bearing_defects=True)
+    found = GearStage.paper(imperfect=True, bearing_defects=True)
     names = [
         *found.outputs,
         "energy.stored",
@@ -198,7 +198,7 @@ def test_stiff_bearings_pass_on_what_the_lever_rule_says() -> None:
 
 def test_a_torsional_stage_pushes_its_housing_alike() -> None:
     """In slow quasi-static running shafts that give way and shafts that do not load the housing the same."""
-    full, reduced = stage(), Stage.torsional()
+    full, reduced = stage(), GearStage.torsional()
     a = full.static_state(150.0)
     b = reduced.static_state(150.0, system=reduced.build(compiled=False))
     names = [f"housing.q_{k}" for k in range(1, 17)]

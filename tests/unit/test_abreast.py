@@ -118,9 +118,9 @@ def test_rates_of_the_lift_in_lanes_are_those_of_each(machine):
 
 
 def test_contact_of_teeth_is_left_to_each_run_and_that_soon():
-    from gearbox.stage.stage import Stage
+    from gearbox.stage.stage import GearStage
 
-    assert rhs_abreast(Stage.paper().system.rhs_function, LANES) == 0
+    assert rhs_abreast(GearStage.paper().system.rhs_function, LANES) == 0
 
 
 SWING = """import math

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from gearbox.parts.contact import INNER, OUTER, let_go
 from gearbox.parts.contact_laws import SERIES, friction_coefficient, friction_coefficients, impact, near_powers
-from gearbox.parts.mesh_forms import waves
+from gearbox.parts.mesh import waves
+from gearbox.parts.tooth_contact import INNER, OUTER, let_go
 
 TABLE_2 = (0.1, 1e-3, 0.08, 1e-2)
 PLACES = (-OUTER, -INNER, INNER, OUTER)

@@ -12,7 +12,7 @@ from gearbox.files.errors import GearError
 from gearbox.rig import dataset
 from gearbox.rig.dataset import DatasetPlan, write_dataset
 from gearbox.stage.faults import FAULTS, combined, damageable, fault
-from gearbox.stage.stage import Stage
+from gearbox.stage.stage import GearStage
 
 SMALL = DatasetPlan(labels=("healthy", "unbalance@output_shaft"), severities=(0.5,), speeds=(1000.0, 1006.0),
                     repeats=2, duration=0.02, rate=2000.0)  # fmt: skip
@@ -31,11 +31,11 @@ class _Run:
 def quick(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]:
     asked: list[dict[str, float]] = []
 
-    def simulate(self: Stage, speed: float, torque: float, duration: float, **options: object) -> _Run:
+    def simulate(self: GearStage, speed: float, torque: float, duration: float, **options: object) -> _Run:
         asked.append(dict(options["parameters"]))  # type: ignore[call-overload]
         return _Run()
 
-    monkeypatch.setattr(Stage, "simulate", simulate)
+    monkeypatch.setattr(GearStage, "simulate", simulate)
     return asked
 
 
@@ -115,7 +115,7 @@ def test_plans_that_make_no_sense_are_refused(changes: dict[str, object], told: 
 
 
 def test_faults_can_be_combined_unless_they_clash() -> None:
-    stage = damageable(Stage.paper(housing="clamped"))
+    stage = damageable(GearStage.paper(housing="clamped"))
     values = combined([fault("eccentricity", "input_gear", 0.1), fault("wear")])
     assert values["mesh.eccentricity_1"] == pytest.approx(5e-6)
     assert values["mesh.wear"] == pytest.approx(20e-6)

@@ -9,10 +9,11 @@ import pytest
 
 from gearbox.files.errors import GearError
 from gearbox.files.parameters import StageParameters
-from gearbox.parts.box import box_modes
 from gearbox.parts.housing import SEATS, SENSORS, housing_component
-from gearbox.parts.modes import ModeSet, clamped_modes, read_modes, rigid_modes, write_modes
-from gearbox.stage.stage import Stage, Structure
+from gearbox.parts.housing_modes import ModeSet, clamped_modes, read_modes, rigid_modes, write_modes
+from gearbox.parts.shipped_housing import box_modes
+from gearbox.stage.model import Structure
+from gearbox.stage.stage import GearStage
 
 PLACES = {p: (0.1 * k, 0.05 * k, -0.1) for k, p in enumerate((*SEATS, *SENSORS))}
 
@@ -119,34 +120,35 @@ def test_a_parameter_file_changes_what_it_names(tmp_path: Path) -> None:
 
 def test_parts_that_do_not_fit_are_refused() -> None:
     with pytest.raises(GearError, match="root diameter"):
-        Stage(StageParameters.paper().replaced("input_shaft", diameter=0.2))
+        GearStage(StageParameters.paper().replaced("input_shaft", diameter=0.2))
     with pytest.raises(GearError, match="inside the gear"):
-        Stage(StageParameters.paper().replaced("output_shaft", seat=0.01))
+        GearStage(StageParameters.paper().replaced("output_shaft", seat=0.01))
     with pytest.raises(GearError, match=r"\[gears\] .*contact ratio"):
-        Stage(StageParameters.paper().replaced("gears", addendum=0.5))
+        GearStage(StageParameters.paper().replaced("gears", addendum=0.5))
     with pytest.raises(GearError, match=r"no motion 'roll'"):
-        Stage(structure=Structure(input_free=("roll", "spin")))
+        GearStage(structure=Structure(input_free=("roll", "spin")))
     with pytest.raises(GearError, match="spin must be free"):
-        Stage(structure=Structure(output_free=("x",)))
+        GearStage(structure=Structure(output_free=("x",)))
     with pytest.raises(GearError, match="clamped"):
-        Stage(structure=Structure(housing="soft"))
+        GearStage(structure=Structure(housing="soft"))
 
 
 def test_degrees_of_freedom_are_structure() -> None:
-    def states(stage: Stage) -> int:
+    def states(stage: GearStage) -> int:
         return len(stage.build(compiled=False).states)
 
-    assert states(Stage.paper()) == 2 * 12 + 2 * 16 + 2
-    assert states(Stage.paper(housing="rigid")) == 2 * 12 + 2 * 6 + 2
-    assert states(Stage.paper(housing="clamped")) == 2 * 12 + 2
-    assert states(Stage.torsional(housing="clamped")) == 2 * 2 + 2
-    assert states(Stage.paper(housing="clamped", input_free=("x", "y", "spin"))) == 6 + 12 + 2
+    assert states(GearStage.paper()) == 2 * 12 + 2 * 16 + 2
+    assert states(GearStage.paper(housing="rigid")) == 2 * 12 + 2 * 6 + 2
+    assert states(GearStage.paper(housing="clamped")) == 2 * 12 + 2
+    assert states(GearStage.torsional(housing="clamped")) == 2 * 2 + 2
+    assert states(GearStage.paper(housing="clamped", input_free=("x", "y", "spin"))) == 6 + 12 + 2
     rigid_drive = StageParameters.paper().replaced("drive", stiffness=float("inf"))
-    assert states(Stage(rigid_drive, Structure(housing="clamped"))) == 2 * 12  # the drive's two states are the pinion's
+    # the drive's two states are the pinion's
+    assert states(GearStage(rigid_drive, Structure(housing="clamped"))) == 2 * 12
 
 
 def test_density_and_modulus_enter_where_they_do() -> None:
-    stage = Stage.paper(housing="clamped")
+    stage = GearStage.paper(housing="clamped")
     heavy = stage.values(rho=2 * 7800.0)
     assert heavy["input_shaft.mass"] == pytest.approx(2 * stage.components["input_shaft"].values["mass"])
     assert "mesh.K" not in heavy
@@ -155,7 +157,7 @@ def test_density_and_modulus_enter_where_they_do() -> None:
 
 
 def test_numbers_that_make_no_sense_are_refused() -> None:
-    stage = Stage.paper(housing="clamped")
+    stage = GearStage.paper(housing="clamped")
     with pytest.raises(GearError) as caught:
         stage.values(K=float("nan"), stiffnes=1.0, E=-1.0)
     assert len(caught.value.faults) == 3

@@ -27,7 +27,7 @@ MODELS = {
     "lift-1d": "vtsdt.lift.lift:Lift.one_dimensional",
     "lift-cabin": "vtsdt.lift.lift:Lift.cabin",
     "axis": "discrepancy.rigs.axis:build",
-    "gear": "gearbox.stage.stage:Stage.paper",
+    "gear": "gearbox.stage.stage:GearStage.paper",
 }
 
 #: Commands that compile more than a model, by name: the function that runs each once.

@@ -13,11 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gearbox.files.errors import GearError
-from gearbox.parts.housing import AXES, SEATS, SENSORS
 
-__all__ = ["ModeSet", "clamped_modes", "read_modes", "rigid_modes", "write_modes"]
+__all__ = ["AXES", "SEATS", "SENSORS", "ModeSet", "clamped_modes", "read_modes", "rigid_modes", "write_modes"]
 
 Array = NDArray[np.float64]
+AXES = ("x", "y", "z")
+#: Bearing seats: of the input and the output shaft, at the low and the high end of z.
+SEATS = ("input_low", "input_high", "output_low", "output_high")
+#: Accelerometers, as in the gearbox paper, section 4.
+SENSORS = ("input_seat", "output_seat", "base")
 PLACES = (*SEATS, *SENSORS)
 #: How names of mounts begin.
 MOUNT = "mount_"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
-from gearbox.parts.modes import ModeSet, read_modes, rigid_modes
+from gearbox.parts.housing_modes import ModeSet, read_modes, rigid_modes
 
 __all__ = ["BOX", "PLACES", "box_modes", "rigid_box"]
 
@@ -24,7 +24,7 @@ PLACES = {
 def box_modes() -> ModeSet:
     """Return the modes of the shipped box; its file says how they were computed.
 
-    It is written anew by ``python -m gearbox.parts.box``, with the extra ``[fem]``.
+    It is written anew by ``python -m gearbox.parts.shipped_housing``, with the extra ``[fem]``.
     """
     return read_modes(BOX)
 
@@ -37,7 +37,7 @@ def rigid_box() -> ModeSet:
 
 def _main() -> None:
     from gearbox.parts.housing_fem import box_housing_modes
-    from gearbox.parts.modes import write_modes
+    from gearbox.parts.housing_modes import write_modes
 
     write_modes(box_housing_modes(PLACES, 16, name="box of plates"), BOX)
 
