@@ -12,7 +12,7 @@ import numpy as np
 import pandas
 import pytest
 
-from vtsdt.files.parameters import LiftParameters, Profile
+from vtsdt.files.parameters import LiftParameters, RailProfile
 from vtsdt.lift.lift import Lift
 
 TIGHT = {"rtol": 1e-9, "atol": 1e-12}
@@ -102,7 +102,7 @@ def test_the_state_at_rest_of_the_1d_model(reference_data):
 def test_the_bench_has_the_rail_profiles_of_the_reference(reference_data):
     points = pandas.read_csv(reference_data / "rail_profiles.csv")
     for side in ("cabin", "counterweight"):
-        wanted = Profile(tuple(points["h_m"]), tuple(points[f"{side}_right_rail_delta_x_m"]))
+        wanted = RailProfile(tuple(points["h_m"]), tuple(points[f"{side}_right_rail_delta_x_m"]))
         ours = getattr(BENCH, f"{side}_guide").right_x
         assert ours.height == wanted.height
         assert ours.deviation == pytest.approx(wanted.deviation, rel=1e-12)

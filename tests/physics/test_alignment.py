@@ -19,7 +19,7 @@ from vtsdt.alignment.study_lines import TEN_TRIPS, lines
 from vtsdt.alignment.trips import AlignmentError, Trip
 from vtsdt.alignment.virtual_lifts import make_case
 from vtsdt.files.parameters import LiftParameters
-from vtsdt.files.rail_profile import Profile
+from vtsdt.files.rail_profile import RailProfile
 from vtsdt.lift.lift import Lift
 
 
@@ -98,7 +98,7 @@ def test_deviation_that_presses_is_the_sum_in_x_as_long_as_all_shoes_press():
     def waved(size):
         """One level of shoes squeezed while the other is released: the same sum."""
         h = tuple(np.linspace(0.0, 2.6, 105))
-        rail = Profile(h, tuple(2.2e-3 + size * np.sin(np.pi * np.array(h) / (shoes[1] - shoes[0]))))
+        rail = RailProfile(h, tuple(2.2e-3 + size * np.sin(np.pi * np.array(h) / (shoes[1] - shoes[0]))))
         guide = dataclasses.replace(p.cabin_guide, right_x=rail)
         more = pressing_deviation(dataclasses.replace(p, cabin_guide=guide), height)
         return more - equivalent_deviation({"right_x": rail}, shoes, height)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from multibody.base.errors import SimulationError
-from vtsdt.files.parameters import BENCH, LiftParameters, ParameterError, Profile
+from vtsdt.files.parameters import BENCH, LiftParameters, ParameterError, RailProfile
 from vtsdt.lift.lift import Lift
 
 BASE = LiftParameters.bench()
@@ -28,7 +28,7 @@ def test_rails_shorter_than_the_travel():
 
 
 def test_a_profile_shorter_than_the_travel():
-    short = Profile((-0.1, 1.0, 2.0), (0.0, 1e-3, 0.0))
+    short = RailProfile((-0.1, 1.0, 2.0), (0.0, 1e-3, 0.0))
     with pytest.raises(ParameterError, match=r"cabin_guide\.right_x\] ends at 2 m, but the shoes reach 2\.45 m"):
         Lift.reference(replaced("cabin_guide", right_x=short))
 
@@ -39,7 +39,7 @@ def test_a_clearance_larger_than_the_gap():
 
 
 def test_a_profile_in_millimetres_taken_for_metres():
-    big = Profile((-0.1, 1.0, 2.6), (0.0, 2.3, 0.0))
+    big = RailProfile((-0.1, 1.0, 2.6), (0.0, 2.3, 0.0))
     with pytest.raises(ParameterError, match=r"deviates by 2300 mm at 1 m.*units"):
         Lift.reference(replaced("cabin_guide", right_x=big))
 

@@ -10,7 +10,7 @@ import pytest
 
 from multibody import Model
 from vtsdt.files.parameters import LiftParameters
-from vtsdt.files.rail_profile import Profile
+from vtsdt.files.rail_profile import RailProfile
 from vtsdt.lift.energy import energy_balance
 from vtsdt.lift.lift import Lift, reference
 from vtsdt.lift.model import Structure
@@ -119,7 +119,7 @@ def test_energy_closes_with_a_loss_torque_and_in_the_1d_model():
 
 def test_energy_closes_with_rails_that_are_bent_in_both_directions_and_with_a_payload():
     base = LiftParameters.bench()
-    wave = Profile((-0.1, 0.4, 0.8, 1.3, 1.9, 2.6), (0.0, 1.1e-3, -0.7e-3, 0.9e-3, -0.4e-3, 0.3e-3))
+    wave = RailProfile((-0.1, 0.4, 0.8, 1.3, 1.9, 2.6), (0.0, 1.1e-3, -0.7e-3, 0.9e-3, -0.4e-3, 0.3e-3))
     bent = dataclasses.replace(base, cabin_guide=dataclasses.replace(base.cabin_guide, left_x=wave, left_y=wave))
     balance = energy_balance(Lift.reference(bent, profile=True, payload=(5.0, 0.1, -0.05, 0.2)))
     assert balance.closure < 1e-6

@@ -10,15 +10,15 @@ import pytest
 
 from multibody.base.parameter_file import ParameterError
 from vtsdt.files.parameters import LiftParameters
-from vtsdt.files.rail_profile import Profile
+from vtsdt.files.rail_profile import RailProfile
 from vtsdt.files.rail_profile_table import ProfileTable
 from vtsdt.lift.energy import TripEnergy
-from vtsdt.whatif.compare import weighed
-from vtsdt.whatif.report import answer, write_what_if
-from vtsdt.whatif.result import Action, Interval, Section, WhatIf
+from vtsdt.whatif.compare import with_measured_masses
+from vtsdt.whatif.report import summary, write_what_if
+from vtsdt.whatif.result import Action, Interval, SectionSaving, WhatIf
 from vtsdt.whatif.settings import Settings, read_settings
-from vtsdt.whatif.study import Doubt, _cut, _rail_error, as_doubts, what_if
-from vtsdt.whatif.threshold import Configuration, configuration, friction_loss, threshold
+from vtsdt.whatif.study import Uncertainty, _cut, _rail_error, uncertainties_from, what_if
+from vtsdt.whatif.threshold import Configuration, configuration_of, friction_loss, threshold_of
 
 BENCH = ProfileTable.of(LiftParameters.bench().cabin_guide.right_x)  # type: ignore[arg-type]
 
@@ -46,7 +46,7 @@ def test_a_profile_goes_through_a_file_and_back(name: str, tmp_path: Path) -> No
         ("", "it is empty"),
     ],
 )
-def test_bad_tables_are_told(text: str, told: str, tmp_path: Path) -> None:
+def test_faults_of_tables_are_reported(text: str, told: str, tmp_path: Path) -> None:
     path = tmp_path / "profile.csv"
     path.write_text(text)
     with pytest.raises(ParameterError) as error:
@@ -74,32 +74,34 @@ def test_ranges_that_a_short_dip_parts_are_one() -> None:
 
 
 def test_seventy_percent_of_fourteen_is_the_tenth() -> None:
-    made = [Configuration(f"{k}", 1e-3 * k, 2e-3 * k, 10.0 + 2.0 * k) for k in range(14, 0, -1)]
-    found = threshold(made)
+    made = [
+        Configuration(name=f"{k}", median=1e-3 * k, largest=2e-3 * k, energy=10.0 + 2.0 * k) for k in range(14, 0, -1)
+    ]
+    found = threshold_of(made)
     assert found.level == pytest.approx(10e-3)
     assert len(found.under) == 10
     assert found.interval[0] < found.level < found.interval[1]
     assert found.slope == pytest.approx(2.0e3)
     assert found.correlation == pytest.approx(1.0)
-    assert threshold(made, 0.5).level == pytest.approx(7e-3)
+    assert threshold_of(made, 0.5).level == pytest.approx(7e-3)
     assert "10 of 14" in repr(found)
     assert len(found.plot().axes[0].lines) >= 3
 
 
 def test_a_threshold_needs_configurations_and_a_share() -> None:
-    made = [Configuration(f"{k}", 1e-3 * k, 2e-3 * k, 10.0) for k in range(1, 5)]
+    made = [Configuration(name=f"{k}", median=1e-3 * k, largest=2e-3 * k, energy=10.0) for k in range(1, 5)]
     with pytest.raises(ValueError, match="three or more"):
-        threshold(made[:2])
+        threshold_of(made[:2])
     with pytest.raises(ValueError, match="between 0 and 1"):
-        threshold(made, 70.0)
-    assert np.isnan(threshold(made).correlation)  # all take the same energy
+        threshold_of(made, 70.0)
+    assert np.isnan(threshold_of(made).correlation)  # all take the same energy
 
 
 def test_median_goes_over_height_and_not_over_points() -> None:
     """Many points in a bad stretch do not make the whole rail bad."""
     height = np.concatenate([np.linspace(0.0, 0.2, 50), [0.25, 2.0]])
     delta = np.where(height < 0.21, 5e-3, 1e-3)
-    found = configuration("one", ProfileTable(height, delta, np.zeros(52)), [10.0, 12.0])
+    found = configuration_of("one", ProfileTable(height, delta, np.zeros(52)), [10.0, 12.0])
     assert found.median == pytest.approx(1e-3)
     assert found.largest == pytest.approx(5e-3, rel=1e-3)
     assert (found.energy, found.energy_std) == (11.0, 1.0)
@@ -118,7 +120,7 @@ def test_energy_from_tension_and_acceleration() -> None:
 
 
 def test_cutting_leaves_what_is_outside_the_section() -> None:
-    rail = Profile((0.0, 0.5, 1.0, 1.5), (3e-3, 3e-3, 3e-3, 1e-3))
+    rail = RailProfile((0.0, 0.5, 1.0, 1.5), (3e-3, 3e-3, 3e-3, 1e-3))
     cut = _cut(rail, 2e-3, [(0.4, 1.1)])
     assert cut.deviation == (3e-3, 2e-3, 2e-3, 1e-3)
 
@@ -132,13 +134,15 @@ def test_errors_of_a_rail_have_its_spread_and_a_length() -> None:
     assert abs(np.corrcoef(drawn[:, 20], drawn[:, 80])[0, 1]) < 0.1
 
 
-def test_doubts_from_a_table() -> None:
-    found = as_doubts({"*.mu": 0.2, "cabin.mass": {"std": 0.5, "relative": False}, "lubrication": 0.02})
-    assert found == (Doubt("*.mu", 0.2), Doubt("cabin.mass", 0.5, False), Doubt("lubrication", 0.02, False))
+def test_uncertainties_from_a_table() -> None:
+    found = uncertainties_from({"*.mu": 0.2, "cabin.mass": {"std": 0.5, "relative": False}, "lubrication": 0.02})
+    assert found == (
+        Uncertainty("*.mu", 0.2), Uncertainty("cabin.mass", 0.5, False), Uncertainty("lubrication", 0.02, False)
+    )  # fmt: skip
     assert found[0].names() == ("cabin_guide.mu", "counterweight_guide.mu")
 
 
-def test_impossible_settings_are_told_together() -> None:
+def test_impossible_settings_are_reported_together() -> None:
     with pytest.raises(ValueError, match=r"threshold is 2.3 m.*lubrication is -1"):
         what_if(None, BENCH, threshold=2.3, lubrication=-1.0)
 
@@ -161,8 +165,14 @@ def _study(draws: int = 20) -> WhatIf:
         "both": (11.35, 6.94),
     }
     actions = tuple(Action(n, *energies(*v)) for n, v in made.items())
-    section = Section(1.07, 1.35, 1.24, 2.95e-3, 2e-4, 0.999, 0.44, tuple(0.44 + 0.05 * rng.standard_normal(draws)))
-    return WhatIf(actions, (section,), BENCH, 2.3e-3, 0.9, "up", (("*.mu", "10 %"),), ({},) * draws, 0)
+    section = SectionSaving(
+        low=1.07, high=1.35, worst=1.24, deviation=2.95e-3, spread=2e-4, probability=0.999, saving=0.44,
+        drawn=tuple(0.44 + 0.05 * rng.standard_normal(draws)),
+    )  # fmt: skip
+    return WhatIf(
+        actions=actions, sections=(section,), rail=BENCH, threshold=2.3e-3, lubrication=0.9, direction="up",
+        uncertainties=(("*.mu", "10 %"),), drawn=({},) * draws, seed=0,
+    )  # fmt: skip
 
 
 def test_savings_are_differences_within_a_draw() -> None:
@@ -178,16 +188,16 @@ def test_savings_are_differences_within_a_draw() -> None:
 def test_without_draws_there_is_no_interval() -> None:
     study = _study(0)
     assert np.isnan(study.saving("both").low)
-    assert study.saving("both").told() == "3.29"
+    assert study.saving("both").text() == "3.29"
     assert study.to_json()["actions"]["both"]["saving"]["low"] is None
     assert np.isnan(study.better("both", "original"))
 
 
-def test_answer_names_where_and_how_much() -> None:
-    told = answer(_study())
-    assert "1.07 to 1.35 m" in told
-    assert "Lubrication saves 2.21" in told
-    assert "100 % of the draws" in told
+def test_the_summary_names_where_and_how_much() -> None:
+    text = summary(_study())
+    assert "1.07 to 1.35 m" in text
+    assert "Lubrication saves 2.21" in text
+    assert "100 % of the draws" in text
 
 
 def test_the_page_opens_alone_and_the_json_can_be_read(tmp_path: Path) -> None:
@@ -207,9 +217,9 @@ def test_the_page_opens_alone_and_the_json_can_be_read(tmp_path: Path) -> None:
         assert f"{figure['value']:.3g} ({figure['low']:.3g} to {figure['high']:.3g})" in text
 
 
-def test_interval_told() -> None:
-    assert Interval.of(1.0, [0.5, 1.0, 1.5]).told(2.0, 1) == "2.0 (1.1 to 3.0)"
-    assert Interval(0.01, -0.001, 0.11).told() == "0.01 (0.00 to 0.11)"
+def test_an_interval_as_text() -> None:
+    assert Interval.of(1.0, [0.5, 1.0, 1.5]).text(2.0, 1) == "2.0 (1.1 to 3.0)"
+    assert Interval(0.01, -0.001, 0.11).text() == "0.01 (0.00 to 0.11)"
 
 
 # -------------------------------------------------------------------- settings
@@ -226,11 +236,11 @@ def test_settings_are_read_and_paths_are_beside_them(tmp_path: Path) -> None:
     assert found.profile == tmp_path / "profile.csv"
     assert [p.name for p in found.trips] == ["a.csv", "profile.csv"]
     assert (found.threshold, found.samples, found.direction) == (2e-3, 7, "down")
-    assert found.doubts == (Doubt("*.mu", 0.3),)
+    assert found.uncertainties == (Uncertainty("*.mu", 0.3),)
     assert found.with_options(samples=None, seed=3).samples == 7
 
 
-def test_all_faults_of_settings_are_told(tmp_path: Path) -> None:
+def test_all_faults_of_settings_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_text(
         '[profil]\n[actions]\nthreshold_mm = 0.0\nlubrikation = 0.9\n[trips]\nfiles = ["none*.csv"]\n'
@@ -241,7 +251,7 @@ def test_all_faults_of_settings_are_told(tmp_path: Path) -> None:
     text = str(told.value)
     for part in (
         "no table [profil]; did you mean 'profile'", "no entry 'lubrikation'; did you mean 'lubrication'",
-        "threshold_mm is 0.0", "no file fits 'none*.csv'", "no quantity 'F_cc'",
+        "threshold_mm is 0.0", "no file matches 'none*.csv'", "no quantity 'F_cc'",
         "[[configuration]] 1: 'trips' is missing",
     ):  # fmt: skip
         assert part in text, part
@@ -261,10 +271,10 @@ def test_masses_from_tensions_at_rest() -> None:
             name="r", path=Path("r"), time=t, signals={n: Signal(v, "", n, "") for n, v in values.items()}, log=()
         )
 
-    found = weighed(LiftParameters.bench(), [record(0.0, 3.0), record(2.0, 0.0), record(4.0, -3.0)])
+    found = with_measured_masses(LiftParameters.bench(), [record(0.0, 3.0), record(2.0, 0.0), record(4.0, -3.0)])
     assert found.cabin.mass == pytest.approx(33.0)
     assert found.counterweight.mass == pytest.approx(34.0)
-    assert weighed(LiftParameters.bench(), []) == LiftParameters.bench()
+    assert with_measured_masses(LiftParameters.bench(), []) == LiftParameters.bench()
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ def equivalent_deviation(rails: dict[str, Any], shoes: Sequence[float], height: 
 
     Parameters
     ----------
-    rails : dict of str to Profile
+    rails : dict of str to RailProfile
         ``left_x`` and ``right_x``; a missing one is straight.
     shoes : sequence of float, m
         Heights of the shoes above the floor.

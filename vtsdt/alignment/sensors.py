@@ -13,7 +13,7 @@ from multibody.base.progress import Progress, silent
 from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
 from vtsdt.alignment.trips import Trip
 from vtsdt.files.parameters import LiftParameters
-from vtsdt.files.rail_profile import Profile
+from vtsdt.files.rail_profile import RailProfile
 from vtsdt.lift.lift import Lift
 
 if TYPE_CHECKING:
@@ -66,7 +66,9 @@ def _curved(parameters: LiftParameters) -> LiftParameters:
     way = parameters.hoistway
     ends = (way.rail_bottom, way.rail_top)
     guide = dataclasses.replace(
-        parameters.cabin_guide.straightened(), left_y=Profile(ends, (0.0, 0.0)), right_y=Profile(ends, (0.0, 0.0))
+        parameters.cabin_guide.straightened(),
+        left_y=RailProfile(ends, (0.0, 0.0)),
+        right_y=RailProfile(ends, (0.0, 0.0)),
     )
     return dataclasses.replace(parameters, cabin_guide=guide)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from multibody.base.progress import ProgressLine
 from vtsdt.cli.arguments import CommandError, Parser, check_out, common, number, whole
-from vtsdt.whatif.report import answer
-from vtsdt.whatif.run import run
+from vtsdt.whatif.report import summary
+from vtsdt.whatif.run import run_what_if
 from vtsdt.whatif.settings import Settings, read_settings
 
 __all__ = ["main"]
@@ -37,13 +37,13 @@ def main(arguments: Sequence[str]) -> int:
     with ProgressLine(args.quiet) as progress:
         progress("read the settings")
         try:
-            study, page = run(settings, args.out, progress)
+            study, page = run_what_if(settings, args.out, progress)
         except ValueError as error:
             if type(error) is ValueError:  # settings that contradict each other
                 raise CommandError(str(error)) from None
             raise
     if not args.quiet:
-        print(answer(study))
+        print(summary(study))
         print(f"the page is {page}")
     return 0
 

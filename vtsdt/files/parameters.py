@@ -13,11 +13,21 @@ from pathlib import Path
 from typing import Any
 
 from multibody.base.parameter_file import ParameterError, load_parameters, number
-from vtsdt.files.rail_profile import Profile, read_profile
+from vtsdt.files.rail_profile import RailProfile, read_profile
 
 __all__ = [
-    "BENCH", "BodyParameters", "ControlParameters", "GuideParameters", "HoistwayParameters", "LiftParameters",
-    "MotorParameters", "ParameterError", "Profile", "PulleyParameters", "RopeParameters", "SupportParameters",
+    "BENCH",
+    "BodyParameters",
+    "ControlParameters",
+    "GuideParameters",
+    "HoistwayParameters",
+    "LiftParameters",
+    "MotorParameters",
+    "ParameterError",
+    "PulleyParameters",
+    "RailProfile",
+    "RopeParameters",
+    "SupportParameters",
     "TripParameters",
 ]  # fmt: skip
 
@@ -53,12 +63,12 @@ class GuideParameters:
     v_s: float = number("m/s", "speed below which friction fades", above=0.0, default=0.01)
     ramp: float = number("m", "depth over which damping sets in", above=0.0, default=5e-5)
     gap: float = number("m", "depth of the shoe's slot", above=0.0, default=8e-3)
-    left_x: Profile | None = field(default=None, metadata=_RAIL)
-    right_x: Profile | None = field(default=None, metadata=_RAIL)
-    left_y: Profile | None = field(default=None, metadata=_RAIL)
-    right_y: Profile | None = field(default=None, metadata=_RAIL)
+    left_x: RailProfile | None = field(default=None, metadata=_RAIL)
+    right_x: RailProfile | None = field(default=None, metadata=_RAIL)
+    left_y: RailProfile | None = field(default=None, metadata=_RAIL)
+    right_y: RailProfile | None = field(default=None, metadata=_RAIL)
 
-    def profiles(self) -> dict[str, Profile]:
+    def profiles(self) -> dict[str, RailProfile]:
         """Return the profiles that are given, by name."""
         names = ("left_x", "right_x", "left_y", "right_y")
         return {n: p for n in names if (p := getattr(self, n)) is not None}
@@ -254,7 +264,7 @@ def _misfits(lift: LiftParameters) -> Iterator[str]:
             f"after {lift.ropes.L_0_c:g} m of a travel of {way.travel:g} m")
 
 
-def _profile_faults(name: str, profile: Profile, low: float, high: float, guide: GuideParameters) -> Iterator[str]:
+def _profile_faults(name: str, profile: RailProfile, low: float, high: float, guide: GuideParameters) -> Iterator[str]:
     if profile.height[0] > low:
         yield f"{name} begins at {profile.height[0]:g} m, but the shoes reach down to {low:g} m: extend it"
     if profile.height[-1] < high:

@@ -11,14 +11,14 @@ import numpy as np
 
 from multibody.base.units import UnitError, convert
 
-__all__ = ["Profile", "read_profile"]
+__all__ = ["RailProfile", "read_profile"]
 
 _FINER = 8  # points for one between those given, where a profile is cut
 _KINK = 3e-4  # m, beside the places where it is cut
 
 
 @dataclass(frozen=True)
-class Profile:
+class RailProfile:
     """A rail's deviation over height, shape-preserving cubic between points, constant beyond them.
 
     Parameters
@@ -29,7 +29,7 @@ class Profile:
     height: tuple[float, ...]
     deviation: tuple[float, ...]
 
-    def clipped(self, largest: float) -> Profile:
+    def clipped(self, largest: float) -> RailProfile:
         """Return the profile with deviations above ``largest`` (m) straightened to it.
 
         The curve itself is cut, not only its points, so the result has more of them.
@@ -44,18 +44,18 @@ class Profile:
         crossings = [_crossing(self, fine[k], fine[k + 1], largest) for k in passed]
         # the cut is a kink: points close to it keep the curve from rounding it off
         heights = np.unique(np.concatenate([fine, *([c - _KINK, c, c + _KINK] for c in crossings)]))
-        return Profile(tuple(map(float, heights)), tuple(min(self.at(h), largest) for h in heights))
+        return RailProfile(tuple(map(float, heights)), tuple(min(self.at(h), largest) for h in heights))
 
-    def resampled(self, heights: tuple[float, ...]) -> Profile:
+    def resampled(self, heights: tuple[float, ...]) -> RailProfile:
         """Return the curve through its own values at other heights."""
-        return Profile(tuple(heights), tuple(self.at(h) for h in heights))
+        return RailProfile(tuple(heights), tuple(self.at(h) for h in heights))
 
     def at(self, height: float) -> float:
         """Return the deviation at a height, m.
 
         Examples
         --------
-        >>> Profile((0.0, 1.0, 2.0), (0.0, 1e-3, 0.0)).at(1.0)
+        >>> RailProfile((0.0, 1.0, 2.0), (0.0, 1e-3, 0.0)).at(1.0)
         0.001
         """
         from multibody.equations.tables import cubic, packed
@@ -64,7 +64,7 @@ class Profile:
         return float(cubic(points, 0, len(self.height), height))
 
 
-def _crossing(profile: Profile, low: float, high: float, level: float) -> float:
+def _crossing(profile: RailProfile, low: float, high: float, level: float) -> float:
     """Return where a profile passes a level between two heights on its two sides."""
     rising = profile.at(high) > level
     for _ in range(60):
@@ -76,7 +76,7 @@ def _crossing(profile: Profile, low: float, high: float, level: float) -> float:
     return 0.5 * (low + high)
 
 
-def read_profile(given: Any, where: str, faults: list[str]) -> Profile | None:
+def read_profile(given: Any, where: str, faults: list[str]) -> RailProfile | None:
     """Return the profile of a section of a parameter file, or None for a straight rail; faults are added to a list."""
     if given is False:  # a file that extends another one says that its rail is straight
         return None
@@ -98,5 +98,5 @@ def read_profile(given: Any, where: str, faults: list[str]) -> Profile | None:
         k = int(np.argmax(np.diff(height) <= 0)) + 1
         faults.append(f"{where}: heights must increase, but {height[k]:g} m follows {height[k - 1]:g} m")
     else:
-        return Profile(tuple(map(float, height)), tuple(map(float, deviation)))
+        return RailProfile(tuple(map(float, height)), tuple(map(float, deviation)))
     return None

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multibody.base.parameter_file import ParameterError
-from vtsdt.files.rail_profile import Profile
+from vtsdt.files.rail_profile import RailProfile
 
 if TYPE_CHECKING:
     import pandas
@@ -54,15 +54,15 @@ class ProfileTable:
     spread: np.ndarray
 
     @staticmethod
-    def of(profile: Profile, spread: float = 0.0) -> ProfileTable:
+    def of(profile: RailProfile, spread: float = 0.0) -> ProfileTable:
         """Return the table of a profile, equally well known everywhere."""
         height = np.array(profile.height)
         return ProfileTable(height, np.array(profile.deviation), np.full(height.size, float(spread)))
 
     @property
-    def profile(self) -> Profile:
+    def profile(self) -> RailProfile:
         """The deviation as the models take it."""
-        return Profile(tuple(map(float, self.height)), tuple(map(float, self.delta)))
+        return RailProfile(tuple(map(float, self.height)), tuple(map(float, self.delta)))
 
     @staticmethod
     def load(path: str | Path) -> ProfileTable:

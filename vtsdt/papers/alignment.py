@@ -73,7 +73,7 @@ def _straightened(guide: Any, found: Alignment) -> Any:
 
     A section of cabin heights means the rail at the heights of both levels of shoes.
     """
-    from vtsdt.files.rail_profile import Profile
+    from vtsdt.files.rail_profile import RailProfile
 
     rail = guide.right_x
     height = np.array(rail.height)
@@ -82,7 +82,7 @@ def _straightened(guide: Any, found: Alignment) -> Any:
         for shoe in found.shoes:
             inside |= (height >= section.low + shoe - 0.01) & (height <= section.high + shoe + 0.01)
     deviation = np.where(inside, np.minimum(rail.deviation, found.threshold), rail.deviation)
-    return dataclasses.replace(guide, right_x=Profile(rail.height, tuple(map(float, deviation))))
+    return dataclasses.replace(guide, right_x=RailProfile(rail.height, tuple(map(float, deviation))))
 
 
 def _figure_8(paper: str, trips: list[Any]) -> PaperChapter:

@@ -279,20 +279,20 @@ def _table_2() -> PaperChapter:
 def _figure_10() -> PaperChapter:
     from vtsdt.rig.recordings import drawn_spectrum
     from vtsdt.rig.rig import LiftRig
-    from vtsdt.whatif.runs import Loaded, TripRunner
-    from vtsdt.whatif.threshold import configuration, threshold
+    from vtsdt.whatif.runs import TripRunner, Variant
+    from vtsdt.whatif.threshold import configuration_of, threshold_of
 
     given = LiftParameters.bench()
     rigs = [dataclasses.replace(LiftRig(seed=0, loads=(0.0,)), configuration=k) for k in range(1, 15)]
     rigs = [dataclasses.replace(r, rails=drawn_spectrum(r)) for r in rigs]
     rails = [ProfileTable.of(r.profiles["cabin.right_x"]) for r in rigs]
     runner = TripRunner(given, rails[0].height)
-    runs = runner.run([Loaded(rail.profile) for rail in rails])
+    runs = runner.run([Variant(rail.profile) for rail in rails])
     made = [
-        configuration(f"{k}", rail, [run.energy.E_c], 0.03, 2.45)
+        configuration_of(f"{k}", rail, [run.energy.E_c], 0.03, 2.45)
         for k, (rail, run) in enumerate(zip(rails, runs, strict=True), 1)
     ]
-    found = threshold(made)
+    found = threshold_of(made)
     rows = (
         PaperRow(
             what="configurations under the threshold",
@@ -330,12 +330,12 @@ def _figure_10() -> PaperChapter:
 
 def _table_3(progress: Progress) -> PaperChapter:
     from vtsdt.rig.rig import LiftRig
-    from vtsdt.whatif.compare import TABLE_3, compare_trips, weighed
+    from vtsdt.whatif.compare import TABLE_3, compare_trips, with_measured_masses
 
     rig = LiftRig(seed=0, trips=4, only_express=True, loads=(0.0,))
     records = [_renamed(r) for r in rig.case(progress=progress).identify]
     rail = ProfileTable.of(rig.profiles["cabin.right_x"])
-    trips = compare_trips(records, weighed(LiftParameters.bench(), records), rail)
+    trips = compare_trips(records, with_measured_masses(LiftParameters.bench(), records), rail)
     rows = []
     for name, unit, rmse, rho in TABLE_3:
         mine, mine_rho = (float(np.median([t.metrics[name][k] for t in trips])) for k in (0, 1))

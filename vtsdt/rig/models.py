@@ -13,7 +13,7 @@ from multibody.declare.component import Component
 from multibody.declare.declarations import Energy, Input, Output, Parameter, Translation
 from multibody.machine.model import Model
 from vtsdt.files.parameters import LiftParameters, ParameterError
-from vtsdt.files.rail_profile import Profile
+from vtsdt.files.rail_profile import RailProfile
 from vtsdt.lift.lift import Lift
 
 __all__ = ["MODELS", "WeighedLoad", "build", "weigh", "with_rails"]
@@ -64,7 +64,7 @@ def with_rails(parameters: LiftParameters, rails: Mapping[str, Mapping[str, Sequ
         if len(height) < 2 or len(height) != len(delta):
             faults.append(f"rail '{key}': needs height_m and delta_mm, two lists of one length, two points or more")
             continue
-        found[side][name] = Profile(tuple(map(float, height)), tuple(1e-3 * float(d) for d in delta))
+        found[side][name] = RailProfile(tuple(map(float, height)), tuple(1e-3 * float(d) for d in delta))
     if faults:
         raise ParameterError("rails", faults)
     return dataclasses.replace(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vtsdt.files.parameters import LiftParameters
-from vtsdt.files.rail_profile import Profile
+from vtsdt.files.rail_profile import RailProfile
 
 __all__ = ["RailSpectrum", "draw_rails", "rail_tables"]
 
@@ -38,7 +38,7 @@ class RailSpectrum:
     step: float = 0.07
 
 
-def draw_rails(parameters: LiftParameters, spectrum: RailSpectrum, rng: np.random.Generator) -> dict[str, Profile]:
+def draw_rails(parameters: LiftParameters, spectrum: RailSpectrum, rng: np.random.Generator) -> dict[str, RailProfile]:
     """Return a profile for each rail and direction, by ``"cabin.right_x"`` and so on.
 
     Deviations are cut at 0.8 times the depth of the shoe's slot.
@@ -62,14 +62,14 @@ def draw_rails(parameters: LiftParameters, spectrum: RailSpectrum, rng: np.rando
             size = spectrum.rms_x if name.endswith("x") else spectrum.rms_y
             mean = spectrum.mean if name == "right_x" else 0.0
             drawn = mean + size * (factor @ rng.standard_normal(count))
-            found[f"{side}.{name}"] = Profile(
+            found[f"{side}.{name}"] = RailProfile(
                 tuple(map(float, np.round(heights, 6))),
                 tuple(map(float, np.round(np.clip(drawn, -gap, gap), 8))),
             )
     return found
 
 
-def rail_tables(profiles: dict[str, Profile]) -> dict[str, dict[str, list[float]]]:
+def rail_tables(profiles: dict[str, RailProfile]) -> dict[str, dict[str, list[float]]]:
     """Return profiles as tables of ``height_m`` and ``delta_mm``."""
     return {
         name: {"height_m": list(p.height), "delta_mm": [round(1e3 * d, 6) for d in p.deviation]}

@@ -1,4 +1,4 @@
-"""The updated reference model beside measured trips, with the metrics of González et al. 2020, Table 3."""
+"""The updated reference model compared with measured trips, with the metrics of González et al. 2020, Table 3."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimation.files.read_records import read_records
+from estimation.signals.metrics import pearson, rmse
+from estimation.signals.preparation import low_pass
+from multibody.base.progress import Progress, silent
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile_table import ProfileTable
 from vtsdt.lift.lift import Lift
@@ -20,9 +24,12 @@ if TYPE_CHECKING:
 
     from estimation.files.record import Record
 
-__all__ = ["COLUMNS", "TABLE_3", "UNITS", "MeasuredTrip", "compare_trips", "read_trips", "updated", "weighed"]
+__all__ = [
+    "COLUMNS", "TABLE_3", "UNITS", "TripComparison", "compare_trips", "read_measured_trips", "with_measured_masses",
+    "with_rail",
+]  # fmt: skip
 
-#: Columns that the virtual lift writes, by quantity; a settings file may name others.
+#: Columns of the virtual lift by quantity; a settings file can name others.
 COLUMNS = {
     "omega_ref": "pulley_speed_ref_rad_per_s",
     "tau_L": "gear_loss_torque_Nm",
@@ -48,8 +55,8 @@ LOW_PASS, FRICTION_LOW_PASS = 60.0, 5.0
 _DEFAULTS = {"tau_L": 0.0, "payload": 0.0}
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuredTrip:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TripComparison:
     """One trip, measured and simulated, on the times of the record.
 
     Parameters
@@ -57,7 +64,7 @@ class MeasuredTrip:
     name : str
     time : ndarray, shape (n,), s
     measured, model : dict of ndarray
-        Quantities of Table 3, low-passed alike; ``z_c`` and ``v_c`` beside them.
+        Quantities of Table 3, low-passed alike, and ``z_c`` and ``v_c``.
     metrics : dict
         Root mean square difference and correlation by quantity.
     loss : (float, float), J
@@ -103,7 +110,9 @@ class MeasuredTrip:
         return figure
 
 
-def read_trips(paths: Sequence[Path], time: str = "time_s", columns: Mapping[str, str] | None = None) -> list[Record]:
+def read_measured_trips(
+    paths: Sequence[Path], time: str = "time_s", columns: Mapping[str, str] | None = None
+) -> list[Record]:
     """Read measured trips.
 
     Parameters
@@ -119,8 +128,6 @@ def read_trips(paths: Sequence[Path], time: str = "time_s", columns: Mapping[str
     RecordError
         With every fault of every file.
     """
-    from estimation.files.read_records import read_records
-
     wanted = {**COLUMNS, **dict(columns or {})}
     return list(
         read_records(
@@ -134,8 +141,8 @@ def read_trips(paths: Sequence[Path], time: str = "time_s", columns: Mapping[str
     )
 
 
-def updated(parameters: LiftParameters, rail: ProfileTable | None) -> LiftParameters:
-    """Return a lift with the estimated rail in place of its cabin's own; the left rail and y count as straight."""
+def with_rail(parameters: LiftParameters, rail: ProfileTable | None) -> LiftParameters:
+    """Return a lift with the estimated rail as the cabin's right rail; the other profiles of its guide are straight."""
     if rail is None:
         return parameters
     return dataclasses.replace(
@@ -146,16 +153,16 @@ def updated(parameters: LiftParameters, rail: ProfileTable | None) -> LiftParame
     )
 
 
-def weighed(parameters: LiftParameters, records: Sequence[Record]) -> LiftParameters:
-    """Return a lift whose cabin and counterweight weigh what the tensions say before trips begin.
+def with_measured_masses(parameters: LiftParameters, records: Sequence[Record]) -> LiftParameters:
+    """Return a lift with masses of cabin and counterweight from the tensions before the trips begin.
 
-    The median over all trips of (tension at rest)/g, without the load; friction at rest, which has either sign, makes
-    it wrong by its size over g, less over trips up and down.
+    They are the median over all trips of (tension at rest)/g, less the load.  Friction at rest, which has either sign,
+    causes an error of its size over g, which is smaller over trips up and down.
     """
     masses: dict[str, list[float]] = {"cabin": [], "counterweight": []}
     for record in records:
-        still = np.asarray(record.signals["omega_ref"].values) == 0.0
-        count = int(np.argmin(still)) if not still.all() else still.size  # samples before it begins to move
+        at_rest = np.asarray(record.signals["omega_ref"].values) == 0.0
+        count = int(np.argmin(at_rest)) if not at_rest.all() else at_rest.size  # samples before it moves
         if count < 5:
             continue
         rest = {n: float(np.median(np.asarray(record.signals[n].values)[:count])) for n in ("F_c", "F_cw", "payload")}
@@ -175,30 +182,29 @@ def compare_trips(
     parameters: LiftParameters | None = None,
     rail: ProfileTable | None = None,
     *,
-    progress: Any = None,
-) -> list[MeasuredTrip]:
-    """Simulate measured trips with the updated reference model and lay both side by side.
+    progress: Progress = silent,
+) -> list[TripComparison]:
+    """Simulate measured trips with the updated reference model and compare the signals.
 
-    The model is given the measured speed reference, the gear's loss torque and the load.  Friction is not measured but
-    follows from tension and acceleration, m (z̈ + g) − F_c, below 5 Hz; for the model likewise.
+    Inputs of the model are the measured speed reference, the gear's loss torque and the load.  Friction is not measured
+    but follows from tension and acceleration, m (z̈ + g) − F_c, below 5 Hz; for the model likewise.
 
     Parameters
     ----------
     records : sequence of Record
-        As `read_trips` returns them.
+        From `read_measured_trips`.
     parameters : LiftParameters, optional
     rail : ProfileTable, optional
         Estimated profile.
     progress : callable, optional
     """
-    given = updated(parameters or LiftParameters.bench(), rail)
+    given = with_rail(parameters or LiftParameters.bench(), rail)
     lift = Lift.reference(given, payload=(0.0, 0.0, 0.0, 0.0))
     names = ("omega", "i_q", "F_c", "F_cw", "a_c", "z_c", "v_c", "fric_c")
     system = lift.build(outputs=list(names))
-    found = []
+    comparisons = []
     for k, record in enumerate(records):
-        if progress is not None:
-            progress(f"simulate trip {k + 1} of {len(records)}")
+        progress(f"simulate trip {k + 1} of {len(records)}")
         t = np.asarray(record.time, dtype=float)
         t = t - t[0]
         signal = {n: np.asarray(s.values, dtype=float) for n, s in record.signals.items()}
@@ -214,21 +220,18 @@ def compare_trips(
             system=system,
             parameters={"payload.mass": load},
         )
-        found.append(_side_by_side(record.name, t, signal, run, given.cabin.mass + load))
-    return found
+        comparisons.append(_compare(record.name, t, signal, run, given.cabin.mass + load))
+    return comparisons
 
 
-def _side_by_side(name: str, t: np.ndarray, signal: dict[str, np.ndarray], run: Any, mass: float) -> MeasuredTrip:
-    from estimation.signals.metrics import pearson, rmse
-    from estimation.signals.preparation import low_pass
-
+def _compare(name: str, t: np.ndarray, signal: dict[str, np.ndarray], run: Any, mass: float) -> TripComparison:
     def smooth(values: np.ndarray, cutoff: float = LOW_PASS) -> np.ndarray:
         return np.asarray(low_pass(t, values, cutoff))
 
-    both = []
+    quantities = []
     for source in (signal, {n: np.asarray(run[n]) for n in ("omega", "i_q", "F_c", "F_cw", "a_c", "z_c")}):
         friction = mass * (source["a_c"] + 9.80665) - source["F_c"]
-        both.append(
+        quantities.append(
             {
                 **{n: smooth(source[n]) for n in ("F_c", "F_cw", "i_q", "a_c")},
                 "F_fric": smooth(friction, FRICTION_LOW_PASS),
@@ -237,8 +240,10 @@ def _side_by_side(name: str, t: np.ndarray, signal: dict[str, np.ndarray], run: 
                 "v_c": np.gradient(smooth(source["z_c"], FRICTION_LOW_PASS), t),
             }
         )
-    measured, model = both
+    measured, model = quantities
     metrics = {n: (rmse(measured[n], model[n]), pearson(measured[n], model[n])) for n, *_ in TABLE_3}
-    lost = -float(np.trapezoid(measured["F_fric"] * measured["v_c"], t))
-    in_model = -float(np.trapezoid(run["fric_c"] * run["v_c"], t))
-    return MeasuredTrip(name, t, measured, model, metrics, (lost, in_model))
+    measured_loss = -float(np.trapezoid(measured["F_fric"] * measured["v_c"], t))
+    model_loss = -float(np.trapezoid(run["fric_c"] * run["v_c"], t))
+    return TripComparison(
+        name=name, time=t, measured=measured, model=model, metrics=metrics, loss=(measured_loss, model_loss)
+    )

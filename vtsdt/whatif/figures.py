@@ -1,15 +1,17 @@
-"""Figures of a what-if study: the rail with what is beyond the threshold, energies of the actions, savings."""
+"""Figures of a what-if study: the rail with the sections above the threshold, energies of the actions, savings."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from vtsdt.whatif.result import Interval, WhatIf
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from vtsdt.whatif.result import WhatIf
 
 __all__ = ["LABELS", "energies", "rail", "savings"]
 
@@ -23,7 +25,7 @@ _WORDS = {
 
 
 def rail(study: WhatIf) -> Figure:
-    """Draw the estimated deviation over height, the threshold and the sections beyond it (Fig. 9, on its side)."""
+    """Draw the estimated deviation over height, the threshold and the sections above it (Fig. 9, rotated)."""
     from matplotlib.figure import Figure
 
     table = study.rail
@@ -62,18 +64,18 @@ def energies(study: WhatIf) -> Figure:
     places = np.arange(len(study.actions))
     width = 0.26
     for k, (name, colour) in enumerate(_COLOURS.items()):
-        found = [a.figure(name) for a in study.actions]
-        values = [f.value for f in found]
+        intervals = [a.figure(name) for a in study.actions]
+        values = [i.value for i in intervals]
         left.bar(places + (k - 1) * width, values, width, color=colour, label=_WORDS[name])
-        _whiskers(left, places + (k - 1) * width, found, 1.0)
+        _whiskers(left, places + (k - 1) * width, intervals, 1.0)
     left.set_xticks(places, [LABELS[a.name] for a in study.actions])
     left.set_ylabel("energy of one trip [J]")
     left.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=1, frameon=False)
     eta = [a.figure("eta_t") for a in study.actions]
-    right.bar(places, [100 * f.value for f in eta], 0.6, color="#E69F00")
+    right.bar(places, [100 * interval.value for interval in eta], 0.6, color="#E69F00")
     _whiskers(right, places, eta, 100.0)
-    for place, f in zip(places, eta, strict=True):
-        right.annotate(f"{100 * f.value:.1f}", (place, 1.0), ha="center", va="bottom", fontsize=8)
+    for place, interval in zip(places, eta, strict=True):
+        right.annotate(f"{100 * interval.value:.1f}", (place, 1.0), ha="center", va="bottom", fontsize=8)
     right.set_xticks(places, [LABELS[a.name] for a in study.actions], rotation=30, ha="right")
     right.set_ylabel("efficiency η_t [%]")
     for axis in (left, right):
@@ -103,7 +105,7 @@ def savings(study: WhatIf) -> Figure:
     return figure
 
 
-def _whiskers(axis, places, found, factor: float) -> None:  # type: ignore[no-untyped-def]
-    for place, f in zip(places, found, strict=True):
-        if np.isfinite(f.low):
-            axis.plot([place, place], [factor * f.low, factor * f.high], color="black", linewidth=1.2)
+def _whiskers(axis: Any, places: np.ndarray, intervals: Sequence[Interval], factor: float) -> None:
+    for place, interval in zip(places, intervals, strict=True):
+        if np.isfinite(interval.low):
+            axis.plot([place, place], [factor * interval.low, factor * interval.high], color="black", linewidth=1.2)

@@ -1,4 +1,4 @@
-"""The page that a maintenance planner reads: where to straighten, what it saves, how sure that is."""
+"""The page for a maintenance planner: where to straighten, what it saves, and how certain that is."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from vtsdt.lift.comfort import ComfortError, RideComfort, ride_comfort
 from vtsdt.whatif import figures as whatif_figures
-from vtsdt.whatif.compare import TABLE_3, MeasuredTrip
+from vtsdt.whatif.compare import TABLE_3, TripComparison
 from vtsdt.whatif.figures import LABELS
 from vtsdt.whatif.result import Interval, WhatIf
 
@@ -23,36 +23,37 @@ if TYPE_CHECKING:
     from vtsdt.whatif.settings import Settings
     from vtsdt.whatif.threshold import Threshold
 
-__all__ = ["answer", "write_what_if"]
+__all__ = ["summary", "write_what_if"]
 
 _CAPTIONS = {
-    "rail": "The rail as estimated. The sections in colour are beyond the threshold.",
-    "savings": "What straightening each section alone, and each action as a whole, saves in the guides.",
-    "energies": "Energies and efficiency of a trip; lines are intervals. What guides do not take, the machine does.",
-    "threshold": "Median and largest deviation of each configuration of the guides against the energy its trips lose.",
-    "compare": "One trip, measured and simulated; both below 60 Hz.",
+    "rail": "The estimated rail. The coloured sections are above the threshold.",
+    "savings": "Savings in the guides from straightening each section alone, and from each action.",
+    "energies": "Energies and efficiency of a trip; lines are 95 % intervals. Energy that is not lost in the guides is "
+    "taken up by the machine.",
+    "threshold": "Median and largest deviation of each configuration of the guides, and the energy lost on its trips.",
+    "compare": "One trip, measured and simulated, both low-passed at 60 Hz.",
     "comfort": "The measured ride: speed, acceleration and weighted vibration.",
 }
 
 
-def answer(study: WhatIf) -> str:
-    """Return in two sentences what to do and how sure that is."""
+def summary(study: WhatIf) -> str:
+    """Return in two sentences what to do and how certain the savings are."""
     if not study.sections:
         return (
-            f"No part of the rail is beyond {1e3 * study.threshold:.2f} mm: there is nothing to straighten. "
-            f"Lubrication would save {study.saving('lubrication').told()} J on a trip."
+            f"No part of the rail is above {1e3 * study.threshold:.2f} mm: there is nothing to straighten. "
+            f"Lubrication would save {study.saving('lubrication').text()} J on a trip."
         )
     where = " and ".join(_comma([f"{s.low:.2f} to {s.high:.2f} m" for s in study.sections]))
     straight, grease = study.saving("straightened"), study.saving("lubrication")
     share = study.better("lubrication", "straightened")
-    told = (
+    comparison = (
         ""
         if not np.isfinite(share)
         else f" Lubrication saves more than straightening in {100 * share:.0f} % of the draws."
     )
     return (
-        f"Straighten the rail at {where}: that saves {straight.told()} J on a trip. "
-        f"Lubrication saves {grease.told()} J, both together {study.saving('both').told()} J.{told}"
+        f"Straighten the rail at {where}: that saves {straight.text()} J on a trip. "
+        f"Lubrication saves {grease.text()} J, both together {study.saving('both').text()} J.{comparison}"
     )
 
 
@@ -66,7 +67,7 @@ def write_what_if(
     settings: Settings,
     *,
     lift: str,
-    trips: Sequence[MeasuredTrip] = (),
+    trips: Sequence[TripComparison] = (),
     threshold: Threshold | None = None,
     notes: Sequence[str] = (),
 ) -> Path:
@@ -108,22 +109,22 @@ def _png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def _rides(trips: Sequence[MeasuredTrip]) -> tuple[list[tuple[RideComfort, RideComfort]], list[str]]:
-    found, faults = [], []
+def _rides(trips: Sequence[TripComparison]) -> tuple[list[tuple[RideComfort, RideComfort]], list[str]]:
+    rides, faults = [], []
     for trip in trips:
         try:
-            found.append(
+            rides.append(
                 (
                     ride_comfort(trip.time, trip.measured["a_c"], name=f"{trip.name}, measured"),
                     ride_comfort(trip.time, trip.model["a_c"], name=f"{trip.name}, model"),
                 )
             )
         except ComfortError as error:
-            faults.append(f"{trip.name}: ride comfort not judged: {error}")
-    return found, faults
+            faults.append(f"{trip.name}: ride comfort was not evaluated: {error}")
+    return rides, faults
 
 
-def _trip_json(trip: MeasuredTrip) -> dict[str, Any]:
+def _trip_json(trip: TripComparison) -> dict[str, Any]:
     return {
         "name": trip.name,
         "metrics": {n: {"rmse": trip.metrics[n][0], "pearson": trip.metrics[n][1], "unit": u} for n, u, *_ in TABLE_3},
@@ -135,22 +136,22 @@ def _yearly(study: WhatIf, settings: Settings) -> dict[str, Any] | None:
     if settings.trips_per_day <= 0.0:
         return None
     factor = settings.trips_per_day * 365.0 / 3.6e6
-    found: dict[str, Any] = {"unit": "kWh", "trips_per_day": settings.trips_per_day}
+    year: dict[str, Any] = {"unit": "kWh", "trips_per_day": settings.trips_per_day}
     for name in ("straightened", "lubrication", "both"):
         saving = study.saving(name)
         scaled = Interval(*(factor * v for v in (saving.value, saving.low, saving.high)))
-        found[name] = {"energy": scaled.to_json()}
+        year[name] = {"energy": scaled.to_json()}
         if settings.price > 0.0:
             money = Interval(*(settings.price * v for v in (scaled.value, scaled.low, scaled.high)))
-            found[name]["money"] = {**money.to_json(), "unit": settings.currency}
-    return found
+            year[name]["money"] = {**money.to_json(), "unit": settings.currency}
+    return year
 
 
 def _page(
     study: WhatIf,
     settings: Settings,
     lift: str,
-    trips: Sequence[MeasuredTrip],
+    trips: Sequence[TripComparison],
     rides: Sequence[tuple[RideComfort, RideComfort]],
     threshold: Threshold | None,
     notes: Sequence[str],
@@ -180,12 +181,12 @@ def _page(
         css=Markup(css),
         figure=figure,
         lift=lift,
-        answer=answer(study),
+        answer=summary(study),
         notes=list(notes),
         sections=[_section_row(s) for s in study.sections],
         plan=[_plan_row(study, name, year) for name in ("straightened", "lubrication", "both")],
         yearly=year is not None,
-        sure=_how_sure(study, year),
+        certainty=_certainty(study, year),
         direction=study.direction,
         actions=[LABELS[a.name] for a in study.actions],
         energies=_energy_rows(study),
@@ -199,19 +200,20 @@ def _page(
 
 def _section_row(s: Any) -> dict[str, str]:
     spread = f" ± {1e3 * s.spread:.2f}" if s.spread > 0.0 else ""
-    # In words that do not claim certainty.
-    sure = ("> 99 %" if s.sure > 0.99 else f"{100 * s.sure:.0f} %") if s.spread > 0.0 else "not known"
+    text = "> 99 %" if s.probability > 0.99 else f"{100 * s.probability:.0f} %"  # never claims certainty
+    probability = text if s.spread > 0.0 else "not known"
     return {
         "where": f"{s.low:.2f} to {s.high:.2f} m", "worst": f"{s.worst:.2f} m",
-        "deviation": f"{1e3 * s.deviation:.2f}{spread} mm", "sure": sure, "saving": f"{s.interval.told()} J",
+        "deviation": f"{1e3 * s.deviation:.2f}{spread} mm", "probability": probability,
+        "saving": f"{s.interval.text()} J",
     }  # fmt: skip
 
 
 def _plan_row(study: WhatIf, name: str, year: dict[str, Any] | None) -> dict[str, str]:
     row = {
         "name": LABELS[name],
-        "saving": f"{study.saving(name).told()} J",
-        "gain": f"+{study.gain(name).told(100.0, 1)} points",
+        "saving": f"{study.saving(name).text()} J",
+        "gain": f"+{study.gain(name).text(100.0, 1)} points",
         "year": "",
     }
     if year is not None:
@@ -222,22 +224,20 @@ def _plan_row(study: WhatIf, name: str, year: dict[str, Any] | None) -> dict[str
 
 
 def _three_digits(figure: dict[str, Any]) -> str:
-    """Return a figure of the JSON with its interval in brackets, if it has one."""
-    told = f"{figure['value']:.3g}"
-    return told if figure["low"] is None else f"{told} ({figure['low']:.3g} to {figure['high']:.3g})"
+    """Return a value of the JSON with its interval in brackets, if it has one."""
+    text = f"{figure['value']:.3g}"
+    return text if figure["low"] is None else f"{text} ({figure['low']:.3g} to {figure['high']:.3g})"
 
 
-def _how_sure(study: WhatIf, year: dict[str, Any] | None) -> str:
+def _certainty(study: WhatIf, year: dict[str, Any] | None) -> str:
     if not study.drawn:
-        return "Nothing was drawn, so no figure has an interval."
-    text = (
-        f"In brackets: 95 % of {len(study.drawn)} draws, in which {', '.join(f'{n} ± {s}' for n, s in study.doubts)} "
-        "and the spread of the rail's estimate vary."
-    )
+        return "There were no draws, so no value has an interval."
+    varied = ", ".join(f"{name} ± {size}" for name, size in study.uncertainties)
+    text = f"In brackets: 95 % of {len(study.drawn)} draws of {varied} and of the error of the rail's estimate."
     if not np.any(study.rail.spread > 0.0):
-        text += " The profile came without a spread: it counts as exact."
+        text += " The profile has no spread and counts as exact."
     if year is not None:
-        text += " A year: all trips taken as this one, the machine feeding back all that it takes up."
+        text += " A year: all trips equal to this one, and a machine that feeds back all energy that it takes up."
     return text
 
 
@@ -256,21 +256,21 @@ def _energy_rows(study: WhatIf) -> list[dict[str, Any]]:
 
 
 def _cell(figure: Interval, factor: float) -> tuple[str, str]:
-    value, _, interval = figure.told(factor).partition(" ")
+    value, _, interval = figure.text(factor).partition(" ")
     return value, interval.strip("()")
 
 
-def _threshold_text(found: Threshold) -> str:
-    low, high = (1e3 * v for v in found.interval)
+def _threshold_text(threshold: Threshold) -> str:
+    low, high = (1e3 * v for v in threshold.interval)
     return (
-        f"{100 * found.fraction:.0f} % of {len(found.configurations)} configurations have a median deviation of "
-        f"{1e3 * found.level:.2f} mm or less (95 % interval {low:.2f} to {high:.2f} mm, by drawing the configurations "
-        f"again). A millimetre more of median deviation goes with {1e-3 * found.slope:.1f} J more on a trip "
-        f"(correlation {found.correlation:.2f})."
+        f"{100 * threshold.fraction:.0f} % of {len(threshold.configurations)} configurations have a median deviation "
+        f"of {1e3 * threshold.level:.2f} mm or less (95 % interval {low:.2f} to {high:.2f} mm, by bootstrap over the "
+        f"configurations). A millimetre more of median deviation goes with {1e-3 * threshold.slope:.1f} J more on a "
+        f"trip (correlation {threshold.correlation:.2f})."
     )
 
 
-def _compared(trips: Sequence[MeasuredTrip]) -> list[tuple[str, str, str]]:
+def _compared(trips: Sequence[TripComparison]) -> list[tuple[str, str, str]]:
     if not trips:
         return []
     rows = []
@@ -284,27 +284,28 @@ def _compared(trips: Sequence[MeasuredTrip]) -> list[tuple[str, str, str]]:
 def _comfort_rows(rides: Sequence[tuple[RideComfort, RideComfort]]) -> list[tuple[str, str, str]]:
     if not rides:
         return []
-    found = []
+    rows = []
     for k, (name, _, unit) in enumerate(rides[0][0].rows()):
         cells = []
         for side in (0, 1):
             values = np.array([pair[side].rows()[k][1] for pair in rides])
             known = values[np.isfinite(values)]
             cells.append(f"{np.median(known):.3g} {unit}" if known.size else "none")
-        found.append((name, cells[0], cells[1]))
-    return found
+        rows.append((name, cells[0], cells[1]))
+    return rows
 
 
 def _assumed(study: WhatIf, settings: Settings) -> list[str]:
     return [
-        "The cabin's right rail stands for all deviations; the left rail and both rails across count as straight. "
+        "The cabin's right rail represents all deviations; the left rail and both rails in y count as straight. "
         f"Only it is straightened, to {1e3 * study.threshold:.2f} mm.",
-        f"Lubrication takes the friction of cabin and counterweight to {study.lubrication:g} of what it was.",
-        "Friction is μ times the normal force at every shoe (González et al. 2020, Eq. 4); gear losses are left out.",
-        "Shares are of nominal values; draws are the same for all actions, so savings are differences within a draw.",
+        f"Lubrication multiplies the friction of cabin and counterweight by {study.lubrication:g}.",
+        "Friction is μ times the normal force at every shoe (González et al. 2020, Eq. 4); gear losses are neglected.",
+        "Percentages refer to nominal values; all actions use the same draws, so savings are differences within a "
+        "draw.",
         *(
             []
             if settings.lift
-            else ["The lift is the project's own bench, whose numbers are not those of the paper's bench."]
+            else ["The lift is the project's own bench; its parameters differ from those of the paper's bench."]
         ),
     ]

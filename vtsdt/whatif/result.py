@@ -1,4 +1,4 @@
-"""What a what-if study returns: energies of each action, sections of the rail, with intervals."""
+"""Results of a what-if study: energies of each action, savings of each section, with intervals."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from vtsdt.lift.energy import TripEnergy
 if TYPE_CHECKING:
     import pandas
 
-__all__ = ["Action", "Interval", "Section", "WhatIf"]
+__all__ = ["Action", "Interval", "SectionSaving", "WhatIf"]
 
 FIGURES = ("E_c", "E_cw", "E_cb", "E_m", "eta_t")
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure and the interval in which 95 % of the draws lie; NaN without draws."""
+    """A value and the interval that contains 95 % of the draws; NaN without draws."""
 
     value: float
     low: float
@@ -28,30 +28,30 @@ class Interval:
 
     @staticmethod
     def of(value: float, draws: Any) -> Interval:
-        """Return the interval of drawn values beside the nominal one."""
-        given = np.asarray(draws, dtype=float)
-        if given.size < 2:
+        """Return the nominal value with the interval of the drawn ones."""
+        drawn = np.asarray(draws, dtype=float)
+        if drawn.size < 2:
             return Interval(float(value), float("nan"), float("nan"))
-        return Interval(float(value), *(float(q) for q in np.quantile(given, (0.025, 0.975))))
+        return Interval(float(value), *(float(q) for q in np.quantile(drawn, (0.025, 0.975))))
 
-    def told(self, factor: float = 1.0, digits: int = 2) -> str:
-        """Return the figure as text, with its interval where there is one."""
+    def text(self, factor: float = 1.0, digits: int = 2) -> str:
+        """Return the value as text, with its interval where there is one."""
 
-        def text(value: float) -> str:
+        def digits_of(value: float) -> str:
             return f"{round(factor * value, digits) + 0.0:.{digits}f}"  # no minus zero
 
         if not np.isfinite(self.low):
-            return text(self.value)
-        return f"{text(self.value)} ({text(self.low)} to {text(self.high)})"
+            return digits_of(self.value)
+        return f"{digits_of(self.value)} ({digits_of(self.low)} to {digits_of(self.high)})"
 
     def to_json(self) -> dict[str, float | None]:
-        """Return value and bounds; None where there is none."""
+        """Return value and bounds; None where there is no interval."""
         return {k: (v if np.isfinite(v) else None) for k, v in vars(self).items()}
 
 
 @dataclass(frozen=True, eq=False)
 class Action:
-    """Energies of one action: nominal, and one for each draw."""
+    """Energies of one action: nominal, and of each draw."""
 
     name: str
     nominal: TripEnergy
@@ -62,9 +62,9 @@ class Action:
         return Interval.of(getattr(self.nominal, name), [getattr(e, name) for e in self.drawn])
 
 
-@dataclass(frozen=True, eq=False)
-class Section:
-    """A stretch of the rail beyond the threshold, and what straightening it alone would save.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SectionSaving:
+    """A section of the rail above the threshold, and what straightening it alone would save.
 
     Parameters
     ----------
@@ -73,8 +73,8 @@ class Section:
         Height of the largest deviation.
     deviation, spread : float, m
         Largest deviation and its standard deviation.
-    sure : float
-        Probability that the deviation there is beyond the threshold.
+    probability : float
+        That the deviation there is above the threshold.
     saving : float, J
         Of one trip.
     drawn : tuple of float, J
@@ -85,7 +85,7 @@ class Section:
     worst: float
     deviation: float
     spread: float
-    sure: float
+    probability: float
     saving: float
     drawn: tuple[float, ...] = ()
 
@@ -95,33 +95,33 @@ class Section:
         return Interval.of(self.saving, self.drawn)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class WhatIf:
-    """What corrective actions would bring.
+    """The effect of corrective actions.
 
     Parameters
     ----------
     actions : tuple of Action
         original, straightened, lubrication, both.
-    sections : tuple of Section
+    sections : tuple of SectionSaving
     rail : ProfileTable
-        The profile that the model was given.
+        The profile of the model's rail.
     threshold : float, m
     lubrication : float
     direction : str
-    doubts : tuple of (name, size)
+    uncertainties : tuple of (name, size)
     drawn : tuple of dict
         Parameters of each draw.
     seed : int
     """
 
     actions: tuple[Action, ...]
-    sections: tuple[Section, ...]
+    sections: tuple[SectionSaving, ...]
     rail: ProfileTable
     threshold: float
     lubrication: float
     direction: str
-    doubts: tuple[tuple[str, str], ...]
+    uncertainties: tuple[tuple[str, str], ...]
     drawn: tuple[dict[str, float], ...]
     seed: int
 
@@ -129,7 +129,7 @@ class WhatIf:
         return next(a for a in self.actions if a.name == name)
 
     def saving(self, name: str) -> Interval:
-        """Return what an action saves in both guides on one trip, J; the same draws on both sides."""
+        """Return what an action saves in both guides on one trip, J, draw by draw."""
         base, other = self["original"], self[name]
 
         def lost(e: TripEnergy) -> float:
@@ -139,7 +139,7 @@ class WhatIf:
         return Interval.of(lost(base.nominal) - lost(other.nominal), [lost(a) - lost(b) for a, b in pairs])
 
     def gain(self, name: str) -> Interval:
-        """Return by how much an action raises eta_t, as a share."""
+        """Return the increase of eta_t by an action, as a share."""
         base, other = self["original"], self[name]
         pairs = zip(base.drawn, other.drawn, strict=True)
         return Interval.of(other.nominal.eta_t - base.nominal.eta_t, [b.eta_t - a.eta_t for a, b in pairs])
@@ -165,7 +165,7 @@ class WhatIf:
             "lubrication": self.lubrication,
             "seed": self.seed,
             "draws": len(self.drawn),
-            "doubts": dict(self.doubts),
+            "doubts": dict(self.uncertainties),
             "units": {"E": "J", "eta_t": "1"},
             "actions": {
                 a.name: {
@@ -182,7 +182,7 @@ class WhatIf:
                     "worst_m": s.worst,
                     "deviation_mm": 1e3 * s.deviation,
                     "spread_mm": 1e3 * s.spread,
-                    "probability_beyond": s.sure,
+                    "probability_beyond": s.probability,
                     "saving_J": s.interval.to_json(),
                 }
                 for s in self.sections

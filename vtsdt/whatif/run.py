@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimation.signals.preparation import low_pass
 from multibody.base.progress import Progress, silent
 from vtsdt.files.parameters import LiftParameters, ParameterError
 from vtsdt.files.rail_profile_table import ProfileTable
+from vtsdt.whatif.compare import (
+    FRICTION_LOW_PASS,
+    compare_trips,
+    read_measured_trips,
+    with_measured_masses,
+    with_rail,
+)
+from vtsdt.whatif.report import write_what_if
+from vtsdt.whatif.result import WhatIf
 from vtsdt.whatif.settings import Settings
+from vtsdt.whatif.study import what_if
+from vtsdt.whatif.threshold import Threshold, configuration_of, friction_loss, threshold_of
 
-if TYPE_CHECKING:
-    from vtsdt.whatif.result import WhatIf
-    from vtsdt.whatif.threshold import Threshold
-
-__all__ = ["run", "threshold_from"]
+__all__ = ["run_what_if", "threshold_from"]
 
 
-def run(settings: Settings, out: str | Path, progress: Progress = silent) -> tuple[WhatIf, Path]:
+def run_what_if(settings: Settings, out: str | Path, progress: Progress = silent) -> tuple[WhatIf, Path]:
     """Carry out a what-if study and write it into a folder.
 
     Parameters
@@ -36,11 +43,9 @@ def run(settings: Settings, out: str | Path, progress: Progress = silent) -> tup
     Raises
     ------
     ParameterError, RecordError, ValueError
-        With everything that is wrong with files and settings.
+        With every fault of files and settings.
     """
-    from vtsdt.whatif.compare import compare_trips, read_trips, updated, weighed
-    from vtsdt.whatif.report import write_what_if
-    from vtsdt.whatif.study import what_if
+    from vtsdt.whatif.compare import with_measured_masses
 
     parameters = LiftParameters.load(settings.lift) if settings.lift else LiftParameters.bench()
     rail = ProfileTable.load(settings.profile) if settings.profile else None
@@ -56,34 +61,35 @@ def run(settings: Settings, out: str | Path, progress: Progress = silent) -> tup
     if high < reach - 0.05 or low > parameters.cabin.shoe_low + 0.05:
         notes.append(
             f"The profile covers {low:.2f} to {high:.2f} m, the shoes reach {parameters.cabin.shoe_low:.2f} to "
-            f"{reach:.2f} m: beyond its ends the rail is taken to go on as it ends."
+            f"{reach:.2f} m: beyond its ends the rail is assumed to keep the deviation of its ends."
         )
     rail = _extended(rail, parameters)
-    records = read_trips(settings.trips, settings.time, settings.columns) if settings.trips else []
+    records = read_measured_trips(settings.trips, settings.time, settings.columns) if settings.trips else []
     if records:
-        parameters = weighed(parameters, records)
-    parameters = updated(parameters, rail)
-    found = threshold_from(settings, parameters) if settings.configurations else None
-    level = found.level if found is not None else settings.threshold
+        parameters = with_measured_masses(parameters, records)
+    parameters = with_rail(parameters, rail)
+    threshold = threshold_from(settings, parameters) if settings.configurations else None
     trips = compare_trips(records, parameters, rail, progress=progress) if records else []
     study = what_if(
         parameters,
         rail,
-        threshold=level,
+        threshold=threshold.level if threshold is not None else settings.threshold,
         lubrication=settings.lubrication,
-        doubts=settings.doubts,
+        uncertainties=settings.uncertainties,
         samples=settings.samples,
         direction=settings.direction,
         seed=settings.seed,
         progress=progress,
     )
     progress("draw the figures")
-    page = write_what_if(Path(out), study, settings, lift=parameters.name, trips=trips, threshold=found, notes=notes)
+    page = write_what_if(
+        Path(out), study, settings, lift=parameters.name, trips=trips, threshold=threshold, notes=notes
+    )
     return study, page
 
 
 def _extended(rail: ProfileTable, parameters: LiftParameters) -> ProfileTable:
-    """Return the profile over the whole rail: constant beyond its ends, as the model takes it."""
+    """Return the profile over the whole rail, constant beyond its ends as in the model."""
     low, high = parameters.hoistway.rail_bottom, parameters.hoistway.rail_top
     height, delta, spread = rail.height, rail.delta, rail.spread
     if height[0] > low:
@@ -99,14 +105,10 @@ def threshold_from(settings: Settings, parameters: LiftParameters) -> Threshold:
     The energy of a trip is ∫ friction · speed with friction = m (z̈ + g) − F_c, the cabin's mass from the tension at
     rest of all trips of that configuration.
     """
-    from estimation.signals.preparation import low_pass
-    from vtsdt.whatif.compare import FRICTION_LOW_PASS, read_trips, weighed
-    from vtsdt.whatif.threshold import configuration, friction_loss, threshold
-
-    found = []
-    for each in settings.configurations:
-        records = read_trips(each.trips, settings.time, settings.columns)
-        cabin = weighed(parameters, records).cabin
+    configurations = []
+    for files in settings.configurations:
+        records = read_measured_trips(files.trips, settings.time, settings.columns)
+        cabin = with_measured_masses(parameters, records).cabin
         energies = []
         for record in records:
             t = np.asarray(record.time)
@@ -115,7 +117,7 @@ def threshold_from(settings: Settings, parameters: LiftParameters) -> Threshold:
             mass = cabin.mass + float(np.median(signal["payload"]))
             energies.append(friction_loss(t, signal["F_c"], signal["a_c"], speed, mass))
         reach = parameters.hoistway.travel + parameters.cabin.shoe_high
-        rail = ProfileTable.load(each.profile)
+        rail = ProfileTable.load(files.profile)
         low, high = max(rail.height[0], parameters.cabin.shoe_low), min(rail.height[-1], reach)
-        found.append(configuration(each.name, rail, energies, float(low), float(high)))
-    return threshold(found, settings.fraction, seed=settings.seed)
+        configurations.append(configuration_of(files.name, rail, energies, float(low), float(high)))
+    return threshold_of(configurations, settings.fraction, seed=settings.seed)

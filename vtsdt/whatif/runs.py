@@ -1,11 +1,12 @@
-"""Energies of many trips of the reference model: other rails, other parameters, one compiled structure.
+"""Energies of many trips of the reference model: other rails and parameters, one compiled structure.
 
-Rails are tables in the parameter vector, so a straightened rail, a drawn one and one as it is are the same machine
+Rails are tables in the parameter vector, so the rail as it is, straightened and drawn rails are the same compiled model
 with other numbers.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,25 +15,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multibody.base.errors import SimulationError
+from multibody.equations.tables import packed
 from vtsdt.files.parameters import LiftParameters
-from vtsdt.files.rail_profile import Profile
+from vtsdt.files.rail_profile import RailProfile
 from vtsdt.lift.energy import TripEnergy
 from vtsdt.lift.lift import Lift
 
 if TYPE_CHECKING:
     from multibody.machine.model import System
 
-__all__ = ["Loaded", "TripRunner", "TripSignals"]
+__all__ = ["SimulatedTrip", "TripRunner", "Variant"]
 
-#: Between the samples from which energies are integrated, s.
+#: Step of the samples from which energies are integrated, s.
 STEP = 2e-3
 _SIGNALS = ("pulley.speed", "machine.torque", "fric_c", "fric_cw", "v_c", "z_c", "cabin.potential_energy")
 _RAIL = "cabin_guide.right_x"
 
 
 @dataclass(frozen=True, eq=False)
-class TripSignals:
-    """One simulated trip, as far as its energies need it.
+class SimulatedTrip:
+    """What the energies of a trip need of its simulation.
 
     Parameters
     ----------
@@ -56,18 +58,18 @@ class TripSignals:
 
 
 @dataclass(frozen=True, eq=False)
-class Loaded:
-    """What distinguishes one run from another.
+class Variant:
+    """Rail and parameters of one run.
 
     Parameters
     ----------
-    rail : Profile or None
-        The cabin's right rail; None: the runner's own.
+    rail : RailProfile or None
+        The cabin's right rail; None: the lift's own.
     values : mapping of str to float
         Parameters of the model by name, SI.
     """
 
-    rail: Profile | None = None
+    rail: RailProfile | None = None
     values: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -78,7 +80,7 @@ class TripRunner:
     ----------
     parameters : LiftParameters
     heights : ndarray, m
-        Heights at which every rail of the cabin is stated; a rail that is cut needs points beside its kinks.
+        Heights of the points of the cabin's rail; a clipped rail needs points close to its kinks.
     direction : {"up", "down"}
     rtol : float
         Relative tolerance of the integration.
@@ -87,11 +89,9 @@ class TripRunner:
     def __init__(
         self, parameters: LiftParameters, heights: np.ndarray, direction: str = "up", rtol: float = 1e-7
     ) -> None:
-        import dataclasses
-
         self.parameters, self.direction, self.rtol = parameters, direction, rtol
         self.heights = np.asarray(heights, dtype=float)
-        rail = parameters.cabin_guide.right_x or Profile(
+        rail = parameters.cabin_guide.right_x or RailProfile(
             (parameters.hoistway.rail_bottom, parameters.hoistway.rail_top), (0.0, 0.0)
         )
         guide = dataclasses.replace(parameters.cabin_guide, right_x=rail.resampled(tuple(map(float, self.heights))))
@@ -101,7 +101,7 @@ class TripRunner:
 
     @cached_property
     def system(self) -> System:
-        """The compiled machine with the outputs that energies need."""
+        """The compiled lift with the outputs that energies need."""
         names = [n for n in _SIGNALS if n != "cabin.potential_energy"]
         return self.lift.build(outputs=names)
 
@@ -110,19 +110,17 @@ class TripRunner:
         first = self.system.index("parameter", f"{_RAIL}.x[0]")
         return slice(first, first + 3 * self.heights.size)
 
-    def vector(self, run: Loaded) -> np.ndarray:
+    def vector(self, run: Variant) -> np.ndarray:
         """Return the parameter vector of a run."""
-        from multibody.equations.tables import packed
-
         p = self.system.parameter_vector(dict(run.values))
         if run.rail is not None:
-            stated = np.array_equal(run.rail.height, self.heights)
-            deviation = np.array(run.rail.deviation if stated else [run.rail.at(h) for h in self.heights])
+            same_heights = np.array_equal(run.rail.height, self.heights)
+            deviation = np.array(run.rail.deviation if same_heights else [run.rail.at(h) for h in self.heights])
             p[self._points] = packed(self.heights, deviation, "cubic")
         return p
 
-    def run(self, runs: Sequence[Loaded], progress: Callable[[int], None] | None = None) -> Iterator[TripSignals]:
-        """Simulate trips, by threads, and yield them in order.
+    def run(self, runs: Sequence[Variant], progress: Callable[[int], None] | None = None) -> Iterator[SimulatedTrip]:
+        """Simulate trips in parallel threads and yield them in order.
 
         Raises
         ------
@@ -142,28 +140,28 @@ class TripRunner:
         guess: dict[str, float] = {}
 
         def problems() -> Iterator[tuple[Any, np.ndarray]]:
-            for each in runs:
-                p = self.vector(each)
+            for one in runs:
+                p = self.vector(one)
                 vectors.append(p)
                 start = self.lift.equilibrium(
                     self.start, system=system, inputs={"omega_ref": 0.0}, parameters=p, guess=guess
                 )
-                if not guess:  # the next hangs nearly as this one does
+                if not guess:  # the next state at rest is close to this one
                     guess.update({k: v for k, v in start.to_dict().items() if k != "pulley.angle"})
                 yield native_problem(system, p, table), start.state
 
         options: dict[str, Any] = {"rtol": self.rtol, "atol": 1e-3 * self.rtol}
-        for found in batch(problems(), (0.0, float(times[-1])), times, **options):
-            if not found.success:
-                raise SimulationError(f"'{self.lift.name}', run {found.index + 1} of {len(runs)}: {found.message}")
-            states = np.ascontiguousarray(found.y[: len(system.states)].T)
-            p = vectors[found.index]
+        for result in batch(problems(), (0.0, float(times[-1])), times, **options):
+            if not result.success:
+                raise SimulationError(f"'{self.lift.name}', run {result.index + 1} of {len(runs)}: {result.message}")
+            states = np.ascontiguousarray(result.y[: len(system.states)].T)
+            p = vectors[result.index]
             y = system.outputs_along(times, states, inputs, p)
             yield self._signals(times, states, y, p)
             if progress is not None:
-                progress(found.index + 1)
+                progress(result.index + 1)
 
-    def _signals(self, t: np.ndarray, states: np.ndarray, y: np.ndarray, p: np.ndarray) -> TripSignals:
+    def _signals(self, t: np.ndarray, states: np.ndarray, y: np.ndarray, p: np.ndarray) -> SimulatedTrip:
         system = self.system
 
         def out(name: str) -> np.ndarray:
@@ -174,13 +172,13 @@ class TripRunner:
 
         loss_c = -out("fric_c") * state("cabin.v_z")
         loss_cw = -out("fric_cw") * state("counterweight.v_z")
-        braked = -float(np.trapezoid(out("machine.torque") * out("pulley.speed"), t))
-        given_up = 0.0
+        machine_energy = -float(np.trapezoid(out("machine.torque") * out("pulley.speed"), t))
+        potential = 0.0
         for body in ("cabin", "counterweight"):
             mass = p[system.index("parameter", f"{body}.mass")]
-            given_up -= mass * 9.80665 * float(_com_height(body, states, system, p)[[-1, 0]] @ (1.0, -1.0))
-        energy = TripEnergy(float(np.trapezoid(loss_c, t)), float(np.trapezoid(loss_cw, t)), given_up, braked)
-        return TripSignals(energy, out("z_c"), loss_c, t)
+            potential -= mass * 9.80665 * float(_com_height(body, states, system, p)[[-1, 0]] @ (1.0, -1.0))
+        energy = TripEnergy(float(np.trapezoid(loss_c, t)), float(np.trapezoid(loss_cw, t)), potential, machine_energy)
+        return SimulatedTrip(energy, out("z_c"), loss_c, t)
 
 
 def _com_height(body: str, states: np.ndarray, system: System, p: np.ndarray) -> np.ndarray:

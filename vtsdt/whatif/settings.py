@@ -10,7 +10,8 @@ from typing import Any
 
 from multibody.base.parameter_file import ParameterError
 from multibody.base.spelling import nearest
-from vtsdt.whatif.study import Doubt, as_doubts, default_doubts
+from vtsdt.whatif.compare import COLUMNS
+from vtsdt.whatif.study import Uncertainty, default_uncertainties, uncertainties_from
 
 __all__ = ["ConfigurationFiles", "Settings", "read_settings"]
 
@@ -36,9 +37,9 @@ class ConfigurationFiles:
     trips: tuple[Path, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What is asked of a what-if study.
+    """Settings of a what-if study.
 
     Parameters
     ----------
@@ -49,18 +50,18 @@ class Settings:
     time : str
         Column of the time.
     columns : mapping of str to str
-        Quantity to column, where a recording has others than the virtual lift.
+        Quantity to column, where a recording has other columns than the virtual lift.
     threshold : float, m
     lubrication : float
     direction : str
     fraction : float
-        Share of the configurations that the threshold is to cover.
+        Share of the configurations that are to be below the threshold.
     configurations : tuple of ConfigurationFiles
         From which the threshold follows, in place of ``threshold``.
-    doubts : tuple of Doubt
+    uncertainties : tuple of Uncertainty
     samples, seed : int
     trips_per_day, price, currency
-        What a saving on one trip is worth in a year; zero trips leave that out.
+        For savings in a year; left out for zero trips.
     """
 
     lift: Path | None = None
@@ -73,7 +74,7 @@ class Settings:
     direction: str = "up"
     fraction: float = 0.7
     configurations: tuple[ConfigurationFiles, ...] = ()
-    doubts: tuple[Doubt, ...] = field(default_factory=default_doubts)
+    uncertainties: tuple[Uncertainty, ...] = field(default_factory=default_uncertainties)
     samples: int = 40
     seed: int = 0
     trips_per_day: float = 0.0
@@ -81,7 +82,7 @@ class Settings:
     currency: str = "EUR"
 
     def with_options(self, **options: Any) -> Settings:
-        """Return the settings with those options replaced that are given (not None)."""
+        """Return the settings with the given options replaced (those that are not None)."""
         return replace(self, **{k: v for k, v in options.items() if v is not None})
 
 
@@ -91,7 +92,7 @@ def read_settings(path: str | Path) -> Settings:
     Raises
     ------
     ParameterError
-        With every unknown table and key, every value of the wrong kind and every file that is not there.
+        With every unknown table and key, every value of the wrong kind and every missing file.
     """
     path = Path(path)
     if not path.is_file():
@@ -134,24 +135,24 @@ class _Reader:
         if not isinstance(given, str):
             self.faults.append(f"{where} must be a path in quotes, and is {given!r}")
             return None
-        found = self.folder / given
-        if not found.is_file():
-            self.faults.append(f"{where}: there is no file '{given}' beside the settings")
-        return found
+        path = self.folder / given
+        if not path.is_file():
+            self.faults.append(f"{where}: there is no file '{given}' in the folder of the settings")
+        return path
 
     def files(self, where: str, given: Any) -> tuple[Path, ...]:
         patterns = [given] if isinstance(given, str) else given
         if not isinstance(patterns, Sequence) or not all(isinstance(p, str) for p in patterns):
             self.faults.append(f"{where} must be a list of paths in quotes")
             return ()
-        found: list[Path] = []
+        paths: list[Path] = []
         for pattern in patterns:
             matched = sorted(self.folder.glob(pattern)) if not Path(pattern).is_absolute() else [Path(pattern)]
             matched = [m for m in matched if m.is_file()]
             if not matched:
-                self.faults.append(f"{where}: no file fits '{pattern}'")
-            found += matched
-        return tuple(dict.fromkeys(found))
+                self.faults.append(f"{where}: no file matches '{pattern}'")
+            paths += matched
+        return tuple(dict.fromkeys(paths))
 
     def read(self) -> Settings:
         self.faults += [f"there is no table [{k}]{nearest(k, _TABLES)}" for k in self.content if k not in _TABLES]
@@ -164,35 +165,34 @@ class _Reader:
             self.faults.append('[trips.columns] must be a table: quantity = "column"')
             columns = {}
         else:
-            from vtsdt.whatif.compare import COLUMNS
-
             self.faults += [
                 f"[trips.columns] has no quantity '{k}'{nearest(k, COLUMNS)}" for k in columns if k not in COLUMNS
             ]
         try:
-            doubts = as_doubts(self.table("uncertain")) if "uncertain" in self.content else default_doubts()
+            known = "uncertain" in self.content
+            uncertainties = uncertainties_from(self.table("uncertain")) if known else default_uncertainties()
         except (KeyError, TypeError, ValueError) as error:
             self.faults.append(
                 f'[uncertain]: {error}: give a share, "*.mu" = 0.1, or {{ std = 0.03, relative = false }}'
             )
-            doubts = default_doubts()
+            uncertainties = default_uncertainties()
         return Settings(
-            self.file("[lift] parameters", lift["parameters"]) if "parameters" in lift else None,
-            self.file("[profile] file", profile["file"]) if "file" in profile else None,
-            self.files("[trips] files", trips["files"]) if "files" in trips else (),
-            str(trips.get("time", "time_s")),
-            dict(columns),
-            1e-3 * self.number("actions", "threshold_mm", 2.3, 0.01, 50.0),
-            self.number("actions", "lubrication", 0.9, 0.01, 1.5),
-            str(direction),
-            self.number("threshold", "fraction", 0.7, 0.01, 0.99),
-            self.configurations(),
-            doubts,
-            int(self.number("study", "samples", 40, 0, 100000)),
-            int(self.number("study", "seed", 0, 0, 2**31)),
-            self.number("use", "trips_per_day", 0.0, 0.0, 1e5),
-            self.number("use", "price_per_kWh", 0.0, 0.0, 1e3),
-            str(self.table("use").get("currency", "EUR")),
+            lift=self.file("[lift] parameters", lift["parameters"]) if "parameters" in lift else None,
+            profile=self.file("[profile] file", profile["file"]) if "file" in profile else None,
+            trips=self.files("[trips] files", trips["files"]) if "files" in trips else (),
+            time=str(trips.get("time", "time_s")),
+            columns=dict(columns),
+            threshold=1e-3 * self.number("actions", "threshold_mm", 2.3, 0.01, 50.0),
+            lubrication=self.number("actions", "lubrication", 0.9, 0.01, 1.5),
+            direction=str(direction),
+            fraction=self.number("threshold", "fraction", 0.7, 0.01, 0.99),
+            configurations=self.configurations(),
+            uncertainties=uncertainties,
+            samples=int(self.number("study", "samples", 40, 0, 100000)),
+            seed=int(self.number("study", "seed", 0, 0, 2**31)),
+            trips_per_day=self.number("use", "trips_per_day", 0.0, 0.0, 1e5),
+            price=self.number("use", "price_per_kWh", 0.0, 0.0, 1e3),
+            currency=str(self.table("use").get("currency", "EUR")),
         )
 
     def configurations(self) -> tuple[ConfigurationFiles, ...]:
@@ -200,16 +200,16 @@ class _Reader:
         if not isinstance(given, list):
             self.faults.append("write each configuration as [[configuration]]")
             return ()
-        found = []
-        for k, each in enumerate(given, 1):
+        configurations = []
+        for k, table in enumerate(given, 1):
             where = f"[[configuration]] {k}"
-            self.faults += [f"{where} has no entry '{n}'" for n in each if n not in _TABLES["configuration"]]
-            missing = [n for n in ("profile", "trips") if n not in each]
+            self.faults += [f"{where} has no entry '{n}'" for n in table if n not in _TABLES["configuration"]]
+            missing = [n for n in ("profile", "trips") if n not in table]
             self.faults += [f"{where}: '{n}' is missing" for n in missing]
             if missing:
                 continue
-            profile = self.file(f"{where} profile", each["profile"])
-            trips = self.files(f"{where} trips", each["trips"])
+            profile = self.file(f"{where} profile", table["profile"])
+            trips = self.files(f"{where} trips", table["trips"])
             if profile is not None:
-                found.append(ConfigurationFiles(str(each.get("name", f"{k}")), profile, trips))
-        return tuple(found)
+                configurations.append(ConfigurationFiles(str(table.get("name", f"{k}")), profile, trips))
+        return tuple(configurations)

@@ -1,7 +1,7 @@
-"""The alignment that most installations reach: a threshold from several configurations of the guides.
+"""A threshold for the alignment from several configurations of the guides.
 
-González et al. 2020, section IV-C and Fig. 10: the level of the median deviation that a share of all configurations
-stays under, beside the energy that the guides of each take.
+González et al. 2020, section IV-C and Fig. 10: the median deviation that a share of all configurations does not exceed,
+and the energy that is lost in the guides of each.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-__all__ = ["Configuration", "Threshold", "configuration", "friction_loss", "threshold"]
+__all__ = ["Configuration", "Threshold", "configuration_of", "friction_loss", "threshold_of"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Configuration:
     """One alignment of the guides.
 
@@ -33,7 +33,7 @@ class Configuration:
     energy : float, J
         Lost in the cabin's guides on one trip.
     energy_std : float, J
-        Standard error of it, from repeated trips; NaN where there is one trip only.
+        Its standard error from repeated trips; NaN for a single trip.
     """
 
     name: str
@@ -43,16 +43,16 @@ class Configuration:
     energy_std: float = float("nan")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Threshold:
-    """A threshold and what it rests on.
+    """A threshold and the configurations behind it.
 
     Parameters
     ----------
     level : float, m
-        Median deviation that a share ``fraction`` of the configurations stays under.
+        Median deviation that a share ``fraction`` of the configurations does not exceed.
     interval : (float, float), m
-        95 % interval, by drawing the configurations again.
+        95 % interval by bootstrap over the configurations.
     fraction : float
     configurations : tuple of Configuration
     slope : float, J/m
@@ -70,14 +70,14 @@ class Threshold:
 
     @property
     def under(self) -> tuple[str, ...]:
-        """Names of the configurations that stay under the level."""
+        """Names of the configurations that do not exceed the level."""
         return tuple(c.name for c in self.configurations if c.median <= self.level)
 
     def __repr__(self) -> str:
         low, high = (1e3 * v for v in self.interval)
         return (
             f"Threshold {1e3 * self.level:.2f} mm (95 %: {low:.2f} to {high:.2f}): "
-            f"{len(self.under)} of {len(self.configurations)} configurations stay under it"
+            f"{len(self.under)} of {len(self.configurations)} configurations do not exceed it"
         )
 
     def to_frame(self) -> pandas.DataFrame:
@@ -122,7 +122,7 @@ class Threshold:
             color="black",
             linewidth=1.2,
             linestyle="--",
-            label=f"threshold {1e3 * self.level:.2f} mm: {100 * self.fraction:.0f} % of the medians stay under it",
+            label=f"threshold {1e3 * self.level:.2f} mm: {100 * self.fraction:.0f} % of the medians are below it",
         )
         axis.set_xlabel("energy lost in the cabin's guides on one trip [J]")
         axis.set_ylabel("guide deviation [mm]")
@@ -131,7 +131,7 @@ class Threshold:
         return figure
 
 
-def configuration(
+def configuration_of(
     name: str, rail: ProfileTable, energies: Sequence[float], low: float | None = None, high: float | None = None
 ) -> Configuration:
     """Return one configuration from the estimated rail and the energies of its trips.
@@ -143,24 +143,26 @@ def configuration(
     energies : sequence of float, J
         Lost in the cabin's guides, one for each trip.
     low, high : float, m, optional
-        Heights between which the deviation is judged; default: the whole table.
+        Range of heights of the deviation; default: the whole table.
     """
     a = rail.height[0] if low is None else low
     b = rail.height[-1] if high is None else high
-    heights = np.linspace(a, b, 400)  # evenly over the height, whatever the table's points
+    heights = np.linspace(a, b, 400)  # evenly over the height, independent of the table's points
     deviation = np.abs([rail.profile.at(h) for h in heights])
-    given = np.asarray(energies, dtype=float)
-    error = float(given.std(ddof=1) / np.sqrt(given.size)) if given.size > 1 else float("nan")
-    return Configuration(name, float(np.median(deviation)), float(deviation.max()), float(given.mean()), error)
+    energy = np.asarray(energies, dtype=float)
+    error = float(energy.std(ddof=1) / np.sqrt(energy.size)) if energy.size > 1 else float("nan")
+    return Configuration(
+        name=name, median=float(np.median(deviation)), largest=float(deviation.max()), energy=float(energy.mean()),
+        energy_std=error,
+    )  # fmt: skip
 
 
 def friction_loss(
     time: np.ndarray, tension: np.ndarray, acceleration: np.ndarray, speed: np.ndarray, mass: float
 ) -> float:
-    """Return the energy lost in the cabin's guides on a trip, from what the paper measures, J.
+    """Return the energy lost in the cabin's guides on a trip from the paper's measurements, J.
 
-    Friction is what is left of m (z̈ + g) − F_c, with the mean of the tension's error unknown: its share of the
-    energy is that error times the way.
+    Friction is m (z̈ + g) − F_c.  A constant error of the tension contributes that error times the distance.
 
     Parameters
     ----------
@@ -173,13 +175,13 @@ def friction_loss(
     return float(-np.trapezoid(friction * np.asarray(speed), time))
 
 
-def threshold(
+def threshold_of(
     configurations: Sequence[Configuration], fraction: float = 0.7, *, draws: int = 2000, seed: int = 0
 ) -> Threshold:
-    """Return the level of the median deviation that a share of the configurations stays under.
+    """Return the median deviation that a share of the configurations does not exceed.
 
-    The level is the smallest of the medians that at least ``fraction`` of them do not pass, as one reads it off
-    Fig. 10: with 14 configurations and 70 % it is the tenth.
+    It is the smallest of the medians that at least ``fraction`` of them do not exceed, as it is read from Fig. 10: with
+    14 configurations and 70 % it is the tenth.
 
     Parameters
     ----------
@@ -187,22 +189,24 @@ def threshold(
     fraction : float
         Between 0 and 1; the paper takes 0.7.
     draws : int
-        Sets of configurations drawn with replacement for the interval.
+        Bootstrap samples for the interval.
     seed : int
 
     Raises
     ------
     ValueError
-        If there are less than three configurations or the fraction is none.
+        If there are fewer than three configurations, or the fraction is not between 0 and 1.
 
     Examples
     --------
-    >>> made = [Configuration(f"{k}", 1e-3 * k, 2e-3 * k, 10.0 + k) for k in range(1, 15)]
-    >>> round(1e3 * threshold(made).level, 6)
+    >>> configurations = [
+    ...     Configuration(name=f"{k}", median=1e-3 * k, largest=2e-3 * k, energy=10.0 + k) for k in range(1, 15)
+    ... ]
+    >>> round(1e3 * threshold_of(configurations).level, 6)
     10.0
     """
     if len(configurations) < 3:
-        raise ValueError(f"{len(configurations)} configurations make no threshold: give three or more")
+        raise ValueError(f"{len(configurations)} configurations are too few for a threshold: give three or more")
     if not 0.0 < fraction < 1.0:
         raise ValueError(f"the fraction is {fraction:g}: give a share between 0 and 1, such as 0.7")
     medians = np.array([c.median for c in configurations])
@@ -212,10 +216,10 @@ def threshold(
     levels = np.quantile(drawn, fraction, axis=1, method="inverted_cdf")
     varied = np.ptp(medians) > 0.0 and np.ptp(energy) > 0.0
     return Threshold(
-        float(np.quantile(medians, fraction, method="inverted_cdf")),
-        (float(np.quantile(levels, 0.025)), float(np.quantile(levels, 0.975))),
-        fraction,
-        tuple(configurations),
-        float(np.polyfit(medians, energy, 1)[0]) if varied else float("nan"),
-        float(np.corrcoef(medians, energy)[0, 1]) if varied else float("nan"),
+        level=float(np.quantile(medians, fraction, method="inverted_cdf")),
+        interval=(float(np.quantile(levels, 0.025)), float(np.quantile(levels, 0.975))),
+        fraction=fraction,
+        configurations=tuple(configurations),
+        slope=float(np.polyfit(medians, energy, 1)[0]) if varied else float("nan"),
+        correlation=float(np.corrcoef(medians, energy)[0, 1]) if varied else float("nan"),
     )
