@@ -1,40 +1,28 @@
-"""Finding the missing effect: compare, locate, explain, add, and watch the error fall.
+"""Missing effects: compare a model with records, locate its error, explain it, add effects, and conclude.
 
-`Study` runs the loop on a study file; `Problem` is what it starts from when a program has the model and the records
-already.  `discrepancy.effects.kinds` is the catalogue of effects and `register` adds a kind of one's own.
+`Study.from_file` reads a study file and `Study.diagnose` searches; `Problem` is for programs that have model and
+records already, and `register` adds a kind to the catalogue of effects.  The public names stand in ``__init__.pyi`` and
+are imported on first use.  Takes from `estimation` and `multibody`.
 """
 
-from __future__ import annotations
-
 import warnings
-from importlib import import_module
 from typing import Any
 
-__all__ = ["Effect", "Kind", "KindText", "Problem", "Study", "make_experiments", "register"]
+import lazy_loader
 
-_WHERE = {
-    "Effect": "discrepancy.effects.effect",
-    "Kind": "discrepancy.effects.kinds",
-    "KindText": "discrepancy.effects.kinds",
-    "Problem": "discrepancy.problem.problem",
-    "Study": "discrepancy.study.study",
-    "make_experiments": "discrepancy.problem.problem",
-    "register": "discrepancy.effects.kinds",
-}
-
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 #: Public names of earlier versions, and what they are called now.
-_RENAMED = {"Setup": "Problem", "experiments_of": "make_experiments"}
+RENAMED = {"Setup": "Problem", "experiments_of": "make_experiments"}
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name when it is first asked for, so that importing the package stays light."""
-    if name in _RENAMED:
-        warnings.warn(f"discrepancy.{name} is now discrepancy.{_RENAMED[name]}", FutureWarning, stacklevel=2)
-        name = _RENAMED[name]
-    if name not in _WHERE:
-        raise AttributeError(f"module 'discrepancy' has no attribute '{name}'")
-    return getattr(import_module(_WHERE[name]), name)
+    """Import a public name on first use; warn where it is the name of an earlier version."""
+    if name in RENAMED:
+        warnings.warn(f"discrepancy.{name} is now discrepancy.{RENAMED[name]}", FutureWarning, stacklevel=2)
+        name = RENAMED[name]
+    return _public(name)
+
 
 #: Modules that stand in files of earlier versions, and where they are now (`multibody.base.references`).
 MOVED = {

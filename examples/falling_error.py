@@ -11,9 +11,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+from discrepancy import Study
 from discrepancy.report.figures import falling_error
 from discrepancy.rigs.axis import make_axis
-from discrepancy.study.study import Study
 
 SEED = 7  # that of the README's command
 HIDDEN = "stribeck_friction"

@@ -15,7 +15,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
-from discrepancy.study.study import Study
+from discrepancy import Study
 from vtsdt.rig.one_dimensional import PlainLiftRig
 
 NOISE = {"friction_c": 0.5, "friction_cw": 0.5}

@@ -18,8 +18,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from discrepancy import Study
 from discrepancy.rigs.recording import Case
-from discrepancy.study.study import Study
 from estimation.files.record import Record
 from vtsdt.alignment.estimate import align
 from vtsdt.alignment.result import Alignment

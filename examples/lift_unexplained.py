@@ -14,9 +14,9 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from discrepancy import Study
 from discrepancy.conclusion.conclusion import Conclusion
 from discrepancy.problem.problem import Problem
-from discrepancy.study.study import Study
 from estimation.fit.calibrate import UncertainParameter
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.rig.rig import LiftRig

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from discrepancy.stages.stage import Stage
 
-__all__ = ["Picture", "pictures", "render", "write"]
+__all__ = ["Picture", "pictures", "render", "write_report"]
 
 _log = logging.getLogger(__name__)
 _DPI = 150
@@ -204,7 +204,7 @@ def render(conclusion: Conclusion, evidence: Evidence, drawn: list[Picture]) -> 
     )
 
 
-def write(conclusion: Conclusion, out: str | Path, evidence: Evidence | None = None) -> list[Path]:
+def write_report(conclusion: Conclusion, out: str | Path, evidence: Evidence | None = None) -> list[Path]:
     """Write ``diagnosis.json``, ``report.html``, the figures as PNG and ``model.json`` into a folder.
 
     A conclusion without a verdict (only compared, nothing asked) goes into ``comparison.json`` instead.

@@ -60,11 +60,11 @@ def compare(args: Any) -> int:
 def _finish(study: Any, conclusion: Any, out: Path, args: Any, *, compared_only: bool = False) -> None:
     from dataclasses import replace
 
-    from discrepancy.report.write import write
+    from discrepancy.report.write import write_report
 
     if compared_only:
         conclusion = replace(conclusion, verdict="", sentence="")
-    files = write(conclusion, out)
+    files = write_report(conclusion, out)
     if not args.quiet:
         _show(study, conclusion, files)
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from discrepancy import Study
 from discrepancy.effects.effect import Effect
-from discrepancy.study.study import Study
 
 HERE = Path(__file__).resolve().parent
 WORN = ("asymmetric_viscous_friction", {"forward": 10.0, "backward": 10.0}, {"v_s": 1e-3})

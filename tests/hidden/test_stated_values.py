@@ -11,7 +11,7 @@ import pytest
 from discrepancy.effects.catalogue import catalogue
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.problem import Problem, make_experiments
-from discrepancy.report.write import write
+from discrepancy.report.write import write_report
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal
 from estimation.fit.calibrate import UncertainParameter
@@ -121,7 +121,7 @@ def test_absence_is_the_stated_value_and_none_is_offered_without_one() -> None:
 
 def test_the_report_tells_the_value_beside_the_stated_one(tmp_path: Path) -> None:
     conclusion = study_of({"motor.R": 1.0}).diagnose()
-    write(conclusion, tmp_path)
+    write_report(conclusion, tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "another resistance at motor" in conclusion.sentence.lower()
     assert "the model states 0.800 ohm" in page

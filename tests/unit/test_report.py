@@ -16,7 +16,7 @@ import pytest
 from discrepancy.questions.unknown_force import UnknownCurve
 from discrepancy.report.schema import check_diagnosis
 from discrepancy.report.wording import interval_words
-from discrepancy.report.write import pictures, render, write
+from discrepancy.report.write import pictures, render, write_report
 from discrepancy.stages.stage import RivalExplanation
 from multibody.base.quantity_text import quantity_text
 
@@ -38,7 +38,7 @@ SECTIONS = [
 @pytest.fixture(scope="session")
 def written(conclusion, evidence, tmp_path_factory):
     out = tmp_path_factory.mktemp("report")
-    return out, write(conclusion, out, evidence)
+    return out, write_report(conclusion, out, evidence)
 
 
 @pytest.fixture(scope="session")
@@ -167,7 +167,7 @@ def test_other_answers_have_their_page(conclusion, evidence) -> None:
 
 def test_without_held_out_records_the_page_says_so(conclusion, tmp_path) -> None:
     alone = replace(conclusion, stages=tuple(replace(s, validate=None) for s in conclusion.stages))
-    write(alone, tmp_path)
+    write_report(alone, tmp_path)
     text = _text((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "No record was held out" in text
 

@@ -12,7 +12,7 @@ import pytest
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.problem.study_file import StudyError
-from discrepancy.report.write import write
+from discrepancy.report.write import write_report
 from discrepancy.study.history import restore, save_history
 from discrepancy.study.study import Study
 from estimation.files.record import Record, Signal
@@ -79,7 +79,7 @@ def whole(tmp_path_factory):
     study = Study(problem_of())
     study.checkpoint = lambda s: save_history(s, folder / "history.json")
     conclusion = study.diagnose()
-    write(conclusion, folder)
+    write_report(conclusion, folder)
     return study, conclusion, folder
 
 
