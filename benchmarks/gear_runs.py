@@ -56,7 +56,7 @@ class Rates:
 
     def __init__(self, stage: GearStage, count: int = 2000):
         from gearbox.stage.static_equilibrium import moving_state
-        from multibody.compile.native import load_driver
+
 
         system = self.system = stage.system
         self.states = np.tile(moving_state(stage, SPEED, TORQUE), (count, 1))
@@ -66,7 +66,6 @@ class Rates:
             self.states[:, system.index("state", name)] += share * turn
         self.inputs = np.tile(system.input_vector({"speed": SPEED * np.pi / 30.0, "torque": TORQUE}), (count, 1))
         self.out, self.times, self.p = np.empty_like(self.states), np.zeros(count), system.p.copy()
-        self.along = load_driver("multibody.solvers.kernels.along")
         span = 0.1
         taken = stage.simulate(SPEED, TORQUE, span, rate=10000.0, settle=0.05).statistics["nfev"]
         self.note = f"{len(system.states)} states, {round(taken / (span + 0.05), -3):.0f} evaluations per s of motion"
@@ -74,10 +73,12 @@ class Rates:
     def __call__(self) -> float:
         import time
 
+        from multibody.solvers.kernels.along import rhs_along
+
         address, least = self.system.rhs_function.address, float("inf")
         for _ in range(30):
             begun = time.process_time()
-            self.along.rhs_along(address, self.times, self.states, self.inputs, self.p, self.out)
+            rhs_along(address, self.times, self.states, self.inputs, self.p, self.out)
             least = min(least, time.process_time() - begun)
         return least / self.times.size
 

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from estimation.filters.errors import FilterDivergence, FilterError
+from estimation.filters.kernels import extended as kernel
 from estimation.filters.model import FilterModel
 from estimation.filters.noise import Noise, Prior
 from estimation.filters.run import FilterRun
@@ -84,7 +85,6 @@ def extended(
         If states or covariance grow beyond all bounds.
     """
     from estimation.filters.kernels.layout import COVARIANCES, EVERYTHING
-    from multibody.compile.native import load_driver
 
     bundle = model.bundle()
     n, m, ld, count = model.n, len(model.measured), model.ld, samples.count
@@ -107,7 +107,7 @@ def extended(
     space = np.zeros(8 * n * ld + tall * ld + 16 * n + 4 * samples.inputs.shape[1] + 2 * m)
     covariance = padded(root_of(p) if square_root else p, ld)
     verdict = np.zeros(3)
-    load_driver("estimation.filters.kernels.extended").extended(
+    kernel.extended(
         bundle.numbers, samples.times, samples.inputs, samples.readings, r, padded(q, ld), padded(root_of(q), ld),
         x, covariance, settings, 0.0 if gate is None else float(gate), out, covariances, predicted, carried, rows,
         innovations, space, verdict,

@@ -9,6 +9,7 @@ import numpy as np
 
 from estimation.filters.errors import FilterError
 from estimation.filters.extended import check_shapes, diverged, padded
+from estimation.filters.kernels import unscented as kernel
 from estimation.filters.model import FilterModel
 from estimation.filters.noise import Noise, Prior
 from estimation.filters.run import FilterRun
@@ -53,7 +54,6 @@ def unscented(
     FilterDivergence
         If the covariance loses its sign or a state grows beyond all bounds.
     """
-    from multibody.compile.native import load_driver
 
     bundle = model.bundle()
     n, m, ld, count = model.n, len(model.measured), model.ld, samples.count
@@ -70,7 +70,7 @@ def unscented(
     settings = np.array([_NOISE[noise.kind], int(covariances), hold, bundle.least(substeps, samples)], dtype=np.int64)
     size = n * ld + (2 * n + 1) * (n + m) + 8 * n + 4 * samples.inputs.shape[1] + m + m * m + n * m + n
     verdict = np.zeros(2)
-    load_driver("estimation.filters.kernels.unscented").unscented(
+    kernel.unscented(
         bundle.numbers, samples.times, samples.inputs, samples.readings, r, padded(q, ld), x, padded(p, ld), settings,
         float(np.sqrt(whole)), weights, out, kept, innovations, np.zeros(size + 8), verdict,
     )  # fmt: skip

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.response.record_simulation import RecordSimulation
+from multibody.solvers.kernels.carry import carry
 
 if TYPE_CHECKING:
     from multibody.machine.model import System
@@ -176,15 +177,14 @@ class PerturbationResponse:
 
     def __call__(self, perturbations: Sequence[Perturbation]) -> np.ndarray:
         """Return what each perturbation changes in the outputs, before sensors and preparation, shape (nt, c, m)."""
-        from multibody.compile.native import load_driver
-
         channel = np.array([self.channels.index(_channel(q)) for q in perturbations], dtype=np.int64)
         ones = np.ones(len(self.outputs))
+        room = np.empty((2, self.phi.shape[2], len(perturbations)))
         values = [q.values if isinstance(q, InputPerturbation) else ones for q in perturbations]
         out = np.empty((*self.outputs.shape, len(perturbations)))
-        load_driver("multibody.solvers.kernels.carry").carry(
+        carry(
             self.phi, self.gamma0, self.gamma1, self.c, self.d, channel,
-            np.ascontiguousarray(np.stack(values, axis=1)), out,
+            np.ascontiguousarray(np.stack(values, axis=1)), room, out,
         )  # fmt: skip
         return out
 

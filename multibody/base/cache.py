@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
-__all__ = ["cache_dir", "digest_of", "fingerprint", "kept_text", "read_object", "write_object", "write_once"]
+__all__ = ["cache_dir", "digest_of", "kept_text", "read_object", "write_object", "write_once"]
 
 _MARK = b"vtsdt object 1"
 _GENERATING = ("declare", "equations", "model", "assembly", "compile")
@@ -46,20 +46,6 @@ def digest_of(*texts: str) -> str:
         digest.update(len(text).to_bytes(8, "little"))
         digest.update(text.encode())
     return digest.hexdigest()[:16]
-
-
-@lru_cache(maxsize=1)
-def _platform() -> str:
-    """What machine code depends on beside its source: the compiler's own text, LLVM and the processor."""
-    from multibody.compile.emitter.machine import processor
-
-    folder = Path(__file__).parents[1] / "compile" / "emitter"
-    return digest_of(processor(), *(path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.py"))))
-
-
-def fingerprint(*texts: str) -> str:
-    """Return 16 hexadecimal digits that change with the texts, the compiler and the processor."""
-    return digest_of(_platform(), *texts)
 
 
 def write_once(path: Path, text: str) -> None:

@@ -2,7 +2,7 @@
 
 Arrays that travel through several functions carry a shape that nobody reads there.  Inside the drivers data are
 therefore bare pointers, which are indexed like arrays.  The functions below are what they mean in plain Python;
-the compiler and numba (`multibody.compile.numba_backend`) turn them into instructions.
+the emitter turns them into instructions.
 """
 
 from __future__ import annotations

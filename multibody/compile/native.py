@@ -1,9 +1,9 @@
-"""Generated and hand-written numerical code as native functions, compiled once per machine.
+"""The equations of a model as native functions, compiled once per machine.
 
-A model's equations arrive as Python source text of flat functions over arrays.  Here that text becomes a file
-in the cache folder, a module, and a function with a plain C address.  Whatever drives equations (integrators,
-filters) is written against such addresses, and is therefore compiled once for all models and not once for
-each.
+They arrive as Python source text of flat functions over arrays.  Here that text becomes a file in the cache folder, a
+module, and a function with a plain C address, compiled by numba; a tangent of several directions at once is compiled by
+the package's own emitter, which writes vector instructions.  Integrators and filters are written against such
+addresses, and are therefore compiled once for all models and not once for each.
 
 With ``NUMBA_DISABLE_JIT=1`` the same text runs as plain Python everywhere.
 """
@@ -24,10 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from multibody.base.cache import cache_dir, digest_of, fingerprint, write_once
-from multibody.base.compile_events import listen_to_numba, on_compile
-from multibody.compile.emitter.entries import jit_enabled, module_texts
+from multibody.base.cache import cache_dir, digest_of, write_once
+from multibody.base.compile_events import on_compile
+from multibody.compile.calls import register_python
+from multibody.compile.emitter.build import build
 from multibody.compile.emitter.kinds import FLOAT, FLOATS, LanesAt
+from multibody.compile.emitter.units import Unit, unit_of_text
+from multibody.compile.settings import jit_enabled, models_by_emitter
 
 __all__ = [
     "NativeFunction",
@@ -36,9 +39,6 @@ __all__ = [
     "compile_rhs",
     "compile_tangent",
     "compile_text",
-    "fingerprint",
-    "jit_enabled",
-    "load_driver",
     "load_source",
     "on_compile",
 ]
@@ -89,37 +89,6 @@ def _load(text: str, stem: str) -> ModuleType:
         del sys.modules[module_name]
         raise
     return module
-
-
-@lru_cache(maxsize=64)
-def load_driver(name: str) -> ModuleType:
-    """Load a module of compiled drivers so that its cache never serves code from before an edit.
-
-    Drivers written in the compiler's subset (`multibody.compile.calls`) are imported as they are: the key of
-    their machine code holds the texts of every project module that they import.  A driver that imports numba is
-    loaded from a copy whose name holds the hash of those texts, because numba looks only at the file of the
-    cached function, not at the files of the functions that it calls.
-
-    Parameters
-    ----------
-    name : str
-        Dotted name, such as ``"multibody.solvers.kernels.dormand_prince"``.  It may import project modules
-        only by ``from package.module import name`` or ``import package.module``.
-    """
-    if not jit_enabled():
-        return importlib.import_module(name)
-    spec = importlib.util.find_spec(name)
-    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-        raise ImportError(f"driver module '{name}' has no source file")
-    text = Path(spec.origin).read_text(encoding="utf-8")
-    if "from numba" not in text and "import numba" not in text:
-        return importlib.import_module(name)
-    from multibody.compile.numba_backend import platform
-
-    seal = digest_of(platform(), *module_texts(name))
-    text += f"\n# Copy of {Path(spec.origin).name}; it and the modules that it calls have the hash {seal}.\n"
-    listen_to_numba()
-    return load_source(text, name.replace(".", "_"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,9 +145,9 @@ class NativeFunction:
 
     @cached_property
     def _on_arrays(self) -> Any:
-        if not self.compiled or self.lanes:
+        if not self.compiled or self.lanes or models_by_emitter():
             raise TypeError(f"{self.name} is not compiled by numba, so that functions compiled by numba cannot call it")
-        from multibody.compile.numba_backend import function_on_arrays
+        from multibody.compile.numba_functions import function_on_arrays
 
         return function_on_arrays(_by_numba(*self.origin, self.name, self.arrays)[1], self.arrays)
 
@@ -223,7 +192,7 @@ class ReturningFunction:
 
     @cached_property
     def _with_result(self) -> Any:
-        from multibody.compile.numba_backend import function_with_result
+        from multibody.compile.numba_functions import function_with_result
 
         return function_with_result(self.function._on_arrays, self.size)
 
@@ -291,14 +260,17 @@ def compile_text(
     Raises
     ------
     Outside
-        If a tangent for several directions is outside the subset.
+        If a tangent for several directions is outside the emitter's subset.
     """
     python = _Plain(text, stem, name)
     if compiled and jit_enabled():
-        address = _in_lanes(text, stem, name, arrays, lanes) if lanes else _by_numba(text, stem, name, arrays)[0]
-        return NativeFunction(name, address, python, arrays, True, (text, stem), [], _prototype(arrays)(address), lanes)
-
-    from multibody.compile.calls import register_python
+        if lanes or models_by_emitter():
+            address, owner = _by_emitter(text, stem, name, arrays, lanes), None
+        else:
+            address, owner = _by_numba(text, stem, name, arrays)
+        entry = _prototype(arrays)(address)
+        entry.keep = owner  # type: ignore[attr-defined]
+        return NativeFunction(name, address, python, arrays, True, (text, stem), [], entry, lanes)
 
     faults: list[BaseException] = []
     guarded = _guard(python, faults)
@@ -316,23 +288,19 @@ def _prototype(arrays: int) -> Any:
     return ctypes.CFUNCTYPE(None, ctypes.c_double, *([ctypes.c_void_p] * arrays))
 
 
-def _in_lanes(text: str, stem: str, name: str, arrays: int, lanes: int) -> int:
-    from multibody.compile.emitter.build import build
-
-    def unit() -> Any:
-        from multibody.compile.emitter.units import unit_of_text
-
+def _by_emitter(text: str, stem: str, name: str, arrays: int, lanes: int) -> int:
+    def unit() -> Unit:
         path = cache_dir() / f"{stem}_{digest_of(text)}.py"
         write_once(path, text)  # to read, and to step through
         return unit_of_text(text, str(path))
 
-    kinds = (FLOAT, *[FLOATS] * (RHS_ARRAYS - 1), *[LanesAt(lanes)] * (arrays - RHS_ARRAYS + 1))
-    return build(stem, (text,), unit, name, kinds)[0]
+    shared = RHS_ARRAYS - 1 if lanes else arrays
+    return build(stem, (text,), unit, name, (FLOAT, *[FLOATS] * shared, *[LanesAt(lanes)] * (arrays - shared)))[0]
 
 
 @lru_cache(maxsize=1024)
 def _by_numba(text: str, stem: str, name: str, arrays: int) -> tuple[int, Any]:
-    from multibody.compile.numba_backend import address_of_function, function_on_pointers
+    from multibody.compile.numba_functions import address_of_function, function_on_pointers
 
     with compiling:
         function = function_on_pointers(load_source(text, stem), name, arrays)
@@ -364,9 +332,3 @@ def compile_tangent(module: ModuleType, name: str = "rhs_tangent", compile: bool
     """Compile ``name(t, x, u, p, x_dot, u_dot, p_dot, out)``; otherwise as `compile_rhs`."""
     text, stem = _text_of(module)
     return compile_text(text, stem, name, TANGENT_ARRAYS, compile)
-
-
-def __getattr__(name: str) -> Any:
-    if name in ("call_rhs", "call_tangent"):
-        return getattr(importlib.import_module("multibody.compile.calls"), name)
-    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

@@ -10,7 +10,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 from multibody.compile.emitter.kinds import Outside
-from multibody.compile.native import TANGENT_ARRAYS, NativeFunction, compile_text, compiling, jit_enabled
+from multibody.compile.native import TANGENT_ARRAYS, NativeFunction, compile_text, compiling
+from multibody.compile.settings import jit_enabled
 
 __all__ = ["FEW_LANES", "MANY_LANES", "along_directions", "along_states", "worth_lanes"]
 

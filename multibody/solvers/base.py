@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
 
-from multibody.compile.native import load_driver
+from multibody.solvers.kernels.between import interpolate_many
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
     COUNTS,
@@ -109,8 +109,7 @@ class StoredSteps(DenseOutput):
     def _call_impl(self, t: Any) -> np.ndarray:
         at = np.ascontiguousarray(np.atleast_1d(t), dtype=np.float64)
         out = np.empty((at.size, self._store[1].shape[1]))
-        between = load_driver("multibody.solvers.kernels.between")
-        between.interpolate_many(at, self._direction, self._steps, *self._store, out)
+        interpolate_many(at, self._direction, self._steps, *self._store, out)
         return out[0] if np.ndim(t) == 0 else out.T
 
 
@@ -173,7 +172,7 @@ class NativeSolver(OdeSolver):
 
     ORDER: ClassVar[int] = 5
     STAGES: ClassVar[int] = 7
-    DRIVER: ClassVar[str] = ""
+    KERNEL: ClassVar[Any]
     IMPLICIT: ClassVar[bool] = False
 
     def __init__(
@@ -227,7 +226,6 @@ class NativeSolver(OdeSolver):
         alike = type(rtol) is float and problem.n > 0
         self.tolerance = min(1.0, float(self.rtol[0] if alike else self.rtol[: problem.n].min(initial=1.0)))
         self.field = problem.field(self.tolerance, self.IMPLICIT)
-        self._driver = load_driver(self.DRIVER)
         self._count = size if control_directions else problem.n
         self._samples, self._unasked = samples, internal_steps is None
         if samples is not None:
@@ -262,7 +260,6 @@ class NativeSolver(OdeSolver):
         vars(solver).update(vars(other))
         solver.problem = problem
         solver.field = problem.field(other.tolerance, cls.IMPLICIT)
-        solver._driver = load_driver(cls.DRIVER)
         solver._allocate(len(other._store[0]))
         return solver
 
@@ -295,7 +292,7 @@ class NativeSolver(OdeSolver):
 
     def _bound(self) -> Callable[[], int]:
         """Return the driver's call with this solver's arrays."""
-        return self._driver.advance.bound(
+        return self.KERNEL.advance.bound(
             self.field.numbers[None],
             self._clock[None],
             self._tally[None],

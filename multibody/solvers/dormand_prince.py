@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from multibody.compile.emitter.entries import jit_enabled
 from multibody.compile.emitter.kinds import address_of
+from multibody.compile.settings import jit_enabled
 from multibody.solvers.base import NativeSolver
+from multibody.solvers.kernels import dormand_prince
 from multibody.solvers.kernels.abreast import LANES, advance_abreast
 
 __all__ = ["DormandPrince54"]
@@ -28,7 +29,7 @@ class DormandPrince54(NativeSolver):
 
     ORDER = 5
     STAGES = 7
-    DRIVER = "multibody.solvers.kernels.dormand_prince"
+    KERNEL = dormand_prince
 
     def _bound(self) -> Callable[[], int]:
         if not jit_enabled():  # plain Python looks up what stands at an address more slowly than in an array
@@ -46,7 +47,7 @@ class DormandPrince54(NativeSolver):
             self._sample_y,
         )
         numbers = (self.problem.size, self._count, len(self._store[0]), self._sample_t.size, len(self._sample_y))
-        return self._driver.advance_one.bound(np.array([*map(address_of, arrays), *numbers], dtype=np.int64))
+        return self.KERNEL.advance_one.bound(np.array([*map(address_of, arrays), *numbers], dtype=np.int64))
 
     def advance_many(
         self,
@@ -61,7 +62,7 @@ class DormandPrince54(NativeSolver):
 
         Tolerances are this one's.
         """
-        self._driver.advance(
+        self.KERNEL.advance(
             numbers, clock, tally, y, self._work, *self._store, self.rtol, self.atol, self._count, times, samples
         )
 

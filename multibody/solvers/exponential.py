@@ -8,6 +8,7 @@ import numpy as np
 
 from multibody.solvers.base import NativeSolver
 from multibody.solvers.differences import forward_differences
+from multibody.solvers.kernels import exponential
 from multibody.solvers.kernels.exponential import LEFT
 from multibody.solvers.kernels.stepping import DONE, EVALUATIONS, JACOBIANS, WANTED, T
 from multibody.solvers.problem import ProblemError
@@ -36,7 +37,7 @@ class Exponential43(NativeSolver):
 
     ORDER = 4
     STAGES = 3
-    DRIVER = "multibody.solvers.kernels.exponential"
+    KERNEL = exponential
 
     def __init__(self, fun: Any, t0: float, y0: Any, t_bound: float, problem: Any = None, **options: Any) -> None:
         if problem is not None and problem.n_directions:

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from multibody.compile.native import NativeFunction, load_driver
+from multibody.compile.native import NativeFunction
 from multibody.inputs.table import InputTable
+from multibody.solvers.kernels.field import evaluate_at
+from multibody.solvers.kernels.jacobian import jacobian_at
 
 __all__ = ["Directions", "NativeProblem", "ProblemError"]
-
-FIELD = "multibody.solvers.kernels.field"
 
 
 class ProblemError(ValueError):
@@ -337,8 +337,7 @@ class NativeProblem:
         time, state, rates, columns = np.empty(1), np.empty(self.size), np.empty(self.size), np.empty((n, n))
         work = np.zeros(2 * n + max(self.table.n_inputs, self.p.size, 1))
         owner = np.ascontiguousarray(self.owners(), dtype=np.int64)
-        driver = load_driver("multibody.solvers.kernels.jacobian")
-        evaluate = driver.jacobian_at.bound(field.numbers, time, state, rates, owner, work, columns)
+        evaluate = jacobian_at.bound(field.numbers, time, state, rates, owner, work, columns)
 
         def jac(t: float, x: np.ndarray, _owner: Any = field) -> np.ndarray:
             time[0], state[:n] = t, x
@@ -353,7 +352,7 @@ class NativeProblem:
         """The derivative of y as ``fun(t, y)``, for SciPy's own methods."""
         field = self.field()
         time, state, rates = np.empty(1), np.empty(self.size), np.empty(self.size)
-        evaluate = load_driver(FIELD).evaluate_at.bound(time, state, rates, field.numbers)
+        evaluate = evaluate_at.bound(time, state, rates, field.numbers)
         check = [f.check for f in (self.rhs, self.tangent) if f is not None and not f.compiled]
 
         def fun(t: float, y: np.ndarray, _owner: Any = field) -> np.ndarray:

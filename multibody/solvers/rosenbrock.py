@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from multibody.solvers.base import NativeSolver
+from multibody.solvers.kernels import rodas
 from multibody.solvers.problem import NativeProblem, ProblemError
 
 __all__ = ["Rodas5P", "relative_cost"]
@@ -25,7 +26,7 @@ class Rodas5P(NativeSolver):
 
     ORDER = 5
     STAGES = 4
-    DRIVER = "multibody.solvers.kernels.rodas"
+    KERNEL = rodas
     IMPLICIT = True
 
     def __init__(

@@ -9,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from multibody.base.parallel import parallel_map
-from multibody.compile.native import load_driver
 from multibody.solvers.frozen import frozen_transitions
-from multibody.solvers.kernels.intervals import WIDTH
+from multibody.solvers.kernels.intervals import WIDTH, carry_intervals
 from multibody.solvers.problem import ProblemError
 from multibody.solvers.spectral_radius import spectral_radius
 
@@ -263,7 +262,7 @@ def _carry(
     counts = np.stack((steps, _terms(0.5 * reach / steps)), axis=1).astype(np.int64, order="C")
     begin, columns, where = _pattern(np.any(a != 0.0, axis=0))
     row_of, column_of = (np.ascontiguousarray(k) for k in np.nonzero(np.any(b != 0.0, axis=0)))
-    load_driver("multibody.solvers.kernels.intervals").carry_intervals(
+    carry_intervals(
         a.reshape(len(a), n * n),
         np.ascontiguousarray(b).reshape(len(b), n * m),
         begin,

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multibody.compile.native import load_driver
 from multibody.compile.several_directions import MANY_LANES, along_directions, worth_lanes
+from multibody.solvers.kernels import along
 from multibody.system.compiled import CompiledSystem
 
 if TYPE_CHECKING:
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 __all__ = ["longest_steps", "observe_along"]
 
-_DRIVERS = "multibody.solvers.kernels.along"
 
 
 def observe_along(
@@ -46,13 +45,13 @@ def observe_along(
         What each direction adds to its input.
     """
     function, m = system.outputs_tangent, directions.count
-    driver, at = load_driver(_DRIVERS), _contiguous(times, states, inputs, rates, p)
+    at = _contiguous(times, states, inputs, rates, p)
     shape, delays = _contiguous(shape, delays)
     found = np.empty((times.size, m, len(system.outputs)))
     wide = along_directions(function, MANY_LANES) if worth_lanes(times.size, m) else None
     if wide is None:
         room = np.empty(len(system.inputs))
-        driver.observe_along(
+        along.observe_along(
             function.address, *at, directions.p_dot, shape, directions.channel, delays, room, found
         )
         function.check()
@@ -63,7 +62,7 @@ def observe_along(
         lanes = np.zeros((p.size, MANY_LANES))
         lanes[:, : len(p_dot)] = p_dot.T
         some = np.empty((times.size, len(p_dot), found.shape[2]))
-        driver.observe_lanes_along(
+        along.observe_lanes_along(
             wide.address, first, *at, lanes, shape, directions.channel, delays, room, some
         )
         found[:, first : first + len(p_dot)] = some
@@ -76,7 +75,7 @@ def longest_steps(problem: NativeProblem, times: np.ndarray, states: np.ndarray,
     if problem.speeds is not None and problem.widths is not None:
         speeds = np.empty((times.size, problem.widths.size))
         at = _contiguous(times, states, inputs, problem.p)
-        load_driver(_DRIVERS).rhs_along(problem.speeds.address, *at, speeds)
+        along.rhs_along(problem.speeds.address, *at, speeds)
         problem.speeds.check()
         per_second = np.max(np.abs(speeds) / problem.widths, axis=1)
         longest = np.minimum(longest, 0.25 / np.maximum(per_second, 1e-300))

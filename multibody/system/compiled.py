@@ -22,14 +22,13 @@ from multibody.compile.native import (
     ReturningFunction,
     compile_text,
     compiling,
-    load_driver,
 )
 from multibody.compile.several_directions import FEW_LANES, MANY_LANES, along_directions, along_states, worth_lanes
 from multibody.model.graph import ModelGraph
+from multibody.solvers.kernels.along import lanes_along, rhs_along, tangents_along
 
 __all__ = ["CompiledSystem"]
 
-_DRIVERS = "multibody.solvers.kernels.along"
 
 
 class CompiledSystem:
@@ -324,7 +323,7 @@ class CompiledSystem:
         sizes = {"x": len(self.states), "u": len(self.inputs), "p": len(self.parameters)}
         chosen = np.arange(sizes[wrt]) if columns is None else np.asarray(columns, dtype=int)
         rows, m = len(self.states) if of == "rhs" else len(self.outputs), chosen.size
-        driver, at = load_driver(_DRIVERS), _contiguous(times, states, inputs, p)
+        at = _contiguous(times, states, inputs, p)
         wide = None
         if worth_lanes(times.size, m) if in_lanes is None else in_lanes:
             # what reads the states' directions alone does less
@@ -333,14 +332,14 @@ class CompiledSystem:
             seeds = {key: np.zeros((m, size)) for key, size in sizes.items()}
             seeds[wrt][np.arange(m), chosen] = 1.0
             found = np.empty((times.size, m, rows))
-            driver.tangents_along(function.address, *at, *seeds.values(), found)
+            tangents_along(function.address, *at, *seeds.values(), found)
             function.check()
             return found.transpose(0, 2, 1)
         room, out = np.empty((rows, wide.lanes)), np.empty((times.size, rows, m))
         group, lane = np.divmod(np.arange(m), wide.lanes)
         lanes = {key: np.zeros((-(-m // wide.lanes), size, wide.lanes)) for key, size in sizes.items()}
         lanes[wrt][group, chosen, lane] = 1.0
-        driver.lanes_along(wide.address, *at, *lanes.values(), room, out)
+        lanes_along(wide.address, *at, *lanes.values(), room, out)
         return out
 
     def outputs_along(
@@ -353,7 +352,7 @@ class CompiledSystem:
         shape = (times.size, len(self.outputs))
         times, states, inputs, every = _contiguous(times, states, inputs, np.atleast_2d(p))
         found, own, out = np.empty((len(every), *shape)), np.empty(every.shape[1]), np.empty(shape)
-        work = load_driver(_DRIVERS).rhs_along.bound(
+        work = rhs_along.bound(
             self.outputs_function.address, times, states, inputs, own, out
         )
         for k, values in enumerate(every):

@@ -14,7 +14,6 @@ from estimation.response.perturbations import (
     ParameterPerturbation,
     cheaper_by_transition_matrices,
 )
-from multibody.compile.native import jit_enabled, load_driver
 
 
 @pytest.fixture(scope="module")
@@ -80,10 +79,3 @@ def test_parameters_and_start_values_do_not_go_with_changes(rubbing):
             parameters=[next(iter(friction.parameters()))],
             perturbations=[ParameterPerturbation("guide.mass")],
         )
-
-
-@pytest.mark.skipif(not jit_enabled(), reason="plain Python holds the interpreter's lock")
-def test_perturbations_are_propagated_side_by_side():
-    """The kernel leaves the interpreter to other threads: with the lock held a second core would be of no use."""
-    carry = load_driver("multibody.solvers.kernels.carry").carry
-    assert carry.targetoptions["nogil"]

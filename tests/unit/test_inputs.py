@@ -7,9 +7,10 @@ import pickle
 import numpy as np
 import pytest
 
-from multibody.compile.native import NativeFunction, load_driver
+from multibody.compile.native import NativeFunction
 from multibody.inputs.table import InputError, InputTable
-from multibody.solvers.problem import FIELD, NativeProblem
+from multibody.solvers.kernels.field import inputs_along
+from multibody.solvers.problem import NativeProblem
 
 TIMES = np.array([0.0, 0.1, 0.25, 0.5, 1.0, 1.1])
 
@@ -25,7 +26,7 @@ def compiled(table, t, p=(0.0,)):
     nowhere = NativeFunction("none", 0, lambda *a: None, 4, True)
     field = NativeProblem(nowhere, np.array(p), table, 1).field()
     out, rate = np.empty((len(t), table.n_inputs)), np.empty((len(t), table.n_inputs))
-    load_driver(FIELD).inputs_along(t, out, rate, field.numbers)
+    inputs_along(t, out, rate, field.numbers)
     return out, rate
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from multibody.base.cache import write_once
+from multibody.base.cache import digest_of, write_once
 from multibody.compile import native
 
 PENDULUM = """
@@ -67,9 +67,9 @@ def test_cache_dir_follows_the_environment_and_names_the_remedy(tmp_path, monkey
         native.cache_dir()
 
 
-def test_fingerprint_depends_on_the_texts_and_their_borders():
-    assert native.fingerprint("a", "b") == native.fingerprint("a", "b")
-    assert native.fingerprint("ab") != native.fingerprint("a", "b") != native.fingerprint("b", "a")
+def test_digest_depends_on_the_texts_and_their_borders():
+    assert digest_of("a", "b") == digest_of("a", "b")
+    assert digest_of("ab") != digest_of("a", "b") != digest_of("b", "a")
 
 
 def test_same_text_is_the_same_file_and_module(cache):
@@ -185,28 +185,32 @@ def test_function_can_be_sent_to_another_process(cache):
     assert float(run(code, cache)) == -3.0
 
 
-def test_an_edited_helper_of_a_driver_is_never_served_stale(cache, tmp_path):
+def test_an_edited_helper_of_a_kernel_is_never_served_stale(cache, tmp_path):
     package = tmp_path / "edited"
     package.mkdir()
     (package / "__init__.py").write_text("")
     (package / "driver.py").write_text(
-        "from numba import njit\nfrom edited.middle import middle\n\n\n"
-        "@njit(cache=True)\ndef drive(x):\n    return middle(x)\n"
+        "from multibody.compile.calls import entry\nfrom edited.middle import middle\n\n\n"
+        "@entry\ndef drive(x):\n    return middle(x)\n"
     )
     (package / "middle.py").write_text(
-        "from numba import njit\nfrom edited.helper import helper\n\n\n@njit\ndef middle(x):\n    return helper(x)\n"
+        "from multibody.compile.calls import inner\nfrom edited.helper import helper\n\n\n"
+        "@inner\ndef middle(x):\n    return helper(x)\n"
     )
     code = """
         from multibody.compile import native
+        from edited.driver import drive
         told = []
         native.on_compile(lambda name, seconds: told.append(name))
-        print(native.load_driver("edited.driver").drive(1.0), "compiled" if told else "cached")
+        print(drive(1.0), "compiled" if told else "cached")
     """
     results = []
     for factor in (2, 2, 3):
         helper = package / "helper.py"
         if not helper.exists() or f"{factor} *" not in helper.read_text():
-            helper.write_text(f"from numba import njit\n\n\n@njit\ndef helper(x):\n    return {factor} * x\n")
+            helper.write_text(
+                f"from multibody.compile.calls import inner\n\n\n@inner\ndef helper(x):\n    return {factor} * x\n"
+            )
             os.utime(helper, (1.0, 1.0))  # the time stamp says nothing
         results.append(
             run(
@@ -217,6 +221,21 @@ def test_an_edited_helper_of_a_driver_is_never_served_stale(cache, tmp_path):
             )
         )
     assert results == ["2.0 compiled", "2.0 cached", "3.0 compiled"]
+
+
+def test_damaged_code_of_a_kernel_is_made_anew(cache, tmp_path):
+    (tmp_path / "damaged.py").write_text(
+        "from multibody.compile.calls import entry\n\n\n@entry\ndef treble(x):\n    return 3.0 * x\n"
+    )
+    code, path = "from damaged import treble; print(treble(2.0))", os.environ.get("PYTHONPATH", "")
+    around = {"PYTHONPATH": os.pathsep.join([str(tmp_path), path])}
+    assert run(code, cache, **around) == "6.0"
+    (kept,) = cache.glob("damaged_treble_*.o")
+    whole = kept.read_bytes()
+    for content in (b"", whole[: len(whole) // 2], whole[:-1] + bytes([whole[-1] ^ 1])):
+        kept.write_bytes(content)
+        assert run(code, cache, **around) == "6.0"
+        assert kept.read_bytes() == whole
 
 
 def test_everything_runs_without_compilation(cache):

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 
-from multibody.base.cache import cache_dir, fingerprint, read_object, write_object
+from multibody.base.cache import cache_dir, digest_of, read_object, write_object
 from multibody.base.compile_events import tell
 from multibody.compile.emitter.kinds import Kind
-from multibody.compile.emitter.machine import compiled, loaded
+from multibody.compile.emitter.machine import compiled, loaded, processor
 from multibody.compile.emitter.units import Unit
 
 __all__ = ["build", "built"]
@@ -39,18 +40,28 @@ def build(
     Outside
         If the function is outside the subset.
     """
-    key = fingerprint(*source, name, repr(arguments))
-    return _built(f"{stem}_{key}", unit, name, arguments)
+    return _built(_file_of(stem, source, name, arguments), unit, name, arguments)
 
 
 def built(stem: str, source: tuple[str, ...], name: str, arguments: tuple[Kind, ...]) -> bool:
     """Tell whether `build` would find a function in the cache."""
-    return (cache_dir() / f"{stem}_{fingerprint(*source, name, repr(arguments))}.o").exists()
+    return _file_of(stem, source, name, arguments).exists()
+
+
+@lru_cache(maxsize=1)
+def _compiler() -> str:
+    """What machine code depends on beside its source: the text of this folder, LLVM and the processor."""
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return digest_of(processor(), *(path.read_text(encoding="utf-8") for path in files))
+
+
+def _file_of(stem: str, source: tuple[str, ...], name: str, arguments: tuple[Kind, ...]) -> Path:
+    """Return the file of a function, whose name changes with everything that the machine code follows from."""
+    return cache_dir() / f"{stem}_{digest_of(_compiler(), *source, name, repr(arguments))}.o"
 
 
 @lru_cache(maxsize=1024)
-def _built(stem: str, unit: Callable[[], Unit], name: str, arguments: tuple[Kind, ...]) -> tuple[int, tuple[str, ...]]:
-    path = cache_dir() / f"{stem}.o"
+def _built(path: Path, unit: Callable[[], Unit], name: str, arguments: tuple[Kind, ...]) -> tuple[int, tuple[str, ...]]:
     found = read_object(path)
     if found is not None:
         try:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import ctypes
 import functools
 import importlib.util
-import logging
-import os
 import re
 import sys
 from collections.abc import Callable
@@ -16,19 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from multibody.compile.emitter.kinds import FLOAT, INT, TRUTH, Array, Kind, Outside, kind_and_address, kind_of_argument
+from multibody.compile.emitter.kinds import FLOAT, INT, TRUTH, Array, Kind, kind_and_address, kind_of_argument
+from multibody.compile.settings import jit_enabled
 
 __all__ = ["Entry", "Inner", "Instruction", "module_texts"]
 
-_log = logging.getLogger("multibody.compile.native")
 _C: dict[Kind, Any] = {FLOAT: ctypes.c_double, INT: ctypes.c_int64, TRUTH: ctypes.c_bool}
 _IMPORT = re.compile(r"^\s*(?:from\s+([\w.]+)\s+import|import\s+([\w.]+))", re.MULTILINE)
-
-
-@lru_cache(maxsize=1)
-def jit_enabled() -> bool:
-    """Tell whether functions are compiled (``NUMBA_DISABLE_JIT=1`` turns that off)."""
-    return os.environ.get("NUMBA_DISABLE_JIT", "0").strip() in ("", "0")
 
 
 class Inner:
@@ -45,13 +37,6 @@ class Inner:
     def __call__(self, *arguments: Any) -> Any:
         return self.py_func(*arguments)
 
-    @property
-    def _numba_type_(self) -> Any:
-        """What numba sees where a function compiled by it calls this one."""
-        from multibody.compile.numba_backend import dispatcher
-
-        return dispatcher(self)._numba_type_
-
 
 class Instruction(Inner):
     """A function that is an instruction or two of the machine."""
@@ -59,12 +44,6 @@ class Instruction(Inner):
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         self.instruction = function.__name__
-
-    @property
-    def _numba_type_(self) -> Any:
-        from multibody.compile.numba_backend import intrinsic_type
-
-        return intrinsic_type(self.instruction)
 
 
 class _Native:
@@ -104,8 +83,8 @@ class Entry(Inner):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self._native: dict[tuple[Kind, ...], Any] = {}
-        self._quick: dict[tuple[int, ...], Any] = {}
+        self._native: dict[tuple[Kind, ...], _Native] = {}
+        self._quick: dict[tuple[int, ...], _Native] = {}
 
     def __call__(self, *arguments: Any) -> Any:
         return self.bound(*arguments)()
@@ -132,28 +111,19 @@ class Entry(Inner):
         native = self._quick.get(known)
         if native is None:
             native = self._quick[known] = self._native.get(tuple(kinds)) or self._compile(tuple(kinds))
-        if not isinstance(native, _Native):
-            return functools.partial(native, *arguments)
         return native.bound(given, arguments)
 
-    def _compile(self, kinds: tuple[Kind, ...]) -> Any:
+    def _compile(self, kinds: tuple[Kind, ...]) -> _Native:
         from multibody.compile.emitter.build import build
 
         module, name = self.py_func.__module__, self.py_func.__name__
-        try:
-            address, returns = build(
-                f"{module.replace('.', '_')}_{name}",
-                module_texts(module),
-                functools.partial(_unit, self.py_func),
-                name,
-                kinds,
-            )
-        except Outside as error:
-            from multibody.compile.numba_backend import dispatcher
-
-            _log.warning("%s.%s goes through numba, anew in every process: %s", module, name, error)
-            self._native[kinds] = dispatcher(self)
-            return self._native[kinds]
+        address, returns = build(
+            f"{module.replace('.', '_')}_{name}",
+            module_texts(module),
+            functools.partial(_unit, self.py_func),
+            name,
+            kinds,
+        )
         types: list[Any] = []
         for kind in kinds:
             if isinstance(kind, Array):

@@ -1,1 +1,1 @@
-"""Compiled drivers, to be loaded through `multibody.compile.native.load_driver` and not by import (see there)."""
+"""Compiled loops of the solvers, and what they read of a problem."""

@@ -2,58 +2,70 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit, types
-
+from multibody.compile.calls import entry, fused, independent, pointer, shift
 from multibody.solvers.kernels.stepping import TINY
 
-I = types.int64[::1]  # noqa: E741
-M = types.float64[:, ::1]
-T = types.float64[:, :, ::1]
 
-
-@njit(inline="always", fastmath={"contract"})
-def add_products(factors, rows, total):
+@fused
+def add_products(count, factors, size, rows, total):
     """Add the sum of some rows times their factors, four at a time: the total is then read and written less often."""
-    n, m = factors.size, total.size
     first = 0
-    while first + 4 <= n:
+    while first + 4 <= count:
         f0, f1, f2, f3 = factors[first], factors[first + 1], factors[first + 2], factors[first + 3]
-        a0, a1, a2, a3 = rows[first], rows[first + 1], rows[first + 2], rows[first + 3]
-        for j in range(m):
+        a0, a1 = shift(rows, first * size), shift(rows, (first + 1) * size)
+        a2, a3 = shift(rows, (first + 2) * size), shift(rows, (first + 3) * size)
+        for j in independent(size):
             total[j] += f0 * a0[j] + f1 * a1[j] + f2 * a2[j] + f3 * a3[j]
         first += 4
-    while first < n:
-        f0, a0 = factors[first], rows[first]
-        for j in range(m):
-            total[j] += f0 * a0[j]
+    while first < count:
+        f, a = factors[first], shift(rows, first * size)
+        for j in independent(size):
+            total[j] += f * a[j]
         first += 1
 
 
-@njit(types.void(T, T, T, T, T, I, M, T), cache=True, nogil=True, fastmath={"contract"})
-def carry(phi, gamma0, gamma1, c, d, channel, push, out):
+@fused
+def step(n, channels, m, phi, gamma0, gamma1, channel, before, after, now, then):
+    """Carry the deviations now (n, m) over one interval into then; additions to the inputs before and after it."""
+    for i in range(n):
+        row, g0, g1 = shift(then, i * m), shift(gamma0, i * channels), shift(gamma1, i * channels)
+        for j in range(m):
+            row[j] = g0[channel[j]] * before[j] + g1[channel[j]] * after[j]
+        add_products(n, shift(phi, i * n), m, now, row)
+
+
+@fused
+def observe(n, rows, channels, m, c, d, channel, values, now, out):
+    """Write the change of the outputs, out (rows, m), from the deviations and the additions at one sample."""
+    for i in range(rows):
+        row, direct = shift(out, i * m), shift(d, i * channels)
+        for j in range(m):
+            row[j] = direct[channel[j]] * values[j]
+        add_products(n, shift(c, i * n), m, now, row)
+
+
+@entry
+def carry(phi, gamma0, gamma1, c, d, channel, push, room, out):
     """Write the change of the outputs, out (nt, n_y, m), by additions push (nt, m) to the inputs ``channel`` (m,).
 
-    δ_{k+1} = phi δ_k + gamma0 φ_k + gamma1 φ_{k+1}, y = c δ + d φ; δ begins at zero.
+    δ_{k+1} = phi δ_k + gamma0 φ_k + gamma1 φ_{k+1}, y = c δ + d φ; δ begins at zero.  ``room``, shape (2, n, m), is for
+    δ at the two ends of an interval.
     """
-    n, m = phi.shape[1], push.shape[1]
-    now, then = np.zeros((n, m)), np.zeros((n, m))
+    rows, n, channels, m = c.shape[1], c.shape[2], d.shape[2], push.shape[1]
+    of, values = pointer(channel), pointer(push)
+    now, then = pointer(room), shift(pointer(room), n * m)
+    for j in range(n * m):
+        now[j] = 0.0
     for k in range(push.shape[0]):
         if k > 0:
-            for i in range(n):
-                row = then[i]
-                for j in range(m):
-                    a = channel[j]
-                    row[j] = gamma0[k - 1, i, a] * push[k - 1, j] + gamma1[k - 1, i, a] * push[k, j]
-                add_products(phi[k - 1, i], now, row)
-            for i in range(n):
-                for j in range(m):
-                    x = then[i, j]
-                    now[i, j] = x if abs(x) >= TINY else 0.0
-        for i in range(c.shape[1]):
-            row = out[k, i]
-            for j in range(m):
-                row[j] = d[k, i, channel[j]] * push[k, j]
-            add_products(c[k, i], now, row)
-
-
+            at = (k - 1) * n * channels
+            step(
+                n, channels, m, shift(pointer(phi), (k - 1) * n * n), shift(pointer(gamma0), at),
+                shift(pointer(gamma1), at), of, shift(values, (k - 1) * m), shift(values, k * m), now, then,
+            )  # fmt: skip
+            for j in independent(n * m):
+                now[j] = then[j] if abs(then[j]) >= TINY else 0.0
+        observe(
+            n, rows, channels, m, shift(pointer(c), k * rows * n), shift(pointer(d), k * rows * channels), of,
+            shift(values, k * m), now, shift(pointer(out), k * rows * m),
+        )  # fmt: skip
