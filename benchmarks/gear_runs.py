@@ -57,7 +57,6 @@ class Rates:
     def __init__(self, stage: GearStage, count: int = 2000):
         from gearbox.stage.static_equilibrium import moving_state
 
-
         system = self.system = stage.system
         self.states = np.tile(moving_state(stage, SPEED, TORQUE), (count, 1))
         turn = np.linspace(0.0, 2.0 * np.pi / stage.pair.teeth_1, count)
