@@ -1,20 +1,13 @@
-"""The lift, and the command line that serves all packages."""
+"""The lift, and the command line that serves all packages.
 
-from __future__ import annotations
+From here users import `Lift`, `LiftParameters`, the analyses of trips, `align`, `what_if` and the virtual lift; its
+rooms offer more.  The public names stand in ``__init__.pyi`` and are imported on first use.  Takes from all others but
+`gearbox`, which only the command line calls.
+"""
 
-__all__ = ["__version__"]
+import lazy_loader
 
-
-def __getattr__(name: str) -> str:
-    """Look the installed version up when it is asked for: reading it takes long."""
-    if name == "__version__":
-        from importlib.metadata import PackageNotFoundError, version
-
-        try:
-            return version("vtsdt")
-        except PackageNotFoundError:  # a source tree that was put on the path and never installed
-            return "0+unknown"
-    raise AttributeError(f"module 'vtsdt' has no attribute '{name}'")
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 #: Modules that stand in files of earlier versions, and where they are now (`multibody.base.references`).
 MOVED = {
@@ -23,7 +16,6 @@ MOVED = {
     "vtsdt.car": "vtsdt.parts.car",
     "vtsdt.control": "vtsdt.parts.control",
     "vtsdt.guide": "vtsdt.parts.guide",
-    "vtsdt.lift": "vtsdt.lift.lift",
     "vtsdt.machine": "vtsdt.parts.machine",
     "vtsdt.rope": "vtsdt.parts.rope",
 }

@@ -1,4 +1,8 @@
-"""The numbers of a lift in files: parameters and rail profiles.
+"""Parameters of a lift and rail profiles, in memory and in files.
 
 Takes from `multibody.base`.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
