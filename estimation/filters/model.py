@@ -223,7 +223,7 @@ class Bundle:
     def __init__(self, model: FilterModel):
         from estimation.filters.kernels import layout as at
         from multibody.compile.several_directions import along_directions
-        from multibody.system.narrow_features import look_at
+        from multibody.system.narrow_features import step_limits
 
         system, n = model.system, model.n
         exact = model.jacobian == "exact"
@@ -255,10 +255,10 @@ class Bundle:
             at.HIGH: model.bounds[:, 1].copy(),
         }
         functions = {at.RHS: system.rhs_function}
-        passing = look_at(system, model.p)
-        if passing.widths:
+        limits = step_limits(system, model.p)
+        if limits.widths:
             functions[at.SPEEDS] = system.speeds_function
-            arrays[at.WIDTHS] = np.array([passing.widths.get(n, np.inf) for n in system.speed_names])
+            arrays[at.WIDTHS] = np.array([limits.widths.get(n, np.inf) for n in system.speed_names])
             arrays[at.PACES] = np.zeros(len(system.speed_names))
         if generic:
             functions[at.OUT] = system.outputs_function
@@ -278,8 +278,8 @@ class Bundle:
             numbers[index] = array.__array_interface__["data"][0]
         numbers[at.N], numbers[at.ALL], numbers[at.LD] = len(system.states), n, model.ld
         numbers[at.N_U], numbers[at.N_P], numbers[at.N_Y] = len(system.inputs), len(model.p), n_y
-        self.largest_step = passing.largest_step
-        numbers[at.N_SPEEDS] = len(system.speed_names) if passing.widths else 0
+        self.largest_step = limits.largest_step
+        numbers[at.N_SPEEDS] = len(system.speed_names) if limits.widths else 0
         numbers[at.M], numbers[at.N_READ] = len(model.measured), len(reads)
         numbers[at.EXACT], numbers[at.GENERIC] = int(exact), int(generic)
         self.numbers = numbers

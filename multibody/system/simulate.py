@@ -1,4 +1,4 @@
-"""One simulation: inputs and start values by name, integration through `solve_ivp`, a trajectory back."""
+"""One simulation: inputs and start values by name, integration through `solve_ivp`, a trajectory."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from multibody.base.errors import SimulationError
 from multibody.base.spelling import nearest
 from multibody.system.compiled import CompiledSystem
-from multibody.system.narrow_features import Passing, features, finer_step, look_at
+from multibody.system.narrow_features import StepLimits, finer_step, narrow_features, step_limits
 from multibody.system.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -58,26 +58,22 @@ def simulate(
     method : str
         ``"auto"``, a compiled method (``"Automatic"``: explicit, and stiff where that pays;
         ``"DormandPrince54"``: explicit; ``"Rodas5P"``: stiff; ``"Exponential43"``: one fast motion apart, such
-        as a stiff damper's) or any method of SciPy (``"RK45"``,
-        ``"LSODA"``, …).  What was done is in ``statistics``.
+        as a stiff damper's) or any method of SciPy (``"RK45"``, ``"LSODA"``, …).  ``statistics`` names the one used.
     interpolation : {"linear", "hold", "cubic"}
         Between the samples of recorded inputs.
     rtol, atol : float
         Tolerances of the integrator.
     max_step : float, s, optional
-        Largest step; by default no step jumps over a break of an input (see `multibody.inputs.breaks`) or over
-        something
-        narrow that passes by (see `multibody.system.narrow_features`): the compiled methods look at its speed in
-        every step, and a run
-        by a method of SciPy that turns out to have jumped is made again with shorter steps.
+        Largest step.  By default no step jumps over a break of an input (see `multibody.inputs.breaks`) or over a
+        narrow feature that passes by (see `multibody.system.narrow_features`): the compiled methods evaluate its
+        speed in every step; a run by a method of SciPy that turns out to have jumped is repeated with shorter steps.
     events : callable or list, optional
-        As in ``solve_ivp``, functions of ``(t, x)``; what they found is in ``statistics["events"]``.
+        As in ``solve_ivp``, functions of ``(t, x)``; their times are in ``statistics["events"]``.
 
     Raises
     ------
     SimulationError
-        If an input is missing or unknown, or the integrator gives up: when, in which state, what it was
-        doing.
+        If an input is missing or unknown, or the integrator stops early: the message gives time and state.
     """
     t0, t1 = (0.0, float(until)) if np.ndim(until) == 0 else (float(until[0]), float(until[1]))  # type: ignore[index,arg-type]
     if not t1 > t0:
@@ -99,17 +95,17 @@ def simulate(
     p, x0 = system.parameter_vector(parameters), system.state_vector(initial)
     functions = {} if not isinstance(inputs, Mapping) else {k: v for k, v in inputs.items() if callable(v)}
     table = input_table(system, inputs, interpolation=interpolation)
-    passing = look_at(system, p) if max_step is None else Passing(largest_step=max_step)
-    limit, left = passing.largest_step, passing.left
-    if max_step is None and (functions or method not in ("auto", *NATIVE)):  # SciPy's methods look at no speeds
-        left = tuple(features(system, p))
-    given = (table, functions, p, x0, (t0, t1), times, method, rtol, atol)
-    run = _run(system, *given, events, passing)
+    limits = step_limits(system, p) if max_step is None else StepLimits(largest_step=max_step)
+    unchecked = limits.of_signals  # by the steps themselves: the finished run is checked
+    if max_step is None and (functions or method not in ("auto", *NATIVE)):  # SciPy's methods evaluate no speeds
+        unchecked = tuple(narrow_features(system, p))
+    arguments = (table, functions, p, x0, (t0, t1), times, method, rtol, atol, events)
+    run = _run(system, *arguments, limits)
     for _ in range(_FEATURE_RUNS):  # a run that jumped over a motion does not show the speeds that it has
-        if not left or (finer := finer_step(run, left, limit)) is None:
+        if not unchecked or (finer := finer_step(run, unchecked, limits.largest_step)) is None:
             break
-        limit = finer
-        run = _run(system, *given, events, replace(passing, largest_step=limit))
+        limits = replace(limits, largest_step=finer)
+        run = _run(system, *arguments, limits)
     return run
 
 
@@ -205,17 +201,16 @@ def native_problem(
     *,
     tangent: bool = False,
     in_lanes: bool = False,
-    passing: Passing | None = None,
+    limits: StepLimits | None = None,
 ) -> NativeProblem:
     """Return the initial value problem of a system for the compiled solvers; see `NativeProblem`.
 
-    ``passing`` is what no step may jump over; by default what the model names (see `multibody.system.narrow_features`).
+    ``limits`` keep steps from jumping over narrow features; by default those of the model (see `step_limits`).
     """
     from multibody.solvers.problem import NativeProblem
 
-    passing = look_at(system, p) if passing is None else passing
-    widths = passing.widths
-
+    limits = step_limits(system, p) if limits is None else limits
+    widths = limits.widths
     wants_tangent = tangent or directions is not None
     return NativeProblem(
         rhs=system.rhs_function,
@@ -231,7 +226,7 @@ def native_problem(
         in_lanes=in_lanes,
         speeds=system.speeds_function if widths else None,
         widths=np.array([widths.get(n, np.inf) for n in system.speed_names]) if widths else None,
-        largest_step=passing.largest_step,
+        largest_step=limits.largest_step,
     )
 
 
@@ -247,7 +242,7 @@ def _run(
     rtol: float,
     atol: float | np.ndarray,
     events: Any,
-    passing: Passing,
+    limits: StepLimits,
 ) -> Trajectory:
     name, why = _method(system, method, functions)
     if not system.states:
@@ -255,18 +250,17 @@ def _run(
         return Trajectory(
             system, times, np.empty((times.size, 0)), inputs, p, {"method": name, "why": "no states"}
         )
-    limit = passing.largest_step
-    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": limit}
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": limits.largest_step}
     columns = {system.index("input", n): f for n, f in functions.items()}
     if name in NATIVE:
         from multibody import solvers
         from multibody.solvers.automatic import in_words
 
         cls = getattr(solvers, name)
-        problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"), passing=passing)
+        problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"), limits=limits)
         history: list[tuple[float, str]] = []
         if name == "Automatic":
-            options["stiff_problem"] = lambda: native_problem(system, p, table, tangent=True, passing=passing)
+            options["stiff_problem"] = lambda: native_problem(system, p, table, tangent=True, limits=limits)
             options["history"] = history
         solution = solvers.integrate(problem, span, x0, t_eval=times, method=cls, events=events, **options)
         if name == "Automatic":
@@ -294,7 +288,7 @@ def _run(
         "nfev": solution.nfev,
         "njev": solution.njev,
         "nlu": solution.nlu,
-        "max_step": limit,
+        "max_step": limits.largest_step,
         "longest_step": getattr(solution, "longest_step", np.inf),
         "rtol": rtol,
         "atol": atol,
@@ -344,8 +338,7 @@ def _failure(system: CompiledSystem, solution: Any, x0: np.ndarray, span: tuple[
     return (
         f"'{system.name}': {method} stopped between t = {t:.6g} s and the end at {span[1]:g} s. "
         f"{solution.message} "
-        f"Last good state: {values}. Look at what acts on that state there: a stiff contact, a force that "
-        "jumps, "
+        f"Last good state: {values}. Check what acts on that state there: a stiff contact, a force that jumps, "
         "or a parameter far from its usual size."
     )
 

@@ -347,7 +347,7 @@ def test_no_step_is_longer_than_what_passes_by_at_its_own_speed_and_the_run_is_m
 
 
 def test_points_that_only_rounding_tells_apart_are_one_feature():
-    from multibody.system.narrow_features import _closest
+    from multibody.system.narrow_features import _least_distance
 
-    assert _closest((0.0, 1.0, 1.0 + 4e-16, 3.0)) == pytest.approx(1.0)
-    assert _closest((0.0, 0.25, 2.0)) == pytest.approx(0.25)
+    assert _least_distance((0.0, 1.0, 1.0 + 4e-16, 3.0)) == pytest.approx(1.0)
+    assert _least_distance((0.0, 0.25, 2.0)) == pytest.approx(0.25)

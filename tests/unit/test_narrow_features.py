@@ -17,7 +17,7 @@ from multibody import Component, Model, Output, Parameter, Translation
 from multibody.library import Mass
 from multibody.solvers import DormandPrince54, integrate
 from multibody.solvers.batch import batch
-from multibody.system.narrow_features import look_at
+from multibody.system.narrow_features import step_limits
 from multibody.system.simulate import input_table, native_problem
 
 TIMES = np.arange(9) * 0.125  # a step from one to the next goes past the spot, which is over within 10 ms
@@ -59,7 +59,7 @@ def exact(system):
 
 
 def test_one_place_says_what_passes_by_and_it_is_needed(system, exact):
-    found = look_at(system, system.p)
+    found = step_limits(system, system.p)
     assert found.widths == {"spot.speed": 0.01}
     assert found.largest_step == math.inf
     missed = system.simulate(TIMES[-1], times=TIMES, rtol=1e-3, max_step=1.0, method="Rodas5P").states[-1, 1]
