@@ -1,6 +1,4 @@
-"""From a checked model to its equations: named states, inputs, parameters, outputs and a set of
-statements.
-"""
+"""From a checked model to its equations: named states, inputs, parameters, outputs and a set of statements."""
 
 from __future__ import annotations
 
@@ -48,7 +46,6 @@ def assemble(
     energy : bool
         Add states that integrate the power lost and supplied, so that an energy balance is as exact as the
         motion.
-
     outputs : iterable of str, optional
         Keep only these outputs.
 
@@ -72,7 +69,7 @@ def assemble(
 
 
 def with_outputs(work: Assembly, model: ModelGraph, outputs: Iterable[str]) -> Assembly:
-    """Return a model's equations with these outputs only, and those that its simulation needs to look at.
+    """Return a model's equations with these outputs and those that limit the steps of a simulation.
 
     Raises
     ------
@@ -156,8 +153,8 @@ def _without_equation(owner: str, component: Component, statements: list[Stateme
         (UnknownDeclaration, "_zero", "unknown '{0}' has nothing that determines it", "self.zero.{0}"),
     )
     return [
-        f"component '{owner}' ({type(component).__name__}): {told.format(name)}: assign {remedy.format(name)}"
-        for kind, part, told, remedy in kinds
+        f"component '{owner}' ({type(component).__name__}): {fault.format(name)}: assign {remedy.format(name)}"
+        for kind, part, fault, remedy in kinds
         for name in component.of_kind(kind)
         if variable(owner, *filter(None, (part, name))) not in written
     ]
@@ -197,20 +194,20 @@ def _table(work: Assembly, owner: str, item: Any, points: tuple[np.ndarray, np.n
 
 def _probes(work: Assembly, kinematics: Kinematics) -> None:
     for k, place in enumerate(work.places):
-        var = f"probe__{k}"
+        force = f"probe__{k}"
         unit = "N" if place.domain == "translation" else "N*m"
-        work.inputs.append(Quantity(f"probe.{place.name}", unit, f"extra {unit} at {place.name}", var))
-        kinematics.push(place.first, var)
+        work.inputs.append(Quantity(f"probe.{place.name}", unit, f"extra {unit} at {place.name}", force))
+        kinematics.apply_force(place.first, force)
         if place.second is not None:
-            kinematics.push(place.second, f"-{var}")
+            kinematics.apply_force(place.second, f"-{force}")
         sides = [side for side in (place.first, place.second) if side is not None]
-        shown_motions = place.motion_names()[: 2 if any(kinematics.massless(s) for s in sides) else 3]
-        for what, (name, motion_unit) in enumerate(shown_motions):
+        motions = place.motion_names()[: 2 if any(kinematics.massless(s) for s in sides) else 3]
+        for what, (name, motion_unit) in enumerate(motions):
             first = kinematics.motion(place.first, what)
             second = kinematics.motion(place.second, what) if place.second is not None else "0.0"
-            shown = f"place__{k}__{name}"
-            work.add(f"{shown} = {first} - {second}" if second != "0.0" else f"{shown} = {first}", place.name)
-            work.output(f"place.{place.name}.{name}", motion_unit, f"{name} at {place.name}", shown)
+            var = f"place__{k}__{name}"
+            work.add(f"{var} = {first} - {second}" if second != "0.0" else f"{var} = {first}", place.name)
+            work.output(f"place.{place.name}.{name}", motion_unit, f"{name} at {place.name}", var)
 
 
 def _energies(model: ModelGraph, work: Assembly, integrate: bool) -> None:
@@ -246,7 +243,7 @@ def _energies(model: ModelGraph, work: Assembly, integrate: bool) -> None:
 
 
 def _show(model: ModelGraph, net: Network, work: Assembly) -> None:
-    """Signals carried to inputs, and the quantities that can be looked at."""
+    """Connect inputs to their signals, and list the quantities that are outputs."""
     for owner, component in model.components.items():
         for name, item in component.of_kind(Input).items():
             source = net.sources.get(f"{owner}.{name}")
@@ -274,32 +271,32 @@ def _show(model: ModelGraph, net: Network, work: Assembly) -> None:
 
 def _port_quantity(model: ModelGraph, source: str) -> Quantity | None:
     head, _, last = source.rpartition(".")
-    found = model.find(head) if head else None
-    if found is None:
+    endpoint = model.find(head) if head else None
+    if endpoint is None:
         return None
-    port = found[1].declarations.get(found[2])
-    units = getattr(port, "units", {})
+    owner, component, port = endpoint
+    units = getattr(component.declarations.get(port), "units", {})
     if last not in units:
         return None
-    return Quantity(source, units[last], last, variable(found[0], found[2], last))
+    return Quantity(source, units[last], last, variable(owner, port, last))
 
 
 def _rename(work: Assembly) -> None:
-    """Put node quantities in the place of the port quantities that they are."""
+    """Replace the quantities of ports by those of the nodes that they share."""
 
     def final(name: str) -> str:
         while name in work.renamed:
             name = work.renamed[name]
         return name
 
-    class Put(ast.NodeTransformer):
+    class Renamer(ast.NodeTransformer):
         def visit_Name(self, node: ast.Name) -> ast.Name:
             return ast.Name(final(node.id), node.ctx)
 
     for item in work.statements:
         if work.renamed.keys().isdisjoint(item.reads) and work.renamed.keys().isdisjoint(item.writes):
             continue
-        item.nodes = [Put().visit(n) for n in item.nodes]
+        item.nodes = [Renamer().visit(n) for n in item.nodes]
         item.reads = {final(n) for n in item.reads}
         item.writes = {final(n) for n in item.writes}
     work.outputs = [Quantity(q.name, q.unit, q.meaning, final(q.variable)) for q in work.outputs]

@@ -1,4 +1,4 @@
-"""Functions that equations call: their text taken over into the generated source, with their tangents."""
+"""Functions that equations call: their text in the generated source, with their tangents."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ def _plain(name: str, function: Callable[..., Any], kernels: Kernels) -> ast.Fun
         rewriter.local_name(ast.copy_location(ast.Name(argument.arg, ast.Load()), argument))
     body = [out for item in node.body for out in rewriter.statement(item)]
     where = f"function {node.name} ({file}:{first})"
-    found = flow(body)
-    if not found.returns:
+    paths = flow(body)
+    if not paths.returns:
         raise EquationError(f"{where} must return on every path")
-    if unset := sorted(found.reads - set(arguments)):
+    if unset := sorted(paths.reads - set(arguments)):
         raise EquationError(f"{where}: '{unset[0]}' may be used before it has a value: assign it in every branch")
     args = ast.arguments([], [ast.arg(a) for a in arguments], None, [], [], None, [])
     out = ast.FunctionDef(name, args, body, [], type_params=[])  # type: ignore[call-arg]
@@ -80,18 +80,18 @@ def _check_calls(nodes: Iterable[ast.stmt], counts: dict[str, int], where: str) 
     """Refuse calls whose number of results is not the number of names that take them."""
     waiting: list[ast.AST] = list(nodes)
     unpacked: dict[int, int] = {}
-    while waiting:  # what an assignment takes is known before its value is looked at
+    while waiting:  # the names of an assignment come before its value
         node = waiting.pop()
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Tuple):
             unpacked[id(node.value)] = len(node.targets[0].elts)
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            gives, takes = counts.get(node.func.id, 1), unpacked.get(id(node), 1)
-            if gives != takes:
-                raise EquationError(f"{where}: '{node.func.id}' returns {gives} values, taken by {takes} names")
+            returned, taken = counts.get(node.func.id, 1), unpacked.get(id(node), 1)
+            if returned != taken:
+                raise EquationError(f"{where}: '{node.func.id}' returns {returned} values, taken by {taken} names")
         for name in node._fields:
             value = getattr(node, name, None)
             if value.__class__ is list:
-                waiting += [each for each in value if isinstance(each, ast.AST)]
+                waiting += [item for item in value if isinstance(item, ast.AST)]
             elif isinstance(value, ast.AST) and value._fields and value.__class__ is not ast.Name:
                 waiting.append(value)
 
@@ -111,7 +111,7 @@ def _raw(name: str, function: Callable[..., Any]) -> str:
 
 
 def kernel_sources(kernels: Kernels, statements: Iterable[Statement] = ()) -> tuple[list[str], Callable[[], list[str]]]:
-    """Return the texts of kernels, each before the ones that call it, and a function that gives their tangents.
+    """Return the texts of kernels, each before those that call it, and a function that returns their tangents.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """Newton's law for the assembled machine: mass matrix block by block, accelerations, reactions.
 
 Every inertia contributes rows ``v_row = Σ_j J_j v_j (+ …)`` over the independent coordinates ``j``.  Then
-``M_ij = Σ J_i m J_j`` and ``F_i = Σ J_i (f − m b)``, with ``b`` the acceleration that is there without any
-change of the independent speeds.  Coordinates that do not influence each other are solved on their own, so a
-machine of separate bodies pays for no matrix.
+``M_ij = Σ J_i m J_j`` and ``F_i = Σ J_i (f − m b)``, with ``b`` the acceleration at constant independent speeds.
+Coordinates that do not influence each other are solved separately, so that a machine of separate bodies needs no
+matrix.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ def product(*factors: str) -> str:
     >>> product("1.0", "m", "J")
     'm * J'
     """
-    kept = [f if f.replace(".", "").replace("_", "").isalnum() else f"({f})" for f in factors if f != "1.0"]
-    return " * ".join(kept) or "1.0"
+    texts = [f if f.replace(".", "").replace("_", "").isalnum() else f"({f})" for f in factors if f != "1.0"]
+    return " * ".join(texts) or "1.0"
 
 
 def total(terms: list[str]) -> str:
@@ -31,9 +31,7 @@ def total(terms: list[str]) -> str:
 
 
 def accelerations(work: Assembly) -> None:
-    """Add the statements that give every coordinate's acceleration and every prescribed coordinate's
-    reaction.
-    """
+    """Add the statements of every coordinate's acceleration and every prescribed coordinate's reaction."""
     matrix: dict[tuple[str, str], list[str]] = {}
     force: dict[str, list[str]] = {c.key: [] for c in work.coordinates}
     for part in work.contributions:
@@ -45,22 +43,22 @@ def accelerations(work: Assembly) -> None:
         if i <= j:
             work.add(f"{_entry(i, j)} = {total(terms)}", f"mass of {i}")
     free = [c for c in work.coordinates if c.kind == "free" and c.key not in massless]
-    given = [c for c in work.coordinates if c.kind == "prescribed"]
+    prescribed = [c for c in work.coordinates if c.kind == "prescribed"]
     for block in _blocks([c.key for c in free], matrix):
         members = [c for c in free if c.key in block]
         right = []
         for c in members:
             terms = [f"{c.key}___F"]
             terms += [
-                f"-{_entry(c.key, g.key)} * {g.acceleration}" for g in given if (c.key, g.key) in matrix
+                f"-{_entry(c.key, g.key)} * {g.acceleration}" for g in prescribed if (c.key, g.key) in matrix
             ]
             right.append(" + ".join(terms))
         _solve(work, members, right, matrix)
-    for g in given:
+    for g in prescribed:
         if g.reaction:
             inertia = [
                 f"{_entry(g.key, c.key)} * {c.acceleration}"
-                for c in (*free, *given)
+                for c in (*free, *prescribed)
                 if (g.key, c.key) in matrix
             ]
             work.add(f"{g.reaction} = {total(inertia)} - {g.key}___F", g.name)
@@ -120,7 +118,7 @@ def _solve(
     base = f"_S__{keys[0]}_"
     present = [[(keys[i], keys[j]) in matrix for j in range(n)] for i in range(n)]
     low = [[False] * n for _ in range(n)]
-    for i in range(n):  # U = L D is kept beside L, and one division for each row gives 1/D
+    for i in range(n):  # U = L D is stored as well as L, and one division for each row gives 1/D
         for j in range(i + 1):
             terms = [f"{base}__L_{i}_{k} * {base}__U_{j}_{k}" for k in range(j) if low[i][k] and low[j][k]]
             start = _entry(keys[i], keys[j]) if present[i][j] else "0.0"

@@ -90,7 +90,7 @@ class Contribution:
 
 @dataclass
 class Assembly:
-    """The equations of a model, still without an order.
+    """The equations of a model, not yet ordered.
 
     ``derivatives`` maps each state's variable to the variable of its rate.  ``renamed`` maps the port
     quantities of components to the node quantities they share.

@@ -21,7 +21,7 @@ class NodeMotion:
     base: str
     factors: dict[str, str] = field(default_factory=dict)
     bias: str | None = None
-    pushes: list[str] = field(default_factory=list)
+    forces: list[str] = field(default_factory=list)
 
     def variable(self, what: str) -> str:
         """Return the variable of one quantity of the node, such as its position."""
@@ -74,9 +74,9 @@ class Kinematics:
         """
         return id(node) in self._massless
 
-    def push(self, node: Node, text: str) -> None:
+    def apply_force(self, node: Node, text: str) -> None:
         """Let a further force or torque act on a node."""
-        self.of(node).pushes.append(text)
+        self.of(node).forces.append(text)
 
     def balance(self, work: Assembly) -> None:
         """Sum the flows at every node: forces into Newton's law, currents into Kirchhoff's."""
@@ -96,7 +96,7 @@ class Kinematics:
                     )
                 continue
             motion = self.of(node)
-            terms = flows + motion.pushes
+            terms = flows + motion.forces
             if not motion.factors:
                 continue
             work.add(f"{motion.base}___net = {total(terms)}", node.label.name)
@@ -120,17 +120,17 @@ class Kinematics:
         self._transmitted(work, written)
 
     def _transmitted(self, work: Assembly, written: set[str]) -> None:
-        """State what every transmission exerts on its ports, as ``<owner>.<port>.reaction``.
+        """Write the force of every transmission on its ports, as ``<owner>.<port>.reaction``.
 
-        On the side that follows it is what Newton's law there leaves over; the other sides get −J times it,
-        because an ideal transmission takes as much power as it gives.
+        On the side that follows it is what Newton's law needs beyond the other forces; the other sides get −J times
+        it, because an ideal transmission takes as much power as it delivers.
         """
-        given_back: dict[int, list[str]] = {}
+        returned: dict[int, list[str]] = {}
         for coupling in reversed(self.couplings):  # what follows this target is known before it
             node = self.net.node_of[coupling.target]
             port = type(node.label.port)
             flows = [variable(p.owner, p.port_name, port.flow) for p in node.ports]
-            terms = [f for f in flows if f in written] + self.of(node).pushes + given_back.get(id(node), [])
+            terms = [f for f in flows if f in written] + self.of(node).forces + returned.get(id(node), [])
             needed = [f"{variable(p.owner, p.inertia or '')} * {self.motion(node, 2)}" for p in node.inertial]
             needed += [f"{variable(p.owner, p.port_name)}___needed" for p in node.axes]
             reaction = variable(*coupling.target.rpartition(".")[::2], "reaction")
@@ -139,4 +139,4 @@ class Kinematics:
                 back = variable(*source.rpartition(".")[::2], "reaction")
                 slope = f"{variable(coupling.owner)}___J{i}"
                 work.add(f"{back} = -{slope} * {reaction}", coupling.owner)
-                given_back.setdefault(id(self.net.node_of[source]), []).append(back)
+                returned.setdefault(id(self.net.node_of[source]), []).append(back)

@@ -15,7 +15,7 @@ __all__ = ["resolve_nodes"]
 
 
 def resolve_nodes(model: ModelGraph, net: Network, work: Assembly) -> Kinematics:
-    """Decide how every node moves, and write its position and rate down.
+    """Decide how every node moves, and write its position and rate.
 
     Independent nodes bring the states ``<component>.position`` and ``<component>.velocity`` (``angle``,
     ``speed``).
@@ -27,9 +27,9 @@ def resolve_nodes(model: ModelGraph, net: Network, work: Assembly) -> Kinematics
         shared = (port.potential, port.rate, "acceleration") if port.rate else (port.potential,)
         for p in node.ports:
             for what in shared:
-                mine = variable(p.owner, p.port_name, what)
-                if mine != f"{base}__{what}":
-                    work.renamed[mine] = f"{base}__{what}"
+                own = variable(p.owner, p.port_name, what)
+                if own != f"{base}__{what}":
+                    work.renamed[own] = f"{base}__{what}"
         if node.domain != Pin.domain:
             kin.motions[id(node)] = NodeMotion(node, base)
         elif node.grounded:
@@ -50,8 +50,8 @@ def resolve_nodes(model: ModelGraph, net: Network, work: Assembly) -> Kinematics
         except EquationError as error:
             work.faults.append(f"component '{coupling.owner}': {error}")
         _show_motion(kin, net.node_of[coupling.target], work, skip=None)
-    wanted = {f"{n}.{s}": k for n, c in model.components.items() for k, s in enumerate(c.state_order)}
-    work.states.sort(key=lambda q: (owner_rank(q.name, order), wanted.get(q.name, len(wanted))))
+    rank = {f"{n}.{s}": k for n, c in model.components.items() for k, s in enumerate(c.state_order)}
+    work.states.sort(key=lambda q: (owner_rank(q.name, order), rank.get(q.name, len(rank))))
     return kin
 
 

@@ -1,6 +1,4 @@
-"""Equations put into an order in which each can be computed; loops that an unknown closes become implicit
-blocks.
-"""
+"""Equations put into an order of evaluation; loops that an unknown closes become implicit blocks."""
 
 from __future__ import annotations
 
@@ -19,9 +17,7 @@ __all__ = ["Block", "dependencies", "ordered"]
 
 @dataclass
 class Block:
-    """Statements that share unknowns: solved together by Newton's method, in one step where they are
-    affine.
-    """
+    """Statements that share unknowns: solved together by Newton's method, in one step where they are affine."""
 
     unknowns: list[Unknown]
     statements: list[Statement]
@@ -52,8 +48,8 @@ def ordered(work: Assembly, *wanted: Iterable[str]) -> list[list[Item]]:
     Raises
     ------
     ModelError
-        If a variable has no equation or two, an unknown has none that it influences, or equations chase each
-        other in an algebraic loop.
+        If a variable has no equation or two, an unknown has none that it influences, or equations form an
+        algebraic loop.
     """
     faults: list[str] = []
     entries: list[Statement | Unknown] = [*work.statements, *work.unknowns]
@@ -131,8 +127,7 @@ def _undetermined(unknown: Unknown) -> str:
     if unknown.name.endswith("voltage"):
         return f"nothing sets the voltage at '{unknown.name}': connect a resistor, a source or the ground"
     return (
-        f"the node at '{unknown.name}' has neither mass nor damping, so its motion is not determined: add a "
-        "Mass or "
+        f"the node at '{unknown.name}' has neither mass nor damping, so its motion is not determined: add a Mass or "
         "Inertia there, or merge the parts on its two sides"
     )
 
@@ -181,7 +176,7 @@ def _components(reads: dict[int, list[int]]) -> list[list[int]]:
     low: dict[int, int] = {}
     on_stack: set[int] = set()
     stack: list[int] = []
-    found: list[list[int]] = []
+    groups: list[list[int]] = []
     for root in sorted(reads):
         if root in index:
             continue
@@ -215,15 +210,15 @@ def _components(reads: dict[int, list[int]]) -> list[list[int]]:
                     group.append(k)
                     if k == node:
                         break
-                found.append(group)
-    return found
+                groups.append(group)
+    return groups
 
 
 def dependencies(items: list[Item], sources: Iterable[str]) -> dict[str, set[str]]:
     """Return for every name the sources (say, states) that it can depend on."""
     deps: dict[str, set[str]] = {s: {s} for s in sources}
     for item in items:
-        found = set().union(*(deps.get(n, set()) for n in item.reads)) if item.reads else set()
+        sources_read = set().union(*(deps.get(n, set()) for n in item.reads)) if item.reads else set()
         for name in item.writes:
-            deps[name] = found
+            deps[name] = sources_read
     return deps

@@ -1,4 +1,4 @@
-"""Where an effect can act: every relative motion that the machine's topology has, found without a list by hand."""
+"""Where an effect can act: every relative motion in the machine's topology."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def places_of(model: ModelGraph, net: Network, moves: Callable[[Node], bool]) ->
 
     ``moves`` tells whether a node can move.
     """
-    found: dict[tuple[int, int], list[tuple[str, str, str, Node, Node | None]]] = {}
+    pairs_of_sides: dict[tuple[int, int], list[tuple[str, str, str, Node, Node | None]]] = {}
 
     def still(node: Node) -> bool:
         return node.grounded or not moves(node)
@@ -65,7 +65,7 @@ def places_of(model: ModelGraph, net: Network, moves: Callable[[Node], bool]) ->
     def note(name: str, first: str, second: str, a: Node, b: Node | None) -> None:
         key = (id(a), id(b) if b is not None else 0)
         swapped = (key[1], key[0])
-        found.setdefault(swapped if swapped in found else key, []).append((name, first, second, a, b))
+        pairs_of_sides.setdefault(swapped if swapped in pairs_of_sides else key, []).append((name, first, second, a, b))
 
     for owner, component in model.components.items():
         flanges = component.of_kind(Translation | Rotation)  # type: ignore[arg-type]
@@ -86,23 +86,20 @@ def places_of(model: ModelGraph, net: Network, moves: Callable[[Node], bool]) ->
             port = node.inertial[0]
             note(port.owner, port.name, "ground", node, None)
     places = []
-    for entries in found.values():
+    for entries in pairs_of_sides.values():
         name, first, second, node, other = next(e for e in entries if not _named_after_another(e[0], entries))
         also = tuple(dict.fromkeys(e[0] for e in entries if e[0] != name))
         places.append(Place(name, node.domain, first, second, node, other, also))
-    return _told_apart(places)
+    return _with_distinct_names(places)
 
 
 def _named_after_another(name: str, entries: list[tuple[str, str, str, Node, Node | None]]) -> bool:
-    """Tell whether a part has its name from a place, as ``coulomb_friction.motor`` has: it gives the place none."""
+    """Tell whether a part is named after a place, as ``coulomb_friction.motor`` is: the place is not named after it."""
     return any(f".{e[0]}." in f"{name}." for e in entries if e[0] != name)
 
 
-def _told_apart(places: list[Place]) -> list[Place]:
-    """Return places with a name of their own each: a part with several motions has them named by its ports.
-
-    Two sides that a part joins keep the part's name.
-    """
+def _with_distinct_names(places: list[Place]) -> list[Place]:
+    """Name the places of a part with several motions by its ports; two sides that a part joins keep the part's name."""
     count = Counter(p.name for p in places)
     return [
         replace(p, name=p.first_port) if count[p.name] > 1 and p.second is None else p

@@ -33,7 +33,7 @@ def unsolvable(work: Assembly, blocks: Sequence[Block], text: str, kernels: Sequ
 
     Two nodes without mass that a damper joins are the usual case: each seems to have damping, but only the
     difference of their speeds is damped.  The same holds for the voltages of a circuit without a ground.
-    Only blocks that are affine in their unknowns are judged: elsewhere the start may be a special point.
+    Only blocks that are affine in their unknowns are checked: for others the start may be a special point.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def unsolvable(work: Assembly, blocks: Sequence[Block], text: str, kernels: Sequ
     blocks : sequence of Block
         Its implicit blocks.
     text : str
-        The function ``rhs`` of the unknowns as source, as `codegen` writes it.
+        The function ``rhs`` of the unknowns as source, as `multibody.compile.generate` writes it.
     kernels : sequence of str
         Source of the functions it calls.
     """
@@ -55,11 +55,11 @@ def unsolvable(work: Assembly, blocks: Sequence[Block], text: str, kernels: Sequ
         if line.strip().startswith("# implicit:"):
             size = sizes.get(line.strip(), 0)
             mark = line.strip()
-        found = _PIVOT.search(line)
-        if found and size:
-            i = found[2]
+        pivot = _PIVOT.search(line)
+        if pivot and size:
+            i = pivot[2]
             row = ", ".join(f"A_{i}_{j}" for j in range(size))
-            lines[k] = line[: found.start()] + f"/ _pivot({found[1]}_{i}_{i}, ({row},))"
+            lines[k] = line[: pivot.start()] + f"/ _pivot({pivot[1]}_{i}_{i}, ({row},))"
             marks[k + 1] = mark
     space: dict[str, Any] = {"math": math, "_pivot": _pivot}
     exec(compile("\n\n".join(kernels), "<kernels>", "exec"), space)
@@ -73,21 +73,19 @@ def unsolvable(work: Assembly, blocks: Sequence[Block], text: str, kernels: Sequ
             if trace.tb_frame.f_code.co_filename == "<equations>":
                 mark = marks[trace.tb_lineno]
             trace = trace.tb_next
-        return [_told(mark.removeprefix("# implicit: "))]
+        return [_undetermined(mark.removeprefix("# implicit: "))]
     except (ArithmeticError, ValueError, TypeError):
-        pass  # the start itself is no place to evaluate the equations; the simulation will say so
+        pass  # the equations cannot be evaluated at the start itself; the simulation reports that
     return []
 
 
-def _told(names: str) -> str:
+def _undetermined(names: str) -> str:
     if names.split(", ")[0].endswith(".voltage"):
         return (
-            f"the voltages at {names} are not determined, only their differences are: no pin of this circuit "
-            "is "
+            f"the voltages at {names} are not determined, only their differences are: no pin of this circuit is "
             "connected to the ground: connect one"
         )
     return (
-        f"what is implicit in {names} is not determined by the equations: where these are nodes, damping "
-        "acts only "
+        f"the equations do not determine the unknowns {names}: where these are nodes, damping acts only "
         "between them, so add a mass to one of them, or damping to a part that is held"
     )

@@ -1,7 +1,7 @@
-"""Equations kept within a process: models that differ in nothing but the values of parameters have the same ones.
+"""Equations cached within a process: models that differ only in the values of parameters share them.
 
 A search builds a model twice for every fit, with all outputs and with the measured ones, and again for every strength
-that a fit begins from.  Their texts are the same, and to write them costs more than many a simulation.
+that a fit starts from.  Their texts are the same, and to write them takes longer than many a simulation.
 """
 
 from __future__ import annotations
@@ -17,50 +17,50 @@ from multibody.assembly.equation_set import Quantity
 from multibody.base.cache import digest_of
 from multibody.model.graph import ModelGraph
 
-__all__ = ["Unknown", "forget", "keep", "recall", "said", "structure_of", "with_values_of"]
+__all__ = ["NoKey", "clear", "lookup", "store", "structure_key", "value_key", "with_values_of"]
 
-Kept = TypeVar("Kept")
+Value = TypeVar("Value")
 
-KEPT = 16  # assemblies and plans of a process
+CAPACITY = 16  # assemblies and plans in a process
 READ = ("equations", "coupling", "coupling_inverse")
 
-_kept: OrderedDict[Any, Any] = OrderedDict()
+_stored: OrderedDict[Any, Any] = OrderedDict()
 _lock = threading.Lock()
 
 
-class Unknown(Exception):
-    """Something that a key cannot tell apart from its like."""
+class NoKey(Exception):
+    """A value of a kind that cannot be part of a key."""
 
 
-def said(value: Any) -> str:
-    """Return a text that is the same for equal values only.
+def value_key(value: Any) -> str:
+    """Return a text that only equal values share.
 
     Raises
     ------
-    Unknown
-        If there is none for a value of this kind.
+    NoKey
+        For a value of a kind that has none.
 
     Examples
     --------
-    >>> said({"order": 2, "points": (0.0, 1.5)})
+    >>> value_key({"order": 2, "points": (0.0, 1.5)})
     "{'order':2,'points':(0.0,1.5)}"
     """
     if value is None or isinstance(value, str | bool | int | float):
         return repr(value)
     if isinstance(value, dict):
-        return "{" + ",".join(f"{said(k)}:{said(v)}" for k, v in value.items()) + "}"
+        return "{" + ",".join(f"{value_key(k)}:{value_key(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return "(" + ",".join(map(said, value)) + ")"
+        return "(" + ",".join(map(value_key, value)) + ")"
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
         return f"{value.shape}{digest_of(value.tobytes().hex())}"
-    raise Unknown
+    raise NoKey
 
 
-def structure_of(model: ModelGraph) -> tuple[Any, ...] | None:
-    """Return all that a model's equations follow from: everything but the values of its components' parameters.
+def structure_key(model: ModelGraph) -> tuple[Any, ...] | None:
+    """Return a key of a model's equations: everything but the values of its components' parameters.
 
-    None where that cannot be told, or the model has a fault.  Start values and tables count, and the parameters of a
-    component that writes its equations itself.
+    None where there is no such key, or the model has a fault.  Start values and tables are part of it, and so are the
+    parameters of a component that writes its equations itself.
     """
     parts: list[Any] = [model.name]
     if model.declared_faults:
@@ -69,16 +69,16 @@ def structure_of(model: ModelGraph) -> tuple[Any, ...] | None:
         for name, component in model.components.items():
             if component.faults:
                 return None
-            left_out = {"declarations", "values", "_given"}
+            excluded = {"declarations", "values", "_given"}
             if hasattr(component, "assemble"):
-                left_out.remove("values")
-            own = {k: v for k, v in vars(component).items() if k not in left_out}
+                excluded.remove("values")
+            own = {k: v for k, v in vars(component).items() if k not in excluded}
             kind = type(component)
-            parts += [name, kind, _texts(kind), tuple(component.declarations), tuple(component.values), said(own)]
-        parts += [said(each) for each in (model.connections, model.outputs, model.features)]
-    except Unknown:
+            parts += [name, kind, _texts(kind), tuple(component.declarations), tuple(component.values), value_key(own)]
+        parts += [value_key(item) for item in (model.connections, model.outputs, model.features)]
+    except NoKey:
         return None
-    return (*parts, *(repr(dataclasses.replace(given, unit="")) for given in model.inputs.values()))
+    return (*parts, *(repr(dataclasses.replace(entry, unit="")) for entry in model.inputs.values()))
 
 
 def _texts(kind: type) -> tuple[Any, ...]:
@@ -92,24 +92,24 @@ def with_values_of(model: ModelGraph, parameters: tuple[Quantity, ...]) -> tuple
     return tuple(dataclasses.replace(q, value=values[q.name]) if q.name in values else q for q in parameters)
 
 
-def recall(key: Any) -> Any | None:
-    """Return what was kept under a key, or None."""
+def lookup(key: Any) -> Any | None:
+    """Return the value stored under a key, or None."""
     with _lock:
-        if key in _kept:
-            _kept.move_to_end(key)
-        return _kept.get(key)
+        if key in _stored:
+            _stored.move_to_end(key)
+        return _stored.get(key)
 
 
-def keep(key: Any, value: Kept) -> Kept:
-    """Keep something under a key, in the place of what has not been asked for longest, and return it."""
+def store(key: Any, value: Value) -> Value:
+    """Store a value under a key, in the place of the least recently used one, and return it."""
     with _lock:
-        _kept[key] = value
-        while len(_kept) > KEPT:
-            _kept.popitem(last=False)
+        _stored[key] = value
+        while len(_stored) > CAPACITY:
+            _stored.popitem(last=False)
     return value
 
 
-def forget() -> None:
-    """Forget everything that was kept."""
+def clear() -> None:
+    """Remove everything that was stored."""
     with _lock:
-        _kept.clear()
+        _stored.clear()

@@ -47,8 +47,7 @@ def directed(model: ModelGraph, net: Network, work: Assembly) -> list[Coupling]:
             if ways:
                 work.faults.append(
                     f"over-constrained: '{ways[0].owner}' ties '{ways[0].target}' to '{ways[0].sources[0]}', "
-                    "but both "
-                    "are already held or tied: free one of them, or put a spring into the loop"
+                    "but both are already held or tied: free one of them, or put a spring into the loop"
                 )
             continue
         # a side with inertia leads where there is a choice, because its start values then count
@@ -119,9 +118,9 @@ def follow(kin: Kinematics, net: Network, coupling: Coupling, work: Assembly) ->
         if (led := kin.of(leader).bias) is not None:
             bias.append(f"{slope} * {led}")
         for j, (other, mover) in enumerate(zip(sources, leaders, strict=True)):
-            bent = _slope(derived, slope, other, f"{slope}_{j}")
-            if bent is not None:
-                work.statements.append(Statement.of(bent, coupling.owner))
+            curvature = _slope(derived, slope, other, f"{slope}_{j}")
+            if curvature is not None:
+                work.statements.append(Statement.of(curvature, coupling.owner))
                 bias.append(f"{slope}_{j} * {kin.motion(mover, 1)} * {kin.motion(leader, 1)}")
     for key, terms in factors.items():
         var = f"{motion.base}___J__{key}"
@@ -153,7 +152,7 @@ def _slope(nodes: list[ast.stmt], target: str, source: str, result: str) -> list
     derived = Differentiator(active, tangent_name).statements([copied(n) for n in nodes])
     own = {n for s in derived for n in names_written(s)}
 
-    class Put(ast.NodeTransformer):
+    class Renamer(ast.NodeTransformer):
         def visit_Name(self, node: ast.Name) -> ast.expr:
             if node.id == d(target):
                 return ast.Name(result, node.ctx)
@@ -161,4 +160,4 @@ def _slope(nodes: list[ast.stmt], target: str, source: str, result: str) -> list
                 return ast.Constant(1.0)
             return ast.Name(f"{result}__{node.id}" if node.id in own else node.id, node.ctx)
 
-    return [Put().visit(s) for s in derived]
+    return [Renamer().visit(s) for s in derived]

@@ -22,7 +22,7 @@ import numpy as np
 
 from multibody.assembly.equation_set import Assembly, Quantity
 from multibody.assembly.places import Place
-from multibody.assembly.structure_cache import Unknown, keep, recall, said, structure_of, with_values_of
+from multibody.assembly.structure_cache import NoKey, lookup, store, structure_key, value_key, with_values_of
 from multibody.base.cache import cache_dir, digest_of, kept_text, read_object, write_object
 from multibody.model.features import speed_signals
 from multibody.model.graph import ModelGraph
@@ -82,7 +82,7 @@ def plan_of(model: ModelGraph, probes: bool, energy: bool, outputs: Iterable[str
     outputs = None if outputs is None else tuple(outputs)
     path = None
     if _built <= BUILDS and not probes:
-        with contextlib.suppress(Unknown, OSError):  # a model can be put together without a cache
+        with contextlib.suppress(NoKey, OSError):  # a model can be put together without a cache
             path = cache_dir() / f"plan_{_key(model, energy, outputs)}.json"
     if path is not None and (found := read_object(path)) is not None:
         return _told(model, _read(json.loads(found[0]), lambda: _assembled(model, probes, energy, outputs)))
@@ -107,20 +107,20 @@ def _remembered(model: ModelGraph, probes: bool, energy: bool, outputs: tuple[st
     """Return a plan whose equations, or all that they are chosen from, are those of an earlier build where possible."""
     from multibody.assembly.assemble import assemble, with_outputs
 
-    structure = structure_of(model)
+    structure = structure_key(model)
     if structure is None:
         return _assembled(model, probes, energy, outputs)
     key = (structure, probes, energy)
-    plan = recall((*key, outputs))
+    plan = lookup((*key, outputs))
     if plan is None:
-        whole = recall(key)
+        whole = lookup(key)
         if whole is None:
             whole = assemble(model, probes=probes, energy=energy)
             if not whole.unknowns:  # whether implicit equations can be solved depends on the values
-                keep(key, whole)
+                store(key, whole)
         plan = _generated(model, whole if outputs is None else with_outputs(whole, model, outputs))
         if not whole.unknowns:
-            keep((*key, outputs), plan)
+            store((*key, outputs), plan)
     return _told(model, dataclasses.replace(plan, parameters=with_values_of(model, plan.parameters)))
 
 
@@ -169,28 +169,28 @@ def _written(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _read(said: dict[str, Any], assembled: Any) -> Plan:
+def _read(content: dict[str, Any], assembled: Any) -> Plan:
     from multibody.compile.generate import Texts
 
-    kept, fresh = said["texts"], cache(assembled)
+    kept, fresh = content["texts"], cache(assembled)
 
     def text(name: str) -> str:
         if name in kept:
             return kept[name]
         return kept_text(name, (kept[name.partition("_")[0]],), lambda: fresh().texts[name])
 
-    n = len(said["states"])
-    states, inputs, parameters, outputs = (tuple(Quantity(*q) for q in said[name]) for name in _GROUPS)
+    n = len(content["states"])
+    states, inputs, parameters, outputs = (tuple(Quantity(*q) for q in content[name]) for name in _GROUPS)
     return Plan(
         states,
         inputs,
         parameters,
         outputs,
-        tuple(said["speed_names"]),
-        said["input_delays"],
-        {int(k): int(rate) for k, rate in said["rate_states"]},
+        tuple(content["speed_names"]),
+        content["input_delays"],
+        {int(k): int(rate) for k, rate in content["rate_states"]},
         Texts((*_BASES, "rhs_tangent", "outputs_tangent", "rhs_columns"), text),
-        np.array(said["sparsity"], dtype=bool).reshape(n, n),
+        np.array(content["sparsity"], dtype=bool).reshape(n, n),
     )
 
 
@@ -209,8 +209,8 @@ def _key(model: ModelGraph, energy: bool, outputs: tuple[str, ...] | None) -> st
     parts = [FORMAT, sys.version, np.__version__, model.name, repr((energy, outputs)), _class(type(model))]
     for name, component in model.components.items():
         own = {k: v for k, v in vars(component).items() if k != "declarations"}
-        parts += [name, _class(type(component)), said(own), repr(tuple(component.declarations))]
-    parts += [said(each) for each in (model.connections, model.outputs, model.features)]
+        parts += [name, _class(type(component)), value_key(own), repr(tuple(component.declarations))]
+    parts += [value_key(each) for each in (model.connections, model.outputs, model.features)]
     parts += [repr(dataclasses.replace(given, unit="")) for given in model.inputs.values()]
     return digest_of(*parts, *(f"{given}" for given in model.declared_faults))
 
@@ -221,10 +221,10 @@ def _class(cls: type) -> str:
     for base in cls.__mro__[:-1]:
         module = sys.modules.get(base.__module__)
         if getattr(module, base.__name__, None) is not base:  # made inside a function, or replaced
-            raise Unknown
+            raise NoKey
         file = getattr(module, "__file__", None)
         if any(f.__code__.co_filename != file for f in vars(base).values() if hasattr(f, "__code__") and _equations(f)):
-            raise Unknown
+            raise NoKey
         texts.append(f"{base.__module__}.{base.__name__} {_package(base.__module__.partition('.')[0])}")
     return "\n".join(texts)
 
@@ -238,7 +238,7 @@ def _package(name: str) -> str:
     """Return what changes with every file of a package, as Python's own cache of byte code sees it."""
     folders = [str(folder) for folder in getattr(sys.modules.get(name), "__path__", ())]
     if not folders:
-        raise Unknown
+        raise NoKey
     files = []
     for folder in folders:
         for place, _, names in os.walk(folder):

@@ -26,7 +26,7 @@ class Fixture:
     offset, angles : tuple of str
         Place on the body in body axes and turn (roll, pitch, yaw) against them, as variables.
     users : tuple of PortOf
-        Ports through which components push on the frame.
+        Ports through which components act on the frame.
     name : str
         For messages.
     """
@@ -40,16 +40,16 @@ class Fixture:
 
 
 def fixtures(net: Network, faults: list[str]) -> dict[str, Fixture]:
-    """Return what the frame at each endpoint is fixed to; nothing or two things go to ``faults``."""
-    found: dict[str, Fixture] = {}
+    """Return what the frame at each endpoint is fixed to; a frame fixed to nothing or to two things is a fault."""
+    fixture_of: dict[str, Fixture] = {}
     for node in net.frames:
         holders = [p for p in node.ports if _frame(p).offset is not None]
         hanging = [p for p in node.ports if _frame(p).parent]
         users = tuple(p for p in node.ports if p not in holders and p not in hanging)
         if len(holders) + node.grounded > 1:
-            told = " and ".join([f"'{p.name}'" for p in holders] + (["the ground"] if node.grounded else []))
+            holding = " and ".join([f"'{p.name}'" for p in holders] + (["the ground"] if node.grounded else []))
             faults.append(
-                f"{told} are joined, but each is fixed already: hang one body on the other by its "
+                f"{holding} are joined, but each is fixed already: hang one body on the other by its "
                 "'parent' frame, or put a FrameSpring between them"
             )
             continue
@@ -73,8 +73,8 @@ def fixtures(net: Network, faults: list[str]) -> dict[str, Fixture]:
             )
         )
         for p in node.ports:
-            found[p.name] = fixture
-    return found
+            fixture_of[p.name] = fixture
+    return fixture_of
 
 
 def _frame(port: PortOf) -> Frame:
@@ -99,7 +99,7 @@ def _fixture(holder: PortOf, users: tuple[PortOf, ...]) -> Fixture:
 
 def circles(parents: dict[str, str | None]) -> list[list[str]]:
     """Return the circles in a map from body to parent body, each as the list of its bodies."""
-    found: list[list[str]] = []
+    loops: list[list[str]] = []
     cleared: set[str] = set()
     for start in parents:
         path: list[str] = []
@@ -108,6 +108,6 @@ def circles(parents: dict[str, str | None]) -> list[list[str]]:
             path.append(body)
             body = parents.get(body)
         if body is not None and body in path:
-            found.append(path[path.index(body) :])
+            loops.append(path[path.index(body) :])
         cleared |= set(path)
-    return found
+    return loops

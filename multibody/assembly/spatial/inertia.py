@@ -49,7 +49,7 @@ class Linked:
     chain : tuple of Freedom
         Free motions that carry it, its own last.
     loads : tuple of Fixture
-        Its frames on which something pushes.
+        Its frames on which a force or moment acts.
     """
 
     name: str
@@ -144,11 +144,11 @@ def _writer_of(bodies: list[Linked], freedom: str) -> Writer:
 
 
 def _needed(bodies: list[Linked], entries: Mapping[tuple[str, str], str], force: Mapping[str, str]) -> None:
-    """Write the force along each axis that its motion asks for beyond what acts on frames (for gears)."""
-    known = {j.name: j for b in bodies for j in b.chain}
-    for name, j in known.items():
+    """Write the force along each axis that its motion needs beyond what acts on frames (for gears)."""
+    freedoms = {j.name: j for b in bodies for j in b.chain}
+    for name, j in freedoms.items():
         terms = [
-            times(var, known[m if n == name else n].moving.acceleration)
+            times(var, freedoms[m if n == name else n].moving.acceleration)
             for (n, m), var in entries.items()
             if name in (n, m)
         ]
@@ -205,7 +205,7 @@ def _own_load(b: Linked, gravity: Vector, written: set[str]) -> tuple[Vector, Ve
     weight = w.vector("weight", _scaled(b.mass, _minus(gravity, sway)))
     force, moment = _plus(weight), cross(arm, weight)
     for load in b.loads:
-        f, m, at = _pushes(b, load, written)
+        f, m, at = _load_at(b, load, written)
         force, moment = _plus(force, f), _plus(moment, m, cross(at, f))
     momentum = w.vector("momentum", turn(b.tensor, c.spin))
     gyro = _plus(turn(b.tensor, c.bias.body), cross(c.spin, momentum))
@@ -222,13 +222,13 @@ def _com_acceleration(w: Writer, kind: str, c: Carrier, arm: Vector) -> Vector:
     )
 
 
-def _pushes(b: Linked, load: Fixture, written: set[str]) -> tuple[Vector, Vector, Vector]:
-    """Force and moment at a frame, summed over what pushes there, and the arm to it."""
+def _load_at(b: Linked, load: Fixture, written: set[str]) -> tuple[Vector, Vector, Vector]:
+    """Force and moment at a frame, summed over the components that act there, and the arm to it."""
     w, tag = b.writer, load.name.rpartition(".")[2]
 
     def total(flow: str) -> Vector:
-        found = [[variable(p.owner, p.port_name, f"{flow}{a}") for p in load.users] for a in LENGTHS]
-        return w.vector(f"{tag}_{flow}", [plus(*(v for v in axis if v in written)) for axis in found])
+        parts = [[variable(p.owner, p.port_name, f"{flow}{a}") for p in load.users] for a in LENGTHS]
+        return w.vector(f"{tag}_{flow}", [plus(*(v for v in axis if v in written)) for axis in parts])
 
     return total("f"), total("m"), w.vector(f"{tag}_arm", turn(b.carrier.rotation, load.offset))
 
@@ -264,7 +264,7 @@ def joint_reactions(
         spun = w.vector("spun", _plus(turn(b.tensor, c.actual.body), cross(c.spin, momentum)))
         force, moment = needed, _plus(cross(arm, needed), turn(c.rotation, spun))
         for load in b.loads:
-            f, m, at = _pushes(b, load, written)
+            f, m, at = _load_at(b, load, written)
             force = _plus(force, tuple(neg(x) for x in f))  # type: ignore[arg-type]
             pull = _plus(m, cross(at, f))
             moment = _plus(moment, tuple(neg(x) for x in pull))  # type: ignore[arg-type]

@@ -41,7 +41,7 @@ def _is_number(text: str) -> bool:
 
 
 def is_simple(text: str) -> bool:
-    """Tell whether a text is a name or a number, perhaps with a minus: worth no variable of its own."""
+    """Tell whether a text is a name or a number, perhaps with a minus: which needs no variable of its own."""
     bare = text.removeprefix("-")
     return _is_name(bare) or _is_number(bare)
 
@@ -73,18 +73,18 @@ def times(*factors: str) -> str:
     >>> times("a", "-b"), times("a", "0.0"), times("-1.0", "a"), times("a", "b + c")
     ('-a * b', '0.0', '-a', 'a * (b + c)')
     """
-    negative, kept = False, []
+    negative, remaining = False, []
     for factor in factors:
         if factor == ZERO:
             return ZERO
         if _is_sum(factor):
-            kept.append(f"({factor})")
+            remaining.append(f"({factor})")
             continue
         if factor.startswith("-"):
             negative, factor = not negative, factor[1:]
         if factor != ONE:
-            kept.append(factor)
-    text = " * ".join(kept) or ONE
+            remaining.append(factor)
+    text = " * ".join(remaining) or ONE
     return f"-{text}" if negative else text
 
 
@@ -96,11 +96,11 @@ def plus(*terms: str) -> str:
     >>> plus("a", "-b * c", "0.0"), plus("0.0", "0.0")
     ('a - b * c', '0.0')
     """
-    kept = [t for t in terms if t != ZERO]
-    if not kept:
+    remaining = [t for t in terms if t != ZERO]
+    if not remaining:
         return ZERO
-    text = kept[0]
-    for term in kept[1:]:
+    text = remaining[0]
+    for term in remaining[1:]:
         if term.startswith("-") and not _is_sum(term):
             text += f" - {term[1:]}"
         else:

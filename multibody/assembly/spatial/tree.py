@@ -29,8 +29,8 @@ def assemble_spatial(model: ModelGraph, net: Network, kin: Kinematics, work: Ass
     worlds = [n for n, c in model.components.items() if isinstance(c, World)]
     if len(worlds) > 1:
         work.faults.append(f"there is more than one World ({', '.join(worlds)}): keep one")
-    found = fixtures(net, work.faults)
-    parents = {n: found[f"{n}.parent"].body if f"{n}.parent" in found else None for n in bodies}
+    fixture_of = fixtures(net, work.faults)
+    parents = {n: fixture_of[f"{n}.parent"].body if f"{n}.parent" in fixture_of else None for n in bodies}
     for circle in circles(parents):
         shown = " on ".join(f"'{n}'" for n in (*circle, circle[0]))
         work.faults.append(f"bodies hang on each other in a circle ({shown}): hang one of them on the ground")
@@ -44,12 +44,12 @@ def assemble_spatial(model: ModelGraph, net: Network, kin: Kinematics, work: Ass
     while len(linked) < len(bodies):
         for name, body in bodies.items():
             if name not in linked and (parents[name] is None or parents[name] in linked):
-                linked[name] = _link(name, body, found, linked, net, kin, work)
+                linked[name] = _link(name, body, fixture_of, linked, net, kin, work)
     positions = {n: b.carrier.position for n, b in linked.items()}
     order = list(linked.values())
     for b in order:
         energies(b, gravity)
-    for fixture in dict.fromkeys(found.values()):
+    for fixture in dict.fromkeys(fixture_of.values()):
         carrier = linked[fixture.body].carrier if fixture.body else GROUND_MOTION
         _frame(work, fixture, carrier, gravity)
     work.contributions += equations_of_motion(order, positions, gravity, written)
@@ -61,13 +61,13 @@ def assemble_spatial(model: ModelGraph, net: Network, kin: Kinematics, work: Ass
 def _link(
     name: str,
     body: RigidBody,
-    found: dict[str, Fixture],
+    fixture_of: dict[str, Fixture],
     linked: dict[str, Linked],
     net: Network,
     kin: Kinematics,
     work: Assembly,
 ) -> Linked:
-    hangs = found.get(f"{name}.parent")
+    hangs = fixture_of.get(f"{name}.parent")
     parent = linked[hangs.body] if hangs and hangs.body else None
     writer = Writer(work, f"{variable(name)}_", name)  # three underscores: names that nobody else has
     own = _coordinates(name, body, net, kin, writer)
@@ -80,7 +80,7 @@ def _link(
         own,
         body.body_rates,
     )
-    loads = tuple(f for f in dict.fromkeys(found.values()) if f.body == name and f.users)
+    loads = tuple(f for f in dict.fromkeys(fixture_of.values()) if f.body == name and f.users)
     chain: tuple[Freedom, ...] = (*(parent.chain if parent else ()), *freedoms)
     return Linked(name, writer, carrier, parent, chain, loads)
 
@@ -194,9 +194,9 @@ def _frame(work: Assembly, fixture: Fixture, carrier: Carrier, gravity: Vector) 
             shared.set(f"r{i + 1}{j + 1}", text)
     for p in fixture.users:
         for quantity in Frame.motions:
-            mine = variable(p.owner, p.port_name, quantity)
-            if mine != f"{fixture.base}__{quantity}":
-                work.renamed[mine] = f"{fixture.base}__{quantity}"
+            own = variable(p.owner, p.port_name, quantity)
+            if own != f"{fixture.base}__{quantity}":
+                work.renamed[own] = f"{fixture.base}__{quantity}"
 
 
 def _order_states(model: ModelGraph, bodies: dict[str, RigidBody], work: Assembly) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from multibody import Model, ModelError
 from multibody.assembly import assemble as assembly
-from multibody.assembly import structure_cache as structure
+from multibody.assembly import structure_cache
 from multibody.compile import assembled as plan
 from multibody.library import Mass, Spring
 from vtsdt.lift.lift import Lift
@@ -26,11 +26,11 @@ def assembled(monkeypatch):
         found.append(model.name)
         return real(model, **options)
 
-    structure.forget()
+    structure_cache.clear()
     monkeypatch.setattr(plan, "_built", plan.BUILDS)
     monkeypatch.setattr(assembly, "assemble", told)
     yield found
-    structure.forget()
+    structure_cache.clear()
 
 
 def oscillator(stiffness=100.0, mass=Mass, **start):
@@ -59,7 +59,7 @@ def test_other_values_and_fewer_outputs_come_from_one_assembly(assembled):
     assert found[2].p[found[2].index("parameter", "cabin.mass")] == 321.0
     assert found[0].p[found[0].index("parameter", "cabin.mass")] != 321.0
     for k, model in ((2, changed), (3, changed)):
-        structure.forget()
+        structure_cache.clear()
         same(found[k], model.build(probes=True, outputs=None if k == 2 else ("a_c", "F_c")))
     assert changed.inputs == lift.inputs  # their units, too
 
@@ -86,9 +86,9 @@ def test_what_is_not_a_value_is_another_structure(assembled, monkeypatch):
         self.force = self.a.force
         self.energy = self.stiffness * (self.a.position - self.b.position) ** 2
 
-    before = structure.structure_of(oscillator())
+    before = structure_cache.structure_key(oscillator())
     monkeypatch.setattr(Spring, "equations", equations, raising=False)
-    assert structure.structure_of(oscillator()) != before
+    assert structure_cache.structure_key(oscillator()) != before
 
 
 def test_faults_are_told_although_the_structure_is_known(assembled):
@@ -97,19 +97,19 @@ def test_faults_are_told_although_the_structure_is_known(assembled):
         oscillator(-1.0).build()
     with pytest.raises(ModelError, match=r"no output 'body\.positon'"):
         oscillator().build(outputs=["body.positon"])
-    assert structure.structure_of(oscillator(-1.0)) is None
+    assert structure_cache.structure_key(oscillator(-1.0)) is None
     kept = oscillator().components["spring"]
     kept.made_of = object()  # what cannot be told apart
     model = Model("odd")
     model.add("spring", kept)
-    assert structure.structure_of(model) is None
+    assert structure_cache.structure_key(model) is None
 
 
-def test_only_so_many_are_kept(assembled, monkeypatch):
-    monkeypatch.setattr(structure, "KEPT", 2)
+def test_the_least_recently_used_structure_is_removed(assembled, monkeypatch):
+    monkeypatch.setattr(structure_cache, "CAPACITY", 2)
     for k in range(3):
         oscillator().copy(f"number {k}").build()
-    assert len(structure._kept) == 2
+    assert len(structure_cache._stored) == 2
     oscillator().copy("number 0").build()
     assert len(assembled) == 4
 
