@@ -18,7 +18,7 @@ from discrepancy.stages.residuals_along_motion import residuals_along_motion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from multibody.model.model import Model
+    from multibody.machine.model import Model
 
     from discrepancy.stages.stage import Stage
 
