@@ -18,9 +18,9 @@ from discrepancy.stages.residuals_along_motion import residuals_along_motion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from multibody.machine.model import Model
 
     from discrepancy.stages.stage import Stage
+    from multibody.machine.model import Model
 
 __all__ = ["Picture", "pictures", "render", "write_report"]
 

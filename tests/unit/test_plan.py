@@ -112,7 +112,7 @@ def test_a_class_whose_text_is_not_in_a_package_is_assembled_every_time(new_proc
 
     monkeypatch.setattr(Spring, "equations", equations, raising=False)
     assert plan._built == 0
-    with pytest.raises(plan.Unknown):
+    with pytest.raises(plan.NoKey):
         plan._key(oscillator(), False, None)
 
 
