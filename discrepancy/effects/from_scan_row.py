@@ -64,7 +64,7 @@ def effect_of(entry: Entry, row: ScanRow, effects: Sequence[Effect], instead_of:
     number = 1 + sum(1 for e in effects if e.kind == kind.name and e.where == entry.where)
     if entry.place is None:
         return Effect(kind.name, entry.where, strengths, dict(row.shape), number=number)
-    shape = {k: v for k, v in row.shape.items() if k != "secant"}
+    shape = {k: v for k, v in row.shape.items() if k != "amplitude"}
     found = Effect.at_place(kind.name, entry.place, strengths=strengths, shape=shape, load=entry.load, number=number)
     for other in instead_of:
         name, value = next(iter(other.strengths.items()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -48,7 +49,7 @@ class Kind:
         A strength below zero makes no physical sense.
     linear : bool
         False if the force is not proportional to the strength; the scan then takes a finite-amplitude sensitivity, at
-        the strength that the shape names ``secant``, or at a small one.
+        the strength that the shape names ``amplitude``, or at a small one.
     needs : {"", "stiffness", "load", "ground"}
         What the connection must have: a spring of its own, a force that passes through, or the ground on one side.
     elastic : bool or None
@@ -113,7 +114,12 @@ class Kind:
 
     def shape_grid(self, motion: MotionRange) -> Shapes:
         """Return the shapes to try for a motion; one empty shape when the kind has none."""
-        return self.shapes(motion) if self.shapes is not None else [{}]
+        shapes = self.shapes(motion) if self.shapes is not None else [{}]
+        if any("secant" in shape for shape in shapes):
+            text = f"kind '{self.name}': the entry 'secant' of a shape is now called 'amplitude'"
+            warnings.warn(text, FutureWarning, stacklevel=2)
+            shapes = [{"amplitude" if k == "secant" else k: v for k, v in shape.items()} for shape in shapes]
+        return shapes
 
 
 _T = KindText

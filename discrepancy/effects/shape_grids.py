@@ -109,7 +109,7 @@ def spring(m: MotionRange) -> Shapes:
 def spring_gap(m: MotionRange) -> Shapes:
     """Plays from a twentieth of the travel up to all of its half, about no force and about the middle."""
     gaps = [f * m.half for f in (0.05, 0.2, 0.5, 1.0)]
-    return [{"stiffness": m.scale, "centre": c, "secant": gap} for c in (0.0, m.centre) for gap in gaps]
+    return [{"stiffness": m.scale, "centre": c, "amplitude": gap} for c in (0.0, m.centre) for gap in gaps]
 
 
 def end_stops(m: MotionRange) -> Shapes:

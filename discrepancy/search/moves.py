@@ -226,7 +226,7 @@ def _fits_of(
     if entry.kind.linear:
         starts = [expected] if from_prior else []
     else:
-        sizes = sorted({float(s["secant"]) for s in shapes if s.get("secant", 0.0) > 0.0})
+        sizes = sorted({float(s["amplitude"]) for s in shapes if s.get("amplitude", 0.0) > 0.0})
         starts = [replace(expected, strengths=dict.fromkeys(expected.strengths, z)) for z in sizes] or [expected]
     return [*fits, *(partial(refit, start, simpler, from_prior=True) for start in starts)]
 

@@ -1,7 +1,7 @@
-"""Effects that components have in them: how the outputs change with strengths that are parameters of the model.
+"""Sensitivities to effects that components have built in: their strengths are parameters of the model.
 
-A strength acts on the equations as an input that stays what it is, so the machine's transitions along its trajectory
-carry it as they carry a force.  Where no transitions are worked out, its derivative is integrated.
+A strength acts on the equations as a constant input, so the state-transition matrices along the trajectory propagate it
+as they propagate a force.  Where they are not computed, its sensitivity is integrated.
 """
 
 from __future__ import annotations
@@ -18,43 +18,43 @@ if TYPE_CHECKING:
     from discrepancy.sensitivities.linearised_problem import LinearisedProblem
     from multibody.machine.model import System
 
-__all__ = ["Plan", "Wanted", "changes_of", "integrated_sensitivities"]
+__all__ = ["Plan", "integrated_sensitivities", "parameter_perturbations"]
 
-#: an entry of the catalogue, its shapes, its strengths
+#: An entry of the catalogue, its shapes, its strengths.
 Plan = tuple[Entry, list[dict[str, float]], list[str]]
 
-#: a candidate's name and the number of its shape, beside one of its strengths
-Wanted = tuple[tuple[str, int], ParameterPerturbation]
+#: A candidate's name and the number of its shape; a perturbation of one of its strengths.
+Keyed = tuple[tuple[str, int], ParameterPerturbation]
 
 
-def changes_of(plans: Sequence[Plan], system: System) -> tuple[list[Wanted], list[Wanted]]:
-    """Return the strengths that transitions can carry, and those of how late an input is, which they cannot."""
-    late = {system.parameter_names[k] for k in system.input_delays.values()}
-    carried: list[Wanted] = []
-    others: list[Wanted] = []
+def parameter_perturbations(plans: Sequence[Plan], system: System) -> tuple[list[Keyed], list[Keyed]]:
+    """Return the strengths that state-transition matrices propagate, and delays of inputs, which they cannot."""
+    delays = {system.parameter_names[k] for k in system.input_delays.values()}
+    propagated: list[Keyed] = []
+    others: list[Keyed] = []
     for entry, shapes, strengths in plans:
         owner, ending = entry.kind.owner_of(entry.where)
         names = [f"{owner}.{n}{ending}" for n in strengths]
         for k, shape in enumerate(shapes):
             evaluated_at = tuple((f"{owner}.{n}{ending}", float(v)) for n, v in shape.items())
-            (others if late & set(names) else carried).extend(
+            (others if delays & set(names) else propagated).extend(
                 ((entry.name, k), ParameterPerturbation(n, evaluated_at)) for n in names
             )
-    return carried, others
+    return propagated, others
 
 
 def integrated_sensitivities(
-    linearised: LinearisedProblem, index: int, wanted: Sequence[Wanted]
+    linearised: LinearisedProblem, index: int, perturbations: Sequence[Keyed]
 ) -> list[tuple[tuple[str, int], np.ndarray]]:
-    """Return one record's derivatives (nt, n_y) by some strengths, in any order; what shares a shape at once.
+    """Return one record's sensitivities (nt, n_y) to some strengths, in any order; those that share a shape together.
 
-    The derivatives are exact at strength zero.
+    They are exact at strength zero.
     """
-    together: dict[tuple[tuple[str, float], ...], list[Wanted]] = {}
-    for each in wanted:
-        together.setdefault(each[1].evaluated_at, []).append(each)
-    found = []
-    for evaluated_at, group in together.items():
+    by_shape: dict[tuple[tuple[str, float], ...], list[Keyed]] = {}
+    for keyed in perturbations:
+        by_shape.setdefault(keyed[1].evaluated_at, []).append(keyed)
+    sensitivities = []
+    for evaluated_at, group in by_shape.items():
         p = linearised.p.copy()
         for name, value in evaluated_at:
             p[linearised.slim.index("parameter", name)] = value
@@ -64,5 +64,5 @@ def integrated_sensitivities(
             .respond(linearised.slim, p, linearised.initial_state(index), parameters=names, sensors=linearised.sensors)
             .derivatives
         )
-        found += [(key, dy[:, :, k]) for k, (key, _) in enumerate(group)]
-    return found
+        sensitivities += [(key, dy[:, :, k]) for k, (key, _) in enumerate(group)]
+    return sensitivities

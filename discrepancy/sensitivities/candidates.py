@@ -1,8 +1,8 @@
-"""How every candidate effect would change the outputs: its force along the motion, carried through the machine.
+"""Sensitivities of the outputs to every candidate effect: its force along the motion, propagated through the machine.
 
-A connection's effect is a force between two sides.  Its law is evaluated along the simulated motion at unit
-strength, and the force is then sent through the exact linearisation of the machine along that motion.  Nothing has
-to be compiled for it, and hundreds of candidates and shapes cost one integration.
+A connection's effect is a force between two sides.  Its law is evaluated along the simulated motion at unit strength,
+and the force is propagated by the exact linearisation of the machine along that motion.  Nothing has to be compiled for
+it, and hundreds of candidates and shapes cost one integration.
 """
 
 from __future__ import annotations
@@ -17,8 +17,12 @@ from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import DIFFERENCE, differs_from
 from discrepancy.effects.law_along_motion import MOTION, law_forces
 from discrepancy.effects.shape_grids import MotionRange
-from discrepancy.sensitivities.built_in import Plan, changes_of, integrated_sensitivities
-from discrepancy.sensitivities.finite_amplitude import far_away, finite_amplitude_sensitivities, takes_finite_amplitudes
+from discrepancy.sensitivities.built_in import Plan, integrated_sensitivities, parameter_perturbations
+from discrepancy.sensitivities.finite_amplitude import (
+    far_from_machine,
+    finite_amplitude_sensitivities,
+    takes_finite_amplitudes,
+)
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.blocks import Candidate
 from estimation.response.experiment import Experiment
@@ -28,11 +32,11 @@ from multibody.base.parallel import available_cores, parallel_map
 
 __all__ = ["candidate_sensitivities", "cannot_be_built"]
 
-STILL = 1e-12  # share of its value by which an input that is held may vary
+CONSTANT = 1e-12  # relative variation up to which an input counts as constant
 
 
 def _small_strength(motion: MotionRange) -> float:
-    """A strength at which a creep that is not linear in it is looked at: small, but visible."""
+    """Return the strength at which a law that is not linear in it is evaluated: small, but visible."""
     return 0.01 / max(motion.scale, 1e-300)
 
 
@@ -44,7 +48,7 @@ def candidate_sensitivities(
     *,
     curves: bool = False,
 ) -> tuple[list[Candidate], list[tuple[Entry, str]]]:
-    """Return the candidates with their columns, and the entries that these records cannot speak about.
+    """Return the candidates with their sensitivities, and the entries that these records cannot test, with the reason.
 
     Parameters
     ----------
@@ -53,9 +57,10 @@ def candidate_sensitivities(
     progress : callable, optional
         Gets a line of text now and then.
     effects : sequence of Effect
-        What has been added to the model: of a richer law of one of them only what is new is a candidate.
+        Effects that the model already has: of a richer law of one of them only the difference is a candidate.
     curves : bool
-        Whether the free curves will be asked about as well: their columns then come from the same transitions.
+        Whether the free curves will be scanned as well: their sensitivities then come from the same state-transition
+        matrices.
     """
     refused: list[tuple[Entry, str]] = []
     plans: list[Plan] = []
@@ -78,66 +83,66 @@ def candidate_sensitivities(
             plans.append((entry, entry.kind.component_shapes(part, ending), list(entry.kind.strengths)))
         else:
             plans.append((entry, [{}], list(entry.kind.strengths)))
-    columns = _all_columns(linearised, plans, progress, curves)
-    found: list[Candidate] = []
-    far = far_away(linearised)
+    sensitivities = _all_sensitivities(linearised, plans, progress, curves)
+    candidates: list[Candidate] = []
+    far = far_from_machine(linearised)
     for entry, shapes, strengths in plans:
-        cols = [columns[entry.name, k] for k in range(len(shapes))]
+        by_shape = [sensitivities[entry.name, k] for k in range(len(shapes))]
         if far and takes_finite_amplitudes(entry):
             if progress is not None:
                 progress(f"simulate {entry.name} at strengths that matter: the model is far from the machine")
-            bent = finite_amplitude_sensitivities(linearised, entry, shapes, cols)
-            shapes, cols = [*shapes, *(s for s, _ in bent)], [*cols, *(c for _, c in bent)]
-        quiet = [not any(np.any(b) for b in shape) for shape in cols]
-        if all(quiet):
+            finite = finite_amplitude_sensitivities(linearised, entry, shapes, by_shape)
+            shapes, by_shape = [*shapes, *(s for s, _ in finite)], [*by_shape, *(c for _, c in finite)]
+        zero = [not any(np.any(b) for b in blocks) for blocks in by_shape]
+        if all(zero):
             refused.append((entry, "it would not change any measured output of these records"))
             continue
-        kept = [k for k, q in enumerate(quiet) if not q]
+        kept = [k for k, without_effect in enumerate(zero) if not without_effect]
         one_sided = entry.kind.one_sided
         if differs_from(effects, entry.kind, entry.where):
-            cols = [[c[:, :, :1] - c[:, :, 1:] for c in shape] for shape in cols]
+            by_shape = [[b[:, :, :1] - b[:, :, 1:] for b in blocks] for blocks in by_shape]
             strengths, one_sided = [DIFFERENCE], False
-        found.append(
+        candidates.append(
             Candidate(
                 kind=entry.kind.name,
                 where=entry.where,
-                sensitivities=tuple(tuple(cols[k]) for k in kept),
+                sensitivities=tuple(tuple(by_shape[k]) for k in kept),
                 shapes=tuple(shapes[k] for k in kept),
                 one_sided=one_sided,
                 strengths=tuple(strengths),
                 info={"entry": entry},
             )
         )
-    return found, refused
+    return candidates, refused
 
 
-def _all_columns(
+def _all_sensitivities(
     linearised: LinearisedProblem, plans: Sequence[Plan], progress: Any, curves: bool
 ) -> dict[tuple[str, int], list[np.ndarray]]:
-    """Return the columns of every candidate, record by record, side by side."""
-    through = [c.channel for c in linearised.free_curves()] if curves else []
+    """Return the sensitivities to every candidate and shape, record by record, computed in parallel."""
+    channels = [c.channel for c in linearised.free_curves()] if curves else []
 
     def of(i: int) -> dict[tuple[str, int], np.ndarray]:
         if progress is not None:
             progress(f"sensitivities of {len(plans)} candidates on {linearised.experiments[i].name}")
-        return _record_columns(linearised, i, plans, through)
+        return _record_sensitivities(linearised, i, plans, channels)
 
     count = len(linearised.experiments)
-    first = of(0)  # what it compiles and builds serves the others
-    found = [first, *parallel_map(of, range(1, count))]
-    return {key: [each[key] for each in found] for key in first}
+    first = of(0)  # the others use what it compiles and builds
+    records = [first, *parallel_map(of, range(1, count))]
+    return {key: [record[key] for record in records] for key in first}
 
 
 def cannot_be_built(error: ModelError) -> str:
-    """Say in a sentence why a model cannot take an effect."""
+    """Return in a sentence why an effect cannot be added to a model."""
     return f"the model with it cannot be built: {'; '.join(error.faults)}"
 
 
 def _no_model(linearised: LinearisedProblem, entry: Entry) -> str:
-    """Return why the model cannot take an effect that needs a load, or an empty text.
+    """Return why an effect that needs a load cannot be added to the model, or an empty text.
 
-    Where the load is itself worked out from the force that is asked for (a given motion needs it), the two would
-    depend on each other at the same instant.
+    Where the load itself depends on the effect's force (with a prescribed motion), the two would depend on each other
+    at the same instant.
     """
     assert entry.place is not None
     effect = Effect.at_place(entry.kind.name, entry.place, load=entry.load, number=99)
@@ -149,7 +154,7 @@ def _no_model(linearised: LinearisedProblem, entry: Entry) -> str:
 
 
 def _calibrated(linearised: LinearisedProblem, entry: Entry) -> str:
-    """Return why a value of the model is no candidate where calibration moves it, or an empty text."""
+    """Return why a parameter of the model that calibration moves is no candidate, or an empty text."""
     if entry.kind.at != "parameter":
         return ""
     owner, ending = entry.kind.owner_of(entry.where)
@@ -159,11 +164,11 @@ def _calibrated(linearised: LinearisedProblem, entry: Entry) -> str:
     return f"not identifiable: {' and '.join(names)} can imitate it entirely" if set(names) <= moved else ""
 
 
-def _record_columns(
+def _record_sensitivities(
     linearised: LinearisedProblem,
     index: int,
     plans: Sequence[Plan],
-    curves: Sequence[str] = (),
+    curve_channels: Sequence[str] = (),
 ) -> dict[tuple[str, int], np.ndarray]:
     """Return one record's sensitivities to every candidate and shape.
 
@@ -173,7 +178,7 @@ def _record_columns(
     time = np.array(experiment.record.time)
     run = linearised.nominal_outputs(index)
     perturbations: list[Perturbation] = []
-    wanted: list[tuple[tuple[str, int], int]] = []
+    positions: list[tuple[tuple[str, int], int]] = []
     sensors: dict[tuple[str, int], np.ndarray] = {}
     built_in: list[Plan] = []
     for entry, shapes, strengths in plans:
@@ -181,27 +186,27 @@ def _record_columns(
             forces = _forces(linearised, entry, run, time, shapes, strengths)
             for k, group in enumerate(forces):
                 for force in group:
-                    wanted.append(((entry.name, k), len(perturbations)))
+                    positions.append(((entry.name, k), len(perturbations)))
                     perturbations.append(InputPerturbation(f"probe.{entry.where}", force))
         elif entry.kind.at == "input":
             u = experiment.record.signals[entry.where].values
-            still = np.ptp(u) <= STILL * np.max(np.abs(u))  # its rate is nothing but rounding
-            late = np.zeros_like(time) if still else -np.gradient(u, time)
+            constant = np.ptp(u) <= CONSTANT * np.max(np.abs(u))  # its rate is only rounding
+            late = np.zeros_like(time) if constant else -np.gradient(u, time)
             shape = {"offset": np.ones_like(time), "gain": u, "delay": late}[entry.kind.law]
-            wanted.append(((entry.name, 0), len(perturbations)))
+            positions.append(((entry.name, 0), len(perturbations)))
             perturbations.append(InputPerturbation(entry.where, shape))
         elif entry.kind.at == "parameter":
             built_in.append((entry, shapes, strengths))
         else:
-            sensors[entry.name, 0] = _sensor_column(experiment, run, time, entry)
+            sensors[entry.name, 0] = _sensor_sensitivity(experiment, run, time, entry)
     start = linearised.initial_state(index)
-    carried, integrated = changes_of(built_in, linearised.slim)
+    carried, integrated = parameter_perturbations(built_in, linearised.slim)
     together = cheaper_by_transition_matrices(linearised.slim, [*perturbations, *(change for _, change in carried)])
     if together:
-        wanted += [(key, len(perturbations) + k) for k, (key, _) in enumerate(carried)]
+        positions += [(key, len(perturbations) + k) for k, (key, _) in enumerate(carried)]
         perturbations += [change for _, change in carried]
         experiment.perturbation_response(  # for all batches at once
-            linearised.slim, linearised.p, start, perturbations, curves
+            linearised.slim, linearised.p, start, perturbations, curve_channels
         )
     else:
         integrated = [*carried, *integrated]
@@ -218,16 +223,16 @@ def _record_columns(
             batch=batch,
             workers=available_cores(),
         ).derivatives
-        for key, k in wanted:
+        for key, k in positions:
             if first <= k < first + batch:
                 parts.setdefault(key, []).append(dy[:, :, k - first])
-    if together and curves:
+    if together and curve_channels:
         linearised.free_curve_sensitivities(index)
     experiment.trim_cache()
-    for key, column in integrated_sensitivities(linearised, index, integrated):
-        parts.setdefault(key, []).append(column)
-    columns = {key: np.stack(group, axis=2) for key, group in parts.items()} | sensors
-    return {key: linearised.weighted(index, column) for key, column in columns.items()}
+    for key, sensitivity in integrated_sensitivities(linearised, index, integrated):
+        parts.setdefault(key, []).append(sensitivity)
+    unweighted = {key: np.stack(group, axis=2) for key, group in parts.items()} | sensors
+    return {key: linearised.weighted(index, block) for key, block in unweighted.items()}
 
 
 def _forces(
@@ -238,6 +243,7 @@ def _forces(
     shapes: list[dict[str, float]],
     strengths: list[str],
 ) -> list[list[np.ndarray]]:
+    """Return the forces per strength of a connection's effect along the motion, by shape and strength."""
     assert entry.place is not None
     names = [n for n, _ in entry.place.motion_names()]
     motion = {
@@ -247,19 +253,22 @@ def _forces(
     }
     if entry.load:
         motion["load"] = run[entry.load]
-    sizes = [1.0 if entry.kind.linear else full.get("secant", 0.0) for full in shapes]
+    sizes = [1.0 if entry.kind.linear else shape.get("amplitude", 0.0) for shape in shapes]
     sizes = [size or _small_strength(linearised.motion_range(entry)) for size in sizes]
-    every = [
-        ({k: v for k, v in full.items() if k != "secant"}, {n: (size if n == name else 0.0) for n in strengths})
-        for full, size in zip(shapes, sizes, strict=True)
+    pairs = [
+        ({k: v for k, v in shape.items() if k != "amplitude"}, {n: (size if n == name else 0.0) for n in strengths})
+        for shape, size in zip(shapes, sizes, strict=True)
         for name in strengths
     ]
-    found = law_forces(entry.kind, time, motion, [s for s, _ in every], [s for _, s in every])
-    grouped = found.reshape(len(shapes), len(strengths), time.size)
+    forces = law_forces(entry.kind, time, motion, [s for s, _ in pairs], [s for _, s in pairs])
+    grouped = forces.reshape(len(shapes), len(strengths), time.size)
     return [list(group / size) for group, size in zip(grouped, sizes, strict=True)]
 
 
-def _sensor_column(experiment: Experiment, run: dict[str, np.ndarray], time: np.ndarray, entry: Entry) -> np.ndarray:
+def _sensor_sensitivity(
+    experiment: Experiment, run: dict[str, np.ndarray], time: np.ndarray, entry: Entry
+) -> np.ndarray:
+    """Return the sensitivity to an error of a sensor."""
     y = run[entry.where]
     shape = {"offset": np.ones_like(time), "gain": y, "drift": time - time[0], "delay": -np.gradient(y, time)}[
         entry.kind.law

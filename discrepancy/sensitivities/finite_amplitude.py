@@ -1,11 +1,10 @@
-"""Columns of dry friction where the model is far from the machine: secants at strengths that matter.
+"""Finite-amplitude sensitivities to dry friction, for a model that is far from the machine.
 
-The derivative at strength zero says what a little friction would do to the motion that the model makes.  Where the
-machine comes to rest and the model swings on, that is another motion, and the derivative grows where the machine
-stands.  There the change that a friction of a real size makes in a full simulation, per strength, takes its place: at
-several sizes, as points of the shape grid, in the scan and in its null alike.  Most tight spots and small frictions
-change the motion too little for that: their columns point where the derivative does, and nothing is gained by more of
-them.
+The derivative at strength zero describes a small friction along the model's motion.  Where the machine comes to rest
+and the model swings on, that is another motion, and the derivative grows where the machine stands.  There the change by
+a friction of a real size in a full simulation, divided by its strength, is used instead: at several sizes, as points of
+the shape grid, in the scan and in its null distribution alike.  Most tight spots and small frictions change the motion
+too little for that: their sensitivities have the direction of the derivative, and more of them add nothing.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect, law_class
 from discrepancy.effects.laws import DryLaw
+from multibody.base.errors import ModelError, SimulationError
 from multibody.base.parallel import parallel_map
 
 if TYPE_CHECKING:
@@ -24,18 +24,18 @@ if TYPE_CHECKING:
     from discrepancy.sensitivities.linearised_problem import LinearisedProblem
     from multibody.machine.model import System
 
-__all__ = ["bent", "far_away", "finite_amplitude_sensitivities", "takes_finite_amplitudes"]
+__all__ = ["far_from_machine", "finite_amplitude_sensitivities", "in_new_directions", "takes_finite_amplitudes"]
 
-#: a column, record by record
+#: A sensitivity, record by record.
 Blocks = Sequence[np.ndarray]
 
-FAR = 0.4  # size of the residual over the spread of what was measured, beyond which a derivative at zero misleads
-SAME_DIRECTION = 1e-3  # share of a column's energy beyond which its direction is another; SIZES differ by more
-SIZES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # strengths, over the force that the connection's motion takes
+FAR = 0.4  # size of the residual over the spread of the output, beyond which a derivative at zero misleads
+SAME_DIRECTION = 1e-3  # share of energy beyond which a direction is another; neighbours in SIZES differ by more
+SIZES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 3e-1)  # strengths, over the force that the connection's motion needs
 
 
-def far_away(linearised: LinearisedProblem) -> bool:
-    """Tell whether the model misses most of what some output does."""
+def far_from_machine(linearised: LinearisedProblem) -> bool:
+    """Tell whether the residual of some output is a large part of what was measured."""
     residual = np.concatenate(linearised.residual().blocks)
     spread = np.std(np.concatenate([e.measured for e in linearised.experiments]), axis=0)
     error = np.sqrt(np.mean(residual**2, axis=0))
@@ -55,35 +55,35 @@ def takes_finite_amplitudes(entry: Entry) -> bool:
 
 
 def force_scale(linearised: LinearisedProblem, entry: Entry) -> float:
-    """Return the force or torque that a connection's own motion takes: its inertia there times its acceleration."""
+    """Return the force or torque that a connection's own motion needs: its inertia there times its acceleration."""
     place = entry.place
     assert place is not None
     speed = f"place.{entry.where}.{place.motion_names()[1][0]}"
-    most = 0.0
+    largest = 0.0
     for i, experiment in enumerate(linearised.experiments):
         time = np.array(experiment.record.time)
         acceleration = np.gradient(linearised.nominal_outputs(i)[speed], time)
-        most = max(most, float(np.sqrt(np.mean(acceleration**2))))
+        largest = max(largest, float(np.sqrt(np.mean(acceleration**2))))
     x, probe = linearised.initial_state(0), linearised.system.index("input", f"probe.{entry.where}")
     step = linearised.system.jacobian("u", 0.0, x, None, linearised.p)[:, probe]
     slopes = linearised.system.jacobian("x", 0.0, x, None, linearised.p, of="outputs")
     slope = slopes[linearised.system.index("output", speed)]
     by_force = abs(float(slope @ step))
-    return most / by_force if by_force > 0.0 else 0.0
+    return largest / by_force if by_force > 0.0 else 0.0
 
 
 def finite_amplitude_sensitivities(
     linearised: LinearisedProblem,
     entry: Entry,
     shapes: Sequence[dict[str, float]],
-    straight: Sequence[Sequence[np.ndarray]],
+    derivatives: Sequence[Sequence[np.ndarray]],
 ) -> list[tuple[dict[str, float], list[np.ndarray]]]:
-    """Return shapes with their ``secant`` strength, and for each the columns of every record, (n, n_channels, 1).
+    """Return shapes with their ``amplitude``, and for each the sensitivity of every record, (n, n_channels, 1).
 
-    Strengths with which a record cannot be simulated are left out, and those whose column points where that of a
-    smaller strength points: scores know directions only.  Of each shape one is kept at least.  Where the columns of two
-    strengths point the same way, those of the strengths between them are taken to do so too and are not simulated; the
-    derivative counts as the column of strength zero.
+    Strengths with which a record cannot be simulated are left out, and those whose sensitivity has the direction of
+    that of a smaller strength: scores depend on directions only.  Of each shape at least one is kept.  Where the
+    sensitivities at two strengths have the same direction, those between them are assumed to have it too and are not
+    simulated; the derivative counts as the sensitivity at strength zero.
 
     Parameters
     ----------
@@ -92,11 +92,9 @@ def finite_amplitude_sensitivities(
         An effect that `takes_finite_amplitudes`.
     shapes : sequence of dict
         Points of its shape grid.
-    straight : sequence of sequence of ndarray, shape (n, n_channels, 1)
+    derivatives : sequence of sequence of ndarray, shape (n, n_channels, 1)
         Derivatives at strength zero, of each shape for each record.
     """
-    from multibody.base.errors import ModelError, SimulationError
-
     scale = force_scale(linearised, entry)
     if scale <= 0.0:
         return []
@@ -111,8 +109,8 @@ def finite_amplitude_sensitivities(
 
     strengths = [size * scale for size in SIZES]
 
-    def columns_of(shape: dict[str, float]) -> Callable[[int], Blocks | None]:
-        def column(k: int) -> Blocks | None:
+    def sensitivity_of(shape: dict[str, float]) -> Callable[[int], Blocks | None]:
+        def sensitivity(k: int) -> Blocks | None:
             p = base.copy()
             for key, value in {**shape, name: strengths[k]}.items():
                 p[system.index("parameter", effect.parameter_name(key))] = value
@@ -123,74 +121,76 @@ def finite_amplitude_sensitivities(
             blocks = [linearised.weighted(i, (changed[i] - without[i])[:, :, None] / strengths[k]) for i in records]
             return blocks if all(np.all(np.isfinite(b)) for b in blocks) and any(np.any(b) for b in blocks) else None
 
-        return column
+        return sensitivity
 
     return [
-        ({**shape, "secant": strengths[k]}, list(blocks))
-        for shape, line in zip(shapes, straight, strict=True)
-        for k, blocks in bent(line, columns_of(shape), len(strengths), linearised.direction)
+        ({**shape, "amplitude": strengths[k]}, list(blocks))
+        for shape, derivative in zip(shapes, derivatives, strict=True)
+        for k, blocks in in_new_directions(derivative, sensitivity_of(shape), len(strengths), linearised.direction)
     ]
 
 
-def bent(
-    straight: Blocks,
-    column: Callable[[int], Blocks | None],
+def in_new_directions(
+    first: Blocks,
+    sensitivity: Callable[[int], Blocks | None],
     count: int,
     direction: Callable[[Blocks], np.ndarray | None],
 ) -> list[tuple[int, Blocks]]:
-    """Return the columns that point elsewhere than those before them, each with its number, or the last if none does.
+    """Return the sensitivities with another direction than those before them, each with its number.
+
+    The last one if none has.
 
     Parameters
     ----------
-    straight : sequence of ndarray
-        What stands before the first.
-    column : callable
-        Returns the column of a number, or None where there is none.  It is asked where two columns of which one is
-        known differ, and not between two that point the same way.
+    first : sequence of ndarray
+        The sensitivity before number 0.
+    sensitivity : callable
+        Returns the sensitivity of a number, or None where there is none.  It is called by bisection: not between two
+        numbers whose sensitivities have the same direction.
     count : int
         Numbers.
     direction : callable
-        Returns a column's direction, a unit vector, or None if it has none.
+        Returns the direction of a sensitivity, a unit vector, or None if it has none.
 
     Examples
     --------
-    >>> asked = []
+    >>> computed = []
     >>> def turning(k):
-    ...     asked.append(k)
+    ...     computed.append(k)
     ...     return [np.array([1.0, 0.0 if k < 4 else k / 5.0])]
     >>> def direction(blocks):
     ...     return blocks[0] / np.linalg.norm(blocks[0])
-    >>> [k for k, _ in bent([np.array([1.0, 0.0])], turning, 6, direction)], asked
+    >>> [k for k, _ in in_new_directions([np.array([1.0, 0.0])], turning, 6, direction)], computed
     ([4, 5], [5, 2, 3, 4])
     """
-    found: dict[int, Blocks | None] = {-1: straight}
-    points: dict[int, np.ndarray | None] = {-1: direction(straight)}
+    computed: dict[int, Blocks | None] = {-1: first}
+    directions: dict[int, np.ndarray | None] = {-1: direction(first)}
 
-    def look(k: int) -> None:
-        found[k] = blocks = column(k)
-        points[k] = None if blocks is None else direction(blocks)
+    def compute(k: int) -> None:
+        computed[k] = blocks = sensitivity(k)
+        directions[k] = None if blocks is None else direction(blocks)
 
-    def between(low: int, high: int) -> None:
-        if high - low < 2 or _alike(points[low], points[high]):
+    def bisect(low: int, high: int) -> None:
+        if high - low < 2 or _same_direction(directions[low], directions[high]):
             return
         middle = (low + high) // 2
-        look(middle)
-        between(low, middle)
-        between(middle, high)
+        compute(middle)
+        bisect(low, middle)
+        bisect(middle, high)
 
-    look(count - 1)
-    between(-1, count - 1)
-    kept, last = [], points[-1]
-    known = sorted(k for k, blocks in found.items() if k >= 0 and blocks is not None)
+    compute(count - 1)
+    bisect(-1, count - 1)
+    kept, last = [], directions[-1]
+    known = sorted(k for k, blocks in computed.items() if k >= 0 and blocks is not None)
     for k in known:
-        if not _alike(last, points[k]):
+        if not _same_direction(last, directions[k]):
             kept.append(k)
-            last = points[k]
-    return [(k, found[k]) for k in kept or known[-1:]]  # type: ignore[misc]
+            last = directions[k]
+    return [(k, computed[k]) for k in kept or known[-1:]]  # type: ignore[misc]
 
 
-def _alike(a: np.ndarray | None, b: np.ndarray | None) -> bool:
-    """Tell whether two directions are the same but for a small share of their energy."""
+def _same_direction(a: np.ndarray | None, b: np.ndarray | None) -> bool:
+    """Tell whether two directions are the same except for a small share of their energy."""
     along = float(a @ b) if a is not None and b is not None else 0.0
     return along > 0.0 and 1.0 - along**2 < SAME_DIRECTION
 

@@ -1,8 +1,8 @@
-"""Recorded inputs that react to what disturbs the machine, as what a controller puts out does.
+"""Input feedback: recorded inputs that react to what disturbs the machine, such as the output of a controller.
 
-A disturbance moves the machine, its controller answers, and the answer is in the recorded input.  So what is left
-and the input go together though the model lacks nothing.  Which of the two comes first tells: what is missing in a
-model follows the input, an answer comes after what is left.
+A disturbance moves the machine, its controller reacts, and the reaction is in the recorded input.  Residual and input
+are then correlated though the model lacks nothing.  The order in time distinguishes the two: the effect of a missing
+force follows the input, a reaction follows the residual.
 """
 
 from __future__ import annotations
@@ -21,19 +21,20 @@ if TYPE_CHECKING:
 
 __all__ = ["feedback_messages", "inputs_with_feedback"]
 
-LAGS = 8  # samples of a scan by which one may come after the other; chosen
-SURE = 6.0  # deviations of a correlation from which an answer is one, beyond luck among all outputs and lags; chosen
+LAGS = 8  # samples of a scan by which one may follow the other; chosen
+SIGNIFICANT = 6.0  # standard deviations of a correlation beyond chance among all outputs and lags; chosen
 
 
 def inputs_with_feedback(linearised: LinearisedProblem) -> dict[str, str]:
-    """Return the recorded inputs that answer to what is left, each with the output in which that shows most.
+    """Return the recorded inputs that react to the residual, each with the output that shows it most.
 
-    Both are freed of their own memory by prediction-error filters, so that each keeps only what is new in it.  An input
-    answers where what is new in it goes with what was new in an output's residual shortly before, beyond doubt and
-    more than the other way round.
+    Prediction-error filters remove the memory of both, so that only their innovations remain.  An input reacts where
+    its innovations correlate with those of an output's residual shortly before, significantly and more than in the
+    other order.
     """
     experiments, residual = linearised.experiments, linearised.residual()
-    left = _new(residual.blocks, residual.dt)
+    of_residual = _innovations(residual.blocks, residual.dt)
+    channels = range(of_residual[0].shape[1])
     found = {}
     for name in experiments[0].inputs:
         blocks = []
@@ -42,38 +43,40 @@ def inputs_with_feedback(linearised: LinearisedProblem) -> dict[str, str]:
             blocks.append(np.interp(experiment.time, time, u - np.mean(u))[:, None])
         if not any(np.ptp(b) > 0.0 for b in blocks):
             continue
-        driven = [b[:, 0] for b in _new(blocks, residual.dt)]
-        after = [max(abs(_together(left, driven, c, lag)) for lag in range(1, LAGS + 1)) for c in _columns(left)]
-        before = [max(abs(_together(left, driven, c, -lag)) for lag in range(1, LAGS + 1)) for c in _columns(left)]
-        if max(after) > max(SURE, *before):
+        of_input = [b[:, 0] for b in _innovations(blocks, residual.dt)]
+
+        def largest(order: int, channel: int, of_input: Sequence[Array] = of_input) -> float:
+            lags = (order * lag for lag in range(1, LAGS + 1))
+            return max(abs(_correlation(of_residual, of_input, channel, lag)) for lag in lags)
+
+        after = [largest(1, c) for c in channels]
+        before = [largest(-1, c) for c in channels]
+        if max(after) > max(SIGNIFICANT, *before):
             found[name] = residual.channels[int(np.argmax(after))]
     return found
 
 
-def feedback_messages(found: Mapping[str, str]) -> list[str]:
-    """Say in a sentence for each input that it answers, and what that is worth knowing for."""
+def feedback_messages(inputs: Mapping[str, str]) -> list[str]:
+    """Return a sentence for each input that reacts to the residual of an output: what follows from it."""
     return [
-        f"The recorded input {name} answers to what is left of {output}, as what a controller puts out does. Whether "
-        f"what is left follows it was not asked, and a delay, gain or damping that is found may be that answer. Put "
-        "the controller into the model, with what it is told as the input, to have more said."
-        for name, output in found.items()
+        f"The recorded input {name} reacts to the residual of {output}, as the output of a controller does. The test "
+        "whether the residual follows the inputs leaves it out, and a delay, gain or damping that is found may be that "
+        "reaction. Put the controller into the model, with the controller's own input as the recorded input, for a "
+        "definite answer."
+        for name, output in inputs.items()
     ]
 
 
-def _columns(blocks: Sequence[Array]) -> range:
-    return range(blocks[0].shape[1])
-
-
-def _new(blocks: Sequence[Array], dt: float) -> list[Array]:
-    """Return blocks (n, channels) without what their own past predicts, in deviations."""
-    filters = fit_whitener(blocks, dt, [str(c) for c in _columns(blocks)])
+def _innovations(blocks: Sequence[Array], dt: float) -> list[Array]:
+    """Return blocks (n, channels) without what their own past predicts, in standard deviations."""
+    filters = fit_whitener(blocks, dt, [str(c) for c in range(blocks[0].shape[1])])
     return [filters.apply(b) for b in blocks]
 
 
-def _together(left: Sequence[Array], driven: Sequence[Array], channel: int, lag: int) -> float:
-    """Return how much an output's residual goes with the input ``lag`` samples later, in deviations of luck."""
+def _correlation(residual: Sequence[Array], driven: Sequence[Array], channel: int, lag: int) -> float:
+    """Return the correlation of an output's residual with the input ``lag`` samples later, in standard deviations."""
     total, energy = 0.0, 0.0
-    for e, u in zip(left, driven, strict=True):
+    for e, u in zip(residual, driven, strict=True):
         x = e[: len(e) - lag, channel] if lag >= 0 else e[-lag:, channel]
         y = u[lag:] if lag >= 0 else u[:lag]
         total += float(x @ y)

@@ -1,4 +1,4 @@
-"""Columns of free curves: made once, along with those of the laws."""
+"""Sensitivities to free curves: computed once, together with those to the laws."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from estimation.signals.preparation import Preparation
 
 @pytest.fixture
 def anew(small_study):
-    """Return a function that confronts the recalibrated stage with its records, nothing being worked out before."""
+    """Return a function that linearises the recalibrated stage along its records with nothing kept from before."""
     stage = small_study.stages[1]
 
     def begin():
@@ -26,15 +26,15 @@ def anew(small_study):
 
 
 @pytest.fixture
-def transitions(monkeypatch):
-    """Return the list of the channels of all transitions that are worked out from now on."""
+def computed_matrices(monkeypatch):
+    """Return the list of the channels of all state-transition matrices that are computed from now on."""
     found, real = [], PerturbationResponse.along
 
-    def told(simulation, channels):
+    def along(simulation, channels):
         found.append(channels)
         return real(simulation, channels)
 
-    monkeypatch.setattr(PerturbationResponse, "along", told)
+    monkeypatch.setattr(PerturbationResponse, "along", along)
     return found
 
 
@@ -42,24 +42,25 @@ def arrays(candidates):
     return {c.name: c.columns[0] for c in candidates}
 
 
-def test_a_scan_makes_the_columns_of_the_curves_too(anew, transitions, monkeypatch):
+def test_a_scan_computes_the_sensitivities_to_the_curves_too(anew, computed_matrices, monkeypatch):
     monkeypatch.setattr("estimation.response.experiment.KEPT_BYTES", 0)  # as of a machine with many states
-    facts = anew()
-    entries = catalogue(facts.system, facts.experiments[0].outputs, ("reference.speed",), include=["local_bump@*"])
-    laws, _ = candidate_sensitivities(facts, entries, curves=True)
-    count = len(transitions)
-    assert count == len(facts.experiments)
-    curves = free_curve_candidates(facts, facts.system.places)
-    one = free_curve_candidates(facts, facts.system.places[:1])
-    assert len(transitions) == count
-    assert {c.where for c in one} == {facts.system.places[0].name}
+    linearised = anew()
+    outputs = linearised.experiments[0].outputs
+    entries = catalogue(linearised.system, outputs, ("reference.speed",), include=["local_bump@*"])
+    laws, _ = candidate_sensitivities(linearised, entries, curves=True)
+    count = len(computed_matrices)
+    assert count == len(linearised.experiments)
+    curves = free_curve_candidates(linearised, linearised.system.places)
+    one = free_curve_candidates(linearised, linearised.system.places[:1])
+    assert len(computed_matrices) == count
+    assert {c.where for c in one} == {linearised.system.places[0].name}
     for name, blocks in arrays(one).items():
         for block, whole in zip(blocks, arrays(curves)[name], strict=True):
             np.testing.assert_array_equal(block, whole)
 
     alone = anew()
     expected = arrays(free_curve_candidates(alone, alone.system.places))
-    assert len(transitions) == 2 * count
+    assert len(computed_matrices) == 2 * count
     assert arrays(curves).keys() == expected.keys()
     for name, blocks in expected.items():
         for block, made in zip(blocks, arrays(curves)[name], strict=True):
@@ -67,7 +68,7 @@ def test_a_scan_makes_the_columns_of_the_curves_too(anew, transitions, monkeypat
 
     plain = anew()
     without, _ = candidate_sensitivities(plain, entries)
-    assert len(transitions) == 3 * count
+    assert len(computed_matrices) == 3 * count
     for name, blocks in arrays(without).items():
         for block, made in zip(blocks, arrays(laws)[name], strict=True):
             np.testing.assert_allclose(made, block, rtol=1e-12, atol=1e-12 * np.max(np.abs(block)))

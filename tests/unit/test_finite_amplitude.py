@@ -1,14 +1,14 @@
-"""Columns at strengths that matter: simulated only where they point elsewhere."""
+"""Finite-amplitude sensitivities: simulated only between those with different directions."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from discrepancy.sensitivities.finite_amplitude import SAME_DIRECTION, bent
+from discrepancy.sensitivities.finite_amplitude import SAME_DIRECTION, in_new_directions
 
 
-def straight():
+def derivative():
     return [np.array([1.0, 0.0])]
 
 
@@ -17,22 +17,22 @@ def direction(blocks):
     return blocks[0] / size if size > 0.0 else None
 
 
-def asked_of(angles):
-    """Return a function that gives columns of these angles (None: there is none), and the list of what was asked."""
-    asked = []
+def computed_at(angles):
+    """Return a function that gives sensitivities of these angles (None: there is none), and the list of its calls."""
+    calls = []
 
-    def column(k):
-        asked.append(k)
+    def sensitivity(k):
+        calls.append(k)
         return None if angles[k] is None else [2.0 * np.array([np.cos(angles[k]), np.sin(angles[k])])]
 
-    return column, asked
+    return sensitivity, calls
 
 
 NEAR = 0.5 * np.sqrt(SAME_DIRECTION)
 
 
 @pytest.mark.parametrize(
-    ("angles", "asked", "kept"),
+    ("angles", "computed", "kept"),
     [
         ([0.0] * 6, [5], [5]),  # one at least: its strength is a free shape in the scan
         ([0.0, 0.0, 0.0, 0.0, NEAR, NEAR], [5], [5]),
@@ -44,14 +44,14 @@ NEAR = 0.5 * np.sqrt(SAME_DIRECTION)
         ([0.0, 0.0, 0.0, 0.0, 0.0, np.pi], [5, 2, 3, 4], [5]),  # the other way is another direction
     ],
 )
-def test_only_what_differs_is_asked_for_and_kept(angles, asked, kept):
-    column, seen = asked_of(angles)
-    found = bent(straight(), column, len(angles), direction)
-    assert seen == asked
+def test_only_new_directions_are_computed_and_kept(angles, computed, kept):
+    sensitivity, calls = computed_at(angles)
+    found = in_new_directions(derivative(), sensitivity, len(angles), direction)
+    assert calls == computed
     assert [k for k, _ in found] == kept
 
 
-def test_a_column_of_which_calibration_leaves_nothing_has_no_like():
-    column, seen = asked_of([0.0] * 6)
-    assert [k for k, _ in bent([np.zeros(2)], column, 6, direction)] == [0]
-    assert seen == [5, 2, 0]
+def test_a_sensitivity_that_calibration_explains_entirely_has_no_direction():
+    sensitivity, calls = computed_at([0.0] * 6)
+    assert [k for k, _ in in_new_directions([np.zeros(2)], sensitivity, 6, direction)] == [0]
+    assert calls == [5, 2, 0]

@@ -1,4 +1,4 @@
-"""A servo whose recorded voltage answers to what disturbs it, from plain equations, diagnosed by the command alone."""
+"""A servo whose recorded voltage reacts to disturbances, from plain equations, diagnosed by the command alone."""
 
 from __future__ import annotations
 
@@ -60,23 +60,23 @@ def servo(rng: np.random.Generator, friction: float = 0.0, closed: bool = True) 
     }  # fmt: skip
 
 
-def test_an_answer_to_a_disturbance_is_no_missing_effect(tmp_path):
-    """Before inputs were asked whether they answer, this was an unknown force with p = 4e-12."""
+def test_a_reaction_to_a_disturbance_is_no_missing_effect(tmp_path):
+    """Before input feedback was tested for, the search named an unknown force here with p = 4e-12."""
     diagnosis = diagnosed(tmp_path, MOTOR, servo, STUDY + RECORDS, seed=2)
     assert diagnosis["verdict"] == "nothing missing"
     assert diagnosis["reacting_inputs"].keys() == {"supply.voltage"}
-    assert any("supply.voltage answers" in w for w in diagnosis["warnings"])
+    assert any("supply.voltage reacts" in w for w in diagnosis["warnings"])
 
 
-def test_a_friction_is_found_beside_the_answer(tmp_path):
+def test_a_friction_is_found_in_spite_of_the_reaction(tmp_path):
     diagnosis = diagnosed(tmp_path, MOTOR, partial(servo, friction=0.02), STUDY + RECORDS, seed=2)
     assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["coulomb_friction@bearing"]
     assert diagnosis["effects"][0]["parameters"]["coulomb"]["value"] == pytest.approx(0.02, rel=0.05)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.02])
-def test_what_nobody_corrects_does_not_answer(tmp_path, friction):
-    """Neither to a disturbance nor to a friction that the model lacks: that follows the input."""
+def test_an_open_loop_has_no_input_feedback(tmp_path, friction):
+    """Neither to a disturbance nor to a friction that the model lacks, whose effect follows the input."""
     machine = partial(servo, friction=friction, closed=False)
     study = Study.from_file(written(tmp_path, MOTOR, machine, STUDY + RECORDS, seed=2))
     stage = study.stage
