@@ -1,4 +1,4 @@
-"""One case of a suite: a virtual machine with something hidden, its diagnosis, and what of it was right."""
+"""One case of a suite: a virtual machine with hidden effects, its diagnosis, and how far that is right."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ MACHINES = {"axis": "discrepancy.validation.suite_axis"}
 
 
 def machine_module(machine: str) -> Any:
-    """Return the module of a virtual machine, with `case`, `sizes`, `names` and ``UNKNOWN`` as in the axis's.
+    """Return the module of a virtual machine, with `case`, `sizes`, `names` and ``UNKNOWN`` as that of the axis.
 
-    It may say how many ``TRIALS`` are usual, and by ``SCALED = False`` that effects are hidden at their usual size.
+    It may state the usual number of ``TRIALS``; ``SCALED = False`` hides effects at their usual size.
     """
     import importlib
 
@@ -26,7 +26,7 @@ def machine_module(machine: str) -> Any:
 
 
 def diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axis", **rig: Any) -> Trial:
-    """Diagnose a case and say what of it was right.
+    """Diagnose a case and compare the answer with the truth.
 
     Parameters
     ----------
@@ -49,12 +49,12 @@ def diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axis
     case = machine_module(machine).case(seed, list(hidden), **rig)
     study = Study(case.problem(seed=seed))
     conclusion = study.diagnose()
-    found = [s.accepted for s in study.stages if s.accepted is not None]
-    names = tuple(str(a.effect) for a in found)
-    tied = [[n for r in a.rivals if r.indistinguishable for n in r.names] for a in found]
+    accepted = [s.accepted for s in study.stages if s.accepted is not None]
+    names = tuple(str(a.effect) for a in accepted)
+    tied = [[n for r in a.rivals if r.indistinguishable for n in r.names] for a in accepted]
     truth = case.truth["effects"][0] if case.truth["effects"] else None
     ratio = math.nan
-    if truth is not None and found and names[0] == f"{truth['kind']}@{truth['where']}":
+    if truth is not None and names and names[0] == f"{truth['kind']}@{truth['where']}":
         last = next((e for e in study.stages[-1].effects if str(e) == names[0]), None)
         if last is not None:
             given = {k: v.get("stated", 0.0) for k, v in truth["parameters"].items() if k in last.strengths}
@@ -63,27 +63,29 @@ def diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axis
     unknown = conclusion.extra.get("unknown", {})
     inside, outside = coverage(study.stages[-1], case.truth) if sorted(names) == sorted(hidden) else (0, ())
     return Trial(
-        suite,
-        seed,
-        tuple(hidden),
-        conclusion.verdict,
-        names,
-        tuple(tied[0]) if tied else (),
-        ratio,
-        time.perf_counter() - begun,
-        listed_as_negligible(conclusion.negligible, hidden),
+        suite=suite,
+        seed=seed,
+        hidden=tuple(hidden),
+        verdict=conclusion.verdict,
+        found=names,
+        ties=tuple(tied[0]) if tied else (),
+        ratio=ratio,
+        seconds=time.perf_counter() - begun,
+        note=listed_as_negligible(conclusion.negligible, hidden),
         over=str((truth or {}).get("over", "")),
         curve_over=conclusion.unknown.regressor if conclusion.unknown is not None else "",
         depends_on=str(unknown.get("depends_on") or ""),
         tied=tuple(dict.fromkeys(name for group in tied for name in group)),
-        held_out=_beside_truth(study, hidden, names, case.truth["effects"]),
+        held_out=_held_out_ratio(study, hidden, names, case.truth["effects"]),
         inside=inside,
         outside=outside,
     )
 
 
-def _beside_truth(study: Any, hidden: Sequence[str], named: Sequence[str], truth: Sequence[Mapping[str, Any]]) -> float:
-    """Return the error held out over that of the model with exactly what was hidden; nan where that cannot be had."""
+def _held_out_ratio(
+    study: Any, hidden: Sequence[str], named: Sequence[str], truth: Sequence[Mapping[str, Any]]
+) -> float:
+    """Return the held-out error over that of the model with exactly the hidden effects; nan where that has no fit."""
     import numpy as np
 
     from discrepancy.effects.catalogue import catalogue
@@ -103,7 +105,7 @@ def _beside_truth(study: Any, hidden: Sequence[str], named: Sequence[str], truth
             return math.nan
         true = {k: float(v["value"]) for k, v in each["parameters"].items()}
         strengths = {k: true.pop(k) for k in entry.kind.strengths}
-        bent |= not entry.kind.linear  # no short way leads to it from parameters that stand in its place
+        bent |= not entry.kind.linear  # a fit from parameters that imitate it would not reach it
         if entry.place is None:
             effects.append(Effect(entry.kind.name, entry.where, strengths, true))
         else:
@@ -118,13 +120,13 @@ def _beside_truth(study: Any, hidden: Sequence[str], named: Sequence[str], truth
 
 
 def null_trial(seed: int, machine: str = "axis") -> Trial:
-    """Diagnose a correct model: whatever is named is a false alarm."""
+    """Diagnose a correct model: any effect named is a false alarm."""
     return diagnosed("null", seed, (), machine)
 
 
 @lru_cache(maxsize=8)
 def _visible(seed: int, machine: str = "axis") -> dict[str, float]:
-    """Return the smallest visible strength of every candidate on the records of a seed, nothing being hidden."""
+    """Return the smallest visible strength of every candidate on the records of a seed with nothing hidden."""
     from discrepancy.study.study import Study
 
     study = Study(machine_module(machine).case(seed).problem(seed=seed))
@@ -146,17 +148,17 @@ def hidden_trial(seed: int, hidden: Sequence[str], suite: str = "kinds", machine
         size = _size(effect)
         if name not in visible or not math.isfinite(visible[name]) or size == 0.0:
             note = "no smallest visible strength: the effect is refused on these records"
-            return Trial(suite, seed, tuple(hidden), "refused", (), note=note)
+            return Trial(suite=suite, seed=seed, hidden=tuple(hidden), verdict="refused", found=(), note=note)
         stated = max((abs(v["stated"]) for v in effect["parameters"].values() if "stated" in v), default=math.inf)
         if TIMES_VISIBLE * visible[name] > FURTHEST * stated:
             note = f"these records would not show {FURTHEST:g} times the stated value"
-            return Trial(suite, seed, tuple(hidden), "refused", (), note=note)
+            return Trial(suite=suite, seed=seed, hidden=tuple(hidden), verdict="refused", found=(), note=note)
         factors.append(TIMES_VISIBLE * visible[name] / size)
     return diagnosed(suite, seed, hidden, machine, strength=max(factors))
 
 
 def _size(effect: Mapping[str, Any]) -> float:
-    """Return how strong an effect is, as ``truth.json`` holds it: what its strengths are beside what was stated."""
+    """Return the size of an effect from ``truth.json``: its strengths, less the stated values where there are any."""
     from discrepancy.effects.kinds import kind_named
 
     own = {k: v for k, v in effect["parameters"].items() if k in kind_named(effect["kind"]).strengths}

@@ -1,7 +1,7 @@
-"""Two effects that hide each other, drawn for the records of a virtual machine, and the diagnosis of a case with them.
+"""Masking pairs, drawn for the records of a virtual machine, and the diagnosis of a case with one.
 
-Which effects do nearly opposite things, a scan of the correct machine tells.  Two of them are hidden with strengths at
-which they cancel as far as they can; what is left is three times as large as a single effect must be to be seen.
+A scan of the correct machine shows which effects do nearly opposite things.  Two of them are hidden with strengths at
+which they cancel as far as possible; the rest is three times as large as a single effect must be to be visible.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ if TYPE_CHECKING:
 __all__ = ["masking_pair", "masking_trial"]
 
 NEARLY_COLLINEAR = 0.9  # absolute correlation from which two effects count as the same or opposite; chosen
-THIRD = 0.5  # share of what is left of both that a third may explain by itself: else it is the simpler answer; chosen
-MOST = 0.5  # share of a stated value by which it may be wrong; chosen
+THIRD = 0.5  # share of the pair's rest that a third effect may explain alone, else it is the simpler answer; chosen
+MOST_MISSTATED = 0.5  # share of a stated value by which it may be wrong; chosen
 
 Strengths = Mapping[str, Mapping[str, float]]
 
 
 def masking_trial(seed: int, machine: str = "axis") -> Trial:
-    """Hide two effects that hide each other, and diagnose."""
+    """Hide a masking pair and diagnose."""
     pair = masking_pair(seed, machine)
     if not pair:
-        note = "no two effects hide each other on these records"
-        return Trial("masking", seed, (), "refused", (), note=note)
+        note = "no two effects mask each other on these records"
+        return Trial(suite="masking", seed=seed, hidden=(), verdict="refused", found=(), note=note)
     return diagnosed("masking", seed, tuple(pair), machine, strengths=pair)
 
 
 @lru_cache(maxsize=8)
 def masking_pair(seed: int, machine: str = "axis") -> Strengths:
-    """Return strengths of two effects that hide each other on the records of a seed; none where there are no two.
+    """Return the strengths of a masking pair on the records of a seed; empty where there is none.
 
     Parameters
     ----------
@@ -61,10 +61,10 @@ def masking_pair(seed: int, machine: str = "axis") -> Strengths:
     stated = {n: [v.get("stated", 0.0) for k, v in p.items() if k in kind_named(n.partition("@")[0]).strengths]
               for n, p in sizes.items()}  # fmt: skip
     rng = np.random.default_rng([seed, 17])
-    found = _opposed(scan, {n: values[0] for n, values in stated.items() if len(values) == 1}, rng)
-    if not found:
+    pairs = _opposed(scan, {n: values[0] for n, values in stated.items() if len(values) == 1}, rng)
+    if not pairs:
         return {}
-    chosen = found[int(rng.integers(len(found)))]
+    chosen = pairs[int(rng.integers(len(pairs)))]
     return {n: {kind_named(n.partition("@")[0]).strengths[0]: stated[n][0] + change} for n, change in chosen.items()}
 
 
@@ -83,7 +83,7 @@ def _opposed(scan: ScanResult, stated: Mapping[str, float], rng: np.random.Gener
     gram = Z.T @ Z
     every = np.concatenate([columns.Z[:, columns.groups[r.group].columns] for r in scan.rows], axis=1)
     owner = np.repeat(np.arange(len(scan.rows)), [r.expected_strength.size for r in scan.rows])
-    found = []
+    pairs = []
     for i in range(len(rows)):
         for j in range(i):
             rho = float(gram[i, j])
@@ -98,7 +98,7 @@ def _opposed(scan: ScanResult, stated: Mapping[str, float], rng: np.random.Gener
             together = a * size[i] * Z[:, i] + b * size[j] * Z[:, j]
             third = (every.T @ together) ** 2 / float(together @ together)
             shares = [s for s, k in zip(third, owner, strict=True) if scan.rows[k] not in (rows[i], rows[j])]
-            small = all(not stated[n] or abs(x) <= MOST * abs(stated[n]) for n, x in pair.items())
+            small = all(not stated[n] or abs(x) <= MOST_MISSTATED * abs(stated[n]) for n, x in pair.items())
             if small and max(shares) < THIRD and not (one_sided[j] and b < 0.0):
-                found.append(pair)
-    return found
+                pairs.append(pair)
+    return pairs

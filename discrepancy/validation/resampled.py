@@ -1,8 +1,7 @@
-"""False alarms on the residual of a real machine: the residual of the best model, resampled onto that model.
+"""False alarms on the residual of a real machine: the residual of the best model, resampled and added to that model.
 
-Nothing more is missing from data that are made of the best model and its own residual in another order.  The residual
-keeps its colour, its bursts and its tails, and loses its tie to the motion.  Whatever a scan then finds is a false
-alarm.
+Data made of the best model and its own residual in another order lack no effect.  The residual keeps its colour, its
+bursts and its tails, and loses its relation to the motion.  Whatever a scan then names is a false alarm.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = [
     "SCHEMES",
     "Resampled",
-    "Shared",
+    "ResamplingData",
     "best_stage",
     "read_resampled",
     "resample",
@@ -34,16 +33,16 @@ __all__ = [
 
 SHIFT = "circular shift and sign"
 SCHEMES = ("block bootstrap", SHIFT, "pieces shuffled and turned")
-#: Likeness of the inputs with themselves from which a shift does not untie a residual from the motion.
+#: Autocorrelation of an input from which a shifted residual still follows the motion.
 REPEATS = 0.8
 #: Mean length of a block as a multiple of the residual's correlation time, and its least share of a record.
 MEMORIES, LEAST = 5.0, 0.01
-FEW = 12  # blocks of that length in all records, below which a resampled residual is hardly another one
+FEW = 12  # blocks of that length in all records, below which a resampled residual hardly differs from the original
 
 
 @dataclass(frozen=True)
 class Resampled:
-    """One resampled residual and what was found in it.
+    """One resampled residual and what the scans found in it.
 
     Parameters
     ----------
@@ -56,7 +55,7 @@ class Resampled:
     p : float
         Smallest family-wise p of them.
     pairs : str
-        The same of two effects that hide each other.
+        The same for masking pairs.
     """
 
     number: int
@@ -69,12 +68,12 @@ class Resampled:
 
     @property
     def alarm(self) -> bool:
-        """True if any of the looks declares anything missing."""
+        """True if any of the scans declares anything missing."""
         return bool(self.plain or self.whitened or self.pairs or self.curves)
 
 
 def resample(blocks: Sequence[Array], scheme: str, memory: float, rng: np.random.Generator) -> list[Array]:
-    """Return residuals of the same lengths, made of pieces of the given ones; outputs stay together.
+    """Return residuals of the same lengths, made of pieces of the given ones; the outputs stay together.
 
     Parameters
     ----------
@@ -115,10 +114,10 @@ def resample(blocks: Sequence[Array], scheme: str, memory: float, rng: np.random
 
 
 def repeats(stage: Stage) -> tuple[float, float]:
-    """Return after which time the inputs of a record are most like themselves, s, and how like (1: the same).
+    """Return the lag at which an input's autocorrelation peaks again, s, and the autocorrelation there.
 
-    A record that repeats itself is still tied to its motion after it has been shifted in a circle: what follows the
-    motion then follows the shifted motion, which is a function of it.
+    The residual of a record that repeats itself still follows the motion after a circular shift, because the shifted
+    motion is a function of the motion.
     """
     best = (0.0, 0.0)
     for fit in stage.identify.fits:
@@ -140,8 +139,8 @@ def repeats(stage: Stage) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Shared:
-    """What all trials share: the machine's columns, and the residual whose pieces are laid onto it.
+class ResamplingData:
+    """What all trials share: the machine's sensitivities, and the residual that is resampled.
 
     Parameters
     ----------
@@ -151,7 +150,7 @@ class Shared:
     candidates, curves : tuple of Candidate
         Laws and sensors' errors; free curves.
     laws, free : WhitenedProblem
-        Both with each output weighed by its residual's size alone.
+        Both with each output divided by its residual's root mean square.
     floor : tuple of float
         Noise of each output.
     source : list of ndarray, shape (n_t, n_channels)
@@ -159,7 +158,7 @@ class Shared:
     memory : float
         Its correlation length, samples.
     schemes : tuple of str
-        Those of `SCHEMES` that untie it from the motion.
+        Those of `SCHEMES` that break its relation to the motion.
     """
 
     residual: Residual
@@ -174,13 +173,13 @@ class Shared:
     schemes: tuple[str, ...]
 
     @classmethod
-    def of_stage(cls, stage: Stage, progress: Callable[[str], None] = lambda text: None) -> Shared:
-        """Work it out for the best model."""
+    def of_stage(cls, stage: Stage, progress: Callable[[str], None] = lambda text: None) -> ResamplingData:
+        """Return it for the best model."""
         from discrepancy.effects.catalogue import catalogue
         from discrepancy.sensitivities.candidates import candidate_sensitivities
         from discrepancy.sensitivities.free_curve_scan import free_curve_candidates
 
-        progress("columns of all candidates")
+        progress("sensitivities of all candidates")
         facts = stage.linearised_problem()
         experiment = stage.identify.fits[0].experiment
         candidates, _ = candidate_sensitivities(facts, catalogue(stage.system, experiment.outputs, experiment.inputs))
@@ -203,8 +202,8 @@ class Shared:
         curves: Sequence[Candidate],
         floor: Sequence[float],
         schemes: Sequence[str],
-    ) -> Shared:
-        """Work it out for arrays that are there already."""
+    ) -> ResamplingData:
+        """Return it for given arrays."""
         from discrepancy.statistics.null_distribution import correlation_length
         from discrepancy.statistics.whitened import raw_residual, scaled_by_rms
 
@@ -224,20 +223,20 @@ class Shared:
 
     @property
     def caution(self) -> str:
-        """What is to be said where the residual remembers for so long that hardly another one can be made of it."""
+        """Warning where the residual is correlated for so long that resampling hardly changes it; else empty."""
         samples, dt = sum(len(block) for block in self.source), self.residual.dt
         blocks = samples / (MEMORIES * self.memory)
         if blocks >= FEW:
             return ""
         return (
-            f"The residual remembers for {self.memory * dt:.2g} s, and all records together last "
+            f"The residual is correlated over {self.memory * dt:.2g} s, and all records together last "
             f"{samples * dt:.3g} s: {blocks:.1f} blocks of {MEMORIES:g} times that. Residuals made of so few pieces "
-            "differ little from the one that is there, and alarms on them may be what it holds. Record longer, or more "
-            "often."
+            "differ little from the original, and alarms on them may come from what it contains. Record longer, or "
+            "more often."
         )
 
     def plain(self, made: Residual, *, curves: bool = False) -> WhitenedProblem:
-        """Return a trial's residual, freed of calibration, beside the laws' columns or the free curves'."""
+        """Return a trial's residual, with calibration projected out, for the laws or for the free curves."""
         known, of_laws = self.free if curves else self.laws, self.laws
         given = np.isfinite(self.sens.prior_std)
         prior = self.sens.prior_offset[given] / self.sens.prior_std[given]
@@ -246,7 +245,7 @@ class Shared:
 
 
 def resampled_alarms(
-    given: Shared,
+    given: ResamplingData,
     trials: int,
     out: Path,
     *,
@@ -254,17 +253,17 @@ def resampled_alarms(
     seed: int = 0,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[Resampled]:
-    """Scan resampled residuals; an interrupted run goes on.
+    """Scan resampled residuals; an interrupted run continues.
 
-    Repeated for every trial: the whitening filters, the projection of the residual, all scores and all shuffled nulls
-    of the three scans and of the pairs. Done once: the simulation, its sensitivities, the candidates' columns, and the
-    weights of the outputs in the scans that do not whiten; recalibration is what the projection does to first order.
-    Left out: the refit in full simulation with its demand that BIC falls and that the change reaches the noise, which
-    can only take alarms away.
+    Repeated for every trial: the whitening filters, the projection of the residual, all scores and all null
+    distributions of the three scans and of the pairs.  Done once: the simulation, its sensitivities, those of the
+    candidates, and the weights of the outputs in the scans that do not whiten; the projection recalibrates to first
+    order.  Left out: the refit in full simulation, which demands that BIC falls and that the change reaches the noise
+    floor, and can only remove alarms.
 
     Parameters
     ----------
-    given : Shared
+    given : ResamplingData
         Of the best model.
     trials : int
     out : Path
@@ -301,9 +300,9 @@ def resampled_alarms(
     with path.open("a") as stream:
         for count, number in enumerate(left, 1):
             scheme, made = given.draw(number)
-            told, least = {"plain": "", "whitened": "", "pairs": "", "curves": ""}, 1.0
+            names, least = {"plain": "", "whitened": "", "pairs": "", "curves": ""}, 1.0
             scans = []
-            for which in ("plain", "whitened", "curves"):  # what has been found already is not looked for again
+            for which in ("plain", "whitened", "curves"):  # the first that finds something ends the trial
                 found = look(which, made, number)
                 scans.append(found)
                 curves = which == "curves"
@@ -314,25 +313,25 @@ def resampled_alarms(
                 ]
                 least = min([least, *(r.p_value for r in found.rows)])
                 if missing:
-                    told[which] = missing[0].name
+                    names[which] = missing[0].name
                     break
                 if which == "whitened":
                     both = find_masking_pairs(scans, contained, level=level / LEVEL_SHARES, seed=number)
                     if both is not None:
-                        least, told["pairs"] = min(least, both.p_value), " and ".join(both.pairs[0].names)
+                        least, names["pairs"] = min(least, both.p_value), " and ".join(both.pairs[0].names)
                         break
-            trial = Resampled(number, scheme, **told, p=float(least))
+            trial = Resampled(number, scheme, **names, p=float(least))
             stream.write(json.dumps(asdict(trial)) + "\n")
             stream.flush()
             done.append(trial)
             progress(
-                f"resampled {count}/{len(left)}, {scheme}: {', '.join(t for t in told.values() if t) or 'nothing'}"
+                f"resampled {count}/{len(left)}, {scheme}: {', '.join(n for n in names.values() if n) or 'nothing'}"
             )
     return done
 
 
 def best_stage(study_file: Path, out: Path, progress: Callable[[str], None] = lambda text: None) -> tuple[Stage, float]:
-    """Return the best model of a study, diagnosed once and then fitted again from ``best.json``, and its level."""
+    """Return the best model of a study and its level; diagnosed once, later fitted again from ``best.json``."""
     from discrepancy.effects.effect import Effect
     from discrepancy.study.study import Study
 

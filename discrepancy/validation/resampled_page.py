@@ -21,7 +21,7 @@ def resampled_page(
 ) -> str:
     """Return the result as a section (Markdown); ``again`` is what `repeats` says of the best model's records.
 
-    ``caution`` is `Shared.caution`.
+    ``caution`` is `ResamplingData.caution`.
     """
     untied = [t for t in trials if t.scheme != SHIFT or again[1] < REPEATS]
 
@@ -47,9 +47,9 @@ def resampled_page(
     if len(untied) < len(trials):
         lines += [
             "",
-            f"Circular shifts of a whole record do not count: its inputs repeat after {again[0]:.3g} s (likeness "
-            f"{again[1]:.2f}), so that a shifted residual still follows the motion: what is found there is no false "
-            "alarm but tells that the best model leaves something that follows the motion.",
+            f"Circular shifts of a whole record do not count: its inputs repeat after {again[0]:.3g} s "
+            f"(autocorrelation {again[1]:.2f}), so that a shifted residual still follows the motion. What is found "
+            "there is no false alarm: the best model leaves something that follows the motion.",
         ]
     lines += ["", caution] if caution else []
     lines += ["", "Alarms:", ""]

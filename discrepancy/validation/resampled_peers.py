@@ -1,9 +1,9 @@
 """Other methods on the resampled residual of a real machine: how often they name something where nothing is missing.
 
-Each is given what the scan has in the same trial: the residual freed of calibration and the candidates' columns.
-Whatever it names is a false alarm.  Left out are the two that ask for more: PySINDy on states needs measured states
-and their derivative, and a residual in another order is of outputs and has seams that a derivative would see; the
-Gaussian process names nothing.
+Each gets what the scan has in the same trial: the residual with calibration projected out, and the sensitivities of the
+candidates.  Whatever it names is a false alarm.  Two methods that need more are left out: PySINDy on states needs
+measured states and their derivative, while a resampled residual is of outputs and has seams that a derivative would
+see; the Gaussian process names nothing.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from discrepancy.statistics.blocks import Candidate, Residual
-from discrepancy.validation.peers import OURS
+from discrepancy.validation.peer_comparison import OURS
 
 if TYPE_CHECKING:
-    from discrepancy.validation.peers_case import Seen
-    from discrepancy.validation.resampled import Resampled, Shared
+    from discrepancy.validation.peer_case import RegressionData
+    from discrepancy.validation.resampled import Resampled, ResamplingData
 
 __all__ = ["ResampledPeers", "read_resampled_peers", "resampled_case", "resampled_peers", "resampled_peers_page"]
 
@@ -53,40 +53,40 @@ class ResampledPeers:
 
 @dataclass(frozen=True, eq=False)
 class ResampledCase:
-    """One trial as the rivals see it; there are no records besides that they could be judged by."""
+    """One trial as the other methods see it, without held-out records."""
 
     candidates: tuple[Candidate, ...]
-    plain: Seen
-    white: Seen
+    plain: RegressionData
+    white: RegressionData
 
     def held_out(self, named: Sequence[int]) -> float:
         """Return not-a-number."""
         return math.nan
 
 
-def resampled_case(given: Shared, made: Residual) -> ResampledCase:
-    """Return what the rivals get of one resampled residual."""
+def resampled_case(given: ResamplingData, made: Residual) -> ResampledCase:
+    """Return what the other methods get of one resampled residual."""
     from discrepancy.statistics.whitened import fit_whitened
-    from discrepancy.validation.peers_case import seen_as
+    from discrepancy.validation.peer_case import regression_data
 
     plain = given.plain(made)
     white = fit_whitened(made, given.sens, given.candidates, 24, 2, 2, plain)
-    return ResampledCase(given.candidates, *(seen_as(w, given.candidates) for w in (plain, white)))
+    return ResampledCase(given.candidates, *(regression_data(w, given.candidates) for w in (plain, white)))
 
 
 def resampled_peers(
-    given: Shared,
+    given: ResamplingData,
     trials: int,
     out: Path,
     *,
     seed: int = 0,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[ResampledPeers]:
-    """Ask every method about the same residuals as `resampled_alarms`; an interrupted run goes on.
+    """Run every method on the same residuals as `resampled_alarms`; an interrupted run continues.
 
     Parameters
     ----------
-    given : Shared
+    given : ResamplingData
         Of the best model.
     trials : int
     out : Path
@@ -94,7 +94,7 @@ def resampled_peers(
     seed : int
         First number.
     """
-    from discrepancy.validation.peers_methods import ON_COLUMNS, THRESHOLDS, stlsq_at
+    from discrepancy.validation.peer_methods import REGRESSION_METHODS, THRESHOLDS, stlsq_at
 
     out.mkdir(parents=True, exist_ok=True)
     path = out / "resampled_peers.jsonl"
@@ -105,7 +105,7 @@ def resampled_peers(
             scheme, made = given.draw(number)
             case = resampled_case(given, made)
             answers: dict[str, dict[str, Any]] = {}
-            for name, method in ON_COLUMNS.items():
+            for name, method in REGRESSION_METHODS.items():
                 start = time.perf_counter()
                 said = method(case)
                 spent = time.perf_counter() - start
@@ -116,7 +116,7 @@ def resampled_peers(
             stream.flush()
             done.append(trial)
             quiet = [n for n, a in answers.items() if not a["named"]]
-            progress(f"other methods {count}/{len(left)}, {scheme}: silent are {'; '.join(quiet) or 'none'}")
+            progress(f"other methods {count}/{len(left)}, {scheme}: nothing named by {'; '.join(quiet) or 'none'}")
     return sorted(done, key=lambda t: t.number)
 
 
@@ -131,7 +131,7 @@ def read_resampled_peers(path: Path) -> list[ResampledPeers]:
 
 
 def resampled_peers_page(
-    trials: Sequence[ResampledPeers], ours: Sequence[Resampled], told: Mapping[str, str], date: str
+    trials: Sequence[ResampledPeers], ours: Sequence[Resampled], versions: Mapping[str, str], date: str
 ) -> str:
     """Return the comparison as a section (Markdown).
 
@@ -139,9 +139,9 @@ def resampled_peers_page(
     ----------
     trials : sequence of ResampledPeers
     ours : sequence of Resampled
-        What this program said; trials that only one of the two has do not count.
-    told : mapping of str to str
-        Versions of the programs compared.
+        What this program found; trials that only one of the two has do not count.
+    versions : mapping of str to str
+        Of the programs compared.
     date : str
     """
     mine = {t.number: t for t in ours}
@@ -154,7 +154,7 @@ def resampled_peers_page(
         named[method] = [(t.scheme, t.answers[method]["named"]) for t in both if method in t.answers]
     lines = [
         f"Made by the same command with `--peers` on {date}, numbers {min(t.number for t in both)} to "
-        f"{max(t.number for t in both)}; {', '.join(f'{n} {v}' for n, v in told.items())}.",
+        f"{max(t.number for t in both)}; {', '.join(f'{n} {v}' for n, v in versions.items())}.",
         "",
         "| | alarms | trials | rate | 95 % interval | "
         + " | ".join(f"of {s}" for s in schemes)

@@ -1,8 +1,8 @@
-"""How often the search is right: machines with nothing, one thing or two things hidden, run by the hundred.
+"""Error rates of the search: virtual machines with no effect, one or several hidden, diagnosed by the hundred.
 
 `vtsdt validate discrepancy` runs the suites on a virtual machine, whose data come from another integrator, other
 friction regularisation, sensor noise, quantisation, jitter and a coloured disturbance.  Every case is a line of a
-JSON-lines file, so that a run that was interrupted goes on where it stopped.
+JSON-lines file, so that an interrupted run continues where it stopped.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ Task = tuple[str, str, int, tuple[str, ...]]
 __all__ = ["main", "run_suite"]
 
 TRIALS = 100
-NOT_FOUND_ALONE = ("unknown_force",)
-BESIDES = ("peers", "resampled")  # comparisons, which have pages of their own
+NOT_IN_KINDS = ("unknown_force",)  # has a suite of its own
+COMPARISONS = ("peers", "resampled")  # have pages of their own
 
 
 def _plan(suite: str, trials: int, first: int, machine: str, sample: int = 0) -> list[Task]:
@@ -33,11 +33,11 @@ def _plan(suite: str, trials: int, first: int, machine: str, sample: int = 0) ->
     module, rng = machine_module(machine), np.random.default_rng(first)
     if suite == "null":
         return [(machine, "null", first + k, ()) for k in range(trials)]
-    if suite == "masking":  # which effects hide each other, the records say
+    if suite == "masking":  # the records decide which effects mask each other
         return [(machine, "masking", first + k, ()) for k in range(trials)]
     if suite == "unknown":
         return [(machine, "unknown", first + k, (module.UNKNOWN,)) for k in range(trials)]
-    names = [n for n in module.names() if n.partition("@")[0] not in NOT_FOUND_ALONE]
+    names = [n for n in module.names() if n.partition("@")[0] not in NOT_IN_KINDS]
     if suite in ("pairs", "triples"):
         count = 2 if suite == "pairs" else 3
         drawn = [tuple(rng.choice(names, count, replace=False).tolist()) for _ in range(trials)]
@@ -60,8 +60,15 @@ def _run(task: Task) -> Trial:
 
             return diagnosed("unknown", seed, hidden, machine, over=OVER[seed % len(OVER)])
         return hidden_trial(seed, hidden, suite, machine)
-    except Exception as error:  # one case that fails is a result too, and must not lose the others
-        return Trial(suite, seed, hidden, "failed", (), note=f"{type(error).__name__}: {error}"[:300])
+    except Exception as error:  # one case that fails must not lose the others
+        return Trial(
+            suite=suite,
+            seed=seed,
+            hidden=hidden,
+            verdict="failed",
+            found=(),
+            note=f"{type(error).__name__}: {error}"[:300],
+        )
 
 
 def run_suite(
@@ -76,13 +83,13 @@ def run_suite(
     sample: int = 0,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[Trial]:
-    """Run a suite, or what is left of it, and return all its trials.
+    """Run a suite, or what an earlier run left of it, and return all its trials.
 
     Parameters
     ----------
     suite : {"null", "kinds", "pairs", "triples", "masking", "unknown"}
     trials : int
-        Number of seeds (of each kind, for ``"kinds"``).
+        Number of seeds (of each kind for ``"kinds"``).
     out : Path
         Folder of ``<suite>.jsonl`` (``<machine>-<suite>.jsonl`` of another machine than the axis).
     first : int
@@ -94,7 +101,7 @@ def run_suite(
     module : str
         Where the machine is; see `discrepancy.validation.suite_axis`.
     sample : int
-        Of ``"kinds"``: so many kinds, drawn by the first seed, in place of all.
+        For ``"kinds"``: this many kinds, drawn by the first seed, instead of all.
     """
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
@@ -135,7 +142,7 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
         description="How often the search for a missing effect is right, on a virtual machine.",
     )
     parser.add_argument(
-        "suites", nargs="*", default=["null", "kinds"], metavar="SUITE", help=f"of {', '.join((*SUITES, *BESIDES))}"
+        "suites", nargs="*", default=["null", "kinds"], metavar="SUITE", help=f"of {', '.join((*SUITES, *COMPARISONS))}"
     )
     parser.add_argument(
         "--out", required=True, type=Path, help="folder of the trials and the results; a run goes on there"
@@ -154,10 +161,10 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
     args = parser.parse_args(list(arguments))
     if args.trials is None:
         args.trials = getattr(machine_module(known[args.machine]), "TRIALS", TRIALS)
-    unknown = [s for s in args.suites if s not in (*SUITES, *BESIDES)]
+    unknown = [s for s in args.suites if s not in (*SUITES, *COMPARISONS)]
     if unknown or args.trials < 1:
         parser.error(
-            f"there is no suite '{unknown[0]}': take {', '.join((*SUITES, *BESIDES))}"
+            f"there is no suite '{unknown[0]}': take {', '.join((*SUITES, *COMPARISONS))}"
             if unknown
             else "--trials must be at least 1"
         )
@@ -172,12 +179,12 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
     if args.peers and "resampled" not in args.suites:
         parser.error("--peers goes with 'resampled'; the comparison on a virtual machine is the suite 'peers'")
     if args.peers or "peers" in args.suites:
-        from discrepancy.validation.peers import missing_peers
+        from discrepancy.validation.peer_comparison import missing_peers
 
         if lacking := missing_peers():
             parser.error(f"{' and '.join(lacking)} not installed: the comparison needs pip install 'vtsdt[peers]'")
     for suite in args.suites:
-        if suite in BESIDES:
+        if suite in COMPARISONS:
             if suite == "peers":
                 _peers(args, known[args.machine])
             else:
@@ -192,9 +199,9 @@ def main(arguments: Sequence[str], machines: Mapping[str, str] | None = None) ->
             machine=args.machine,
             module=known[args.machine],
             sample=args.sample,
-            progress=(lambda text: None) if args.quiet else _tell,
+            progress=(lambda text: None) if args.quiet else _to_stderr,
         )
-    if set(args.suites) <= set(BESIDES):
+    if set(args.suites) <= set(COMPARISONS):
         return 0
     text = page(args.out, date.today().isoformat(), args.machine)
     (args.out / "results.md").write_text(text + "\n")
@@ -216,7 +223,7 @@ def _peers(args: Any, module: str) -> None:
     from rich.console import Console
     from rich.markdown import Markdown
 
-    from discrepancy.validation.peers import peer_page, run_peers
+    from discrepancy.validation.peer_comparison import peer_page, run_peers
 
     trials = run_peers(
         args.trials,
@@ -225,7 +232,7 @@ def _peers(args: Any, module: str) -> None:
         workers=args.workers,
         machine=args.machine,
         module=module,
-        progress=(lambda text: None) if args.quiet else _tell,
+        progress=(lambda text: None) if args.quiet else _to_stderr,
     )
     text = peer_page(trials, date.today().isoformat(), args.machine)
     (args.out / file_name(args.machine, "peers")).with_suffix(".md").write_text(text + "\n")
@@ -239,20 +246,20 @@ def _resampled(args: Any) -> None:
     from rich.console import Console
     from rich.markdown import Markdown
 
-    from discrepancy.validation.resampled import Shared, best_stage, repeats, resampled_alarms
+    from discrepancy.validation.resampled import ResamplingData, best_stage, repeats, resampled_alarms
     from discrepancy.validation.resampled_page import resampled_page
 
-    progress = (lambda text: None) if args.quiet else _tell
+    progress = (lambda text: None) if args.quiet else _to_stderr
     stage, level = best_stage(args.study, args.out, progress)
-    given = Shared.of_stage(stage, progress)
+    given = ResamplingData.of_stage(stage, progress)
     if given.caution:
-        _tell(given.caution)
+        _to_stderr(given.caution)
     trials = resampled_alarms(given, args.trials, args.out, level=level, seed=args.seed, progress=progress)
     names = [str(e) for e in stage.effects]
     today = date.today().isoformat()
     text = resampled_page(trials, args.study.name, names, level, today, repeats(stage), given.caution)
     if args.peers:
-        from discrepancy.validation.peers_methods import versions
+        from discrepancy.validation.peer_methods import versions
         from discrepancy.validation.resampled_peers import resampled_peers, resampled_peers_page
 
         others = resampled_peers(given, args.trials, args.out, seed=args.seed, progress=progress)
@@ -261,7 +268,7 @@ def _resampled(args: Any) -> None:
     Console().print(Markdown(text))
 
 
-def _tell(text: str) -> None:
+def _to_stderr(text: str) -> None:
     import sys
 
     sys.stderr.write(text + "\n")

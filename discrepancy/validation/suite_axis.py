@@ -14,14 +14,14 @@ UNKNOWN = "unknown_force@guide"
 
 
 def case(seed: int, hidden: Sequence[str] = (), **settings: Any) -> Case:
-    """Return recordings of the axis with something hidden, and the model under test."""
+    """Return recordings of the axis with effects hidden in it, and the model under test."""
     return axis_case(seed, list(hidden), **settings)
 
 
 def sizes(seed: int, hidden: Sequence[str]) -> list[dict[str, Any]]:
     """Return the effects as they are hidden at their usual size."""
-    found: list[dict[str, Any]] = case(seed, hidden).truth["effects"]
-    return found
+    effects: list[dict[str, Any]] = case(seed, hidden).truth["effects"]
+    return effects
 
 
 def names() -> list[str]:

@@ -1,4 +1,4 @@
-"""One line a case: what was hidden and what the search said; rates with their intervals, and the results page."""
+"""One line per case: what was hidden and what the search named; rates with their intervals, and the results page."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ __all__ = [
 ]
 
 SUITES = ("null", "kinds", "pairs", "triples", "masking", "unknown")
-SEVERAL = ("pairs", "triples", "masking")  # suites in which everything that is hidden is to be named
+SEVERAL = ("pairs", "triples", "masking")  # suites in which every hidden effect must be named
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One case and what the search said.
+    """One case and what the search named.
 
     Parameters
     ----------
@@ -39,20 +39,20 @@ class Trial:
     found : tuple of str
         ``kind@where`` of the effects added, in order.
     ties : tuple of str
-        What could not be told from the first.
+        What could not be distinguished from the first.
     ratio : float
         Fitted strength over the true one, where kind and place are right.
     seconds : float
     note : str
         Why it was refused or failed.
     over, curve_over, depends_on : str
-        What an unknown force is a function of: in truth, as the curve that was added, and by the estimate over time.
+        What an unknown force depends on: in truth, by the curve that was added, and by the estimate over time.
     tied : tuple of str
-        What could not be told from any of the effects added.
+        What could not be distinguished from any of the effects added.
     held_out : float
-        Error on the records held out over that of the model with what was hidden, averaged over the outputs.
+        Error on the held-out records over that of the model with the hidden effects, averaged over the outputs.
     inside : int
-        Of a model with exactly what was hidden: how many 95 % intervals hold the true value.
+        For a model with exactly the hidden effects: how many 95 % intervals contain the true value.
     outside : tuple of str
         The parameters whose interval does not.
     """
@@ -76,27 +76,27 @@ class Trial:
 
     @property
     def first(self) -> bool:
-        """True if what was hidden was named first."""
+        """True if the hidden effect was named first."""
         return bool(self.found) and self.found[0] in self.hidden
 
     @property
     def in_tie(self) -> bool:
-        """True if what was hidden is among the first effect and what cannot be told from it."""
+        """True if the hidden effect is the first named or tied with it."""
         return bool(self.found) and bool({self.found[0], *self.ties} & set(self.hidden))
 
     @property
     def all_found(self) -> bool:
-        """True if everything that was hidden is named."""
+        """True if every hidden effect is named."""
         return set(self.hidden) <= set(self.found)
 
     @property
     def all_tied(self) -> bool:
-        """True if everything that was hidden is named, or cannot be told from what is named."""
+        """True if every hidden effect is named, or cannot be distinguished from one that is."""
         return set(self.hidden) <= {*self.found, *self.ties, *self.tied}
 
     @property
     def missed(self) -> bool:
-        """True if the answer is not the one that its suite asks for."""
+        """True if the answer is not the right one for its suite."""
         if self.suite == "null":
             return bool(self.found) or self.verdict == "unknown effect"
         if self.suite == "unknown":
@@ -174,20 +174,20 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
 
 
 def _held_out(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
-    """Return how often the error held out is that of the true model, of the trials in which it was looked at."""
+    """Return how often the held-out error is that of the true model, where that was computed."""
     known = [t.held_out for t in trials if math.isfinite(t.held_out)]
     return [("held-out error within 5 % of the true model's", sum(h <= 1.05 for h in known), len(known))] * bool(known)
 
 
 def _coverage(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
-    """Return how many 95 % intervals hold the true value, of the trials that ended with exactly what was hidden."""
+    """Return how many 95 % intervals contain the true value, in trials that ended with exactly the hidden effects."""
     inside, outside = sum(t.inside for t in trials), sum(len(t.outside) for t in trials)
     right = sum(bool(t.inside or t.outside) for t in trials)
     return [(f"95 % intervals with the true value in them ({right} trials)", inside, inside + outside)] * bool(right)
 
 
 def _right_axis(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
-    """Return how often an unknown force is said to depend on what it does depend on."""
+    """Return how often an unknown force is attributed to the right variable."""
     from discrepancy.effects.uncatalogued_laws import OVER
 
     rows = []
@@ -202,7 +202,7 @@ def _right_axis(trials: Sequence[Trial]) -> list[tuple[str, int, int]]:
 
 
 def listed_as_negligible(negligible: Sequence[tuple[str, str, float, float, float, str]], hidden: Sequence[str]) -> str:
-    """Say of what is hidden that it was seen, where it was passed over as changing too little.
+    """Return a note on hidden effects that were significant but too small to matter.
 
     Parameters
     ----------
@@ -213,11 +213,11 @@ def listed_as_negligible(negligible: Sequence[tuple[str, str, float, float, floa
     Examples
     --------
     >>> listed_as_negligible([("sensor_drift", "F_cw", 0.0457, 0.0022, 3e-8, "N/s")], ["sensor_drift@F_cw"])
-    'sensor_drift@F_cw is told as present but too small to matter (p = 3e-08)'
+    'sensor_drift@F_cw is reported as present but too small to matter (p = 3e-08)'
     """
     names = {f"{kind}@{where}": p for kind, where, _, _, p, _ in negligible}
-    told = [f"{n} is told as present but too small to matter (p = {names[n]:.1g})" for n in hidden if n in names]
-    return "; ".join(told)
+    notes = [f"{n} is reported as present but too small to matter (p = {names[n]:.1g})" for n in hidden if n in names]
+    return "; ".join(notes)
 
 
 def file_name(machine: str, suite: str) -> str:
@@ -226,7 +226,7 @@ def file_name(machine: str, suite: str) -> str:
 
 
 def with_section(page_text: str, machine: str, results: str) -> str:
-    """Return a page with a machine's results in it, in the place of those that it had; what else it says stays.
+    """Return a page with a machine's results replaced; the rest of the page stays.
 
     Examples
     --------
@@ -244,7 +244,7 @@ def with_section(page_text: str, machine: str, results: str) -> str:
 
 
 def _listed(seeds: Sequence[int]) -> str:
-    """Return increasing numbers in words; those in a row as a range.
+    """Return increasing numbers as text; consecutive ones as a range.
 
     Examples
     --------
@@ -288,9 +288,9 @@ def page(out: Path, date: str, machine: str = "axis") -> str:
         lines += ["", "Misses:", ""]
         for t in trials:
             if t.missed:
-                said, note = ", ".join(t.found) or "nothing", " ".join(t.note.split())
+                named, note = ", ".join(t.found) or "nothing", " ".join(t.note.split())
                 lines.append(
-                    f"- seed {t.seed}, {' + '.join(t.hidden) or 'nothing'} hidden: {t.verdict}, named {said}. {note}"
+                    f"- seed {t.seed}, {' + '.join(t.hidden) or 'nothing'} hidden: {t.verdict}, named {named}. {note}"
                     + (f" True over {t.over}, curve over {t.curve_over or 'nothing'}." if t.over else "")
                 )
         lines.append("")

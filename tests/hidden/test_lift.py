@@ -36,7 +36,7 @@ def test_results_of_two_machines_stand_on_one_page(tmp_path):
     import json
     from dataclasses import asdict
 
-    trial = Trial("null", 7, (), "nothing missing", ())
+    trial = Trial(suite="null", seed=7, hidden=(), verdict="nothing missing", found=())
     (tmp_path / file_name("lift", "null")).write_text(json.dumps(asdict(trial)) + "\n")
     results = page(tmp_path, "2026-01-01", "lift")
     assert "| false alarms | 0 | 1 | 0.0% |" in results

@@ -9,9 +9,9 @@ pytest.importorskip("sklearn")
 
 from discrepancy.rigs.axis import axis_case
 from discrepancy.study.study import Study
-from discrepancy.validation.peers import PeerTrial, peer_page
-from discrepancy.validation.peers_case import peer_case
-from discrepancy.validation.peers_methods import METHODS, methods_on
+from discrepancy.validation.peer_case import peer_case
+from discrepancy.validation.peer_comparison import PeerTrial, peer_page
+from discrepancy.validation.peer_methods import METHODS, methods_on
 
 
 @pytest.fixture(scope="module")

@@ -100,7 +100,10 @@ def test_trials_that_are_there_are_not_run_again(tmp_path, monkeypatch) -> None:
     def none(*arguments: object, **options: object) -> None:
         raise AssertionError("a trial was run again")
 
-    rows = [Trial("null", 1000 + k, (), "nothing missing", ()) for k in range(suite_gear.TRIALS)]
+    rows = [
+        Trial(suite="null", seed=1000 + k, hidden=(), verdict="nothing missing", found=())
+        for k in range(suite_gear.TRIALS)
+    ]
     (tmp_path / "gear-null.jsonl").write_text("".join(json.dumps(asdict(r)) + "\n" for r in rows))
     monkeypatch.setattr(suite, "_run", none)
     assert main(["null", "--machine", "gear", "--out", str(tmp_path), "--quiet", "--workers", "1"]) == 0

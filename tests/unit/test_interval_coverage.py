@@ -34,5 +34,7 @@ def test_intervals_are_compared_with_the_truth():
     }
     found = coverage(SimpleNamespace(identify=fitted, effects=(Law(),)), truth)
     assert found == (2, ("guide.viscous",))
-    trial = Trial("null", 1, (), "nothing missing", (), inside=found[0], outside=found[1])
+    trial = Trial(
+        suite="null", seed=1, hidden=(), verdict="nothing missing", found=(), inside=found[0], outside=found[1]
+    )
     assert rates([trial])[1] == ("95 % intervals with the true value in them (1 trials)", 2, 3)

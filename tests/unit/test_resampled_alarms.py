@@ -10,8 +10,8 @@ import pytest
 
 from discrepancy.statistics.whitened import rms_whitener, scaled_by_rms, whiten_all
 from discrepancy.validation import linear_axes
-from discrepancy.validation.peers_methods import ON_COLUMNS
-from discrepancy.validation.resampled import SCHEMES, Resampled, Shared, read_resampled, resampled_alarms
+from discrepancy.validation.peer_methods import REGRESSION_METHODS
+from discrepancy.validation.resampled import SCHEMES, Resampled, ResamplingData, read_resampled, resampled_alarms
 from discrepancy.validation.resampled_page import resampled_page
 from discrepancy.validation.resampled_peers import ResampledPeers, resampled_case, resampled_peers_page
 
@@ -26,7 +26,7 @@ def given():
     case = linear_axes.make_case(axis, "ar2", rng)
     every = linear_axes.candidates(axis)
     some = [c for c in every if c.kind in KINDS] or every[:4]
-    return Shared.of_arrays(case.residual, case.sensitivities, some, some[:1], [0.0, 0.0], UNTIED)
+    return ResamplingData.of_arrays(case.residual, case.sensitivities, some, some[:1], [0.0, 0.0], UNTIED)
 
 
 def test_a_number_always_gives_the_same_residual(given):
@@ -45,10 +45,12 @@ def test_what_calibration_explains_is_taken_out_as_if_all_had_been_worked_out_an
     assert len(free.columns.groups) < len(anew.columns.groups)
 
 
-def test_a_residual_that_remembers_for_as_long_as_the_record_is_told(given):
+def test_a_residual_correlated_for_as_long_as_the_record_is_reported(given):
     assert given.caution == "", "12 s, and a disturbance that has forgotten all after a second"
     long = replace(given, memory=300.0)
-    assert long.caution.startswith("The residual remembers for 3 s, and all records together last 12 s: 0.8 blocks")
+    assert long.caution.startswith(
+        "The residual is correlated over 3 s, and all records together last 12 s: 0.8 blocks"
+    )
     trial = Resampled(1, SCHEMES[0], "", "", "", 0.4)
     text = resampled_page([trial], "study.toml", [], 0.02, "today", (0.0, 0.0), long.caution)
     assert long.caution in text
@@ -92,7 +94,7 @@ def test_two_effects_that_hide_each_other_in_the_residual_are_an_alarm(given, tm
         Candidate(kind="late", where="sensor", sensitivities=(one,)),
         Candidate(kind="stiff", where="loop", sensitivities=(opposite,)),
     ]
-    two = Shared.of_arrays(given.residual, given.sens, pair, given.curves, [0.0, 0.0], UNTIED)
+    two = ResamplingData.of_arrays(given.residual, given.sens, pair, given.curves, [0.0, 0.0], UNTIED)
     column = other[0][:, :, 0] / size[1]
     made = two.draw(1000)[1]
 
@@ -122,7 +124,7 @@ def test_one_record_is_cut_into_four_to_leave_one_out(given):
 
 def test_criteria_are_asked_without_further_programs(given):
     case = resampled_case(given, given.draw(1000)[1])
-    aic, bic = (ON_COLUMNS[f"every candidate, {c}"](case) for c in ("AIC", "BIC"))
+    aic, bic = (REGRESSION_METHODS[f"every candidate, {c}"](case) for c in ("AIC", "BIC"))
     names = {c.name for c in given.candidates}
     assert set(bic.named) <= set(aic.named) <= names
 

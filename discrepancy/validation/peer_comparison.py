@@ -1,8 +1,8 @@
-"""Other ways to find what is missing, on the same data as ours: `vtsdt validate discrepancy peers`.
+"""Other methods to find what is missing, on the same data: `vtsdt validate discrepancy peers`.
 
 For each seed a virtual machine is run twice: with nothing hidden, and with one effect drawn from everything that can be
-hidden, at its usual size.  Each method is asked what is missing.  A line of ``peers.jsonl`` is one case with all
-answers, so that an interrupted run goes on.
+hidden, at its usual size.  Each method names what it takes to be missing.  A line of ``peers.jsonl`` is one case with
+all answers, so that an interrupted run continues.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NEEDED = ("pysindy", "sklearn")
 
 @dataclass(frozen=True)
 class PeerTrial:
-    """One case and what every method said.
+    """One case and what every method named.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class PeerTrial:
     answers : dict
         Method → named, ties, ratio (held-out error as a share of the recalibrated model's), alarm, seconds.
     columns_seconds : float
-        Time to work out the columns that the rivals were given.
+        Time to compute the sensitivities that the other methods were given.
     note : str
         Why the case does not count, if so.
     """
@@ -50,14 +50,14 @@ class PeerTrial:
 
 
 INTRODUCTION = (
-    "None of these methods can work out by itself how a candidate would change the outputs of a closed loop, or free "
-    "the residual of what recalibration explains. Both were given to them (the exception is PySINDy on states, on the "
-    "axis, which builds its own regression from measured speed, torque and place), so that only the decision is "
-    "compared: what to name, and when to be silent. Each candidate came at the shape that fits best. Strengths with a "
-    "sign that physics forbids were struck off before counting. Settings were chosen by error on trips left out.",
+    "None of these methods computes how a candidate changes the outputs of a closed loop, or removes from the residual "
+    "what recalibration explains. Both were computed for them (except for PySINDy on states, on the axis, which builds "
+    "its own regression from measured speed, torque and position), so that only the decision is compared: what to "
+    "name, and when to name nothing. Each candidate came at the shape that fits best. Strengths with a sign that "
+    "physics forbids were removed before counting. Settings were chosen by error on trips left out.",
     "",
-    "How often the same methods name something on the residual of a real machine, where nothing is missing, stands "
-    "[there](real-residual.md#other-methods-on-the-same-residuals).",
+    "How often the same methods name something on the residual of a real machine, where nothing is missing, is "
+    "[on its own page](real-residual.md#other-methods-on-the-same-residuals).",
 )
 
 
@@ -69,12 +69,12 @@ def missing_peers() -> list[str]:
 
 
 def peer_trial(seed: int, hidden: Sequence[str], module: str = AXIS) -> PeerTrial:
-    """Ask every method, and the study's own search, about one case of a virtual machine, given by its module."""
+    """Run every method and the study's own search on one case of a virtual machine, given by its module."""
     import time
 
     from discrepancy.study.study import Study
-    from discrepancy.validation.peers_case import peer_case
-    from discrepancy.validation.peers_methods import methods_on
+    from discrepancy.validation.peer_case import peer_case
+    from discrepancy.validation.peer_methods import methods_on
 
     case = import_module(module).case(seed, list(hidden))
     study = Study(case.problem(seed=seed))
@@ -155,7 +155,7 @@ def run_peers(
     module: str = AXIS,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[PeerTrial]:
-    """Run the comparison, or what is left of it, and return all its cases.
+    """Run the comparison, or what an earlier run left of it, and return all its cases.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def run_peers(
 
 
 def _same(named: str, hidden: str, method: str) -> bool:
-    """Tell whether a name is the hidden effect; regression on states knows one motion only, so places do not count."""
+    """Tell whether a name is the hidden effect; regression on states has one motion only, so places do not count."""
     return named == hidden or (method == "PySINDy on states" and named.split("@")[0] == hidden.split("@")[0])
 
 
@@ -254,12 +254,12 @@ def peer_rates(trials: Sequence[PeerTrial]) -> list[dict[str, Any]]:
 
 def peer_page(trials: Sequence[PeerTrial], date: str, machine: str = "axis") -> str:
     """Return the comparison on a virtual machine as a page (Markdown)."""
-    from discrepancy.validation.peers_methods import versions
+    from discrepancy.validation.peer_methods import versions
     from discrepancy.validation.trials import wilson
 
     counted = [t for t in trials if not t.note]
     seeds = sorted({t.seed for t in trials})
-    told = ", ".join(f"{n} {v}" for n, v in versions().items())
+    programs = ", ".join(f"{n} {v}" for n, v in versions().items())
 
     def share(pair: tuple[int, int]) -> str:
         hits, n = pair
@@ -269,7 +269,7 @@ def peer_page(trials: Sequence[PeerTrial], date: str, machine: str = "axis") -> 
     def figure(value: float, digits: int = 2) -> str:
         return f"{value:.{digits}f}" if math.isfinite(value) else "–"
 
-    from discrepancy.validation.peers_methods import METHODS
+    from discrepancy.validation.peer_methods import METHODS
 
     asked = {n for t in counted for n in t.answers}
     where = "" if machine == "axis" else f": virtual {machine}"
@@ -282,7 +282,7 @@ def peer_page(trials: Sequence[PeerTrial], date: str, machine: str = "axis") -> 
         "",
         f"Made by `vtsdt validate discrepancy peers{option}` on {date}: virtual {machine}, "
         f"seeds {seeds[0]} to {seeds[-1]}, {sum(not t.hidden for t in counted)} cases with nothing hidden and "
-        f"{sum(bool(t.hidden) for t in counted)} with one effect at its usual size. {told}.",
+        f"{sum(bool(t.hidden) for t in counted)} with one effect at its usual size. {programs}.",
         "",
         "| method | false alarms | alarm where one is hidden | truth named first | first or in its tie | "
         "among those named | effects named | held-out error, hidden | held-out error, nothing hidden | time, s |",
@@ -306,17 +306,17 @@ def peer_page(trials: Sequence[PeerTrial], date: str, machine: str = "axis") -> 
         "",
         "In brackets the 95 % interval of the rate (Wilson). Held-out error: median, on records that took no part, "
         "as a share of that of the recalibrated model. Time: median of a case, without the "
-        f"{_median([t.columns_seconds for t in counted]):.0f} s for the columns that the others were given; "
-        "that of this program has everything in it.",
+        f"{_median([t.columns_seconds for t in counted]):.0f} s for the sensitivities that the others were given; "
+        "that of this program includes everything.",
     ]
     out = [t for t in trials if t.note]
     if out:
         lines += ["", "Cases that do not count:", ""]
         lines += [f"- seed {t.seed}, {' + '.join(t.hidden) or 'nothing'} hidden: {t.note}" for t in out]
-    lines += ["", "## What this program said where one was hidden", ""]
+    lines += ["", "## What this program named where one was hidden", ""]
     for t in counted:
         if t.hidden:
             ours = t.answers[OURS]
-            ties = f" (not told from {', '.join(ours['ties'])})" if ours["ties"] else ""
+            ties = f" (not distinguished from {', '.join(ours['ties'])})" if ours["ties"] else ""
             lines.append(f"- seed {t.seed}, {t.hidden[0]}: {', '.join(ours['named']) or 'nothing'}{ties}")
     return "\n".join(lines)

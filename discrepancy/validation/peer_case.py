@@ -1,8 +1,8 @@
-"""What every rival method gets on a case of the virtual axis: the same residual and the same columns as the scan.
+"""What the other methods get on a case of a virtual machine: the scan's own residual and sensitivities.
 
-None of the rivals can work out by itself how a candidate would change the outputs of a closed loop, or free the
-residual of what recalibration explains.  Both are given to them, so that only the decision is compared: what to name,
-and when to be silent.
+None of them computes how a candidate changes the outputs of a closed loop, or removes from the residual what
+recalibration explains.  Both are computed for them, so that only the decision is compared: what to name, and when to
+name nothing.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from discrepancy.stages.stage import Stage
     from discrepancy.statistics.whitened import WhitenedProblem
 
-__all__ = ["OnColumns", "PeerCase", "Seen", "peer_case", "seen_as"]
+__all__ = ["PeerCase", "RegressionCase", "RegressionData", "peer_case", "regression_data"]
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """Residual and candidate columns in one metric, freed of calibration.
+class RegressionData:
+    """A regression: residual and sensitivities of the candidates in one metric, with calibration projected out.
 
     Parameters
     ----------
@@ -52,28 +52,28 @@ class Seen:
     n_channels: int
 
 
-class OnColumns(Protocol):
-    """What a method is given that asks for nothing but columns and residual."""
+class RegressionCase(Protocol):
+    """What a regression method needs: candidates, and residual and sensitivities as arrays."""
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
-        """What may be named."""
+        """Effects that can be named."""
 
     @property
-    def plain(self) -> Seen:
+    def plain(self) -> RegressionData:
         """Each output divided by its residual's size."""
 
     @property
-    def white(self) -> Seen:
+    def white(self) -> RegressionData:
         """Each output whitened by prediction-error filters."""
 
     def held_out(self, named: Sequence[int]) -> float:
-        """Return the error with the named candidates on records that took no part, as a share of that without."""
+        """Return the error with the named candidates on held-out records, as a share of that without."""
 
 
 @dataclass(frozen=True, eq=False)
 class PeerCase:
-    """One case as the rivals see it.
+    """One case as the other methods see it.
 
     Parameters
     ----------
@@ -81,21 +81,21 @@ class PeerCase:
     stage : Stage
         After recalibration.
     candidates : tuple of Candidate
-        With columns on the identification records and then on the validation records.
-    plain, white : Seen
+        With sensitivities on the identification records, then on the validation records.
+    plain, white : RegressionData
         Each output divided by its residual's size; and whitened by prediction-error filters.
     residual, held : Residual
         Of the identification and of the validation records, in the outputs' units.
     sens, sens_held : Sensitivities
     dropped : frozenset of str
-        Candidates that these records cannot tell from recalibration.
+        Candidates that these records cannot distinguish from recalibration.
     """
 
     case: Case
     stage: Stage
     candidates: tuple[Candidate, ...]
-    plain: Seen
-    white: Seen
+    plain: RegressionData
+    white: RegressionData
     residual: Residual
     held: Residual
     sens: Sensitivities
@@ -106,8 +106,8 @@ class PeerCase:
     def held_out(self, named: Sequence[int]) -> float:
         """Return the error on held-out records with the named candidates fitted, as a share of that without.
 
-        Strengths are fitted together on the identification records, calibration moves along, and the start of each
-        held-out record is fitted as before.  The share is the geometric mean over the outputs.
+        Strengths are fitted together on the identification records, calibration adjusts, and the initial state
+        of each held-out record is fitted as before.  The share is the geometric mean over the outputs.
         """
         w = self._plain
         best = _best(w)
@@ -151,8 +151,8 @@ def _best(w: WhitenedProblem) -> dict[int, int]:
     return best_groups(w.scorer, w.scorer(w.e[:, None]))
 
 
-def seen_as(w: WhitenedProblem, candidates: Sequence[Candidate]) -> Seen:
-    """Return residual and columns in one metric as the rivals get them, each candidate at the shape that fits best."""
+def regression_data(w: WhitenedProblem, candidates: Sequence[Candidate]) -> RegressionData:
+    """Return the regression in one metric, each candidate at the shape that fits best."""
     lay, columns, best = w.projection.layout, w.columns, _best(w)
     data = slice(0, lay.n_data)
     parts, owner = [], []
@@ -165,11 +165,11 @@ def seen_as(w: WhitenedProblem, candidates: Sequence[Candidate]) -> Seen:
         for g in columns.groups
     ]
     X = np.concatenate(parts, axis=1)
-    return Seen(w.e[data], X, np.array(owner), lay.left_out(), columns.Z[data], groups, lay.n_channels)
+    return RegressionData(w.e[data], X, np.array(owner), lay.left_out(), columns.Z[data], groups, lay.n_channels)
 
 
 def peer_case(case: Case, stage: Stage) -> PeerCase:
-    """Work out what the rivals get, from a recalibrated stage of a study of the case."""
+    """Return what the other methods get, from a recalibrated stage of a study of the case."""
     from discrepancy.effects.catalogue import catalogue
     from discrepancy.sensitivities.candidates import candidate_sensitivities
     from discrepancy.statistics.whitened import fit_whitened, scaled_by_rms
@@ -196,8 +196,8 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
         case,
         stage,
         tuple(candidates),
-        seen_as(plain, seen),
-        seen_as(white, seen),
+        regression_data(plain, seen),
+        regression_data(white, seen),
         residual,
         held,
         first,

@@ -1,7 +1,7 @@
-"""Rival ways to decide what is missing: sparse regression, lasso, every candidate by a criterion, a black box.
+"""Other methods to decide what is missing: sparse regression, lasso, every candidate by a criterion, a black box.
 
-Each takes a `PeerCase`, or only its columns and residual, and returns the candidates that it names, the weightiest
-first.  Settings are chosen as their authors advise, by error on trips left out, and are not tuned to the cases of the
+Each takes a `PeerCase`, or only its regression, and returns the candidates that it names, the weightiest first.
+  Settings are chosen as their authors advise, by error on trips left out, and are not tuned to the cases of the
 comparison.
 """
 
@@ -16,9 +16,9 @@ import numpy as np
 
 from discrepancy.statistics.blocks import Array
 from discrepancy.statistics.thresholds import DECISIVE_BIC
-from discrepancy.validation.peers_case import OnColumns, PeerCase, Seen
+from discrepancy.validation.peer_case import PeerCase, RegressionCase, RegressionData
 
-__all__ = ["METHODS", "ON_COLUMNS", "THRESHOLDS", "Answer", "methods_on", "stlsq_at", "versions"]
+__all__ = ["METHODS", "REGRESSION_METHODS", "THRESHOLDS", "Answer", "methods_on", "stlsq_at", "versions"]
 
 THRESHOLDS = (0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.45, 0.7)
 RIDGES = (1e-6, 1e-3, 1e-2, 1e-1)
@@ -30,18 +30,18 @@ FORWARD = 6
 
 @dataclass(frozen=True)
 class Answer:
-    """What a method says.
+    """What a method names.
 
     Parameters
     ----------
     named : tuple of str
         ``kind@where``, the weightiest first.
     ties : tuple of str
-        What it says it cannot tell from the first.
+        What it cannot distinguish from the first.
     ratio : float
         Error on held-out records as a share of that of the recalibrated model.
     alarm : bool
-        It says that something is missing.
+        Whether it reports that something is missing.
     """
 
     named: tuple[str, ...]
@@ -57,7 +57,7 @@ def versions() -> dict[str, str]:
     return {n: version(n) for n in ("pysindy", "scikit-learn", "numpy", "scipy")}
 
 
-def _named(case: OnColumns, seen: Seen, coefficients: Array) -> Answer:
+def _named(case: RegressionCase, seen: RegressionData, coefficients: Array) -> Answer:
     """Turn a sparse vector of coefficients into names: by weight, without those of an impossible sign."""
     chosen = list(dict.fromkeys(seen.owner[np.flatnonzero(coefficients)].tolist()))
     possible = []
@@ -83,15 +83,15 @@ def _stlsq(X: Array, y: Array, threshold: float, ridge: float) -> Array:
     return out
 
 
-@lru_cache(maxsize=1)  # asked for by every method on the same columns
-def _triangles(seen: Seen) -> list[Array]:
+@lru_cache(maxsize=1)  # used by every method on the same regression
+def _triangles(seen: RegressionData) -> list[Array]:
     """Return the triangular factor of (X, e) for each trip: least squares on it is least squares on the trip."""
     scale = float(np.linalg.norm(seen.e))
     return [np.asarray(np.linalg.qr(np.column_stack([seen.X[t], seen.e[t] / scale]), mode="r")) for t in seen.trips]
 
 
 @lru_cache(maxsize=1)
-def _settings(seen: Seen) -> list[tuple[float, float, float]]:
+def _settings(seen: RegressionData) -> list[tuple[float, float, float]]:
     """Return (error on trips left out, threshold, ridge) of every setting, best first."""
     parts = _triangles(seen)
     found = []
@@ -106,14 +106,14 @@ def _settings(seen: Seen) -> list[tuple[float, float, float]]:
     return sorted(found)
 
 
-def stlsq(case: OnColumns) -> Answer:
+def stlsq(case: RegressionCase) -> Answer:
     """PySINDy's STLSQ on the scan's columns; threshold and ridge by error on trips left out."""
     seen = case.plain
     _, threshold, ridge = _settings(seen)[0]
     return stlsq_at(case, threshold, ridge)
 
 
-def stlsq_at(case: OnColumns, threshold: float, ridge: float) -> Answer:
+def stlsq_at(case: RegressionCase, threshold: float, ridge: float) -> Answer:
     """PySINDy's STLSQ on the scan's columns with a threshold and a ridge that were not chosen by error.
 
     Columns and residual have length one: a threshold of 0.1 keeps what explains 1 % of the residual by itself.
@@ -122,7 +122,7 @@ def stlsq_at(case: OnColumns, threshold: float, ridge: float) -> Answer:
     return _named(case, case.plain, _stlsq(rows[:, :-1], rows[:, -1], threshold, ridge))
 
 
-def ensemble(case: OnColumns) -> Answer:
+def ensemble(case: RegressionCase) -> Answer:
     """PySINDy's ensemble of STLSQ on bootstrapped rows, median of the coefficients."""
     from pysindy import STLSQ, EnsembleOptimizer
 
@@ -153,7 +153,7 @@ def ensemble(case: OnColumns) -> Answer:
 # -------------------------------------------------------------------- lasso
 
 
-def _lasso(case: OnColumns, seen: Seen) -> Answer:
+def _lasso(case: RegressionCase, seen: RegressionData) -> Answer:
     from sklearn.linear_model import LassoLarsIC
 
     with warnings.catch_warnings():
@@ -162,12 +162,12 @@ def _lasso(case: OnColumns, seen: Seen) -> Answer:
     return _named(case, seen, np.asarray(fitted.coef_))
 
 
-def lasso(case: OnColumns) -> Answer:
+def lasso(case: RegressionCase) -> Answer:
     """Lasso along its whole path (LARS), stopped by BIC."""
     return _lasso(case, case.plain)
 
 
-def lasso_white(case: OnColumns) -> Answer:
+def lasso_white(case: RegressionCase) -> Answer:
     """The same on residuals whitened by our prediction-error filters."""
     return _lasso(case, case.white)
 
@@ -175,7 +175,7 @@ def lasso_white(case: OnColumns) -> Answer:
 # -------------------------------------------------------------------- every candidate, compared by a criterion
 
 
-def _every(case: OnColumns, seen: Seen, price: float) -> Answer:
+def _every(case: RegressionCase, seen: RegressionData, price: float) -> Answer:
     """Fit every candidate at every shape, add the best by criterion, and go on until it no longer falls."""
     e, Z, n = seen.e.copy(), seen.Z.copy(), len(seen.e)
     named: list[int] = []
@@ -205,17 +205,17 @@ def _every(case: OnColumns, seen: Seen, price: float) -> Answer:
     return Answer(tuple(case.candidates[c].name for c in named), case.held_out(named), bool(named), ties)
 
 
-def every_aic(case: OnColumns) -> Answer:
+def every_aic(case: RegressionCase) -> Answer:
     """Every candidate fitted and compared by AIC, forward, as PEtab-Select does."""
     return _every(case, case.plain, 2.0)
 
 
-def every_bic(case: OnColumns) -> Answer:
+def every_bic(case: RegressionCase) -> Answer:
     """The same by BIC with the number of samples."""
     return _every(case, case.plain, float(np.log(len(case.plain.e))))
 
 
-def every_bic_white(case: OnColumns) -> Answer:
+def every_bic_white(case: RegressionCase) -> Answer:
     """The same on residuals whitened by our prediction-error filters."""
     return _every(case, case.white, float(np.log(len(case.white.e))))
 
@@ -347,8 +347,8 @@ def _terms(x: Array, v: Array, lead: float) -> tuple[tuple[str, ...], Array]:
     return names, np.column_stack([column for each in rows.values() for column in each])
 
 
-#: Name in the table → method that asks for nothing but columns and residual.
-ON_COLUMNS: dict[str, Callable[[OnColumns], Answer]] = {
+#: Name in the table → method that needs the regression only.
+REGRESSION_METHODS: dict[str, Callable[[RegressionCase], Answer]] = {
     "PySINDy STLSQ, scan's columns": stlsq,
     "PySINDy ensemble STLSQ, scan's columns": ensemble,
     "lasso, BIC": lasso,
@@ -357,15 +357,15 @@ ON_COLUMNS: dict[str, Callable[[OnColumns], Answer]] = {
     "every candidate, BIC": every_bic,
     "every candidate, BIC, whitened": every_bic_white,
 }
-#: The same and those that ask for the records.
+#: The same and those that need the records.
 METHODS: dict[str, Callable[[PeerCase], Answer]] = {
-    **ON_COLUMNS,
+    **REGRESSION_METHODS,
     "PySINDy on states": sindy_states,
     "Gaussian process": gaussian_process,
 }
 
 
 def methods_on(case: PeerCase) -> dict[str, Callable[[PeerCase], Answer]]:
-    """Return the methods that a case can be given to: regression on states knows the axis only."""
+    """Return the methods that can take a case: regression on states is made for the axis only."""
     axis = {"motor.speed", "carriage.position", "motor.torque"} <= set(case.residual.channels)
     return {n: f for n, f in METHODS.items() if axis or f is not sindy_states}
