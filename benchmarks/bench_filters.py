@@ -29,7 +29,7 @@ def _problem() -> tuple[Any, Any, Any, Any]:
 
 
 def _extended(jacobian: str = "exact", **options: Any) -> Callable[[], Any]:
-    from estimation.filters import FilterModel, extended
+    from estimation.filters import FilterModel, extended_kalman_filter
 
     sensor, trip, samples, noise = _problem()
     model = sensor.model()
@@ -38,7 +38,7 @@ def _extended(jacobian: str = "exact", **options: Any) -> Callable[[], Any]:
     prior = sensor.prior(trip)
 
     def work() -> None:
-        extended(model, samples, noise, prior, **options)
+        extended_kalman_filter(model, samples, noise, prior, **options)
 
     work()
     return work
@@ -66,7 +66,7 @@ def bench_square_root() -> Callable[[], Any]:
 
 def bench_unscented() -> Callable[[], Any]:
     """unscented, 27 points"""
-    from estimation.filters import unscented
+    from estimation.filters import unscented_kalman_filter
     from vtsdt.alignment.filter import TUNINGS, GuideFilter
 
     sensor, trip, samples, _ = _problem()
@@ -74,7 +74,7 @@ def bench_unscented() -> Callable[[], Any]:
     model, prior, quiet_noise = quiet.model(), quiet.prior(trip), quiet.run(trip).noise
 
     def work() -> None:
-        unscented(model, samples, quiet_noise, prior)
+        unscented_kalman_filter(model, samples, quiet_noise, prior)
 
     work()
     return work

@@ -16,7 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended, nees
+from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended_kalman_filter, nees
 from vtsdt.alignment.filter import DELTA, GuideFilter
 from vtsdt.alignment.trips import Trip
 from vtsdt.files.parameters import LiftParameters
@@ -100,7 +100,7 @@ def consistency_of(problem: Any, runs: int) -> tuple[Any, list[Any]]:
     estimates, truths = [], []
     for seed in range(runs):
         samples, truth = drawn(model, noise, prior, times, inputs, seed)
-        estimates.append(extended(model, samples, noise, prior, hold=True, keep="covariances"))
+        estimates.append(extended_kalman_filter(model, samples, noise, prior, hold=True, keep="covariances"))
         truths.append(truth)
     return nees(estimates, truths), [run.consistency() for run in estimates]
 
@@ -153,7 +153,7 @@ def plot_covariances(path: Path) -> list[str]:
     )  # fmt: skip
     prior = sensor.prior(trip)
     start = {k: v for k, v in dict(prior.state).items() if k != DELTA}
-    both = extended(
+    both = extended_kalman_filter(
         model, one.samples, Noise({**dict.fromkeys(sensor.system.state_names, 1e-8)}, {"z_c": 1e-8, "zdd_c": 1e-2}),
         Prior(start, dict.fromkeys(start, 1e-4)), once=True,
     )  # fmt: skip

@@ -1,54 +1,12 @@
-"""Kalman filters and smoothers for any compiled machine: states, unknown parameters, forces nobody measures.
+"""Kalman filters and smoothers for any compiled machine: states, unknown parameters, forces that are not measured.
 
-A :class:`FilterModel` says what is measured and what is unknown, :class:`Samples` what was read,
-:class:`Noise` and :class:`Prior` how much is trusted; :func:`extended` and :func:`unscented` filter,
-``run.smooth()`` looks back, :func:`virtual_sensors` gives outputs that nobody measures,
-:func:`consistency` and :func:`observability` say whether to believe it.
+A :class:`FilterModel` names the measured outputs and the unknowns, :class:`Samples` holds inputs and readings,
+:class:`Noise` and :class:`Prior` the covariances; :func:`extended_kalman_filter` and :func:`unscented_kalman_filter`
+return a :class:`FilterRun`, whose ``smooth()`` and ``consistency()`` follow; :func:`virtual_sensors` gives outputs that
+are not measured, :func:`observability` which states the readings determine.
+The public names stand in ``__init__.pyi`` and are imported on first use.  Takes from `multibody`.
 """
 
-from estimation.filters.consistency import Consistency, consistency, nees
-from estimation.filters.errors import FilterDivergence, FilterError
-from estimation.filters.extended import extended
-from estimation.filters.latent import Latent, Matern32, OrnsteinUhlenbeck, RandomWalk
-from estimation.filters.linear import LinearModel, kalman, rauch_tung_striebel
-from estimation.filters.model import FilterModel
-from estimation.filters.noise import Noise, Prior
-from estimation.filters.observability import Observability, observability
-from estimation.filters.run import Estimate, FilterRun, Smoothed
-from estimation.filters.samples import Channel, Samples
-from estimation.filters.smoother import smooth
-from estimation.filters.tuning import Tuned, tune
-from estimation.filters.unscented import unscented
-from estimation.filters.virtual import VirtualSensors, virtual_sensors
+import lazy_loader
 
-__all__ = [
-    "Channel",
-    "Consistency",
-    "Estimate",
-    "FilterDivergence",
-    "FilterError",
-    "FilterModel",
-    "FilterRun",
-    "Latent",
-    "LinearModel",
-    "Matern32",
-    "Noise",
-    "Observability",
-    "OrnsteinUhlenbeck",
-    "Prior",
-    "RandomWalk",
-    "Samples",
-    "Smoothed",
-    "Tuned",
-    "VirtualSensors",
-    "consistency",
-    "extended",
-    "kalman",
-    "nees",
-    "observability",
-    "rauch_tung_striebel",
-    "smooth",
-    "tune",
-    "unscented",
-    "virtual_sensors",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

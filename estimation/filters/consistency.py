@@ -1,4 +1,4 @@
-"""Whether a filter's own account of its errors holds: innovations that are white and as large as they say.
+"""Tests of a filter's innovations: whether they are white and as large as the filter predicts.
 
 Y. Bar-Shalom, X. R. Li, T. Kirubarajan: Estimation with Applications to Tracking and Navigation, Wiley 2001,
 section 5.4.
@@ -8,21 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from estimation.filters.errors import FilterError
 
-if TYPE_CHECKING:
-    from estimation.filters.run import Estimate, FilterRun
-
-__all__ = ["Consistency", "Nees", "consistency", "nees"]
+__all__ = ["Consistency", "innovation_tests"]
 
 _LAGS = 40
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Consistency:
     """Tests of a run's innovations.
 
@@ -31,9 +28,9 @@ class Consistency:
     level : float
         Of the bounds, such as 0.95.
     nis : float
-        Mean of the normalised innovation squared over the number of readings of an instant: 1 if all is well.
+        Mean of the normalised innovation squared over the number of readings of an instant: 1 if the assumptions hold.
     nis_bounds : tuple of float
-        Where it lies at the level if the assumptions hold.
+        Interval in which it lies at the level if the assumptions hold.
     means : dict of str to float
         Mean of each channel's normalised innovations, in standard deviations of that mean.
     autocorrelation : dict of str to ndarray
@@ -57,29 +54,29 @@ class Consistency:
         return low <= self.nis <= high and all(p >= 1.0 - self.level for p in self.whiteness.values())
 
     def sentences(self) -> list[str]:
-        """Return what the tests say, one sentence each, with what to do."""
+        """Return the outcome of each test as a sentence, with the remedy."""
         low, high = self.nis_bounds
-        told = []
+        sentences = []
         if self.nis > high:
-            told.append(
-                f"the innovations are larger than the filter says (NIS {self.nis:.3g}, within {low:.3f} to {high:.3f} "
-                "if the assumptions held): raise the process or measurement noise"
+            sentences.append(
+                f"the innovations are larger than the filter predicts (NIS {self.nis:.3g}, within {low:.3f} to "
+                f"{high:.3f} if the assumptions held): raise the process or measurement noise"
             )
         elif self.nis < low:
-            told.append(
-                f"the innovations are smaller than the filter says (NIS {self.nis:.3g}, within {low:.3f} to "
+            sentences.append(
+                f"the innovations are smaller than the filter predicts (NIS {self.nis:.3g}, within {low:.3f} to "
                 f"{high:.3f} if the assumptions held): its standard deviations are too wide"
             )
         else:
-            told.append(f"the innovations are as large as the filter says (NIS {self.nis:.3f})")
+            sentences.append(f"the innovations are as large as the filter predicts (NIS {self.nis:.3f})")
         for name, p in self.whiteness.items():
             if p < 1.0 - self.level:
                 rho = self.autocorrelation[name]
-                told.append(
+                sentences.append(
                     f"the innovations of '{name}' are not white (autocorrelation {rho[0]:.2f} at one sample): filtered "
                     "readings, or a dynamic effect that the model lacks"
                 )
-        return told
+        return sentences
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the autocorrelation of each channel with its bounds; returns the figure."""
@@ -103,25 +100,27 @@ class Consistency:
         return axes[0].figure
 
 
-def consistency(run: FilterRun, level: float = 0.95) -> Consistency:
-    """Test a run's innovations: their size (NIS), their mean, and whether they are white.
+def innovation_tests(normalised: np.ndarray, channels: Sequence[str], level: float = 0.95) -> Consistency:
+    """Test innovations: their size (NIS), their mean, and whether they are white.
 
     Parameters
     ----------
-    run : FilterRun
+    normalised : ndarray, shape (k, m)
+        Innovations over their standard deviations; NaN where nothing was read.
+    channels : sequence of str
+        Names of the m measured outputs.
     level : float
         Of the bounds.
     """
     from scipy.stats import chi2
 
-    normalised = run.normalised
     readings = int(np.isfinite(normalised).sum())
     if readings < 2:
         raise FilterError("consistency", ["the run has fewer than two readings"])
     total = float(np.nansum(normalised**2))
     bounds = chi2.ppf([0.5 - 0.5 * level, 0.5 + 0.5 * level], readings) / readings
-    means, rho, whiteness = {}, {}, {}
-    for column, name in enumerate(run.model.measured):
+    means, autocorrelation, whiteness = {}, {}, {}
+    for column, name in enumerate(channels):
         e = normalised[:, column]
         e = e[np.isfinite(e)]
         if e.size < 10:
@@ -130,63 +129,17 @@ def consistency(run: FilterRun, level: float = 0.95) -> Consistency:
         lags = min(_LAGS, e.size // 4)
         centred = e - e.mean()
         power = float(centred @ centred)
-        found = np.array([centred[k:] @ centred[:-k] for k in range(1, lags + 1)]) / max(power, 1e-300)
-        rho[name] = found
-        box = e.size * (e.size + 2) * float(np.sum(found**2 / (e.size - np.arange(1, lags + 1))))
+        rho = np.array([centred[k:] @ centred[:-k] for k in range(1, lags + 1)]) / max(power, 1e-300)
+        autocorrelation[name] = rho
+        box = e.size * (e.size + 2) * float(np.sum(rho**2 / (e.size - np.arange(1, lags + 1))))
         whiteness[name] = float(chi2.sf(box, lags))
     low, high = map(float, np.asarray(bounds))
-    return Consistency(level, total / readings, (low, high), means, rho, whiteness, len(normalised))
-
-
-@dataclass(frozen=True, eq=False)
-class Nees:
-    """Normalised estimation error squared over time, averaged over runs.
-
-    Parameters
-    ----------
-    times : ndarray, shape (k,), s
-    values : ndarray, shape (k,)
-        Mean over the runs, divided by the number of states: 1 if all is well.
-    bounds : tuple of float
-        Where an instant's value lies at the level.
-    inside : float
-        Share of the instants within them.
-    """
-
-    times: np.ndarray
-    values: np.ndarray
-    bounds: tuple[float, float]
-    inside: float
-
-
-def nees(
-    estimates: Sequence[Estimate], truths: Sequence[np.ndarray], states: Sequence[str] | None = None,
-    level: float = 0.95,
-) -> Nees:  # fmt: skip
-    """Compare estimates with the truth of simulated runs.
-
-    Parameters
-    ----------
-    estimates : sequence of Estimate
-        Independent runs with their covariances kept.
-    truths : sequence of ndarray, shape (k, n)
-        The true states (latent quantities as additions to their targets).
-    states : sequence of str, optional
-        Only these; default: all.
-    """
-    from scipy.stats import chi2
-
-    model = estimates[0].model
-    chosen = [model.index(name) for name in (states or model.state_names)]
-    total = np.zeros(len(estimates[0].times))
-    for estimate, truth in zip(estimates, truths, strict=True):
-        if estimate.covariances is None:
-            raise FilterError("nees", ['the covariances were not kept: run the filter with keep="covariances"'])
-        e = (estimate.states - truth)[:, chosen]
-        p = estimate.covariances[:, chosen][:, :, chosen]
-        total += np.einsum("ki,ki->k", e, np.linalg.solve(p, e[:, :, None])[:, :, 0])
-    dof = len(chosen) * len(estimates)
-    values = total / dof
-    low, high = (float(b) / dof for b in np.asarray(chi2.ppf([0.5 - 0.5 * level, 0.5 + 0.5 * level], dof)))
-    inside = float(np.mean((values >= low) & (values <= high)))
-    return Nees(estimates[0].times, values, (low, high), inside)
+    return Consistency(
+        level=level,
+        nis=total / readings,
+        nis_bounds=(low, high),
+        means=means,
+        autocorrelation=autocorrelation,
+        whiteness=whiteness,
+        count=len(normalised),
+    )

@@ -1,4 +1,4 @@
-"""What is not known and changes: parameters that wander, forces that nobody measures.
+"""Latent quantities: parameters that change over time, forces that are not measured.
 
 A latent quantity adds to inputs or parameters of a machine and obeys a small linear equation of its own,
 ż = A z + w, whose first state is what is added.
@@ -21,7 +21,7 @@ __all__ = ["Latent", "Matern32", "OrnsteinUhlenbeck", "RandomWalk"]
 
 @dataclass(frozen=True)
 class Latent:
-    """A quantity that is estimated beside the states; see the subclasses for how it moves.
+    """A quantity that is estimated together with the states; see the subclasses for how it moves.
 
     Parameters
     ----------
@@ -186,23 +186,23 @@ class Matern32(Latent):
         return np.diag([self.std**2, (k * self.std) ** 2])
 
 
-def readouts(system: System, latents: tuple[Latent, ...]) -> tuple[list[tuple[int, int, int, float]], list[str]]:
+def latent_readouts(system: System, latents: tuple[Latent, ...]) -> tuple[list[tuple[int, int, int, float]], list[str]]:
     """Return (latent state, kind 0 input or 1 parameter, index, factor) for each target, and faults."""
     from multibody.base.spelling import nearest
 
-    found, faults, at = [], [], len(system.states)
+    readouts, faults, at = [], [], len(system.states)
     delays = set(system.input_delays.values())
     known = [*system.input_names, *system.parameter_names]
     for latent in latents:
         for name, weight in latent.weights.items():
             if name in system.input_names:
-                found.append((at, 0, system.input_names.index(name), float(weight)))
+                readouts.append((at, 0, system.input_names.index(name), float(weight)))
             elif name in system.parameter_names:
                 index = system.parameter_names.index(name)
                 if index in delays:
                     faults.append(f"'{name}' delays an input and cannot be a latent quantity: calibrate it instead")
-                found.append((at, 1, index, float(weight)))
+                readouts.append((at, 1, index, float(weight)))
             else:
                 faults.append(f"'{system.name}' has no input or parameter '{name}'{nearest(name, known)}")
         at += len(latent.drift)
-    return found, faults
+    return readouts, faults

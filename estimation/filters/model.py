@@ -1,4 +1,4 @@
-"""A machine as a filter sees it: measured channels, latent quantities, exact or central derivatives."""
+"""The model of a filter: a machine, its measured outputs, latent quantities, exact or central derivatives."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from estimation.filters.errors import FilterError
-from estimation.filters.latent import Latent, readouts
+from estimation.filters.latent import Latent, latent_readouts
 
 if TYPE_CHECKING:
-    from estimation.filters.samples import Samples
     from multibody.machine.model import System
 
 __all__ = ["FilterModel"]
@@ -22,7 +21,7 @@ _CUBE_ROOT_OF_ROUNDING = 6e-6
 
 
 class FilterModel:
-    """States of a machine and latent quantities as one state, z = [x, latent], and what is measured of it.
+    """States of a machine and latent quantities as one state, z = [x, latent], with the measured outputs.
 
     Parameters
     ----------
@@ -31,7 +30,7 @@ class FilterModel:
     measured : sequence of str
         Outputs that are measured, in the order of the readings.
     latents : sequence of Latent
-        Quantities that are estimated beside the states.
+        Quantities that are estimated together with the states.
     parameters : mapping or ndarray, optional
         Values that differ from the machine's own.
     jacobian : {"exact", "central"}
@@ -40,9 +39,9 @@ class FilterModel:
         Steps of the central differences by state; default: 6e-6 of the state's size at the start, at least
         6e-6 of one unit.
     bounds : mapping of str to (float, float), optional
-        Range that the estimate of a state may not leave: it is set back onto it after a reading.  For where a
-        machine no longer reacts to a quantity, so that no reading would bring it back.  A latent parameter's
-        bounds are those of its value.
+        Range of a state: after a reading its estimate is set back to the nearer bound.  Needed where a machine no
+        longer reacts to a quantity, so that no reading would bring it back.  A latent parameter's bounds are those
+        of its value.
 
     Raises
     ------
@@ -81,7 +80,7 @@ class FilterModel:
         self.latents = tuple(latents)
         self.p = system.parameter_vector(parameters)
         self.jacobian = jacobian
-        self.readouts, faults = readouts(system, self.latents)
+        self.readouts, faults = latent_readouts(system, self.latents)
         self.state_names: tuple[str, ...] = (
             *system.state_names,
             *(name for latent in self.latents for name in latent.state_names),
@@ -144,17 +143,17 @@ class FilterModel:
         states = {q.variable: k for k, q in enumerate(system.states)}
         rates = dict(re.findall(r"^ {4}dx\[(\d+)\] = (\w+)$", system.texts["rhs"], re.MULTILINE))
         by_rate = {variable: int(k) for k, variable in rates.items()}
-        found = []
+        channels = []
         for name in self.measured:
             index = system.index("output", name)
             variable = system.outputs[index].variable
             if variable in states:
-                found.append((0, states[variable]))
+                channels.append((0, states[variable]))
             elif variable in by_rate:
-                found.append((1, by_rate[variable]))
+                channels.append((1, by_rate[variable]))
             else:
-                found.append((2, index))
-        return found
+                channels.append((2, index))
+        return channels
 
     def index(self, name: str) -> int:
         """Return the position of a state.
@@ -180,7 +179,7 @@ class FilterModel:
         return self.system.unit(name)
 
     def nominal(self, name: str) -> float:
-        """Return what a latent quantity adds to: the parameter's value, or zero for an input."""
+        """Return the value that a latent quantity adds to: the parameter's, or zero for an input."""
         for latent in self.latents:
             if name == latent.name and isinstance(latent.target, str) and latent.target in self.system.parameter_names:
                 return float(self.p[self.system.index("parameter", latent.target)])
@@ -195,10 +194,6 @@ class FilterModel:
         for state, kind, index, weight in self.readouts:
             (u if kind == 0 else p)[index, state] = weight
         return x, u, p
-
-    def bundle(self) -> Bundle:
-        """Return what the compiled loops need."""
-        return Bundle(self)
 
     def __repr__(self) -> str:
         latent = f" + {self.n - len(self.system.states)} latent" if self.latents else ""
@@ -215,83 +210,3 @@ def _blocks(parts: list[np.ndarray]) -> np.ndarray:
         out[at : at + len(part), at : at + len(part)] = part
         at += len(part)
     return out
-
-
-class Bundle:
-    """Numbers and addresses of a model for one run, with the arrays that they point into."""
-
-    def __init__(self, model: FilterModel):
-        from estimation.filters.kernels import layout as at
-        from multibody.compile.several_directions import along_directions
-        from multibody.system.narrow_features import step_limits
-
-        system, n = model.system, model.n
-        exact = model.jacobian == "exact"
-        kinds = np.array([kind for kind, _ in model.channels], dtype=np.int64)
-        generic = bool(np.any(kinds == 2))
-        n_y = len(system.outputs)
-        column = max(n, n_y)
-        reads = model.readouts
-        arrays = {
-            at.P_0: model.p,
-            at.P: model.p.copy(),
-            at.U: np.zeros(len(system.inputs)),
-            at.DRIFT: np.ascontiguousarray(model.drift),
-            at.READ_STATE: np.array([r[0] for r in reads], dtype=np.int64),
-            at.READ_KIND: np.array([r[1] for r in reads], dtype=np.int64),
-            at.READ_INDEX: np.array([r[2] for r in reads], dtype=np.int64),
-            at.READ_WEIGHT: np.array([r[3] for r in reads], dtype=float),
-            at.CHANNEL_KIND: kinds,
-            at.CHANNEL_INDEX: np.array([index for _, index in model.channels], dtype=np.int64),
-            at.X_DOT: np.zeros(len(system.states)),
-            at.U_DOT: np.zeros(len(system.inputs)),
-            at.P_DOT: np.zeros(len(model.p)),
-            at.Y: np.zeros(column),
-            at.STEPS: model.steps,
-            at.A: np.zeros(column),
-            at.B: np.zeros(column),
-            at.BALANCE: np.ones(n),
-            at.LOW: model.bounds[:, 0].copy(),
-            at.HIGH: model.bounds[:, 1].copy(),
-        }
-        functions = {at.RHS: system.rhs_function}
-        limits = step_limits(system, model.p)
-        if limits.widths:
-            functions[at.SPEEDS] = system.speeds_function
-            arrays[at.WIDTHS] = np.array([limits.widths.get(n, np.inf) for n in system.speed_names])
-            arrays[at.PACES] = np.zeros(len(system.speed_names))
-        if generic:
-            functions[at.OUT] = system.outputs_function
-        if exact:
-            functions[at.RHS_T] = system.rhs_tangent
-            if generic:
-                functions[at.OUT_T] = system.outputs_tangent
-            wide = {at.RHS_W: along_directions(functions[at.RHS_T], model.ld)}
-            if generic:
-                wide[at.OUT_W] = along_directions(functions[at.OUT_T], model.ld)
-            functions |= {index: function for index, function in wide.items() if function is not None}
-            arrays |= dict(zip((at.X_WIDE, at.U_WIDE, at.P_WIDE), model.directions, strict=True))
-        numbers = np.zeros(at.SIZE, dtype=np.int64)
-        for index, function in functions.items():
-            numbers[index] = function.address
-        for index, array in arrays.items():
-            numbers[index] = array.__array_interface__["data"][0]
-        numbers[at.N], numbers[at.ALL], numbers[at.LD] = len(system.states), n, model.ld
-        numbers[at.N_U], numbers[at.N_P], numbers[at.N_Y] = len(system.inputs), len(model.p), n_y
-        self.largest_step = limits.largest_step
-        numbers[at.N_SPEEDS] = len(system.speed_names) if limits.widths else 0
-        numbers[at.M], numbers[at.N_READ] = len(model.measured), len(reads)
-        numbers[at.EXACT], numbers[at.GENERIC] = int(exact), int(generic)
-        self.numbers = numbers
-        self._functions = tuple(functions.values())
-        self._arrays = arrays
-
-    def least(self, substeps: int, samples: Samples) -> int:
-        """Return the least steps between two samples, so that none is longer than the machine's largest step."""
-        apart = np.max(np.diff(samples.times), initial=0.0)
-        return max(substeps, int(np.ceil(apart / self.largest_step)))
-
-    def check(self) -> None:
-        """Raise what a plain Python function raised while compiled code called it."""
-        for function in self._functions:
-            function.check()

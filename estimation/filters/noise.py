@@ -1,4 +1,4 @@
-"""How much a filter trusts the model and the readings: Q, R, and the state at the start."""
+"""Covariances of process and measurement noise, Q and R, and the state at the start."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from estimation.filters.model import FilterModel
 
 __all__ = ["Noise", "Prior"]
 
-_KINDS = ("density", "density_times_step", "per_step")
+_KINDS = ("density", "density_times_step", "per_step")  # INTEGRATED, TIMES_STEP, PER_STEP of the kernels
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +35,11 @@ class Noise:
     process: Mapping[str, float] | np.ndarray
     measurement: Mapping[str, float] | np.ndarray
     kind: Literal["density", "density_times_step", "per_step"] = "density"
+
+    @property
+    def code(self) -> int:
+        """Number of the kind in the compiled filters (`estimation.filters.kernels.layout`)."""
+        return _KINDS.index(self.kind)
 
     def of(self, model: FilterModel) -> tuple[np.ndarray, np.ndarray]:
         """Return Q, shape (n, n), and the diagonal of R, shape (m,), for a model.

@@ -1,4 +1,4 @@
-"""What a filter or a smoother returns: states with their deviations, innovations, likelihood."""
+"""The results of filters and smoothers: states with their deviations, innovations, likelihood."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimation.filters.consistency import Consistency, innovation_tests
+from estimation.filters.errors import FilterError
 from estimation.filters.model import FilterModel
+from estimation.filters.noise import Noise
 from estimation.filters.samples import Samples
+from estimation.filters.smoother import backward_pass, smoother_gains
 
 if TYPE_CHECKING:
     import pandas
 
-    from estimation.filters.consistency import Consistency
-    from estimation.filters.noise import Noise
-
 __all__ = ["Estimate", "FilterRun", "Smoothed"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Estimate:
     """States over time with their variances.
 
@@ -69,7 +70,7 @@ class Estimate:
         """Draw states over time with twice their standard deviation, one panel each; returns the figure."""
         import matplotlib.pyplot as plt
 
-        latent = [n for each in self.model.latents for n in each.state_names[:1]]
+        latent = [n for quantity in self.model.latents for n in quantity.state_names[:1]]
         chosen = list(names) if names is not None else (latent or list(self.model.state_names))
         if axes is None:
             height = 1.8 * len(chosen) + 0.6
@@ -89,7 +90,7 @@ class Estimate:
         return axes[0].figure
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FilterRun(Estimate):
     """The result of a filter.
 
@@ -108,7 +109,7 @@ class FilterRun(Estimate):
     refused : int
         Readings that the gate kept out.
     kept : dict of ndarray
-        Predicted covariances, transitions and rows of the readings, if everything was kept.
+        Predicted covariances, transition matrices and rows of the readings, if everything was kept.
     """
 
     noise: Noise = field(repr=False)
@@ -128,20 +129,81 @@ class FilterRun(Estimate):
         total = np.nansum(squares, axis=1)
         return np.where(np.isnan(squares).all(axis=1), np.nan, total)
 
-    def consistency(self, level: float = 0.95) -> Consistency:
-        """Return the tests of the innovations; see `estimation.filters.consistency`."""
-        from estimation.filters.consistency import consistency
+    @classmethod
+    def from_rows(
+        cls,
+        model: FilterModel,
+        samples: Samples,
+        noise: Noise,
+        states: np.ndarray,
+        innovations: np.ndarray,
+        *,
+        covariances: np.ndarray | None,
+        log_likelihood: float,
+        method: str,
+        refused: int = 0,
+        kept: dict[str, np.ndarray] | None = None,
+    ) -> FilterRun:
+        """Return the run whose compiled filter wrote these rows.
 
-        return consistency(self, level)
+        Parameters
+        ----------
+        model, samples, noise
+        states : ndarray, shape (k, 3 n)
+            Predicted states, states, variances.
+        innovations : ndarray, shape (k, 3 m)
+            Innovations, their variances, normalised innovations.
+        covariances, log_likelihood, method, refused, kept
+            As the fields.
+        """
+        predicted, filtered, variances = np.moveaxis(states.reshape(len(states), 3, -1), 1, 0)
+        difference, variance, normalised = np.moveaxis(innovations.reshape(len(innovations), 3, -1), 1, 0)
+        return cls(
+            model=model,
+            samples=samples,
+            states=filtered,
+            variances=variances,
+            noise=noise,
+            predicted=predicted,
+            innovations=difference,
+            innovation_variances=variance,
+            normalised=normalised,
+            covariances=covariances,
+            log_likelihood=log_likelihood,
+            method=method,
+            refused=refused,
+            kept=kept or {},
+        )
+
+    def consistency(self, level: float = 0.95) -> Consistency:
+        """Test the innovations: their size (NIS), their mean, and whether they are white."""
+        return innovation_tests(self.normalised, self.model.measured, level)
 
     def smooth(self) -> Smoothed:
-        """Return the states given all readings; the run must have kept everything.
+        """Return the states and covariances given all readings, by Rauch, Tung and Striebel.
 
-        See `estimation.filters.smoother.smooth`.
+        Raises
+        ------
+        FilterError
+            If the run is not one of `extended_kalman_filter` with ``keep="everything"``.
         """
-        from estimation.filters.smoother import smooth
-
-        return smooth(self)
+        if "transitions" not in self.kept or self.covariances is None:
+            raise FilterError(
+                "smoother",
+                ['the filter did not keep its transitions: run extended_kalman_filter(…, keep="everything")'],
+            )
+        predicted = self.kept["predicted"]
+        gains = smoother_gains(self.covariances, predicted, self.kept["transitions"])
+        states, covariances = backward_pass(self.states, self.covariances, self.predicted, predicted, gains)
+        variances = np.ascontiguousarray(np.diagonal(covariances, axis1=1, axis2=2))
+        return Smoothed(
+            model=self.model,
+            samples=self.samples,
+            states=states,
+            variances=variances,
+            covariances=covariances,
+            gains=gains,
+        )
 
     def __repr__(self) -> str:
         rows = int(np.isfinite(self.innovations).any(axis=1).sum())
@@ -151,7 +213,7 @@ class FilterRun(Estimate):
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Smoothed(Estimate):
     """States given all readings, by Rauch, Tung and Striebel.
 

@@ -1,4 +1,4 @@
-"""Looking back: the Rauch–Tung–Striebel smoother, on the linearisations of the extended filter.
+"""The Rauch–Tung–Striebel smoother, from what a filter kept.
 
 H. E. Rauch, F. Tung, C. T. Striebel: Maximum likelihood estimates of linear dynamic systems, AIAA J. 3 (1965).
 """
@@ -7,32 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimation.filters.errors import FilterError
-from estimation.filters.run import FilterRun, Smoothed
-
-__all__ = ["smooth"]
-
-
-def smooth(run: FilterRun) -> Smoothed:
-    """Return states and covariances given all readings.
-
-    Parameters
-    ----------
-    run : FilterRun
-        Of `extended` with ``keep="everything"``.
-
-    Raises
-    ------
-    FilterError
-        If the run did not keep what is needed.
-    """
-    if "transitions" not in run.kept or run.covariances is None:
-        raise FilterError("smoother", ['the filter did not keep its transitions: run extended(…, keep="everything")'])
-    predicted, transitions = run.kept["predicted"], run.kept["transitions"]
-    gains = smoother_gains(run.covariances, predicted, transitions)
-    states, covariances = backwards(run.states, run.covariances, run.predicted, predicted, gains)
-    variances = np.ascontiguousarray(np.diagonal(covariances, axis1=1, axis2=2))
-    return Smoothed(run.model, run.samples, states, variances, covariances, gains)
+__all__ = ["backward_pass", "smoother_gains"]
 
 
 def smoother_gains(covariances: np.ndarray, predicted: np.ndarray, transitions: np.ndarray) -> np.ndarray:
@@ -53,10 +28,10 @@ def smoother_gains(covariances: np.ndarray, predicted: np.ndarray, transitions: 
     return np.swapaxes(solved / scale[:, :, None], 1, 2)
 
 
-def backwards(
+def backward_pass(
     states: np.ndarray, covariances: np.ndarray, ahead: np.ndarray, ahead_covariances: np.ndarray, gains: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return smoothed states and covariances from filtered and predicted ones."""
+    """Return smoothed states and covariances from filtered and predicted (``ahead``) ones."""
     x, p = states.copy(), covariances.copy()
     for k in range(len(x) - 2, -1, -1):
         c = gains[k]

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from estimation.filters.errors import FilterError
-from estimation.filters.extended import extended
+from estimation.filters.errors import FilterDivergence, FilterError
+from estimation.filters.extended_kalman import extended_kalman_filter
 from estimation.filters.model import FilterModel
 from estimation.filters.noise import Noise, Prior
 from estimation.filters.run import FilterRun
@@ -27,7 +27,7 @@ __all__ = ["Tuned", "tune"]
 _DECADES = 8.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Tuned:
     """Noise that fits the records.
 
@@ -87,7 +87,7 @@ def tune(
     progress : callable, optional
         Takes a line of text.
     options
-        Further arguments of `extended`.
+        Further arguments of `extended_kalman_filter`.
 
     Raises
     ------
@@ -111,11 +111,18 @@ def tune(
     readings = [model.measured.index(name) for name in measurement]
     say = progress or (lambda text: None)
     work = _likelihood if method == "likelihood" else _expectation
-    found, told, message = work(model, records, noise, q, r, states, readings, prior, steps, say, options)
-    new_q, new_r = found.of(model)
+    tuned, log_likelihoods, message = work(model, records, noise, q, r, states, readings, prior, steps, say, options)
+    new_q, new_r = tuned.of(model)
     values = [(q[i, i], new_q[i, i]) for i in states] + [(r[j], new_r[j]) for j in readings]
     names = (*(f"process {n}" for n in process), *(f"measurement {n}" for n in measurement))
-    return Tuned(found, noise, names, tuple(told), message, tuple((float(a), float(b)) for a, b in values))
+    return Tuned(
+        noise=tuned,
+        given=noise,
+        names=names,
+        log_likelihoods=tuple(log_likelihoods),
+        message=message,
+        _values=tuple((float(a), float(b)) for a, b in values),
+    )
 
 
 def _with(noise: Noise, q: np.ndarray, r: np.ndarray) -> Noise:
@@ -135,43 +142,45 @@ def _likelihood(
 ) -> tuple[Noise, list[float], str]:  # fmt: skip
     from scipy.optimize import minimize
 
-    from estimation.filters.errors import FilterDivergence
-
     count = sum(record.count for record in records)
 
     def cost(logarithms: np.ndarray) -> float:
         trial = _with(noise, *_moved(q, r, states, readings, np.exp(logarithms)))
         try:
-            total = sum(extended(model, record, trial, prior, **options).log_likelihood for record in records)
+            total = sum(
+                extended_kalman_filter(model, record, trial, prior, **options).log_likelihood for record in records
+            )
         except FilterDivergence:
             return 1e6
         return -total / count if np.isfinite(total) else 1e6
 
     start = np.zeros(len(states) + len(readings))
-    told = [-cost(start) * count]
+    log_likelihoods = [-cost(start) * count]
 
-    def each(logarithms: np.ndarray) -> None:
-        told.append(-cost(logarithms) * count)
-        say(f"tuning, step {len(told) - 1}: log likelihood {told[-1]:.6g}")
+    def note(logarithms: np.ndarray) -> None:
+        log_likelihoods.append(-cost(logarithms) * count)
+        say(f"tuning, step {len(log_likelihoods) - 1}: log likelihood {log_likelihoods[-1]:.6g}")
 
     reach = _DECADES * np.log(10.0)
     done: Any = minimize(  # type: ignore[call-overload]
-        cost, start, method="L-BFGS-B", bounds=[(-reach, reach)] * start.size, callback=each,
+        cost, start, method="L-BFGS-B", bounds=[(-reach, reach)] * start.size, callback=note,
         options={"maxiter": steps, "eps": 1e-3},
     )  # fmt: skip
-    return _with(noise, *_moved(q, r, states, readings, np.exp(done.x))), told, str(done.message)
+    return _with(noise, *_moved(q, r, states, readings, np.exp(done.x))), log_likelihoods, str(done.message)
 
 
 def _expectation(
     model: FilterModel, records: list[Samples], noise: Noise, q: np.ndarray, r: np.ndarray, states: list[int],
     readings: list[int], prior: Prior | None, steps: int, say: Callable[[str], Any], options: dict[str, Any],
 ) -> tuple[Noise, list[float], str]:  # fmt: skip
-    now, told, message = _with(noise, q, r), [], "the number of steps is used up"
+    now, log_likelihoods, message = _with(noise, q, r), [], "the number of steps is used up"
     for step in range(steps + 1):
-        runs = [extended(model, record, now, prior, keep="everything", **options) for record in records]
-        told.append(sum(run.log_likelihood for run in runs))
-        say(f"tuning, step {step}: log likelihood {told[-1]:.6g}")
-        if len(told) > 2 and abs(told[-1] - told[-2]) < 1e-6 * max(abs(told[-1]), 1.0):
+        runs = [extended_kalman_filter(model, record, now, prior, keep="everything", **options) for record in records]
+        log_likelihoods.append(sum(run.log_likelihood for run in runs))
+        say(f"tuning, step {step}: log likelihood {log_likelihoods[-1]:.6g}")
+        if len(log_likelihoods) > 2 and abs(log_likelihoods[-1] - log_likelihoods[-2]) < 1e-6 * max(
+            abs(log_likelihoods[-1]), 1.0
+        ):
             message = "the likelihood no longer grows"
             break
         if step == steps:
@@ -190,7 +199,7 @@ def _expectation(
         for j in readings:
             r[j] = max(float(new_r[j]), 1e-300)
         now = _with(noise, q, r)
-    return now, told, message
+    return now, log_likelihoods, message
 
 
 def _moments(run: FilterRun) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:

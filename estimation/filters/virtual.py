@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["VirtualSensors", "virtual_sensors"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class VirtualSensors:
     """Quantities that were not measured, over time.
 
@@ -50,8 +50,8 @@ class VirtualSensors:
 
         data = {}
         for k, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            told = f" [{unit}]" if unit else ""
-            data[f"{name}{told}"], data[f"std of {name}{told}"] = self.values[:, k], self.stds[:, k]
+            label = f"{name} [{unit}]" if unit else name
+            data[label], data[f"std of {label}"] = self.values[:, k], self.stds[:, k]
         return pandas.DataFrame(data, index=pandas.Index(self.times, name="time [s]"))
 
     def plot(self, axes: Any = None) -> Any:
@@ -126,4 +126,4 @@ def virtual_sensors(run: FilterRun, names: Sequence[str], every: int = 1) -> Vir
         h = slopes[chosen, : model.n]
         stds[at] = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", h, run.covariances[k], h), 0.0))
     units = tuple(system.unit(name) for name in names)
-    return VirtualSensors(tuple(names), units, np.array(run.times)[::every], values, stds)
+    return VirtualSensors(names=tuple(names), units=units, times=np.array(run.times)[::every], values=values, stds=stds)

@@ -7,7 +7,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended, nees, observability
+from estimation.filters import (
+    FilterModel,
+    Noise,
+    Prior,
+    RandomWalk,
+    Samples,
+    extended_kalman_filter,
+    nees,
+    observability,
+)
 from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
 from vtsdt.alignment.rehearsal import plain_trip
 from vtsdt.files.parameters import LiftParameters
@@ -73,7 +82,7 @@ def test_nees_and_nis_of_the_cabins_filter_lie_within_their_bounds(sensor, prior
     runs, truths = [], []
     for seed in range(16):
         samples, truth = drawn(sensor, prior, seed)
-        runs.append(extended(model, samples, noise, prior, hold=True, keep="covariances"))
+        runs.append(extended_kalman_filter(model, samples, noise, prior, hold=True, keep="covariances"))
         truths.append(truth)
     found = nees(runs, truths)
     low, high = found.bounds
@@ -102,7 +111,7 @@ def test_an_error_of_the_tension_cannot_be_told_from_friction_on_one_trip(sensor
         names = {name.rpartition(".")[2]: name for name in sensor.system.state_names}
         process = {names[k]: v for k, v in sensor.tuning.process.items() if k != "delta"}
         noise = Noise(process, {"z_c": 1e-8, "zdd_c": 1e-2})
-        run = extended(model, samples, noise, sensor.prior(trip), once=True, keep="everything")
+        run = extended_kalman_filter(model, samples, noise, sensor.prior(trip), once=True, keep="everything")
         cruising = slice(len(trip.time) // 3, 2 * len(trip.time) // 3)
         told[count] = observability(run, window=400, instants=20, part=cruising)
     assert told[1].detectable

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended
+from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended_kalman_filter
 from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
 from vtsdt.alignment.trips import Trip
 from vtsdt.files.parameters import LiftParameters
@@ -29,9 +29,9 @@ def problem():
 
 def test_all_directions_at_once_give_what_one_after_another_gives(problem, monkeypatch):
     sensor, samples, noise, prior = problem
-    fast = extended(sensor.model(), samples, noise, prior, keep="covariances")
+    fast = extended_kalman_filter(sensor.model(), samples, noise, prior, keep="covariances")
     monkeypatch.setattr("multibody.compile.several_directions.along_directions", lambda tangent, count: None)
-    slow = extended(sensor.model(), samples, noise, prior, keep="covariances")
+    slow = extended_kalman_filter(sensor.model(), samples, noise, prior, keep="covariances")
     assert np.abs(fast[DELTA] - slow[DELTA]).max() < 1e-9
     assert np.abs(fast.states - slow.states).max() < 1e-8
     scale = np.sqrt(np.einsum("ki,kj->kij", slow.variances, slow.variances))
@@ -46,14 +46,14 @@ def test_central_differences_give_what_exact_derivatives_give(problem):
         exact.system, exact.measured, exact.latents, jacobian="central",
         bounds={DELTA: tuple(exact.bounds[exact.index(DELTA)] + exact.nominal(DELTA))},
     )  # fmt: skip
-    a, b = (extended(model, samples, noise, prior) for model in (exact, central))
+    a, b = (extended_kalman_filter(model, samples, noise, prior) for model in (exact, central))
     assert np.abs(a[DELTA] - b[DELTA]).max() < 1e-7
 
 
 def test_one_linearisation_a_sample_gives_what_two_give(problem):
     """As `vtsdt align` takes it: δ to 2 % of its own standard deviation in the root mean square."""
     sensor, samples, noise, prior = problem
-    two, one = (extended(sensor.model(), samples, noise, prior, once=once) for once in (False, True))
+    two, one = (extended_kalman_filter(sensor.model(), samples, noise, prior, once=once) for once in (False, True))
     off = np.sqrt(np.mean(((one[DELTA] - two[DELTA]) / two.std(DELTA)) ** 2))
     assert off < 0.02
 
@@ -76,6 +76,6 @@ def test_outputs_that_are_no_states_are_differentiated_at_once_too(monkeypatch):
         joint, Samples(times, np.zeros((200, 0)), y), Noise({"body.velocity": 1e-6}, {"spring.energy": 1e-6}),
         Prior({"body.position": 0.1}, {"body.position": 0.01, "body.velocity": 0.1}),
     )  # fmt: skip
-    fast = extended(*given)
+    fast = extended_kalman_filter(*given)
     monkeypatch.setattr("multibody.compile.several_directions.along_directions", lambda tangent, count: None)
-    np.testing.assert_allclose(fast.states, extended(*given).states, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(fast.states, extended_kalman_filter(*given).states, rtol=1e-12, atol=1e-14)

@@ -13,12 +13,11 @@ from estimation.filters import (
     Prior,
     RandomWalk,
     Samples,
-    consistency,
-    extended,
+    extended_kalman_filter,
     nees,
     observability,
     tune,
-    unscented,
+    unscented_kalman_filter,
 )
 
 STEP = 0.01
@@ -99,9 +98,9 @@ def test_nees_and_nis_lie_within_their_bounds_where_the_assumptions_hold(system,
     for seed in range(40):
         samples, truth, _ = stochastic(system, seed, 300, stiffness_rate=0.04)
         if method == "extended":
-            runs.append(extended(model, samples, noise, PRIOR, hold=True, keep="covariances"))
+            runs.append(extended_kalman_filter(model, samples, noise, PRIOR, hold=True, keep="covariances"))
         else:
-            runs.append(unscented(model, samples, noise, PRIOR, hold=True, covariances=True))
+            runs.append(unscented_kalman_filter(model, samples, noise, PRIOR, hold=True, covariances=True))
         truths.append(truth)
     found = nees(runs, truths)
     # Instants are correlated, so the share inside wanders about 95 %; the mean over time is near one.
@@ -121,7 +120,7 @@ def test_nees_over_all_runs_lies_within_its_bounds_at_single_instants(system):
     runs, truths = [], []
     for seed in range(100, 140):
         samples, truth, _ = stochastic(system, seed, 201, stiffness_rate=0.04)
-        runs.append(extended(model, samples, noise, PRIOR, hold=True, keep="covariances"))
+        runs.append(extended_kalman_filter(model, samples, noise, PRIOR, hold=True, keep="covariances"))
         truths.append(truth)
     found = nees(runs, truths)
     low, high = found.bounds
@@ -132,17 +131,18 @@ def test_a_filter_that_trusts_its_model_too_much_is_found_out(system):
     model, _ = joint(system)
     samples, _, _ = stochastic(system, 1, stiffness_rate=0.04)
     vain = Noise({"body.position": 1e-13, "body.velocity": 1e-9}, {"body.position": 1e-8}, "per_step")
-    said = consistency(extended(model, samples, vain, PRIOR, hold=True))
+    said = extended_kalman_filter(model, samples, vain, PRIOR, hold=True).consistency()
     assert not said.consistent
-    assert any("larger than the filter says" in sentence for sentence in said.sentences())
+    assert any("larger than the filter predicts" in sentence for sentence in said.sentences())
     shy = Noise({"body.position": 1e-5, "body.velocity": 1e-1}, {"body.position": 1e-5}, "per_step")
-    assert any("smaller than" in s for s in consistency(extended(model, samples, shy, PRIOR, hold=True)).sentences())
+    said = extended_kalman_filter(model, samples, shy, PRIOR, hold=True).consistency()
+    assert any("smaller than" in s for s in said.sentences())
 
 
 def test_constant_parameter_is_found_and_smoothing_narrows_it(system):
     model, noise = joint(system, rate=0.0)
     samples, truth, _ = stochastic(system, 7, 1500)
-    run = extended(model, samples, noise, PRIOR, hold=True, keep="everything")
+    run = extended_kalman_filter(model, samples, noise, PRIOR, hold=True, keep="everything")
     true = 80.0 + truth[-1, 2]
     assert abs(run["spring.stiffness"][-1] - true) < 3.0 * run.std("spring.stiffness")[-1]
     assert run.std("spring.stiffness")[-1] < 1.0
@@ -157,8 +157,8 @@ def test_unscented_and_extended_agree_where_the_machine_is_nearly_linear(system)
     model, noise = joint(system)
     samples, _, _ = stochastic(system, 3, stiffness_rate=0.04)
     narrow = Prior({"body.position": 0.02}, {"body.position": 1e-4, "body.velocity": 1e-3, "spring.stiffness": 1.0})
-    a = extended(model, samples, noise, narrow, hold=True)
-    b = unscented(model, samples, noise, narrow, hold=True)
+    a = extended_kalman_filter(model, samples, noise, narrow, hold=True)
+    b = unscented_kalman_filter(model, samples, noise, narrow, hold=True)
     for name in model.state_names:
         assert np.abs(a[name] - b[name]).max() < 0.05 * a.std(name)[50:].max()
 
@@ -182,7 +182,7 @@ def test_a_force_that_nobody_measures_comes_out(system, latent):
     rng = np.random.default_rng(0)
     readings = run["body.position"][:, None] + 2e-5 * rng.standard_normal((times.size, 1))
     model = FilterModel(system, ["body.position"], [latent])
-    found = extended(
+    found = extended_kalman_filter(
         model, Samples(times, np.column_stack([force, np.zeros(times.size)]), readings),
         Noise({"body.velocity": 1e-8}, {"body.position": 4e-10}), Prior(std={"body.velocity": 0.1}), keep="everything",
     )  # fmt: skip
@@ -218,14 +218,14 @@ def test_what_the_sensors_cannot_tell_is_named(system):
     model = FilterModel(system, ["body.position"], twins)
     samples, _, _ = stochastic(system, 5, 900)
     noise = Noise({"body.velocity": 1e-5}, {"body.position": 1e-8})
-    seen = observability(extended(model, samples, noise, keep="everything"), window=200)
+    seen = observability(extended_kalman_filter(model, samples, noise, keep="everything"), window=200)
     assert not seen.detectable
     assert seen.rank == 3
     assert {name for name, _ in seen.undetectable[0].states} == {"one", "other"}
     assert not seen.bounded("one")
     assert seen.bounded("body.position")
     alone = FilterModel(system, ["body.position"], twins[:1])
-    seen = observability(extended(alone, samples, noise, keep="everything"), window=200)
+    seen = observability(extended_kalman_filter(alone, samples, noise, keep="everything"), window=200)
     assert seen.detectable
     assert seen.rank == 3
     assert seen.bounded("one")
@@ -237,7 +237,7 @@ def test_gate_keeps_wild_readings_out(system):
     wild = samples.readings.copy()
     wild[::50, 0] += 0.5
     spoiled = Samples(samples.times, samples.inputs, wild)
-    open_, gated = (extended(model, spoiled, noise, PRIOR, hold=True, gate=g) for g in (None, 5.0))
+    open_, gated = (extended_kalman_filter(model, spoiled, noise, PRIOR, hold=True, gate=g) for g in (None, 5.0))
     assert gated.refused == 12
     away = [np.abs(run["body.position"] - truth[:, 0]).max() for run in (open_, gated)]
     assert away[1] < 0.01 * away[0]

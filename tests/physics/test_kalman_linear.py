@@ -13,12 +13,12 @@ from estimation.filters import (
     Prior,
     RandomWalk,
     Samples,
-    extended,
-    kalman,
+    extended_kalman_filter,
+    kalman_filter,
     rauch_tung_striebel,
-    unscented,
+    unscented_kalman_filter,
 )
-from estimation.filters.linear import van_loan
+from estimation.filters.linear_kalman import van_loan
 
 STEP = 0.01
 COUNT = 300
@@ -52,7 +52,7 @@ def problem(system, measured=("body.position", "body.acceleration")):
     whole[:2, :2], whole[:2, 2:] = linear.A, linear.B
     moved = expm(whole * STEP)
     q, r = np.diag([1e-6, 1e-3]), np.array([1e-4, 0.3])[: len(measured)]
-    model = LinearModel(moved[:2, :2], linear.C[rows], q, np.diag(r), moved[:2, 2:], linear.D[rows])
+    model = LinearModel(F=moved[:2, :2], H=linear.C[rows], Q=q, R=np.diag(r), G=moved[:2, 2:], D=linear.D[rows])
     rng = np.random.default_rng(4)
     force = rng.standard_normal((COUNT, 1))
     readings = 0.1 * rng.standard_normal((COUNT, len(measured)))
@@ -68,9 +68,9 @@ def problem(system, measured=("body.position", "body.acceleration")):
 def test_extended_filter_is_the_closed_form_filter(jacobian, square_root):
     system = oscillator()
     linear, samples, noise, (x, p) = problem(system)
-    wanted = kalman(linear, samples.readings, x, p, samples.inputs)
+    wanted = kalman_filter(linear, samples.readings, x, p, samples.inputs)
     model = FilterModel(system, ["body.position", "body.acceleration"], jacobian=jacobian)
-    run = extended(
+    run = extended_kalman_filter(
         model, samples, noise, Prior(x, covariance=p), hold=True, substeps=20, keep="everything",
         square_root=square_root,
     )  # fmt: skip
@@ -87,12 +87,12 @@ def test_extended_filter_is_the_closed_form_filter(jacobian, square_root):
 def test_unscented_and_variational_filters_are_the_closed_form_filter():
     system = oscillator()
     linear, samples, noise, (x, p) = problem(system)
-    wanted = kalman(linear, samples.readings, x, p, samples.inputs)
+    wanted = kalman_filter(linear, samples.readings, x, p, samples.inputs)
     model = FilterModel(system, ["body.position", "body.acceleration"])
     prior = Prior(x, covariance=p)
     for run in (
-        unscented(model, samples, noise, prior, hold=True, substeps=20, covariances=True),
-        extended(
+        unscented_kalman_filter(model, samples, noise, prior, hold=True, substeps=20, covariances=True),
+        extended_kalman_filter(
             model, samples, noise, prior, hold=True, substeps=20, discretisation="variational", keep="covariances"
         ),
     ):
@@ -103,9 +103,9 @@ def test_unscented_and_variational_filters_are_the_closed_form_filter():
 def test_plain_python_gives_the_same():
     system = oscillator(compiled=False)
     linear, samples, noise, (x, p) = problem(system)
-    wanted = kalman(linear, samples.readings, x, p, samples.inputs)
+    wanted = kalman_filter(linear, samples.readings, x, p, samples.inputs)
     model = FilterModel(system, ["body.position", "body.acceleration"])
-    run = extended(model, samples, noise, Prior(x, covariance=p), hold=True, substeps=20)
+    run = extended_kalman_filter(model, samples, noise, Prior(x, covariance=p), hold=True, substeps=20)
     assert np.abs(run.states - wanted.states).max() < 1e-10
 
 
@@ -114,7 +114,7 @@ def test_smoothed_states_are_those_of_one_large_least_squares_problem():
     linear, samples, _, (x, p) = problem(oscillator(), ("body.position",))
     count = 40
     y, u = samples.readings[60 : 60 + count], samples.inputs[60 : 60 + count]
-    run = kalman(linear, y, x, p, u)
+    run = kalman_filter(linear, y, x, p, u)
     states, covariances = rauch_tung_striebel(linear, run)
     n = 2
     information, right = np.zeros((n * count, n * count)), np.zeros(n * count)
@@ -150,7 +150,7 @@ def test_discretisations_converge_and_the_exponential_is_exact_for_a_linear_mach
         p = np.diag([1e-3, 1e-2])
         wanted = f @ (f @ p @ f.T + q) @ f.T + q
         for how in ("exponential", "euler", "variational"):
-            run = extended(
+            run = extended_kalman_filter(
                 model, samples, Noise(density, np.array([1.0])), Prior(covariance=p), discretisation=how,
                 keep="everything", substeps=8,
             )  # fmt: skip
@@ -182,12 +182,14 @@ def test_rates_and_delays_are_undone():
     skipped = np.ones(COUNT, dtype=bool)
     skipped[slow] = False
     readings[skipped, 1] = np.nan
-    direct = extended(model, Samples(times, samples.inputs, readings), noise, Prior(x, covariance=p))
+    direct = extended_kalman_filter(model, Samples(times, samples.inputs, readings), noise, Prior(x, covariance=p))
     assert np.allclose(merged.times, times, atol=1e-12)
-    run = extended(model, merged, noise, Prior(x, covariance=p))
+    run = extended_kalman_filter(model, merged, noise, Prior(x, covariance=p))
     assert np.allclose(run.states, direct.states, atol=1e-9)
     late = Samples(times, samples.inputs, np.column_stack([readings[:, 0], np.roll(readings[:, 1], 1)]))
-    assert np.abs(extended(model, late, noise, Prior(x, covariance=p)).states - direct.states).max() > 1e-3
+    assert (
+        np.abs(extended_kalman_filter(model, late, noise, Prior(x, covariance=p)).states - direct.states).max() > 1e-3
+    )
 
 
 def test_square_root_keeps_its_sign_where_the_covariance_loses_digits():
@@ -198,7 +200,7 @@ def test_square_root_keeps_its_sign_where_the_covariance_loses_digits():
     samples = Samples(np.arange(count) * 1e-4, np.zeros((count, 1)), np.zeros((count, 1)))
     noise = Noise({}, {"body.position": 1e-20})
     prior = Prior(std={"body.position": 1e3, "body.velocity": 1e3})
-    run = extended(model, samples, noise, prior, square_root=True, keep="covariances")
+    run = extended_kalman_filter(model, samples, noise, prior, square_root=True, keep="covariances")
     spectrum = np.linalg.eigvalsh(run.covariances)
     assert np.all(spectrum[:, 0] >= -1e-15 * spectrum[:, -1])
     assert np.array_equal(run.covariances, np.swapaxes(run.covariances, 1, 2))
@@ -210,7 +212,7 @@ def test_covariance_stays_symmetric_and_positive_over_a_long_run():
     count = 5000
     rng = np.random.default_rng(0)
     samples = Samples(np.arange(count) * 0.005, rng.standard_normal((count, 1)), 1e-2 * rng.standard_normal((count, 1)))
-    run = extended(model, samples, Noise({}, {"body.position": 1e-6}), keep="covariances")
+    run = extended_kalman_filter(model, samples, Noise({}, {"body.position": 1e-6}), keep="covariances")
     assert np.array_equal(run.covariances, np.swapaxes(run.covariances, 1, 2))
     scale = np.sqrt(np.maximum(run.variances, 1e-300))
     unit = run.covariances / scale[:, :, None] / scale[:, None, :]

@@ -15,9 +15,9 @@ from estimation.filters import (
     Prior,
     RandomWalk,
     Samples,
-    extended,
+    extended_kalman_filter,
     tune,
-    unscented,
+    unscented_kalman_filter,
 )
 
 
@@ -89,7 +89,7 @@ def test_impossible_samples_are_refused(system):
         Samples(np.arange(3.0), np.array([0.0, np.nan, 0.0]), np.zeros(3))
     model = FilterModel(system, ["body.position", "body.acceleration"])
     with pytest.raises(FilterError, match="1 columns of readings, measured are"):
-        extended(model, samples(), Noise({}, {"body.position": 1.0, "body.acceleration": 1.0}))
+        extended_kalman_filter(model, samples(), Noise({}, {"body.position": 1.0, "body.acceleration": 1.0}))
     early, late = Channel(np.arange(3.0), np.zeros(3)), Channel(np.arange(3.0) + 10.0, np.zeros(3))
     with pytest.raises(FilterError, match="no time in common"):
         Samples.merged({"y": early}, {"u": late})
@@ -98,17 +98,19 @@ def test_impossible_samples_are_refused(system):
 def test_a_filter_that_diverges_says_when_and_what(system):
     stiff = FilterModel(system, ["body.position"], parameters={"spring.stiffness": 1e12})
     loose = Noise({}, {"body.position": 1e300})
-    for method in (extended, unscented):
+    for method in (extended_kalman_filter, unscented_kalman_filter):
         with pytest.raises(FilterDivergence, match=r"diverged at .* s \(row \d+\): no finite value for body.position"):
             method(stiff, samples(), loose, Prior({"body.position": 0.01}, {"body.position": 1e-3}))
     # In steps that the machine's motion allows it does not.
     model = FilterModel(system, ["body.position"], parameters={"spring.stiffness": 1e6})
-    extended(model, samples(), loose, Prior({"body.position": 0.01}, {"body.position": 1e-3}), substeps=10)
+    extended_kalman_filter(
+        model, samples(), loose, Prior({"body.position": 0.01}, {"body.position": 1e-3}), substeps=10
+    )
 
 
 def test_what_was_not_kept_is_asked_for(system):
     model = FilterModel(system, ["body.position"])
-    run = extended(model, samples(), Noise({}, {"body.position": 1e-6}))
+    run = extended_kalman_filter(model, samples(), Noise({}, {"body.position": 1e-6}))
     with pytest.raises(FilterError, match='keep="everything"'):
         run.smooth()
     with pytest.raises(FilterError, match="nothing is free"):
@@ -117,7 +119,7 @@ def test_what_was_not_kept_is_asked_for(system):
 
 def test_results_show_themselves(system):
     model = FilterModel(system, ["body.position"], [Matern32("force", std=1.0, time=0.1)])
-    run = extended(
+    run = extended_kalman_filter(
         model, samples(), Noise({}, {"body.position": 1e-6}), Prior({"body.position": 0.01}), keep="everything"
     )
     assert model.state_names == ("body.position", "body.velocity", "force", "force.rate1")
@@ -136,7 +138,7 @@ def test_measured_outputs_that_are_states_or_rates_cost_no_evaluation(system):
     model = FilterModel(system, ["body.position", "body.acceleration", "spring.energy"])
     assert [kind for kind, _ in model.channels] == [0, 1, 2]
     x = np.array([0.1, -0.3, 0.0])
-    run = extended(
+    run = extended_kalman_filter(
         FilterModel(system, ["body.position", "body.acceleration", "spring.energy"], [RandomWalk("force")]),
         Samples(np.zeros(1), np.array([[2.0]]), np.zeros((1, 3))),
         Noise({}, np.ones(3)), Prior(x[:2]), keep="everything",

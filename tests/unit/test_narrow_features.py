@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimation.files.record import Record, Signal
-from estimation.filters import FilterModel, Noise, Samples, extended, unscented
+from estimation.filters import FilterModel, Noise, Samples, extended_kalman_filter, unscented_kalman_filter
 from estimation.response.experiment import Experiment
 from estimation.response.perturbations import PerturbationResponse
 from multibody import Component, Model, Output, Parameter, Translation
@@ -114,7 +114,7 @@ def test_transitions_from_sample_to_sample_go_past_it(system, exact):
     np.testing.assert_allclose(whole[:, 0], (ends[0] - ends[1]) / 2e-4, rtol=1e-3, atol=1e-3)
 
 
-@pytest.mark.parametrize("kalman", [extended, unscented])
+@pytest.mark.parametrize("kalman", [extended_kalman_filter, unscented_kalman_filter])
 def test_a_filter_carries_its_states_past_it(system, exact, kalman):
     samples = Samples(TIMES, np.zeros((TIMES.size, len(system.inputs))), np.full((TIMES.size, 1), np.nan))
     model = FilterModel(system, ["body.position"])

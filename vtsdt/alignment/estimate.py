@@ -65,7 +65,7 @@ def align(
     progress : callable, optional
         Called with a line of text.
     options
-        Further arguments of `estimation.filters.extended`.
+        Further arguments of `estimation.filters.extended_kalman_filter`.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def align(
             notes.append(f"{trip.name}: over {at_low:.0%} of the travel the shoes are loose: δ is at its lower bound")
         curves.append(_smoothed(curve, _SMOOTH / step))
         if observability is None and observe:
-            from estimation.filters import observability as observability_of
+            from estimation.filters.observability_gramian import observability as observability_of
 
             moving = np.flatnonzero(np.abs(trip.speed) > LEAST_SPEED)
             observability = observability_of(

@@ -20,7 +20,9 @@ from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.lift import Lift
 
 if TYPE_CHECKING:
-    from estimation.filters import FilterModel, FilterRun, Noise, Prior
+    from estimation.filters.model import FilterModel
+    from estimation.filters.noise import Noise, Prior
+    from estimation.filters.run import FilterRun
 
 __all__ = ["DEFAULT", "DELTA", "MAX_SPEED_ERROR", "TUNINGS", "GuideFilter", "Tuning"]
 
@@ -103,7 +105,7 @@ class GuideFilter:
     loaded : bool
         True if trips carry a payload.
     options
-        Further arguments of `estimation.filters.extended`.
+        Further arguments of `estimation.filters.extended_kalman_filter`.
     forces : tuple of str
         Further outputs of the cabin model, for `estimation.filters.virtual_sensors`, such as ``fric_c`` and ``Nsum_c``.
     """
@@ -138,7 +140,8 @@ class GuideFilter:
 
     def model(self, payload: float = 0.0) -> FilterModel:
         """Return the filter's model for a payload, kg."""
-        from estimation.filters import FilterModel, RandomWalk
+        from estimation.filters.latent import RandomWalk
+        from estimation.filters.model import FilterModel
 
         walk = RandomWalk(DELTA, rate=self.tuning.process["delta"], std=1e-3)
         return FilterModel(
@@ -148,7 +151,7 @@ class GuideFilter:
 
     def noise(self) -> Noise:
         """Return the tuning in the form that the filter takes."""
-        from estimation.filters import Noise
+        from estimation.filters.noise import Noise
 
         names = {name.rpartition(".")[2]: name for name in self.system.state_names}
         process = {names[k]: v for k, v in self.tuning.process.items() if k != "delta"}
@@ -159,7 +162,7 @@ class GuideFilter:
 
     def prior(self, trip: Trip) -> Prior:
         """Return the initial state estimate: at rest between the rails at the trip's first height."""
-        from estimation.filters import Prior
+        from estimation.filters.noise import Prior
 
         delta = self.play + _START
         values = {DELTA: delta, **({"payload.mass": trip.payload} if self.loaded else {})}
@@ -180,19 +183,23 @@ class GuideFilter:
         tension_error : float, N
             Subtracted from the measured tension.
         options
-            Further arguments of `estimation.filters.extended`.
+            Further arguments of `estimation.filters.extended_kalman_filter`.
 
         Raises
         ------
         AlignmentError
             If the filter diverges.
         """
-        from estimation.filters import FilterDivergence, Samples, extended
+        from estimation.filters.errors import FilterDivergence
+        from estimation.filters.extended_kalman import extended_kalman_filter
+        from estimation.filters.samples import Samples
 
         model, noise = self.model(trip.payload), self.noise()
         samples = Samples(trip.time, trip.tension - tension_error, np.column_stack([trip.height, trip.acceleration]))
         try:
-            run = extended(model, samples, noise, self.prior(trip), **{"once": True, **self.options, **options})
+            run = extended_kalman_filter(
+                model, samples, noise, self.prior(trip), **{"once": True, **self.options, **options}
+            )
         except FilterDivergence as error:
             raise AlignmentError([f"{trip.name}: {error}"]) from error
         wrong_speed = np.abs(run["cabin.v_z"] - trip.speed) > MAX_SPEED_ERROR

@@ -14,7 +14,7 @@ from vtsdt.alignment.sections import ONE_SIDED_95, Section, sections
 if TYPE_CHECKING:
     import pandas
 
-    from estimation.filters import Observability
+    from estimation.filters.observability_gramian import Observability
     from vtsdt.alignment.filter import Tuning
 
 __all__ = ["Alignment"]

@@ -90,7 +90,12 @@ def sensor_table(
         Further outputs with their noise by the set's name; default: `SENSORS`.
     progress : callable, optional
     """
-    from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended, observability
+    from estimation.filters.extended_kalman import extended_kalman_filter
+    from estimation.filters.latent import RandomWalk
+    from estimation.filters.model import FilterModel
+    from estimation.filters.noise import Noise, Prior
+    from estimation.filters.observability_gramian import observability
+    from estimation.filters.samples import Samples
 
     given = parameters if parameters is not None else LiftParameters.bench()
     sets = sensors if sensors is not None else SENSORS
@@ -122,7 +127,7 @@ def sensor_table(
         model = FilterModel(system, ["z_c", "zdd_c", *further], walks, parameters={DELTA: delta})
         # Sensors that do not exist read what the model expects: they shift no estimate, only the covariances.
         noise = Noise(process, {"z_c": 1e-8, "zdd_c": 1e-2, **{n: s**2 for n, s in further.items()}})
-        run = extended(
+        run = extended_kalman_filter(
             model, Samples(trip.time, trip.tension, _expected(model, trip, rest)), noise,
             Prior(rest, {**dict.fromkeys(rest, 1e-4)}), keep="everything", once=True,
         )  # fmt: skip

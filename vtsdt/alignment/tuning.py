@@ -25,7 +25,9 @@ from vtsdt.alignment.virtual_lifts import prepared, visit
 from vtsdt.files.parameters import LiftParameters
 
 if TYPE_CHECKING:
-    from estimation.filters import FilterRun, Samples, Tuned
+    from estimation.filters.run import FilterRun
+    from estimation.filters.samples import Samples
+    from estimation.filters.tuning import Tuned
 
 __all__ = ["TunedTrips", "TuningFit", "fit_tuning", "maximum_likelihood", "page_text", "recorded", "table_text"]
 
@@ -86,7 +88,7 @@ def recorded(seed: int = 41, trips: int = 2, progress: Progress = silent) -> Tun
         Two or more, up and down alternately.
     progress : callable
     """
-    from estimation.filters import Samples
+    from estimation.filters.samples import Samples
 
     records = visit(seed, 0, trips, progress=progress).records
     smooth, lift = prepared(records), LiftParameters.bench()
@@ -119,7 +121,7 @@ def maximum_likelihood(
     Tuning, list of list of Tuned
         The searches, by round and trip.
     """
-    from estimation.filters import tune
+    from estimation.filters.tuning import tune
 
     tuning, searches = TUNINGS["quiet"], []
     for _ in range(ROUNDS):
@@ -151,13 +153,14 @@ def fit_tuning(trips: TunedTrips, tuning: Tuning) -> TuningFit:
     trips : TunedTrips
     tuning : Tuning
     """
-    from estimation.filters import FilterDivergence, extended
+    from estimation.filters.errors import FilterDivergence
+    from estimation.filters.extended_kalman import extended_kalman_filter
 
     sensor = GuideFilter(parameters=trips.lift, tuning=tuning)
     model, noise = sensor.model(), sensor.noise()
     try:
         runs = [
-            extended(model, part, noise, sensor.prior(trip), once=True)
+            extended_kalman_filter(model, part, noise, sensor.prior(trip), once=True)
             for part, trip in zip(trips.raw, trips.smooth, strict=True)
         ]
     except FilterDivergence:

@@ -1,4 +1,4 @@
-"""The linear Kalman filter and smoother in their textbook form: what the compiled filters are held against."""
+"""The linear Kalman filter and smoother in their textbook form, which the compiled filters are compared with."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.filters.smoother import backwards, smoother_gains
+from estimation.filters.smoother import backward_pass, smoother_gains
 
 if TYPE_CHECKING:
     from multibody.system.linearize import Linearization
 
-__all__ = ["LinearModel", "LinearRun", "kalman", "rauch_tung_striebel", "van_loan"]
+__all__ = ["LinearModel", "LinearRun", "kalman_filter", "rauch_tung_striebel", "van_loan"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LinearModel:
     """x_{k+1} = F x_k + G u_k + c + w, y_k = H x_k + D u_k + v with cov w = Q and cov v = R.
 
@@ -54,9 +54,13 @@ class LinearModel:
         whole[:n, :n], whole[:n, n:] = linear.A, linear.B
         moved = expm(whole * step)
         return cls(
-            moved[:n, :n], linear.C, van_loan(linear.A, density, step), np.asarray(R, dtype=float), moved[:n, n:],
-            linear.D,
-        )  # fmt: skip
+            F=moved[:n, :n],
+            H=linear.C,
+            Q=van_loan(linear.A, density, step),
+            R=np.asarray(R, dtype=float),
+            G=moved[:n, n:],
+            D=linear.D,
+        )
 
 
 def van_loan(a: np.ndarray, density: np.ndarray, step: float) -> np.ndarray:
@@ -79,11 +83,11 @@ def van_loan(a: np.ndarray, density: np.ndarray, step: float) -> np.ndarray:
     whole = np.zeros((2 * n, 2 * n))
     whole[:n, :n], whole[:n, n:], whole[n:, n:] = -a, density, a.T
     moved = expm(whole * step)
-    found = moved[n:, n:].T @ moved[:n, n:]
-    return 0.5 * (found + found.T)
+    integral = moved[n:, n:].T @ moved[:n, n:]
+    return 0.5 * (integral + integral.T)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LinearRun:
     """States and covariances before and after each reading, and the log likelihood."""
 
@@ -94,7 +98,7 @@ class LinearRun:
     log_likelihood: float
 
 
-def kalman(
+def kalman_filter(
     model: LinearModel, readings: np.ndarray, x: np.ndarray, p: np.ndarray, inputs: np.ndarray | None = None
 ) -> LinearRun:
     """Run the Kalman filter; the first reading belongs to the prior's instant.
@@ -136,11 +140,17 @@ def kalman(
             likelihood -= 0.5 * (seen.sum() * np.log(2.0 * np.pi) + np.linalg.slogdet(s)[1] + e @ np.linalg.solve(s, e))
         after.append(x)
         after_p.append(p)
-    return LinearRun(np.array(before), np.array(before_p), np.array(after), np.array(after_p), float(likelihood))
+    return LinearRun(
+        predicted=np.array(before),
+        predicted_covariances=np.array(before_p),
+        states=np.array(after),
+        covariances=np.array(after_p),
+        log_likelihood=float(likelihood),
+    )
 
 
 def rauch_tung_striebel(model: LinearModel, run: LinearRun) -> tuple[np.ndarray, np.ndarray]:
     """Return smoothed states, shape (k, n), and covariances, shape (k, n, n)."""
     transitions = np.broadcast_to(model.F, run.covariances.shape)
     gains = smoother_gains(run.covariances, run.predicted_covariances, transitions)
-    return backwards(run.states, run.covariances, run.predicted, run.predicted_covariances, gains)
+    return backward_pass(run.states, run.covariances, run.predicted, run.predicted_covariances, gains)

@@ -1,4 +1,4 @@
-"""What the sensors can tell of a machine: rank, Gramian, detectability, and whether covariances stay bounded."""
+"""Observability of a machine along a run: rank, Gramian, detectability, and whether covariances stay bounded."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.filters.errors import FilterError
+from estimation.filters.run import FilterRun
 
 if TYPE_CHECKING:
     import pandas
-
-    from estimation.filters.run import FilterRun
 
 __all__ = ["Observability", "Undetectable", "gramian", "observability", "undetectable_modes"]
 
@@ -43,24 +42,24 @@ class Undetectable:
         return f"{parts} (exponent {self.growth:.3g} 1/s, {self.frequency:.3g} Hz)"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Observability:
-    """What a run's readings tell about its states.
+    """Which states the readings of a run determine.
 
     Parameters
     ----------
     names : tuple of str
     rank : int
-        Of the Gramian over the window with most information; the number of states if all can be told.
+        Of the Gramian over the window with most information; the number of states if all are observable.
     information : ndarray, shape (n,)
         Square roots of the eigenvalues of the scaled Gramian, largest first: how many standard deviations of the
         readings one scale of each direction is worth.
     weakest : tuple of (str, float)
-        States of the direction that is told worst.
+        States of the least observable direction.
     undetectable : tuple of Undetectable
-        Over all instants that were looked at; empty if the machine is detectable.
-    looked_at, detectable_at : int
-        Instants, and those of them where nothing is undetectable.
+        At all instants examined; empty if the machine is detectable.
+    instants, detectable_instants : int
+        Instants examined, and those of them where nothing is undetectable.
     std : dict of str to (float, float)
         Standard deviation of each state: largest in the middle third of the run, and in the last.
     """
@@ -70,17 +69,17 @@ class Observability:
     information: np.ndarray
     weakest: tuple[tuple[str, float], ...]
     undetectable: tuple[Undetectable, ...]
-    looked_at: int
-    detectable_at: int
+    instants: int
+    detectable_instants: int
     std: dict[str, tuple[float, float]] = field(repr=False)
 
     @property
     def detectable(self) -> bool:
-        """True if every motion that no reading shows decays by itself, at every instant looked at."""
-        return self.detectable_at == self.looked_at
+        """True if every motion that no reading shows decays by itself, at every instant examined."""
+        return self.detectable_instants == self.instants
 
     def bounded(self, name: str, slack: float = 0.1) -> bool:
-        """Tell whether a state's standard deviation has stopped growing: no more than ``slack`` in the last third."""
+        """Return whether a state's standard deviation grows by no more than ``slack`` in the last third of the run."""
         middle, last = self.std[name]
         return last <= (1.0 + slack) * middle
 
@@ -95,17 +94,17 @@ class Observability:
         return pandas.DataFrame.from_dict(rows, orient="index")
 
     def sentences(self) -> list[str]:
-        """Return what was found, one sentence each."""
-        told = [f"the readings determine {self.rank} of {len(self.names)} states over a window"]
+        """Return the result in sentences."""
+        sentences = [f"the readings determine {self.rank} of {len(self.names)} states over a window"]
         if self.detectable:
-            told.append("what they do not show decays by itself: the machine is detectable")
+            sentences.append("every motion that they do not show decays by itself: the machine is detectable")
         else:
-            found = "; ".join(str(each) for each in self.undetectable[:3])
-            told.append(
-                f"at {self.looked_at - self.detectable_at} of {self.looked_at} instants a motion is neither shown nor "
-                f"decays: {found}"
+            motions = "; ".join(str(motion) for motion in self.undetectable[:3])
+            sentences.append(
+                f"at {self.instants - self.detectable_instants} of {self.instants} instants a motion is neither shown "
+                f"nor decays: {motions}"
             )
-        return told
+        return sentences
 
 
 def _share(direction: np.ndarray, names: Sequence[str], least: float = 0.1) -> tuple[tuple[str, float], ...]:
@@ -132,7 +131,7 @@ def undetectable_modes(
     step : float, s
     """
     values = np.linalg.eigvals(transition)
-    found: list[Undetectable] = []
+    modes: list[Undetectable] = []
     done: list[complex] = []
     for value in values:
         exponent = np.log(value + 0j) / step if value != 0 else -np.inf
@@ -144,16 +143,16 @@ def undetectable_modes(
         stack = np.vstack([(transition - value * np.eye(len(transition))) / step, rows])
         _, sizes, right = np.linalg.svd(stack)
         for k in np.flatnonzero(sizes < _RANK * sizes[0]):
-            found.append(
+            modes.append(
                 Undetectable(
                     float(exponent.real), float(abs(exponent.imag) / (2 * np.pi)), _share(right[k].conj(), names)
                 )
             )
-    return found
+    return modes
 
 
 def gramian(transitions: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return Σ Φᵀ Hᵀ H Φ over a window: what scaled readings tell of the state at its beginning.
+    """Return Σ Φᵀ Hᵀ H Φ over a window: the information of scaled readings about the state at its beginning.
 
     Parameters
     ----------
@@ -175,7 +174,7 @@ def gramian(transitions: np.ndarray, rows: np.ndarray) -> np.ndarray:
 def observability(
     run: FilterRun, *, scale: np.ndarray | None = None, window: int = 500, instants: int = 60, part: slice | None = None
 ) -> Observability:
-    """Say what a run's readings determine, along its own linearisations.
+    """Examine which states the readings of a run determine, along its own linearisations.
 
     Parameters
     ----------
@@ -188,11 +187,12 @@ def observability(
     instants : int
         Number of linearisations that are tested for detectability, spread over the run.
     part : slice, optional
-        Rows of the run that are looked at, such as those where the machine moves; default: all.
+        Rows of the run to examine, such as those where the machine moves; default: all.
     """
     if "transitions" not in run.kept:
         raise FilterError(
-            "observability", ['the filter did not keep its transitions: run extended(…, keep="everything")']
+            "observability",
+            ['the filter did not keep its transitions: run extended_kalman_filter(…, keep="everything")'],
         )
     names = run.model.state_names
     rows_of = np.arange(len(run.times))[part if part is not None else slice(None)]
@@ -209,13 +209,13 @@ def observability(
     if seen.size == 0:
         raise FilterError("observability", ["no instant has all readings: resample the channels to one rate"])
     chosen = np.unique(seen[np.linspace(0, seen.size - 1, instants).astype(int)])
-    found: list[Undetectable] = []
-    clean = 0
+    undetectable: list[Undetectable] = []
+    detectable_instants = 0
     for k in chosen:
         step = float(run.times[k] - run.times[k - 1])
         modes = undetectable_modes(transitions[k], rows[k], step, names)
-        clean += not modes
-        found += [m for m in modes if m not in found]
+        detectable_instants += not modes
+        undetectable += [m for m in modes if m not in undetectable]
     best = np.zeros(len(names))
     direction = np.eye(len(names))[0]
     for begin in range(0, max(len(rows_of) - window, 0) + 1, max(window, 1)):
@@ -230,12 +230,12 @@ def observability(
         for j, name in enumerate(names)
     }
     return Observability(
-        names,
-        int(np.count_nonzero(best > _RANK * best.max())),
-        np.sqrt(np.maximum(best[::-1], 0.0)),
-        _share(direction, names),
-        tuple(found),
-        len(chosen),
-        clean,
-        std,
+        names=names,
+        rank=int(np.count_nonzero(best > _RANK * best.max())),
+        information=np.sqrt(np.maximum(best[::-1], 0.0)),
+        weakest=_share(direction, names),
+        undetectable=tuple(undetectable),
+        instants=len(chosen),
+        detectable_instants=detectable_instants,
+        std=std,
     )

@@ -8,19 +8,17 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.filters.errors import FilterError
-from estimation.filters.extended import check_shapes, diverged, padded
+from estimation.filters.kernel_arguments import KernelArguments, check_shapes, diverged, padded
 from estimation.filters.kernels import unscented as kernel
 from estimation.filters.model import FilterModel
 from estimation.filters.noise import Noise, Prior
 from estimation.filters.run import FilterRun
 from estimation.filters.samples import Samples
 
-__all__ = ["unscented"]
-
-_NOISE = {"density": 0, "density_times_step": 1, "per_step": 2}
+__all__ = ["unscented_kalman_filter"]
 
 
-def unscented(
+def unscented_kalman_filter(
     model: FilterModel,
     samples: Samples,
     noise: Noise,
@@ -38,14 +36,14 @@ def unscented(
     Parameters
     ----------
     model, samples, noise, prior
-        As for `estimation.filters.extended.extended`.
+        As for `estimation.filters.extended_kalman_filter`.
     alpha, beta, kappa : float
         Spread of the points: √(n + λ) standard deviations with λ = alpha² (n + kappa) − n.  The defaults make
         λ zero and leave the middle point out (the cubature rule), so that no weight is negative.
     covariances : bool
         True keeps them.
     hold, substeps
-        As for `extended`.
+        As for `extended_kalman_filter`.
 
     Raises
     ------
@@ -54,8 +52,7 @@ def unscented(
     FilterDivergence
         If the covariance loses its sign or a state grows beyond all bounds.
     """
-
-    bundle = model.bundle()
+    arguments = KernelArguments(model)
     n, m, ld, count = model.n, len(model.measured), model.ld, samples.count
     check_shapes(model, samples)
     whole = alpha**2 * (n + kappa)
@@ -67,29 +64,26 @@ def unscented(
     x, p = (prior or Prior()).of(model)
     kept = np.empty((count, n, n) if covariances else (1, 1, 1))
     out, innovations = np.empty((count, 3 * n)), np.full((count, 3 * m), np.nan)
-    settings = np.array([_NOISE[noise.kind], int(covariances), hold, bundle.least(substeps, samples)], dtype=np.int64)
+    settings = np.array(
+        [noise.code, int(covariances), hold, arguments.fewest_substeps(substeps, samples)], dtype=np.int64
+    )
     size = n * ld + (2 * n + 1) * (n + m) + 8 * n + 4 * samples.inputs.shape[1] + m + m * m + n * m + n
     verdict = np.zeros(2)
     kernel.unscented(
-        bundle.numbers, samples.times, samples.inputs, samples.readings, r, padded(q, ld), x, padded(p, ld), settings,
-        float(np.sqrt(whole)), weights, out, kept, innovations, np.zeros(size + 8), verdict,
+        arguments.numbers, samples.times, samples.inputs, samples.readings, r, padded(q, ld), x, padded(p, ld),
+        settings, float(np.sqrt(whole)), weights, out, kept, innovations, np.zeros(size + 8), verdict,
     )  # fmt: skip
-    bundle.check()
+    arguments.raise_python_error()
     likelihood, bad = float(verdict[0]), int(verdict[1])
     if bad >= 0:
         raise diverged(model, samples, out[: bad + 1].reshape(-1, 3, n))
-    states, told = out.reshape(count, 3, n), innovations.reshape(count, 3, m)
-    return FilterRun(
-        model=model,
-        samples=samples,
-        states=states[:, 1],
-        variances=states[:, 2],
+    return FilterRun.from_rows(
+        model,
+        samples,
+        noise,
+        out,
+        innovations,
         covariances=kept if covariances else None,
-        noise=noise,
-        predicted=states[:, 0],
-        innovations=told[:, 0],
-        innovation_variances=told[:, 1],
-        normalised=told[:, 2],
         log_likelihood=likelihood,
         method="unscented Kalman filter",
     )
