@@ -11,7 +11,7 @@ from typing import Any
 
 from gearbox.files.operating_condition import OperatingCondition
 from gearbox.papers.chain import rig_vibration
-from gearbox.rig.texts import PARAMETERS
+from gearbox.rig.accelerometers import PARAMETERS
 from gearbox.updating.runs import ModelSource, Runs
 from gearbox.updating.virtual import Settings
 from surrogate import DesignSpace, latin_hypercube

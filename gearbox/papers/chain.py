@@ -78,7 +78,7 @@ def chain_on_rig(
     The first ``used`` recordings may be fitted to, the others are held out; ``changes`` go to
     :class:`gearbox.updating.settings.UpdatingSettings`.
     """
-    from gearbox.rig.texts import PARAMETERS, SENSOR
+    from gearbox.rig.accelerometers import PARAMETERS, SENSOR
     from gearbox.updating.chain import UpdatingChain
     from gearbox.updating.runs import ModelSource, Runs
     from gearbox.updating.settings import UpdatingSettings

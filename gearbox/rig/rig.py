@@ -6,18 +6,16 @@ always called that.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from discrepancy.rigs.recording import BenchError, Channel, Logger, check_folder, write_csv, write_json
+from discrepancy.rigs.recording import BenchError, Channel, Logger
 from gearbox.files.operating_condition import OperatingCondition
-from gearbox.rig.hidden import KINDS, HiddenFault, choose, manufacturing
+from gearbox.rig.hidden import HiddenFault, choose, manufacturing
 from gearbox.signals.recordings import Recording
 from gearbox.signals.signal import Signal
 from multibody.base.progress import Progress, silent
@@ -25,7 +23,7 @@ from multibody.base.progress import Progress, silent
 if TYPE_CHECKING:
     from gearbox.stage.stage import GearStage
 
-__all__ = ["CONDITIONS", "GearRig", "RigRecording", "main", "make_gear", "record"]
+__all__ = ["CONDITIONS", "GearRig", "RigRecording", "record", "true_stage", "truth"]
 
 Array = NDArray[np.float64]
 
@@ -252,49 +250,6 @@ def record(
     return found, faults
 
 
-def make_gear(
-    out: str | os.PathLike[str], hide: Sequence[str] = (), *, rig: GearRig | None = None, progress: Progress = silent
-) -> Path:
-    """Write recordings of the virtual gear rig into a folder, with the study file and the truth.
-
-    Parameters
-    ----------
-    out : path
-        Folder; made if it is not there.
-    hide : sequence of str
-        ``KIND`` or ``KIND@WHERE``, see :data:`gearbox.rig.hidden.KINDS`.
-    rig : GearRig, optional
-    progress : callable
-        Gets a line of text for each recording.
-
-    Returns
-    -------
-    Path
-        The study file.
-
-    Raises
-    ------
-    BenchError
-        With everything that is not possible.
-    """
-    from gearbox.rig import texts as rig_texts
-
-    rig = rig or GearRig()
-    rig.faults_of(hide)
-    if Path(out).is_file():
-        check_folder(out)
-    recordings, faults = record(rig, hide, progress)
-    folder = check_folder(out)
-    for each in recordings:
-        progress(f"writing {each.name}")
-        write_csv(folder / f"{each.name}.csv.gz", each.stamps, each.columns)
-    study = folder / "study.toml"
-    study.write_text(rig_texts.study(rig), encoding="utf-8")
-    (folder / "README.md").write_text(rig_texts.readme(rig), encoding="utf-8")
-    write_json(folder / "truth.json", truth(rig, recordings, faults, len(hide)))
-    return study
-
-
 def truth(
     rig: GearRig, recordings: Sequence[RigRecording], faults: Sequence[HiddenFault], hidden: int
 ) -> dict[str, Any]:
@@ -315,67 +270,3 @@ def truth(
         "sensor_path": rig.path,
         "strength": rig.strength,
     }
-
-
-def listing(strength: float = 1.0) -> list[tuple[str, str, str, str]]:
-    """Kind, place, usual size and meaning of everything that can be hidden."""
-    rows = []
-    for kind in KINDS.values():
-        size = f"{strength * kind.usual * kind.size:.3g} {kind.unit}".rstrip()
-        rows += [(kind.kind, where, size, kind.what) for where in kind.places]
-    return rows
-
-
-def main(arguments: list[str]) -> int:
-    """Run ``vtsdt bench gear``; ``arguments`` are the words after it."""
-    import argparse
-
-    parser = argparse.ArgumentParser(
-        prog="vtsdt bench gear",
-        description="Write recordings of a virtual gear stage. They are synthetic. Without --hide nothing is hidden.",
-    )
-    parser.add_argument(
-        "--hide", metavar="KIND[@WHERE]", action="extend", nargs="+", default=[],
-        help="effect to hide; give several, or repeat the option")  # fmt: skip
-    parser.add_argument("--list", action="store_true", help="print what can be hidden, where, and its usual size")
-    parser.add_argument("--out", metavar="DIR", help="folder to write into; made if it is not there")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of all random numbers (default 0)")
-    parser.add_argument(
-        "--manufacturing", metavar="FACTOR", type=float, default=0.0,
-        help="factor on the usual errors of manufacturing and assembly of a real stage (default 0: none)")  # fmt: skip
-    parser.add_argument(
-        "--strength", metavar="FACTOR", type=float, default=1.0,
-        help="factor on the usual size of what is hidden (default 1)")  # fmt: skip
-    parser.add_argument("--noise", metavar="M_S2", type=float, default=0.3,
-                        help="noise of the accelerometers, m/s² (default 0.3)")  # fmt: skip
-    parser.add_argument("--housing", choices=("flexible", "rigid", "clamped"), default="flexible",
-                        help="of the rig and of the model under test (default flexible)")  # fmt: skip
-    parser.add_argument("--encoders", action="store_true",
-                        help="turn the stage slowly and record encoders and torque, for vtsdt diagnose")  # fmt: skip
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
-    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
-    given = parser.parse_args(arguments)
-    if given.list:
-        rows = [("KIND", "WHERE", "USUAL SIZE", "MEANING"), *listing(given.strength)]
-        wide = [max(len(r[i]) for r in rows) for i in range(3)]
-        for row in rows:
-            print("  ".join(text.ljust(w) for text, w in zip(row[:3], wide, strict=True)) + "  " + row[3])
-        return 0
-    if given.out is None:
-        raise BenchError(["--out DIR is missing: name a folder for the recordings, or ask for --list"])
-    from multibody.base.progress import ProgressLine
-
-    rig = GearRig(
-        given.seed, given.manufacturing, given.strength, noise=given.noise, housing=given.housing)  # fmt: skip
-    with ProgressLine(given.quiet) as progress:
-        progress("preparing the stage of the rig")
-        if given.encoders:
-            from gearbox.rig.encoders import make_encoders as make
-        else:
-            make = make_gear
-        study = make(given.out, given.hide, rig=rig, progress=progress)
-    if not given.quiet:
-        command, result = ("diagnose", "diagnosis") if given.encoders else ("update-gearbox", "updating")
-        print(f"Synthetic recordings of a virtual gear stage are in {study.parent}")
-        print(f"next: vtsdt {command} {study} --out {study.parent / result}")
-    return 0

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gearbox.signals.figures import plot_average
 from gearbox.signals.signal import Signal, SignalError, value_at
 
 if TYPE_CHECKING:
@@ -203,8 +204,6 @@ class SynchronousAverage:
 
     def plot(self) -> Any:
         """The average over the shaft's angle; returns the figure."""
-        from gearbox.signals.spectrum_figures import plot_average
-
         return plot_average(self)
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gearbox.signals.figures import plot_spectrum
 from gearbox.signals.signal import Signal, SignalError
 
 if TYPE_CHECKING:
@@ -86,8 +87,6 @@ class Spectrum:
 
     def plot(self, lines: LineTable | None = None, **options: Any) -> Any:
         """The spectrum with lines marked; returns the figure."""
-        from gearbox.signals.spectrum_figures import plot_spectrum
-
         return plot_spectrum(self, lines, **options)
 
 

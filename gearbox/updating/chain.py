@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,13 +17,14 @@ from gearbox.signals.recordings import Recording
 from gearbox.updating.checks import check_conditions, directions, pictured
 from gearbox.updating.errors import UpdatingError
 from gearbox.updating.identifiability import Identifiability
-from gearbox.updating.inputs import recording_faults
-from gearbox.updating.objectives import AmplitudeObjective, MeasuredLines, SimilarityObjective
+from gearbox.updating.objectives import AmplitudeObjective
+from gearbox.updating.outcome import Candidate, FrequencyCheck, SurfaceChoice
 from gearbox.updating.output_surfaces import OutputSurfaces, output_surface_study
-from gearbox.updating.result import Candidate, FrequencyCheck, SurfaceChoice, UpdatingResult
+from gearbox.updating.problem import UpdatingProblem
+from gearbox.updating.result import UpdatingResult
 from gearbox.updating.runs import Runs
 from gearbox.updating.settings import UpdatingSettings
-from gearbox.updating.virtual import PERIODIC_LIMIT, Run
+from gearbox.updating.virtual import Run
 from multibody.base.progress import Progress, silent
 from surrogate import (
     DesignSpace,
@@ -50,26 +49,8 @@ Array = NDArray[np.float64]
 Surface = ResponseSurface | OutputSurfaces
 
 
-class UpdatingChain:
-    """Update a gear stage model from recordings.
-
-    Parameters
-    ----------
-    settings : UpdatingSettings
-    runs : Runs
-        Of the model.
-    identify : sequence of Recording
-        The first one is the base condition, by which cosine similarity is judged; amplitudes and phases use all.
-    validate : sequence of Recording
-        Never used for choosing or fitting.
-    progress : callable
-        Gets a line of text for each step.
-
-    Raises
-    ------
-    UpdatingError
-        If there is no recording to update from, or with everything that is wrong with their signals.
-    """
+class UpdatingChain(UpdatingProblem):
+    """Update a gear stage model from recordings, step by step; parameters as of `UpdatingProblem`."""
 
     def __init__(
         self,
@@ -80,62 +61,10 @@ class UpdatingChain:
         *,
         progress: Progress = silent,
     ) -> None:
-        self.settings, self.runs, self.progress = settings, runs, progress
-        if faults := recording_faults(settings, identify, (*identify, *validate)):
-            raise UpdatingError(faults)
-        teeth = settings.driving_teeth
-        self.identify = tuple(each if each.nominal else each.matched(teeth) for each in identify)
-        self.validate = tuple(each if each.nominal else each.matched(teeth) for each in validate)
-        self.notes: list[str] = []
+        super().__init__(settings, runs, identify, validate, progress=progress)
         self._made: list[Run] = []
 
-    # ---------------------------------------------------------------- objectives
-
-    @cached_property
-    def similarity(self) -> SimilarityObjective:
-        """The paper's objective at the base condition, its lag held if the rule says so."""
-        s = self.settings
-        rule = "best" if s.rule == "held" else s.rule
-        found = SimilarityObjective(self.identify[0], s.sensor, s.processing, s.driving_teeth, rule)
-        if s.rule != "held":
-            return found
-        lag = found.similarity(self.start_runs(found.conditions)[0]).lag
-        return replace(found, rule="held", lag=lag)
-
-    def lines_of(self, recordings: Sequence[Recording], free_gain: bool) -> AmplitudeObjective:
-        """Amplitudes and phases over some recordings."""
-        s = self.settings
-        sensors = s.sensors or (s.sensor,)
-        lines = [MeasuredLines.of(each, sensors, s.orders, s.driving_teeth) for each in recordings]
-        return AmplitudeObjective(lines, s.orders, s.driving_teeth, free_gain)
-
-    @cached_property
-    def amplitudes(self) -> AmplitudeObjective:
-        """Amplitudes and phases over all recordings that may be used."""
-        return self.lines_of(self.identify, self.settings.free_gain)
-
-    @property
-    def objective(self) -> SimilarityObjective | AmplitudeObjective:
-        """What the model is updated by."""
-        return self.similarity if self.settings.objective == "similarity" else self.amplitudes
-
     # ---------------------------------------------------------------- runs
-
-    def start_runs(self, conditions: Sequence) -> list[Run]:
-        """Runs of the model before updating."""
-        made = self.runs.many([(self.settings.start, c) for c in conditions], "the model as it is")
-        for run in made:
-            if run.failed:
-                raise UpdatingError([f"the model as it is cannot be run at {run.condition.label}: {run.error}"])
-            if self.runs.settings.periodic and run.off_mesh > PERIODIC_LIMIT:
-                raise UpdatingError(
-                    [
-                        f"the model's signal at {run.condition.label} holds {100 * run.off_mesh:.1f} % of its RMS off "
-                        "the mesh lines, so a short run does not stand for a long one: set periodic = false, or let it "
-                        "settle for longer"
-                    ]
-                )
-        return made
 
     def _runs_at(self, rows: Sequence[Mapping[str, float]], what: str) -> list[list[Run]]:
         conditions = self.objective.conditions
@@ -249,7 +178,7 @@ class UpdatingChain:
                 f"The surface explains only {100 * max(float(row['test_r2']), 0.0):.0f} % of the variance at points it "
                 "has not seen; its optimum is worth no more than a guess, which the simulation then judges."
             )
-        choice = SurfaceChoice(study, fitted[points, order], points, order, failed)
+        choice = SurfaceChoice(study=study, surface=fitted[points, order], points=points, order=order, failed=failed)
         return choice, [(x, y) for x, y, _ in [*done, test]]
 
     def search(self, choice: SurfaceChoice) -> tuple[OptimisationResult, pd.DataFrame]:
@@ -271,7 +200,13 @@ class UpdatingChain:
         row = {**self.settings.start, **values}
         value = self.objective.value(self._runs_at([row], "candidate")[0])
         run = self.runs.one(row, self.similarity.conditions[0])
-        return Candidate(origin, row, predicted, value, None if run.failed else self.similarity.similarity(run))
+        return Candidate(
+            origin=origin,
+            values=row,
+            predicted=predicted,
+            simulated=value,
+            similarity=None if run.failed else self.similarity.similarity(run),
+        )
 
     # ---------------------------------------------------------------- all of it
 
@@ -317,10 +252,27 @@ class UpdatingChain:
             told = directions(self, space, updated.values)
         self._note_bound(updated)
         return UpdatingResult(
-            s, frequencies, sensitivity, selected, choice, best, rivals, start, optimum, updated, tuple(tried), checks,
-            told, max((r.off_mesh for r in self._made if not r.failed), default=0.0), self.runs.done, self.runs.reused,
-            len({self.runs.key(r.values, r.condition) for r in self._made if r.failed}), self.runs.seconds,
-            tuple(dict.fromkeys(self.notes)), pictured(self, start, updated))  # fmt: skip
+            settings=s,
+            frequencies=frequencies,
+            sensitivity=sensitivity,
+            selected=selected,
+            choice=choice,
+            search=best,
+            rivals=rivals,
+            start=start,
+            optimum=optimum,
+            updated=updated,
+            tried=tuple(tried),
+            checks=checks,
+            directions=told,
+            off_mesh=max((r.off_mesh for r in self._made if not r.failed), default=0.0),
+            simulations=self.runs.done,
+            reused=self.runs.reused,
+            failed=len({self.runs.key(r.values, r.condition) for r in self._made if r.failed}),
+            seconds=self.runs.seconds,
+            notes=tuple(dict.fromkeys(self.notes)),
+            pictures=pictured(self, start, updated),
+        )
 
     def _others(
         self, space: DesignSpace, designs: Sequence[tuple[Array, Array]], rivals: pd.DataFrame, optimum: Candidate

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from gearbox.updating.identifiability import Identifiability
-    from gearbox.updating.result import UpdatingResult
+    from gearbox.updating.outcome import UpdatingOutcome
     from surrogate import OneAtATimeResult
 
 __all__ = ["all_figures", "conditions", "directions", "search", "sensitivity", "spectra", "surface", "surface_study"]
@@ -22,7 +22,7 @@ _TONES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 _MARKS = "osv^D<>"
 
 
-def _objective(result: UpdatingResult) -> str:
+def _objective(result: UpdatingOutcome) -> str:
     return "cosine similarity [–]" if result.settings.objective == "similarity" else "share of mesh lines explained [–]"
 
 
@@ -50,7 +50,7 @@ def sensitivity(result: OneAtATimeResult, what: str = "objective [–]") -> Figu
 
 
 @drawing
-def surface_study(result: UpdatingResult) -> Figure:
+def surface_study(result: UpdatingOutcome) -> Figure:
     """R² on fitted, left-out and test points, and test errors, over sample count and order (Figs. 9 and 10)."""
     study = result.choice.study
     figure, axes = new_figure(1, 2, height=3.6, width=_WIDE)
@@ -79,7 +79,7 @@ def surface_study(result: UpdatingResult) -> Figure:
 
 
 @drawing
-def surface(result: UpdatingResult) -> Figure:
+def surface(result: UpdatingOutcome) -> Figure:
     """The surface against the simulations that it was fitted to, those it has not seen, and its optimum."""
     fitted = result.choice.surface
     figure, axes = new_figure(1, 1 + len(fitted.space), height=2.9, width=_WIDE)
@@ -112,7 +112,7 @@ def surface(result: UpdatingResult) -> Figure:
 
 
 @drawing
-def search(result: UpdatingResult) -> Figure:
+def search(result: UpdatingOutcome) -> Figure:
     """Best value on the surface against evaluations, and what the candidates gave when simulated."""
     figure, axes = new_figure(1, 2, height=2.8, width=_WIDE)
     left, right = axes[0]
@@ -148,7 +148,7 @@ def _short(origin: str) -> str:
 
 
 @drawing
-def conditions(result: UpdatingResult) -> Figure:
+def conditions(result: UpdatingOutcome) -> Figure:
     """Cosine similarity before and after, with its upper bound, at every condition (Fig. 12)."""
     table = result.to_frame()
     figure, axes = new_figure(1, height=3.0, width=_WIDE)
@@ -178,7 +178,7 @@ def conditions(result: UpdatingResult) -> Figure:
 
 
 @drawing
-def spectra(result: UpdatingResult) -> Figure:
+def spectra(result: UpdatingOutcome) -> Figure:
     """Spectra of the processed signals, measured and modelled, at the base condition."""
     from gearbox.signals.spectrum import spectrum
 
@@ -224,9 +224,9 @@ def directions(found: tuple[Identifiability, ...]) -> Figure:
     return figure
 
 
-def all_figures(result: UpdatingResult) -> dict[str, Any]:
+def all_figures(result: UpdatingOutcome) -> dict[str, Any]:
     """Every figure of the report by name."""
-    from gearbox.signals.spectrum_figures import plot_pair
+    from gearbox.signals.figures import plot_pair
 
     drawn: dict[str, Any] = {}
     if result.to_frame().size:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from gearbox.updating.result import Candidate, UpdatingResult
+from gearbox.updating.outcome import Candidate, UpdatingOutcome
 
 __all__ = ["SCHEMA", "content"]
 
 SCHEMA = 1
 
 
-def content(result: UpdatingResult) -> dict[str, Any]:
+def content(result: UpdatingOutcome) -> dict[str, Any]:
     """Everything a script may want of a result, as plain numbers and texts."""
     s = result.settings
     study = result.choice.study.drop(columns=["note"], errors="ignore")

@@ -6,15 +6,15 @@ import base64
 import io
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from gearbox.signals.similarity import LAG_RULES
+from gearbox.updating.figures import all_figures
+from gearbox.updating.json_file import content
+from gearbox.updating.outcome import UpdatingOutcome
 from multibody.base.quantity_text import unit_text
-
-if TYPE_CHECKING:
-    from gearbox.updating.result import UpdatingResult
 
 __all__ = ["render", "write"]
 
@@ -39,14 +39,12 @@ CAPTIONS = {
 }
 
 
-def write(result: UpdatingResult, out: str | Path) -> list[Path]:
+def write(result: UpdatingOutcome, out: str | Path) -> list[Path]:
     """Write ``updating.json``, ``report.html`` and the figures as PNG; returns what was written."""
-    from gearbox.updating.figures import all_figures
-
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     written = [out / "updating.json"]
-    written[0].write_text(json.dumps(result.to_dict(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    written[0].write_text(json.dumps(content(result), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     pictures = {}
     for name, figure in all_figures(result).items():
         buffer = io.BytesIO()
@@ -60,7 +58,7 @@ def write(result: UpdatingResult, out: str | Path) -> list[Path]:
     return [written[0], page, *written[1:]]
 
 
-def render(result: UpdatingResult, pictures: dict[str, bytes]) -> str:
+def render(result: UpdatingOutcome, pictures: dict[str, bytes]) -> str:
     """Return the page as HTML that needs nothing from outside."""
     import jinja2
 
@@ -80,10 +78,10 @@ def render(result: UpdatingResult, pictures: dict[str, bytes]) -> str:
         }
         for name, png in pictures.items()
     }
-    return environment.get_template("updating.html").render(pictures=shown, **_content(result))
+    return environment.get_template("updating.html").render(pictures=shown, **_page_content(result))
 
 
-def _content(result: UpdatingResult) -> dict[str, Any]:
+def _page_content(result: UpdatingOutcome) -> dict[str, Any]:
     s, f = result.settings, result.frequencies
     start, updated = result.start.similarity, result.updated.similarity
     return {
@@ -141,7 +139,7 @@ def _content(result: UpdatingResult) -> dict[str, Any]:
     }
 
 
-def _headline(result: UpdatingResult) -> str:
+def _headline(result: UpdatingOutcome) -> str:
     before, after = result.start.simulated, result.updated.simulated
     what = "Similarity" if result.settings.objective == "similarity" else "Share of mesh lines explained"
     if not result.improved:
@@ -149,7 +147,7 @@ def _headline(result: UpdatingResult) -> str:
     return f"{what} {before:.3f} → {after:.3f}"
 
 
-def _components(result: UpdatingResult) -> list[dict[str, str]]:
+def _components(result: UpdatingOutcome) -> list[dict[str, str]]:
     rows = []
     for whose, each in (("model", result.frequencies.virtual), ("measurement", result.frequencies.measured)):
         for f, k, e in sorted(zip(each.frequencies, each.orders, each.errors, strict=True)):
@@ -165,7 +163,7 @@ def _components(result: UpdatingResult) -> list[dict[str, str]]:
     return rows
 
 
-def _quality(result: UpdatingResult) -> list[dict[str, Any]]:
+def _quality(result: UpdatingOutcome) -> list[dict[str, Any]]:
     rows = []
     for _, row in result.choice.study.iterrows():
         taken = int(row["points"]) == result.choice.points and int(row["order"]) == result.choice.order

@@ -12,10 +12,11 @@ from gear_stand_in import measured
 from discrepancy.problem.study_file import StudyError, read_study
 from discrepancy.rigs.recording import BenchError, write_csv
 from gearbox.files.operating_condition import OperatingCondition
-from gearbox.rig import texts as rig_texts
+from gearbox.rig import accelerometers
+from gearbox.rig.accelerometers import PARAMETERS
+from gearbox.rig.command import listing
 from gearbox.rig.hidden import KINDS, choose, manufacturing
-from gearbox.rig.rig import CONDITIONS, GearRig, listing, record, true_stage
-from gearbox.rig.texts import PARAMETERS
+from gearbox.rig.rig import CONDITIONS, GearRig, record, true_stage
 from gearbox.updating.study import read_updating_study
 from vtsdt.cli.command_line import main
 
@@ -127,9 +128,9 @@ def test_rig_without_faults_has_nothing_but_mesh_lines_and_noise(clean):
 def test_study_does_not_give_the_truth_away():
     quiet = GearRig(seed=1, manufacturing=0.0)
     loud = GearRig(seed=2, manufacturing=2.0, strength=3.0)
-    assert rig_texts.study(quiet) == rig_texts.study(loud)
-    assert "synthetic" in rig_texts.study(quiet)
-    assert "**These data are synthetic.**" in rig_texts.readme(quiet)
+    assert accelerometers.study(quiet) == accelerometers.study(loud)
+    assert "synthetic" in accelerometers.study(quiet)
+    assert "**These data are synthetic.**" in accelerometers.readme(quiet)
 
 
 def study_on_stand_in(folder: Path, **changes: str) -> Path:
@@ -255,7 +256,7 @@ def test_model_that_cannot_be_built_is_told_with_its_line(tmp_path, capsys):
 def test_study_of_the_rig_is_one_for_diagnose_too(tmp_path):
     for name, *_ in CONDITIONS:
         (tmp_path / f"{name}.csv.gz").write_text(name)
-    (tmp_path / "study.toml").write_text(rig_texts.study(GearRig()), encoding="utf-8")
+    (tmp_path / "study.toml").write_text(accelerometers.study(GearRig()), encoding="utf-8")
     study = read_study(tmp_path / "study.toml")
     assert len(study.identify) == 3
     assert read_updating_study(tmp_path / "study.toml").settings().start["e_F"] == 2.0

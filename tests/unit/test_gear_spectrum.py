@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gearbox.signals.figures import plot_pair, plot_spectra
 from gearbox.signals.main_components import main_components
 from gearbox.signals.signal import Signal, SignalError
 from gearbox.signals.spectrum import name_lines, shaft_frequencies, spectrum
-from gearbox.signals.spectrum_figures import plot_pair, plot_spectra
 
 RATE, MESH = 25_600.0, 1600.0 / 3.0
 SHAFTS = shaft_frequencies(MESH, (32, 44), ("input shaft", "output shaft"))

@@ -56,7 +56,7 @@ COMMANDS = {
     ("compare",): Command("vtsdt.cli.study:compare", "compare model and recordings, and say where they differ"),
     ("bench", "axis"): Command("vtsdt.cli.bench_axis:main", "recordings of a virtual linear axis"),
     ("bench", "lift"): Command("vtsdt.cli.bench_lift:main", "recordings of a virtual lift"),
-    ("bench", "gear"): Command("gearbox.rig.rig:main", "recordings of a virtual gear stage"),
+    ("bench", "gear"): Command("gearbox.rig.command:main", "recordings of a virtual gear stage"),
     ("align",): Command("vtsdt.cli.align:main", "guide rail alignment from a few sensors of the cabin"),
     ("what-if",): Command("vtsdt.cli.what_if:main", "what straightening and lubricating the guides would save"),
     ("update-gearbox",): Command("gearbox.updating.command:main", "update a gear stage model from recordings"),

@@ -1,13 +1,16 @@
-"""The texts that stand beside recordings of the virtual gear rig: the study file and the README."""
+"""The virtual gear rig measured by accelerometers: recordings, study file and README for `vtsdt update-gearbox`."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import os
+from collections.abc import Sequence
+from pathlib import Path
 
-if TYPE_CHECKING:
-    from gearbox.rig.rig import GearRig
+from discrepancy.rigs.recording import check_folder, write_csv, write_json
+from gearbox.rig.rig import GearRig, record, truth
+from multibody.base.progress import Progress, silent
 
-__all__ = ["PARAMETERS", "SENSOR", "readme", "study"]
+__all__ = ["PARAMETERS", "SENSOR", "make_gear", "readme", "study"]
 
 #: Name, start (Table 2), range (Table 3) and unit, SI but for K, which is a force at a penetration of 1 mm.
 PARAMETERS = (
@@ -121,3 +124,44 @@ to the rig, for comparing afterwards; the study does not read it). Each recordin
   {rig.logger.cutoff * rig.logger.rate / 2:g} Hz.
 - It is integrated at tighter tolerances.
 """
+
+
+def make_gear(
+    out: str | os.PathLike[str], hide: Sequence[str] = (), *, rig: GearRig | None = None, progress: Progress = silent
+) -> Path:
+    """Write recordings of the virtual gear rig into a folder, with the study file and the truth.
+
+    Parameters
+    ----------
+    out : path
+        Folder; made if it is not there.
+    hide : sequence of str
+        ``KIND`` or ``KIND@WHERE``, see :data:`gearbox.rig.hidden.KINDS`.
+    rig : GearRig, optional
+    progress : callable
+        Gets a line of text for each recording.
+
+    Returns
+    -------
+    Path
+        The study file.
+
+    Raises
+    ------
+    BenchError
+        With everything that is not possible.
+    """
+    rig = rig or GearRig()
+    rig.faults_of(hide)
+    if Path(out).is_file():
+        check_folder(out)
+    recordings, faults = record(rig, hide, progress)
+    folder = check_folder(out)
+    for each in recordings:
+        progress(f"writing {each.name}")
+        write_csv(folder / f"{each.name}.csv.gz", each.stamps, each.columns)
+    path = folder / "study.toml"
+    path.write_text(study(rig), encoding="utf-8")
+    (folder / "README.md").write_text(readme(rig), encoding="utf-8")
+    write_json(folder / "truth.json", truth(rig, recordings, faults, len(hide)))
+    return path

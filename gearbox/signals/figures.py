@@ -2,21 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from discrepancy.drawing.figure_style import AFTER, BEFORE, MEASURED, drawing, label, new_figure
+from gearbox.signals.signal import Signal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gearbox.signals.orders import SynchronousAverage
-    from gearbox.signals.signal import Signal
-    from gearbox.signals.spectrum import LineTable, Spectrum
-
 __all__ = ["plot_average", "plot_pair", "plot_spectra", "plot_spectrum"]
+
+Array = NDArray[np.float64]
+
+
+class Spectrum(Protocol):
+    """Amplitudes over frequency, as `gearbox.signals.spectrum.Spectrum` holds them."""
+
+    @property
+    def frequencies(self) -> Array: ...
+    @property
+    def amplitudes(self) -> Array: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+
+
+class NamedLines(Protocol):
+    """Mesh orders and sidebands in a spectrum, as `gearbox.signals.spectrum.LineTable` holds them."""
+
+    @property
+    def mesh_frequency(self) -> float: ...
+    @property
+    def shafts(self) -> Mapping[str, float]: ...
+    @property
+    def lines(self) -> Sequence[Any]: ...
+    @property
+    def mesh(self) -> Sequence[Any]: ...
+
+
+class Average(Protocol):
+    """A synchronous average over the shaft's angle, as `gearbox.signals.orders.SynchronousAverage` holds it."""
+
+    @property
+    def angle(self) -> Array: ...
+    @property
+    def values(self) -> Array: ...
+    @property
+    def std_error(self) -> float: ...
+    @property
+    def count(self) -> int: ...
+    @property
+    def share(self) -> float: ...
+    @property
+    def unit(self) -> str: ...
+
 
 _SHAFTS = ("#D55E00", "#009E73", "#CC79A7")
 _WIDE = 8.0
@@ -25,7 +69,7 @@ _WIDE = 8.0
 @drawing
 def plot_spectrum(
     spectrum: Spectrum,
-    lines: LineTable | None = None,
+    lines: NamedLines | None = None,
     *,
     band: tuple[float, float] | None = None,
     zoom: int | None = None,
@@ -59,7 +103,9 @@ def plot_spectrum(
     return figure
 
 
-def _one(axes: Any, spectrum: Spectrum, lines: LineTable | None, band: tuple[float, float], *, sidebands: bool) -> None:
+def _one(
+    axes: Any, spectrum: Spectrum, lines: NamedLines | None, band: tuple[float, float], *, sidebands: bool
+) -> None:
     shown = (spectrum.frequencies >= band[0]) & (spectrum.frequencies <= band[1])
     f, a = spectrum.frequencies[shown], spectrum.amplitudes[shown]
     top = max(float(a.max(initial=0.0)), 1e-300)
@@ -115,7 +161,7 @@ def plot_spectra(spectra: Sequence[tuple[str, Spectrum]], band: tuple[float, flo
 
 
 @drawing
-def plot_average(average: SynchronousAverage) -> Figure:
+def plot_average(average: Average) -> Figure:
     """A synchronous average over the shaft's angle, with the band of its standard error."""
     figure, axes = new_figure(1, height=2.6, width=_WIDE)
     axis = axes[0, 0]

@@ -1,0 +1,71 @@
+"""``vtsdt bench gear``: recordings of the virtual gear rig."""
+
+from __future__ import annotations
+
+import argparse
+
+from discrepancy.rigs.recording import BenchError
+from gearbox.rig.accelerometers import make_gear
+from gearbox.rig.encoders import make_encoders
+from gearbox.rig.hidden import KINDS
+from gearbox.rig.rig import GearRig
+from multibody.base.progress import ProgressLine
+
+__all__ = ["listing", "main"]
+
+
+def listing(strength: float = 1.0) -> list[tuple[str, str, str, str]]:
+    """Kind, place, usual size and meaning of everything that can be hidden."""
+    rows = []
+    for kind in KINDS.values():
+        size = f"{strength * kind.usual * kind.size:.3g} {kind.unit}".rstrip()
+        rows += [(kind.kind, where, size, kind.what) for where in kind.places]
+    return rows
+
+
+def main(arguments: list[str]) -> int:
+    """Run ``vtsdt bench gear``; ``arguments`` are the words after it."""
+    parser = argparse.ArgumentParser(
+        prog="vtsdt bench gear",
+        description="Write recordings of a virtual gear stage. They are synthetic. Without --hide nothing is hidden.",
+    )
+    parser.add_argument(
+        "--hide", metavar="KIND[@WHERE]", action="extend", nargs="+", default=[],
+        help="effect to hide; give several, or repeat the option")  # fmt: skip
+    parser.add_argument("--list", action="store_true", help="print what can be hidden, where, and its usual size")
+    parser.add_argument("--out", metavar="DIR", help="folder to write into; made if it is not there")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of all random numbers (default 0)")
+    parser.add_argument(
+        "--manufacturing", metavar="FACTOR", type=float, default=0.0,
+        help="factor on the usual errors of manufacturing and assembly of a real stage (default 0: none)")  # fmt: skip
+    parser.add_argument(
+        "--strength", metavar="FACTOR", type=float, default=1.0,
+        help="factor on the usual size of what is hidden (default 1)")  # fmt: skip
+    parser.add_argument("--noise", metavar="M_S2", type=float, default=0.3,
+                        help="noise of the accelerometers, m/s² (default 0.3)")  # fmt: skip
+    parser.add_argument("--housing", choices=("flexible", "rigid", "clamped"), default="flexible",
+                        help="of the rig and of the model under test (default flexible)")  # fmt: skip
+    parser.add_argument("--encoders", action="store_true",
+                        help="turn the stage slowly and record encoders and torque, for vtsdt diagnose")  # fmt: skip
+    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    given = parser.parse_args(arguments)
+    if given.list:
+        rows = [("KIND", "WHERE", "USUAL SIZE", "MEANING"), *listing(given.strength)]
+        wide = [max(len(r[i]) for r in rows) for i in range(3)]
+        for row in rows:
+            print("  ".join(text.ljust(w) for text, w in zip(row[:3], wide, strict=True)) + "  " + row[3])
+        return 0
+    if given.out is None:
+        raise BenchError(["--out DIR is missing: name a folder for the recordings, or ask for --list"])
+    rig = GearRig(
+        given.seed, given.manufacturing, given.strength, noise=given.noise, housing=given.housing)  # fmt: skip
+    with ProgressLine(given.quiet) as progress:
+        progress("preparing the stage of the rig")
+        make = make_encoders if given.encoders else make_gear
+        study = make(given.out, given.hide, rig=rig, progress=progress)
+    if not given.quiet:
+        command, result = ("diagnose", "diagnosis") if given.encoders else ("update-gearbox", "updating")
+        print(f"Synthetic recordings of a virtual gear stage are in {study.parent}")
+        print(f"next: vtsdt {command} {study} --out {study.parent / result}")
+    return 0
