@@ -1,4 +1,4 @@
-"""Many runs by any executor: processes of this machine, threads, or a cluster's workers, through one `map`."""
+"""Many runs on any executor: processes of this machine, threads, or the workers of a cluster."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from multibody.machine.model import Model, System
 
 __all__ = ["Outcome", "run_many", "simulate_many"]
 
-AHEAD = 4  # runs that wait at a worker's door, so that it never waits for this process
+AHEAD = 4  # runs submitted for each worker, so that none waits for this process
 _numbers = itertools.count(1)
 _systems: dict[tuple[int, int], System] = {}
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came of one run.
+    """The result of one run.
 
     Parameters
     ----------
     index : int
-        Place in the order given.
+        Position in the order given.
     value : object
         What the function returned; None after a failure.
     error : str
@@ -40,7 +40,7 @@ class Outcome:
 
     @property
     def success(self) -> bool:
-        """Whether the run came to its end."""
+        """Whether the run ended without an error."""
         return not self.error
 
 
@@ -52,23 +52,23 @@ def run_many(
     workers: int | None = None,
     progress: Callable[[str], Any] | None = None,
 ) -> Iterator[Outcome]:
-    """Call a function with every item, each in a worker, and yield what came of it in the order given.
+    """Call a function with every item, each in a worker, and yield the outcomes in the order given.
 
-    A call that fails is an `Outcome` with its error; the others go on.  Items are drawn and results handed on as they
-    are needed: a generator of a million items is fine, and only a few results wait in memory.
+    A call that fails yields an `Outcome` with its error; the others go on.  Items are taken and outcomes yielded as
+    they are needed: a generator of a million items is fine, and only a few results wait in memory.
 
     Parameters
     ----------
     function : callable
-        Of one item.  For other processes it has to stand at the top of a module.
+        Of one item.  For other processes it has to be defined at the top of a module.
     items : iterable
     executor : concurrent.futures.Executor, optional
-        Where the calls run, such as that of a Dask cluster (``client.get_executor()``); it is left open.  Default: a
-        pool of processes on this machine.
+        Where the calls run, such as that of a Dask cluster (``client.get_executor()``); it is not shut down.  Default:
+        a pool of processes on this machine.
     workers : int, optional
-        Processes of the pool, and how many workers the executor is taken to have; default: the processors here.
+        Processes of the pool, or the number of workers assumed for the executor; default: the processors here.
     progress : callable, optional
-        Takes a line of text now and then, such as `multibody.base.progress.ProgressLine`.
+        Called with a line of text now and then, such as `multibody.base.progress.ProgressLine`.
 
     Examples
     --------
@@ -107,7 +107,7 @@ def run_many(
 
 
 def _guarded(function: Callable[..., Any], item: Any) -> tuple[Any, str]:
-    """Call in the worker; errors travel as text, because not every error survives the way between processes."""
+    """Call in the worker; errors are returned as text, because not every error can be pickled."""
     try:
         return function(item), ""
     except Exception as error:
@@ -117,7 +117,7 @@ def _guarded(function: Callable[..., Any], item: Any) -> tuple[Any, str]:
 def _finished(index: int, future: Future[Any]) -> Outcome:
     try:
         return Outcome(index, *future.result())
-    except Exception as error:  # the worker itself: lost, or its answer could not be sent
+    except Exception as error:  # the worker was lost, or its result could not be pickled
         return Outcome(index, None, f"{type(error).__name__}: {error}")
 
 
@@ -132,12 +132,12 @@ def simulate_many(
     Parameters
     ----------
     model : Model
-        Compiled once, here, before the workers begin; they find it in the cache.
+        Compiled once, here, before the workers start; they find it in the cache.
     runs : iterable of mapping
         Arguments of `multibody.system.simulate.simulate` for each run, such as ``{"until": 6.0, "parameters": {…}}``.
     keep : sequence of str, or callable
-        Outputs to bring back, as an array of shape (nt, len(keep)); or a function of the trajectory, at the top of a
-        module, whose result is brought back.
+        Outputs to return, as an array of shape (nt, len(keep)), or a function of the trajectory at the top of a module,
+        whose result is returned.
     options
         Of `run_many`.
 

@@ -1,4 +1,4 @@
-"""A model as text: what it is made of and how it is put together, for reading."""
+"""A model as text: its components with their values, its connections, inputs and outputs."""
 
 from __future__ import annotations
 
@@ -44,29 +44,28 @@ def describe(model: ModelGraph) -> str:
         head = (name, type(component).__name__)
         for k, line in enumerate(lines or [("", "", "", "")]):
             rows.append((*(head if k == 0 else ("", "")), *line))
-    told = [model.name, "", *_aligned(rows)]
+    text = [model.name, "", *_aligned(rows)]
     if model.connections:
-        told += ["", "connected:"]
-        told += ["  " + " – ".join(ends) for ends in model.connections]
-    loose = _loose_ports(model)
-    if loose:
-        told += ["", f"not connected: {', '.join(loose)}"]
+        text += ["", "connected:"]
+        text += ["  " + " – ".join(ends) for ends in model.connections]
+    if unconnected := _unconnected_ports(model):
+        text += ["", f"not connected: {', '.join(unconnected)}"]
     if model.inputs:
-        told += ["", "inputs:"]
-        told += [f"  {i.name} → {', '.join(i.targets) or 'nothing'}" for i in model.inputs.values()]
+        text += ["", "inputs:"]
+        text += [f"  {i.name} → {', '.join(i.targets) or 'nothing'}" for i in model.inputs.values()]
     if model.outputs:
-        told += ["", "outputs:"]
-        told += [f"  {name} = {source}" for name, source in model.outputs.items()]
-    return "\n".join(told)
+        text += ["", "outputs:"]
+        text += [f"  {name} = {source}" for name, source in model.outputs.items()]
+    return "\n".join(text)
 
 
-def _loose_ports(model: ModelGraph) -> list[str]:
-    touched = {end for ends in model.connections for end in ends}
+def _unconnected_ports(model: ModelGraph) -> list[str]:
+    connected = {end for ends in model.connections for end in ends}
     return [
         f"{name}.{port}"
         for name, component in model.components.items()
         for port, item in component.of_kind(Port).items()
-        if f"{name}.{port}" not in touched and not getattr(item, "inertia", None)
+        if f"{name}.{port}" not in connected and not getattr(item, "inertia", None)
     ]
 
 

@@ -1,4 +1,4 @@
-"""A machine as a named graph: components, what is connected to what, what comes in and what is looked at."""
+"""A machine as a named graph: components, connections, inputs, outputs and narrow features."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class Part:
     def __getattr__(self, attribute: str) -> Endpoint:
         if attribute.startswith("__"):
             raise AttributeError(attribute)
-        known = self.component.of_kind((Port, Input, Output))  # type: ignore[arg-type]
-        if attribute not in known:
+        endpoints = self.component.of_kind((Port, Input, Output))  # type: ignore[arg-type]
+        if attribute not in endpoints:
             kind = type(self.component).__name__
             raise AttributeError(
-                f"{kind} '{self.name}' has no port or signal '{attribute}'{nearest(attribute, known)}"
+                f"{kind} '{self.name}' has no port or signal '{attribute}'{nearest(attribute, endpoints)}"
             )
         return Endpoint(f"{self.name}.{attribute}")
 
@@ -51,8 +51,8 @@ class Part:
 class ModelInput:
     """A signal that enters the model from outside and the component inputs that it feeds.
 
-    ``gain`` (relative), ``offset`` (in the signal's unit) and ``delay`` (s) are errors of the signal on its
-    way in; None means that the model has no such error.
+    ``gain`` (relative), ``offset`` (in the signal's unit) and ``delay`` (s) are errors of the signal; None means that
+    the model has no such error.
     """
 
     name: str
@@ -117,24 +117,22 @@ class ModelGraph:
         self._inputs[name] = ModelInput(name, [str(t) for t in targets], default=default)
 
     def output(self, name: str, source: str) -> None:
-        """Give a second name to a component's output, state or port quantity, such as
-        ``"drive.flange.force"``.
-        """
+        """Give a second name to a component's output, state or port quantity, such as ``"drive.flange.force"``."""
         if name in self._outputs:
             self._faults.append(f"the model output '{name}' is declared twice")
         self._outputs[name] = str(source)
 
     def feature(self, what: str, width: float | str, speed: str) -> None:
-        """Declare that something narrow passes by, such as a tooth or a bend of a rail, which no step may jump over.
+        """Declare a narrow feature that passes by, such as a tooth or a bend of a rail: no step jumps over it.
 
         Parameters
         ----------
         what : str
             A name for it.
         width : float or str
-            How wide it is, or ``"component.table"`` whose closest points count.
+            Its width, or ``"component.table"``: the least distance of that table's points.
         speed : str
-            State or output of the model at whose speed it passes; without that signal it does not count.
+            State or output of the model at whose speed it passes; without that signal the feature is ignored.
         """
         self._features[what] = (width, speed)
 
@@ -167,7 +165,7 @@ class ModelGraph:
 
     @property
     def features(self) -> dict[str, tuple[float | str, str]]:
-        """What passes by: width and speed by name (see `feature`)."""
+        """Narrow features: width and speed by name (see `feature`)."""
         return dict(self._features)
 
     @property
@@ -192,7 +190,7 @@ class ModelGraph:
 
     @property
     def declared_faults(self) -> list[str]:
-        """Faults met while the model was put together (a name used twice, not a component)."""
+        """Faults found while the model was built up (a name used twice, not a component)."""
         return list(self._faults)
 
     def part(self, name: str) -> Part:
@@ -204,9 +202,7 @@ class ModelGraph:
         return Part(name, self._components[name])
 
     def find(self, endpoint: str) -> tuple[str, Component, str] | None:
-        """Split ``"carriage.guide.a"`` into component name, component and the rest; None when no component
-        fits.
-        """
+        """Split ``"carriage.guide.a"`` into component name, component and the rest; None without such a component."""
         pieces = endpoint.split(".")
         for cut in range(len(pieces) - 1, 0, -1):
             name = ".".join(pieces[:cut])

@@ -1,4 +1,4 @@
-"""The graph of a model checked and sorted into nodes and signal paths; every fault is collected."""
+"""The network of a model: its nodes and signal paths, with every fault of its graph."""
 
 from __future__ import annotations
 
@@ -65,9 +65,7 @@ class Node:
 
     @property
     def label(self) -> PortOf:
-        """The port that names the node: the first that is a body's axis, has inertia, prescribes, or the
-        first.
-        """
+        """The port that names the node: the first that is a body's axis, has inertia or prescribes; else the first."""
         for wanted in ("coordinate", "inertia", "prescribed"):
             for port in self.ports:
                 if getattr(port, wanted):
@@ -92,7 +90,7 @@ class Node:
 
 @dataclass
 class Network:
-    """A model's nodes, where each component input gets its signal from, and all faults found on the way."""
+    """A model's nodes, the source of each component input, and all faults."""
 
     nodes: list[Node] = field(default_factory=list)
     node_of: dict[str, Node] = field(default_factory=dict)
@@ -107,8 +105,8 @@ def network(model: ModelGraph) -> Network:
     if not model.components:
         net.faults.append("the model has no components: add some with model.add(name, component)")
     for name, component in model.components.items():
-        told = [*declaration_faults(component), *component.faults]
-        net.faults += [f"component '{name}' ({type(component).__name__}): {fault}" for fault in told]
+        own_faults = [*declaration_faults(component), *component.faults]
+        net.faults += [f"component '{name}' ({type(component).__name__}): {fault}" for fault in own_faults]
     net.faults += _name_faults(model)
     links: dict[str, set[str]] = {}
     ports: dict[str, PortOf] = {}
@@ -117,9 +115,9 @@ def network(model: ModelGraph) -> Network:
             reference = PortOf(owner, component, port, port_name)
             ports[reference.name] = reference
             links[reference.name] = set()
-    touched: set[str] = set()
+    connected: set[str] = set()
     for ends in model.connections:
-        _connection(model, ends, ports, links, touched, net)
+        _connection(model, ends, ports, links, connected, net)
     _signals(model, net)
     _nodes(ports, links, net)
     for name, reference in ports.items():
@@ -127,7 +125,7 @@ def network(model: ModelGraph) -> Network:
             reference.port.parent or reference.port.offset is not None
         )
         free_alone = reference.inertia or reference.coordinate or held
-        if name not in touched and not free_alone:
+        if name not in connected and not free_alone:
             meaning = reference.port.meaning or type(reference.component).__name__
             noun = f"{reference.port.domain} port '{name}' ({meaning})"
             net.faults.append(f"{noun} is not connected: connect it to another port or to the ground")
@@ -137,9 +135,7 @@ def network(model: ModelGraph) -> Network:
 
 
 def _name_faults(model: ModelGraph) -> list[str]:
-    """Return names that cannot stand beside each other, because two quantities would have the same full
-    name.
-    """
+    """Return the faults of names with which two quantities would have the same full name."""
     faults = []
     for what, names in (("component", model.components), ("model input", model.inputs)):
         for name in names:
@@ -169,7 +165,7 @@ def _connection(
     ends: tuple[str, ...],
     ports: dict[str, PortOf],
     links: dict[str, set[str]],
-    touched: set[str],
+    connected: set[str],
     net: Network,
 ) -> None:
     shown = " – ".join(ends)
@@ -209,7 +205,7 @@ def _connection(
             f"connection '{shown}' mixes ports and signals: use a sensor or a source between them"
         )
     elif mechanical:
-        _join(mechanical, shown, ports, links, touched, net)
+        _join(mechanical, shown, ports, links, connected, net)
     else:
         _signal_connection(model, shown, outputs, inputs, net)
 
@@ -219,19 +215,19 @@ def _join(
     shown: str,
     ports: dict[str, PortOf],
     links: dict[str, set[str]],
-    touched: set[str],
+    connected: set[str],
     net: Network,
 ) -> None:
     domains = {ports[e].port.domain for e in ends if e != GROUND}
     if len(domains) > 1:
-        told = ", ".join(f"'{e}' is {ports[e].port.domain}" for e in ends if e != GROUND)
+        kinds = ", ".join(f"'{e}' is {ports[e].port.domain}" for e in ends if e != GROUND)
         net.faults.append(
-            f"connection '{shown}' joins different kinds of port ({told}): put a converting part between them"
+            f"connection '{shown}' joins different kinds of port ({kinds}): put a converting part between them"
         )
         return
     first = ends[0]
     for end in ends:
-        touched.add(end)
+        connected.add(end)
         links.setdefault(first, set()).add(end)
         links.setdefault(end, set()).add(first)
 
@@ -252,8 +248,7 @@ def _signal_connection(model: ModelGraph, shown: str, outputs: list[str], inputs
         if not same_dimension(out_unit or "1", unit or "1"):
             net.faults.append(
                 f"connection '{shown}': '{source}' is in {out_unit or '1'} but '{target}' takes "
-                f"{unit or '1'}: "
-                "put a Gain between them or connect the right signal"
+                f"{unit or '1'}: put a Gain between them or connect the right signal"
             )
         if target in net.sources:
             net.faults.append(
@@ -299,8 +294,7 @@ def _signals(model: ModelGraph, net: Network) -> None:
         for name, item in component.of_kind(Input).items():
             if f"{owner}.{name}" not in net.sources and item.default is None:
                 net.faults.append(
-                    f"input '{owner}.{name}' ({item.meaning}, {item.unit or '1'}) has no source: connect an "
-                    "output "
+                    f"input '{owner}.{name}' ({item.meaning}, {item.unit or '1'}) has no source: connect an output "
                     f"to it or declare model.input('{owner}.{name}', '{owner}.{name}')"
                 )
 

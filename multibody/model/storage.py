@@ -41,7 +41,7 @@ def save(model: ModelGraph, path: str | Path) -> Path:
     Raises
     ------
     ModelError
-        If a component has faults, or its class is not at the top of a module that can be found again.
+        If a component has faults, or its class is not at the top of a module that can be imported again.
     """
     path = Path(path)
     faults = list(model.declared_faults)
@@ -55,8 +55,8 @@ def save(model: ModelGraph, path: str | Path) -> Path:
             continue
         entry: dict[str, Any] = {"class": reference}
         for part in ("values", "options", "units", "starts"):
-            if found := getattr(component, part):
-                entry[part] = found
+            if values := getattr(component, part):
+                entry[part] = values
         if component.tables:
             entry["tables"] = {
                 k: {"x": x.tolist(), "y": y.tolist()} for k, (x, y) in component.tables.items()
@@ -122,7 +122,7 @@ def _read(path: Path, faults: list[str]) -> dict[str, Any]:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = [key for key, _ in pairs]
         faults.extend(
-            f"'{key}' stands twice in one object" for key in sorted({k for k in keys if keys.count(k) > 1})
+            f"'{key}' appears twice in one object" for key in sorted({k for k in keys if keys.count(k) > 1})
         )
         return dict(pairs)
 
@@ -140,9 +140,9 @@ def _read(path: Path, faults: list[str]) -> dict[str, Any]:
     if not isinstance(content, dict) or "schema" not in content:
         raise ModelError(f"{path}", ["this is not a model file: it has no entry 'schema'"])
     if content["schema"] != SCHEMA:
-        told = f"the file has schema {content['schema']!r}, this version reads {SCHEMA}: "
+        mismatch = f"the file has schema {content['schema']!r}, this version reads {SCHEMA}: "
         newer = isinstance(content["schema"], int) and content["schema"] > SCHEMA
-        raise ModelError(f"{path}", [told + ("update the package" if newer else "save the model again")])
+        raise ModelError(f"{path}", [mismatch + ("update the package" if newer else "save the model again")])
     for key, kind in _TOP.items():
         if key not in content:
             faults.append(f"the entry '{key}' is missing")
@@ -157,38 +157,38 @@ def _read(path: Path, faults: list[str]) -> dict[str, Any]:
 
 
 def _component(name: str, entry: Any, folder: Path, faults: list[str]) -> Component | None:
-    told = f"component '{name}'"
+    where = f"component '{name}'"
     if not isinstance(entry, dict) or not isinstance(entry.get("class"), str):
-        faults.append(f"{told}: give an object with 'class', such as \"multibody.library:Mass\"")
+        faults.append(f"{where}: give an object with 'class', such as \"multibody.library:Mass\"")
         return None
     faults += [
-        f"{told}: unknown entry '{k}'{nearest(k, _PARTS)}" for k in entry if k not in (*_PARTS, "class")
+        f"{where}: unknown entry '{k}'{nearest(k, _PARTS)}" for k in entry if k not in (*_PARTS, "class")
     ]
     given: dict[str, Any] = {}
     for part in _PARTS:
         values = entry.get(part, {})
         if not isinstance(values, dict):
-            faults.append(f"{told}: '{part}' has to be an object of names and values")
+            faults.append(f"{where}: '{part}' has to be an object of names and values")
             continue
         for key, value in values.items():
             if part == "tables":
                 if not isinstance(value, dict) or set(value) != {"x", "y"}:
-                    faults.append(f'{told}: table \'{key}\' has to be {{"x": [...], "y": [...]}}')
+                    faults.append(f'{where}: table \'{key}\' has to be {{"x": [...], "y": [...]}}')
                     continue
                 value = (value["x"], value["y"])
             elif part in ("values", "starts") and (
                 isinstance(value, bool) or not isinstance(value, int | float)
             ):
-                faults.append(f"{told}: '{key}' has to be a number in SI, it is {value!r}")
+                faults.append(f"{where}: '{key}' has to be a number in SI, it is {value!r}")
                 continue
             given[key] = value
     try:
         cls = _class(entry["class"], folder)
         return cls(**given)
     except LookupError as error:
-        faults.append(f"{told}: {error.args[0]}")
+        faults.append(f"{where}: {error.args[0]}")
     except Exception as error:
-        faults.append(f"{told}: {entry['class']} could not be made: {type(error).__name__}: {error}")
+        faults.append(f"{where}: {entry['class']} could not be made: {type(error).__name__}: {error}")
     return None
 
 
@@ -236,9 +236,7 @@ def _reference(cls: type, folder: Path) -> str:
 
 
 def _installed(module: str, file: Path) -> bool:
-    """Tell whether a module is found by its name from anywhere: part of this distribution or of an installed
-    one.
-    """
+    """Tell whether a module can be imported by its name: part of this distribution or of an installed one."""
     home = Path(__file__).resolve().parents[2]
     if module.split(".")[0] in ("multibody", "estimation", "discrepancy", "vtsdt", "gearbox"):
         return file.is_relative_to(home)
@@ -251,11 +249,11 @@ def _class(reference: str, folder: Path) -> type[Component]:
     if not colon or not name.isidentifier():
         raise LookupError(f'class \'{reference}\' has to be written "module:Class" or "file.py:Class"')
     module = _file_module(folder / place) if place.endswith(".py") else _named_module(place)
-    found = getattr(module, name, None)
-    if not isinstance(found, type) or not issubclass(found, Component):
+    cls = getattr(module, name, None)
+    if not isinstance(cls, type) or not issubclass(cls, Component):
         known = [k for k, v in vars(module).items() if isinstance(v, type) and issubclass(v, Component)]
         raise LookupError(f"'{place}' has no component class '{name}'{nearest(name, known)}")
-    return found
+    return cls
 
 
 def _named_module(name: str) -> ModuleType:
@@ -273,7 +271,7 @@ def _file_module(path: Path) -> ModuleType:
     path = path.resolve()
     if not path.is_file():
         raise LookupError(
-            f"the file '{path}' is needed for its component classes and is not there: put it back"
+            f"the file '{path}' is needed for its component classes and does not exist: restore it"
         )
     for module in _modules_of(path):
         return module

@@ -28,7 +28,7 @@ def observe_along(
     delays: np.ndarray,
     shape: np.ndarray,
 ) -> np.ndarray:
-    """Return the derivatives of the outputs along directions that a trajectory has carried, shape (nt, n_y, m).
+    """Return the derivatives of the outputs along the directions of a trajectory, shape (nt, n_y, m).
 
     Parameters
     ----------
@@ -47,30 +47,30 @@ def observe_along(
     function, m = system.outputs_tangent, directions.count
     at = _contiguous(times, states, inputs, rates, p)
     shape, delays = _contiguous(shape, delays)
-    found = np.empty((times.size, m, len(system.outputs)))
+    derivatives = np.empty((times.size, m, len(system.outputs)))
     wide = along_directions(function, MANY_LANES) if worth_lanes(times.size, m) else None
     if wide is None:
         room = np.empty(len(system.inputs))
         along.observe_along(
-            function.address, *at, directions.p_dot, shape, directions.channel, delays, room, found
+            function.address, *at, directions.p_dot, shape, directions.channel, delays, room, derivatives
         )
         function.check()
-        return found.transpose(0, 2, 1)
+        return derivatives.transpose(0, 2, 1)
     room = np.zeros((len(system.states) + len(system.inputs) + len(system.outputs)) * MANY_LANES)
     for first in range(0, m, MANY_LANES):
         p_dot = directions.p_dot[first : first + MANY_LANES]
         lanes = np.zeros((p.size, MANY_LANES))
         lanes[:, : len(p_dot)] = p_dot.T
-        some = np.empty((times.size, len(p_dot), found.shape[2]))
+        some = np.empty((times.size, len(p_dot), derivatives.shape[2]))
         along.observe_lanes_along(
             wide.address, first, *at, lanes, shape, directions.channel, delays, room, some
         )
-        found[:, first : first + len(p_dot)] = some
-    return found.transpose(0, 2, 1)
+        derivatives[:, first : first + len(p_dot)] = some
+    return derivatives.transpose(0, 2, 1)
 
 
 def longest_steps(problem: NativeProblem, times: np.ndarray, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-    """Return at every row the time, s, in which a quarter of what is narrow passes by there, shape (nt,)."""
+    """Return at every row the time, s, in which a quarter of the narrowest feature passes by, shape (nt,)."""
     longest = np.full(times.size, problem.largest_step)
     if problem.speeds is not None and problem.widths is not None:
         speeds = np.empty((times.size, problem.widths.size))

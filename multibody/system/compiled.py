@@ -79,7 +79,7 @@ class CompiledSystem:
         self.input_names = tuple(q.name for q in self.inputs)
         self.parameter_names = tuple(q.name for q in self.parameters)
         self.output_names = tuple(q.name for q in self.outputs)
-        #: states and outputs at whose speeds something narrow passes by (see `multibody.system.narrow_features`)
+        #: states and outputs at whose speeds narrow features pass by (see `multibody.system.narrow_features`)
         self.speed_names = plan.speed_names
         #: index of the parameter that delays an input, by the input's name
         self.input_delays: dict[str, int] = {
@@ -285,8 +285,7 @@ class CompiledSystem:
         x = np.asarray(x, dtype=float)
         u = self.u if u is None else np.asarray(u, dtype=float)
         p = self.p if p is None else np.asarray(p, dtype=float)
-        found = self.jacobian_along(wrt, np.array([t], dtype=float), x[None], u[None], p, of=of)
-        return found[0]
+        return self.jacobian_along(wrt, np.array([t], dtype=float), x[None], u[None], p, of=of)[0]
 
     def jacobian_along(
         self,
@@ -326,15 +325,15 @@ class CompiledSystem:
         at = _contiguous(times, states, inputs, p)
         wide = None
         if worth_lanes(times.size, m) if in_lanes is None else in_lanes:
-            # what reads the states' directions alone does less
+            # a tangent along states alone does less work
             wide = self.rhs_columns if (wrt, of) == ("x", "rhs") else along_directions(function, MANY_LANES)
         if wide is None:
             seeds = {key: np.zeros((m, size)) for key, size in sizes.items()}
             seeds[wrt][np.arange(m), chosen] = 1.0
-            found = np.empty((times.size, m, rows))
-            tangents_along(function.address, *at, *seeds.values(), found)
+            derivatives = np.empty((times.size, m, rows))
+            tangents_along(function.address, *at, *seeds.values(), derivatives)
             function.check()
-            return found.transpose(0, 2, 1)
+            return derivatives.transpose(0, 2, 1)
         room, out = np.empty((rows, wide.lanes)), np.empty((times.size, rows, m))
         group, lane = np.divmod(np.arange(m), wide.lanes)
         lanes = {key: np.zeros((-(-m // wide.lanes), size, wide.lanes)) for key, size in sizes.items()}
@@ -351,16 +350,16 @@ class CompiledSystem:
         """
         shape = (times.size, len(self.outputs))
         times, states, inputs, every = _contiguous(times, states, inputs, np.atleast_2d(p))
-        found, own, out = np.empty((len(every), *shape)), np.empty(every.shape[1]), np.empty(shape)
+        outputs, own, out = np.empty((len(every), *shape)), np.empty(every.shape[1]), np.empty(shape)
         work = rhs_along.bound(
             self.outputs_function.address, times, states, inputs, own, out
         )
         for k, values in enumerate(every):
             own[:] = values
             work()
-            found[k] = out
+            outputs[k] = out
         self.outputs_function.check()
-        return found if p.ndim == 2 else found[0]
+        return outputs if p.ndim == 2 else outputs[0]
 
     @cached_property
     def colours(self) -> np.ndarray:
@@ -369,8 +368,8 @@ class CompiledSystem:
         colours = np.full(n, -1)
         for j in np.argsort(-self.sparsity.sum(axis=0), kind="stable"):
             rows = self.sparsity[:, j]
-            taken = {colours[k] for k in range(n) if colours[k] >= 0 and np.any(self.sparsity[:, k] & rows)}
-            colours[j] = next(c for c in range(n) if c not in taken)
+            used = {colours[k] for k in range(n) if colours[k] >= 0 and np.any(self.sparsity[:, k] & rows)}
+            colours[j] = next(c for c in range(n) if c not in used)
         return colours
 
     def __repr__(self) -> str:

@@ -66,8 +66,8 @@ def equilibrium(
 ) -> Equilibrium:
     """Find a state at rest.
 
-    Speeds are zero at rest; the other states follow from rates that vanish.  Where the machine may rest
-    anywhere (a mass without a spring), the state nearest to the guess is taken.
+    Speeds are zero at rest; the other states follow from rates that vanish.  Where the machine can rest
+    anywhere (a mass without a spring), the state nearest to the guess is returned.
 
     Parameters
     ----------
@@ -123,8 +123,7 @@ def equilibrium(
             f"  - d/dt {system.state_names[k]} = {f[k]:.4g} {system.states[k].unit}/s" for k in worst
         )
         raise SimulationError(
-            f"'{system.name}' has no equilibrium near the guess; after {done} steps these rates "
-            f"remain:\n{lines}\n"
-            "Hold a state (hold=…), give a better guess, or look for a force that nothing balances."
+            f"'{system.name}' has no equilibrium near the guess; after {done} steps these rates remain:\n{lines}\n"
+            "Hold a state (hold=…), give a better guess, or check for a force that nothing balances."
         )
     return Equilibrium(system.state_names, tuple(q.unit for q in system.states), x, f, done)

@@ -43,7 +43,7 @@ class Linearization:
         return np.linalg.eigvals(self.A)
 
     def modes(self) -> pandas.DataFrame:
-        """Return the oscillating modes: f = |λ|/2π in Hz, damping ratio, and the state that takes most part.
+        """Return the oscillating modes: f = |λ|/2π in Hz, damping ratio, and the state with the largest participation.
 
         The frequency follows González et al. 2020, Eq. 19.
         """

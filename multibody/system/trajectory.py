@@ -57,7 +57,7 @@ class Trajectory:
 
     @property
     def outputs(self) -> np.ndarray:
-        """All outputs, shape (nt, n_y), computed when first asked for."""
+        """All outputs, shape (nt, n_y), computed on first access."""
         if "y" not in self._cache:
             self._cache["y"] = self.system.outputs_along(self.times, self.states, self.inputs, self.p)
         return self._cache["y"]

@@ -126,7 +126,7 @@ def test_user_file_moves_with_the_model_and_is_needed(tmp_path):
     assert content["components"]["part"]["class"] == "cushions.py:Cushion"
     (tmp_path / "two" / "cushions.py").unlink()
     with pytest.raises(
-        ModelError, match=r"cushions\.py' is needed for its component classes and is not there"
+        ModelError, match=r"cushions\.py' is needed for its component classes and does not exist"
     ):
         Model.load(tmp_path / "two" / "model.json")
 
@@ -223,7 +223,7 @@ BROKEN = {
     "a function": (changed("components", "body", "class", to="os:system"), "no component class 'system'"),
     "file that is not there": (
         changed("components", "body", "class", to="gone.py:Mass"),
-        "is not there: put it back",
+        "does not exist: restore it",
     ),
     "unknown part": (
         changed("components", "body", "value", to={}),
@@ -282,7 +282,7 @@ def test_broken_file(case, tmp_path):
         ("{", "not JSON: Expecting property name enclosed in double quotes at line 1, column 2"),
         ("", "not JSON"),
         ("[1, 2]", "not a model file"),
-        ('{"schema": 1, "schema": 1}', "'schema' stands twice"),
+        ('{"schema": 1, "schema": 1}', "'schema' appears twice"),
         ('{"schema": NaN}', "NaN is not a number that a model can have"),
         ("\xff\xfe", "not UTF-8 text"),
     ],
