@@ -39,7 +39,7 @@ def computed_matrices(monkeypatch):
 
 
 def arrays(candidates):
-    return {c.name: c.columns[0] for c in candidates}
+    return {c.name: c.sensitivities[0] for c in candidates}
 
 
 def test_a_scan_computes_the_sensitivities_to_the_curves_too(anew, computed_matrices, monkeypatch):
