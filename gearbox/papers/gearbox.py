@@ -1,4 +1,4 @@
-"""The gearbox paper's tables and figures beside what comes out here, each row with a verdict.
+"""The gearbox paper's tables and figures compared with the results of this project, each row with a verdict.
 
 The paper's recordings are not public, and it publishes nothing of housing, shafts and bearings.  What depends on them
 is made on the virtual rig and says so: it shows the same chain at work, not the same numbers.

@@ -61,7 +61,7 @@ COMMANDS = {
     ("what-if",): Command("vtsdt.cli.what_if:main", "what straightening and lubricating the guides would save"),
     ("update-gearbox",): Command("gearbox.updating.command:main", "update a gear stage model from recordings"),
     ("warm",): Command("vtsdt.cli.warm:main", "compile the shipped models before they are needed"),
-    ("validate", "papers"): Command("vtsdt.papers.validation:main", "the papers' tables, reproduced and compared"),
+    ("validate", "papers"): Command("vtsdt.cli.validate_papers:main", "the papers' tables, reproduced and compared"),
     ("validate", "discrepancy"): Command(
         "vtsdt.cli.validate_discrepancy:main", "error rates of finding missing effects"
     ),

@@ -1,7 +1,7 @@
 """Figs. 8, 9 and 13 of González et al. 2020 on the virtual lift: the guide's alignment, before and after correction.
 
-The rail is that of the project's bench, drawn with the places that the paper prints; what is measured of it went
-through a rig with everything that the cabin model lacks.
+The rail is that of the project's bench, with deviations at the heights that the paper prints; the measurements come from
+a rig with everything that the cabin model lacks.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ def chapters_of_alignment(paper: str, progress: Progress) -> list[PaperChapter]:
     from vtsdt.files.parameters import LiftParameters
 
     nominal = LiftParameters.bench()
-    trips = _recorded(nominal.cabin_guide, 0, _BEFORE, partial(_tell, progress, "Fig. 9: "))
-    still = _recorded(nominal.cabin_guide, 3, _SCALING, partial(_tell, progress, "Fig. 9, for the scaling: "))
-    moved = _recorded(nominal.cabin_guide, 2, _SCALING, partial(_tell, progress, "Fig. 9, rail moved: "), _INTRODUCED)
+    trips = _recorded(nominal.cabin_guide, 0, _BEFORE, partial(_prefixed, progress, "Fig. 9: "))
+    still = _recorded(nominal.cabin_guide, 3, _SCALING, partial(_prefixed, progress, "Fig. 9, for the scaling: "))
+    moved = _recorded(nominal.cabin_guide, 2, _SCALING, partial(_prefixed, progress, "Fig. 9, rail moved: "), _INTRODUCED)
     pair = [align(part, nominal, observe=False) for part in (still, moved)]
     scaled, factor = calibrated(nominal, pair[0], pair[1], _INTRODUCED)
     before = align(trips, scaled, observe=False)
     true = equivalent_deviation({"right_x": nominal.cabin_guide.right_x}, before.shoes, before.height)
     straight = _straightened(nominal.cabin_guide, before)
     after = align(
-        _recorded(straight, 1, _AFTER, partial(_tell, progress, "Fig. 13: ")), scaled, observe=False
+        _recorded(straight, 1, _AFTER, partial(_prefixed, progress, "Fig. 13: ")), scaled, observe=False
     )  # fmt: skip
     return [_figure_8(paper, trips), _figure_9(paper, before, true, factor), _figure_13(paper, before, after)]
 
 
-def _tell(progress: Progress, before: str, text: str) -> None:
-    progress(before + text)
+def _prefixed(progress: Progress, prefix: str, text: str) -> None:
+    progress(prefix + text)
 
 
 def _recorded(guide: Any, number: int, count: int, progress: Progress, shift: float = 0.0) -> list[Any]:
@@ -68,7 +68,7 @@ def _recorded(guide: Any, number: int, count: int, progress: Progress, shift: fl
     return prepared(visit(0, number, count, shift=shift, parameters=lift, progress=progress).records)
 
 
-def _straightened(guide: Any, found: Alignment) -> Any:
+def _straightened(guide: Any, alignment: Alignment) -> Any:
     """Return the guide with its rail taken to the threshold where the estimate is beyond it.
 
     A section of cabin heights means the rail at the heights of both levels of shoes.
@@ -78,10 +78,10 @@ def _straightened(guide: Any, found: Alignment) -> Any:
     rail = guide.right_x
     height = np.array(rail.height)
     inside = np.zeros(height.size, dtype=bool)
-    for section in found.sections:
-        for shoe in found.shoes:
+    for section in alignment.sections:
+        for shoe in alignment.shoes:
             inside |= (height >= section.low + shoe - 0.01) & (height <= section.high + shoe + 0.01)
-    deviation = np.where(inside, np.minimum(rail.deviation, found.threshold), rail.deviation)
+    deviation = np.where(inside, np.minimum(rail.deviation, alignment.threshold), rail.deviation)
     return dataclasses.replace(guide, right_x=RailProfile(rail.height, tuple(map(float, deviation))))
 
 
@@ -106,18 +106,18 @@ def _figure_8(paper: str, trips: list[Any]) -> PaperChapter:
     )
 
 
-def _figure_9(paper: str, found: Alignment, true: np.ndarray, factor: float) -> PaperChapter:
+def _figure_9(paper: str, alignment: Alignment, true: np.ndarray, factor: float) -> PaperChapter:
     from vtsdt.alignment.sections import sections
 
-    inside = (found.height >= 0.1) & (found.height <= 1.8) & np.isfinite(found.estimate)
+    inside = (alignment.height >= 0.1) & (alignment.height <= 1.8) & np.isfinite(alignment.estimate)
     correlation, of_median = (
-        float(np.corrcoef(curve[inside], true[inside])[0, 1]) for curve in (found.estimate, found.median)
+        float(np.corrcoef(curve[inside], true[inside])[0, 1]) for curve in (alignment.estimate, alignment.median)
     )
-    error = float(np.sqrt(np.mean((found.estimate - true)[inside] ** 2)))
-    listed = ", ".join(f"{s.low:.2f} to {s.high:.2f} m" for s in found.sections)
-    really = ", ".join(f"{a:.2f} to {b:.2f} m" for a, b in sections(found.height, true, _THRESHOLD))
+    error = float(np.sqrt(np.mean((alignment.estimate - true)[inside] ** 2)))
+    listed = ", ".join(f"{s.low:.2f} to {s.high:.2f} m" for s in alignment.sections)
+    really = ", ".join(f"{a:.2f} to {b:.2f} m" for a, b in sections(alignment.height, true, _THRESHOLD))
     rows = (
-        PaperRow(what="trips and their median", paper="10", ours=f"{len(found.trips)}", verdict=AGREES, why="exact"),
+        PaperRow(what="trips and their median", paper="10", ours=f"{len(alignment.trips)}", verdict=AGREES, why="exact"),
         PaperRow(
             what="deviation over height",
             paper="drawn, no numbers",
@@ -147,7 +147,7 @@ def _figure_9(paper: str, found: Alignment, true: np.ndarray, factor: float) -> 
         "deviation is the mean of the rail's at the two levels of shoes. The estimate is the median over the means of "
         "all pairs of trips, which has less error than the paper's median over trips."
     )
-    figure = found.plot(truth=true)
+    figure = alignment.plot(truth=true)
     return PaperChapter(
         paper=paper,
         place="Fig. 9",
@@ -175,8 +175,8 @@ def _figure_13(paper: str, before: Alignment, after: Alignment) -> PaperChapter:
     rows = []
     for section in before.sections:
         ours = [
-            float(np.nanmean(found.estimate[(found.height >= section.low) & (found.height <= section.high)]))
-            for found in (before, after)
+            float(np.nanmean(alignment.estimate[(alignment.height >= section.low) & (alignment.height <= section.high)]))
+            for alignment in (before, after)
         ]
         rows.append(
             PaperRow(

@@ -78,13 +78,13 @@ def _table_1() -> PaperChapter:
     }
     rows = []
     for name, (states, seconds, lift) in made.items():
-        found = len(lift.system.states)
+        count = len(lift.system.states)
         rows.append(
             PaperRow(
                 what=f"states of the {name} model",
                 paper=f"{states}",
-                ours=f"{found}",
-                verdict=AGREES if found == states else DIFFERS,
+                ours=f"{count}",
+                verdict=AGREES if count == states else DIFFERS,
                 why="exact",
             )
         )
@@ -123,10 +123,10 @@ def _figure_5() -> PaperChapter:
     from vtsdt.lift.reduction import one_dimensional_against_reference
 
     straight = LiftParameters.bench().straightened()
-    found = one_dimensional_against_reference(straight, rtol=1e-8, atol=1e-11)
+    reduction = one_dimensional_against_reference(straight, rtol=1e-8, atol=1e-11)
     rows = []
     for name, label in (("zdd_c", "z̈_c"), ("F_c", "F_c"), ("F_cw", "F_cw"), ("i_q", "i_q")):
-        error = found.errors[name]
+        error = reduction.errors[name]
         ok = error < 1e-3
         rows.append(
             PaperRow(
@@ -142,7 +142,7 @@ def _figure_5() -> PaperChapter:
         place="Fig. 5",
         title="1D against 3D model on straight guides",
         rows=tuple(rows),
-        figures={"papers_fig5": found.plot()},
+        figures={"papers_fig5": reduction.plot()},
         text="The friction of the reference model is given to the 1D model, as in the paper.",
     )
 
@@ -288,32 +288,32 @@ def _figure_10() -> PaperChapter:
     rails = [ProfileTable.of(r.profiles["cabin.right_x"]) for r in rigs]
     runner = TripRunner(given, rails[0].height)
     runs = runner.run([Variant(rail.profile) for rail in rails])
-    made = [
+    configurations = [
         configuration_of(f"{k}", rail, [run.energy.E_c], 0.03, 2.45)
         for k, (rail, run) in enumerate(zip(rails, runs, strict=True), 1)
     ]
-    found = threshold_of(made)
+    threshold = threshold_of(configurations)
     rows = (
         PaperRow(
             what="configurations under the threshold",
             paper="70 % of 14",
-            ours=f"{len(found.under)} of {len(made)}",
-            verdict=AGREES if len(found.under) == 10 else DIFFERS,
+            ours=f"{len(threshold.under)} of {len(configurations)}",
+            verdict=AGREES if len(threshold.under) == 10 else DIFFERS,
             why="the tenth of fourteen medians",
         ),
         PaperRow(
             what="threshold",
             paper="2.3 mm",
-            ours=f"{1e3 * found.level:.2f} mm",
+            ours=f"{1e3 * threshold.level:.2f} mm",
             verdict=DIFFERS,
             why="it is a property of the fourteen guides: ours are drawn with means of 1.4 to 2.6 mm; 95 % interval "
-            f"{1e3 * found.interval[0]:.2f} to {1e3 * found.interval[1]:.2f} mm",
+            f"{1e3 * threshold.interval[0]:.2f} to {1e3 * threshold.interval[1]:.2f} mm",
         ),
         PaperRow(
             what="energy loss grows with the deviation",
             paper="drawn",
-            ours=f"correlation {found.correlation:.2f}",
-            verdict=AGREES if found.correlation > 0.8 else DIFFERS,
+            ours=f"correlation {threshold.correlation:.2f}",
+            verdict=AGREES if threshold.correlation > 0.8 else DIFFERS,
             why="above 0.8",
         ),
     )
@@ -323,7 +323,7 @@ def _figure_10() -> PaperChapter:
         place="Fig. 10",
         title=title,
         rows=rows,
-        figures={"papers_fig10": found.plot()},
+        figures={"papers_fig10": threshold.plot()},
         text="Synthetic: rails drawn from a spectrum, deviations known, energies of the reference model.",
     )
 

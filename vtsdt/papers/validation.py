@@ -1,7 +1,6 @@
-"""``vtsdt validate papers``: each table and figure of the papers, ours beside it, and a verdict on every row.
+"""The validation page: each table and figure of the papers, compared with this project, and a verdict on every row.
 
-A row agrees within a stated tolerance, differs for a stated reason, or cannot be checked, and says why.  Rows of the
-gearbox paper come from ``gearbox.papers.gearbox:rows`` where that module is there.
+A row agrees within a stated tolerance, differs for a stated reason, or cannot be checked for a stated reason.
 """
 
 from __future__ import annotations
@@ -16,36 +15,36 @@ from typing import Any
 from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter
 from multibody.base.progress import Progress, silent
 
-__all__ = ["main", "to_markdown", "validate"]
+__all__ = ["CHAPTERS", "count", "to_json", "to_markdown", "validate", "write", "write_docs_page"]
 
-#: Where other packages' chapters come from: each has a function ``chapters(progress)``.
-#: Those that simulate for long take a folder as well, in which simulations are kept.
+#: Modules with the chapters of each machine, imported when needed: ``chapters(progress)`` yields them.
 CHAPTERS = {"lift": "vtsdt.papers.lift", "gearbox": "gearbox.papers.gearbox"}
+#: Machines whose chapters take a folder as well, in which they keep their simulations.
 KEEPING = ("gearbox",)
 
 
 def validate(
     progress: Progress = silent, only: str | None = None, folder: Path | None = None
 ) -> dict[str, list[PaperChapter]]:
-    """Make every table and figure again and return the chapters by machine.
+    """Reproduce every table and figure and return the chapters by machine.
 
     Parameters
     ----------
     progress : callable, optional
-        Gets a line of text for each step.
+        Called with a line of text for each step.
     only : {"lift", "gearbox"}, optional
         One paper alone.
     folder : Path, optional
-        Keeps the simulations, so that what was broken off goes on where it stopped.
+        Keeps the simulations, so that an interrupted run continues.
     """
-    made: dict[str, list[PaperChapter]] = {}
+    chapters: dict[str, list[PaperChapter]] = {}
     for machine, name in CHAPTERS.items():
         package = name.partition(".")[0]
-        there = importlib.util.find_spec(package) is not None and importlib.util.find_spec(name) is not None
-        if there and only in (None, machine):
+        installed = importlib.util.find_spec(package) is not None and importlib.util.find_spec(name) is not None
+        if installed and only in (None, machine):
             kept = (folder,) if machine in KEEPING else ()
-            made[machine] = list(importlib.import_module(name).chapters(progress, *kept))
-    return made
+            chapters[machine] = list(importlib.import_module(name).chapters(progress, *kept))
+    return chapters
 
 
 def count(chapters: Iterable[PaperChapter]) -> dict[str, int]:
@@ -58,11 +57,11 @@ def to_markdown(chapters: Sequence[PaperChapter], images: str = "") -> str:
     """Return the validation as a page; ``images`` is the folder of the figures as the page sees it."""
     total = count(chapters)
     lines = [
-        "# What the papers print, and what comes out here",
+        "# Published results, and the results of this project",
         "",
-        "Written by `vtsdt validate papers`; do not edit. `pytest tests/papers` asserts what stands here.",
+        "Written by `vtsdt validate papers`; do not edit. `pytest tests/papers` asserts these verdicts.",
         "",
-        f"{sum(total.values())} rows: {total[AGREES]} agree, {total[DIFFERS]} differ for a reason that is given, "
+        f"{sum(total.values())} rows: {total[AGREES]} agree, {total[DIFFERS]} differ for a stated reason, "
         f"{total[UNCHECKED]} cannot be checked.",
     ]
     paper = ""
@@ -129,41 +128,8 @@ def write(out: Path, chapters: Sequence[PaperChapter]) -> Path:
     return page
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run ``vtsdt validate papers``."""
-    from multibody.base.progress import ProgressLine
-    from vtsdt.cli.arguments import CommandError, Parser, common
-
-    parser = Parser(
-        prog="vtsdt validate papers",
-        description="Make the papers' tables and figures again and write them beside what is printed.",
-    )
-    parser.add_argument("--only", choices=tuple(CHAPTERS), help="one paper alone")
-    parser.add_argument(
-        "--docs", metavar="DIR", help="also write a page for each paper and its figures into a docs folder"
-    )
-    common(parser)
-    args = parser.parse_args(list(arguments))
-    out = Path(args.out)
-    if out.is_file():
-        raise CommandError(f"--out {args.out}: is a file: name a folder to write into")
-    with ProgressLine(args.quiet) as progress:
-        found = validate(progress, args.only, out / "simulations")
-        chapters = [c for part in found.values() for c in part]
-        page = write(out, chapters)
-        for machine, part in found.items():
-            if args.docs:
-                _into_docs(Path(args.docs), machine, part)
-    if not args.quiet:
-        total = count(chapters)
-        print(
-            f"{total[AGREES]} agree, {total[DIFFERS]} differ for a known reason, {total[UNCHECKED]} cannot be checked"
-        )
-        print(f"the page is {page}")
-    return 0
-
-
-def _into_docs(docs: Path, machine: str, chapters: Sequence[PaperChapter]) -> None:
+def write_docs_page(docs: Path, machine: str, chapters: Sequence[PaperChapter]) -> None:
+    """Write the page of a paper, and its figures, into a docs folder."""
     folder = docs / "images" / "papers"
     folder.mkdir(parents=True, exist_ok=True)
     for chapter in chapters:
