@@ -12,7 +12,6 @@ import dataclasses
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ from vtsdt.alignment.score import HEIGHTS, Score, score
 from vtsdt.alignment.study_lines import EVERY_LIFT, IF_SHORT, TEN_TRIPS, LiftScores, Line, lines
 from vtsdt.alignment.study_page import page
 from vtsdt.alignment.trips import AlignmentError
-from vtsdt.alignment.virtual_lifts import EVALUATED_TRIPS, LiftCase, make_case, prepared, with_sensor_errors
+from vtsdt.alignment.virtual_lifts import EVALUATED_TRIPS, LiftCase, make_case, prefixed, prepared, with_sensor_errors
 
 __all__ = ["evaluate", "run_study"]
 
@@ -113,8 +112,8 @@ def run_study(
                 continue
             if part is not chosen and known is not None and not _falls_short(known):
                 continue
-            case = case or make_case(seed, progress=partial(_prefixed, progress, prefix))
-            for scores in evaluate(case, part, known, partial(_prefixed, progress, prefix)):
+            case = case or make_case(seed, progress=prefixed(progress, prefix))
+            for scores in evaluate(case, part, known, prefixed(progress, prefix)):
                 known = scores
                 text = json.dumps({"code": code, "lift": dataclasses.asdict(known)}, indent=1)
                 path.with_suffix(".part").write_text(text + "\n", encoding="utf-8")
@@ -140,10 +139,6 @@ def _code() -> str:
     names = ("estimate", "filter", "virtual_lifts", "rail", "result", "score", "sections", "trips")
     text = b"".join((here / f"{name}.py").read_bytes() for name in names)
     return hashlib.sha256(text).hexdigest()[:16]
-
-
-def _prefixed(progress: Progress, prefix: str, text: str) -> None:
-    progress(prefix + text)
 
 
 def _draw(case: LiftCase, folder: Path) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,7 @@ from vtsdt.rig.rig import LiftRig
 
 __all__ = [
     "EVALUATED_TRIPS", "RAIL_SHIFT", "SCALING_TRIPS", "UNDISTURBED_TRIPS", "LiftCase", "Visit", "make_case",
-    "prepared", "recorded", "visit", "with_sensor_errors",
+    "prefixed", "prepared", "recorded", "visit", "with_sensor_errors",
 ]  # fmt: skip
 
 #: How far the whole rail is moved for the paper's scaling, m.
@@ -169,9 +169,9 @@ def make_case(seed: int, trips: int = EVALUATED_TRIPS, progress: Progress = sile
     trips : int
     progress : callable
     """
-    evaluated = visit(seed, 0, trips, progress=partial(_prefixed, progress, "evaluated, "))
-    before = visit(seed, 1, SCALING_TRIPS, progress=partial(_prefixed, progress, "before the rail is moved, "))
-    after = visit(seed, 2, SCALING_TRIPS, shift=RAIL_SHIFT, progress=partial(_prefixed, progress, "after it, "))
+    evaluated = visit(seed, 0, trips, progress=prefixed(progress, "evaluated, "))
+    before = visit(seed, 1, SCALING_TRIPS, progress=prefixed(progress, "before the rail is moved, "))
+    after = visit(seed, 2, SCALING_TRIPS, shift=RAIL_SHIFT, progress=prefixed(progress, "after it, "))
     cabin, travel = evaluated.parameters.cabin, evaluated.parameters.hoistway.travel
     height = np.arange(round(travel / _STEP) + 1) * _STEP
     rails = evaluated.parameters.cabin_guide.profiles()
@@ -182,8 +182,9 @@ def make_case(seed: int, trips: int = EVALUATED_TRIPS, progress: Progress = sile
     )  # fmt: skip
 
 
-def _prefixed(progress: Progress, prefix: str, text: str) -> None:
-    progress(prefix + text)
+def prefixed(progress: Progress, prefix: str) -> Progress:
+    """Return a progress function that puts a prefix before each line."""
+    return lambda text: progress(prefix + text)
 
 
 def prepared(records: Sequence[dict[str, np.ndarray]]) -> list[Trip]:

@@ -1,28 +1,31 @@
 """Figs. 8, 9 and 13 of González et al. 2020 on the virtual lift: the guide's alignment, before and after correction.
 
-The rail is that of the project's bench, with deviations at the heights that the paper prints; the measurements come from
-a rig with everything that the cabin model lacks.
+The rail is that of the project's bench, with deviations at the heights that the paper prints; the measurements come
+from a rig with everything that the cabin model lacks.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter, PaperRow
 from multibody.base.progress import Progress
-
-if TYPE_CHECKING:
-    from vtsdt.alignment.result import Alignment
+from vtsdt.alignment.estimate import align, calibrated
+from vtsdt.alignment.rail import equivalent_deviation
+from vtsdt.alignment.report import plot_trips
+from vtsdt.alignment.result import Alignment
+from vtsdt.alignment.sections import sections
+from vtsdt.alignment.trips import Trip
+from vtsdt.alignment.virtual_lifts import RAIL_SHIFT, prefixed, prepared, visit
+from vtsdt.files.parameters import GuideParameters, LiftParameters
+from vtsdt.files.rail_profile import RailProfile
 
 __all__ = ["chapters_of_alignment"]
 
 _THRESHOLD = 2.3e-3
 _BEFORE, _SCALING, _AFTER = 10, 10, 6  # trips
-_INTRODUCED = 1e-3  # m, by which the rail is moved for the scaling
 _PLACES = ("0.1 m", "0.4 m", "1.1 to 1.3 m", "1.5 to 1.8 m")
 _OWN_RAIL = "the rail is the project's own, drawn with the paper's places: that ours are there is by construction"
 
@@ -36,46 +39,34 @@ def chapters_of_alignment(paper: str, progress: Progress) -> list[PaperChapter]:
         Its name.
     progress : callable
     """
-    from vtsdt.alignment.estimate import align, calibrated
-    from vtsdt.alignment.rail import equivalent_deviation
-    from vtsdt.files.parameters import LiftParameters
-
     nominal = LiftParameters.bench()
-    trips = _recorded(nominal.cabin_guide, 0, _BEFORE, partial(_prefixed, progress, "Fig. 9: "))
-    still = _recorded(nominal.cabin_guide, 3, _SCALING, partial(_prefixed, progress, "Fig. 9, for the scaling: "))
-    moved = _recorded(nominal.cabin_guide, 2, _SCALING, partial(_prefixed, progress, "Fig. 9, rail moved: "), _INTRODUCED)
+    trips = _recorded(nominal.cabin_guide, 0, _BEFORE, prefixed(progress, "Fig. 9: "))
+    still = _recorded(nominal.cabin_guide, 3, _SCALING, prefixed(progress, "Fig. 9, for the scaling: "))
+    moved = _recorded(nominal.cabin_guide, 2, _SCALING, prefixed(progress, "Fig. 9, rail moved: "), RAIL_SHIFT)
     pair = [align(part, nominal, observe=False) for part in (still, moved)]
-    scaled, factor = calibrated(nominal, pair[0], pair[1], _INTRODUCED)
+    scaled, factor = calibrated(nominal, pair[0], pair[1], RAIL_SHIFT)
     before = align(trips, scaled, observe=False)
     true = equivalent_deviation({"right_x": nominal.cabin_guide.right_x}, before.shoes, before.height)
     straight = _straightened(nominal.cabin_guide, before)
     after = align(
-        _recorded(straight, 1, _AFTER, partial(_prefixed, progress, "Fig. 13: ")), scaled, observe=False
+        _recorded(straight, 1, _AFTER, prefixed(progress, "Fig. 13: ")), scaled, observe=False
     )  # fmt: skip
     return [_figure_8(paper, trips), _figure_9(paper, before, true, factor), _figure_13(paper, before, after)]
 
 
-def _prefixed(progress: Progress, prefix: str, text: str) -> None:
-    progress(prefix + text)
-
-
-def _recorded(guide: Any, number: int, count: int, progress: Progress, shift: float = 0.0) -> list[Any]:
-    """Record trips of the virtual lift with these rails; every visit has disturbances and noise of its own."""
-    from vtsdt.alignment.virtual_lifts import prepared, visit
-    from vtsdt.files.parameters import LiftParameters
-
+def _recorded(guide: GuideParameters, number: int, count: int, progress: Progress, shift: float = 0.0) -> list[Trip]:
+    """Record trips of the virtual lift with these rails; every visit has its own disturbances and noise."""
     lift = dataclasses.replace(LiftParameters.bench(), cabin_guide=guide)
     return prepared(visit(0, number, count, shift=shift, parameters=lift, progress=progress).records)
 
 
-def _straightened(guide: Any, alignment: Alignment) -> Any:
-    """Return the guide with its rail taken to the threshold where the estimate is beyond it.
+def _straightened(guide: GuideParameters, alignment: Alignment) -> GuideParameters:
+    """Return the guide with its rail reduced to the threshold where the estimate is above it.
 
-    A section of cabin heights means the rail at the heights of both levels of shoes.
+    A section of cabin heights covers the rail at the heights of both levels of shoes.
     """
-    from vtsdt.files.rail_profile import RailProfile
-
     rail = guide.right_x
+    assert rail is not None  # the bench's right rail has a profile
     height = np.array(rail.height)
     inside = np.zeros(height.size, dtype=bool)
     for section in alignment.sections:
@@ -85,9 +76,7 @@ def _straightened(guide: Any, alignment: Alignment) -> Any:
     return dataclasses.replace(guide, right_x=RailProfile(rail.height, tuple(map(float, deviation))))
 
 
-def _figure_8(paper: str, trips: list[Any]) -> PaperChapter:
-    from vtsdt.alignment.report import plot_trips
-
+def _figure_8(paper: str, trips: list[Trip]) -> PaperChapter:
     up = trips[0]
     weight = 9.80665 * 32.0
     row = PaperRow(
@@ -107,8 +96,6 @@ def _figure_8(paper: str, trips: list[Any]) -> PaperChapter:
 
 
 def _figure_9(paper: str, alignment: Alignment, true: np.ndarray, factor: float) -> PaperChapter:
-    from vtsdt.alignment.sections import sections
-
     inside = (alignment.height >= 0.1) & (alignment.height <= 1.8) & np.isfinite(alignment.estimate)
     correlation, of_median = (
         float(np.corrcoef(curve[inside], true[inside])[0, 1]) for curve in (alignment.estimate, alignment.median)
@@ -117,7 +104,9 @@ def _figure_9(paper: str, alignment: Alignment, true: np.ndarray, factor: float)
     listed = ", ".join(f"{s.low:.2f} to {s.high:.2f} m" for s in alignment.sections)
     really = ", ".join(f"{a:.2f} to {b:.2f} m" for a, b in sections(alignment.height, true, _THRESHOLD))
     rows = (
-        PaperRow(what="trips and their median", paper="10", ours=f"{len(alignment.trips)}", verdict=AGREES, why="exact"),
+        PaperRow(
+            what="trips and their median", paper="10", ours=f"{len(alignment.trips)}", verdict=AGREES, why="exact"
+        ),
         PaperRow(
             what="deviation over height",
             paper="drawn, no numbers",
@@ -142,7 +131,7 @@ def _figure_9(paper: str, alignment: Alignment, true: np.ndarray, factor: float)
     )
     text = (
         "The virtual lift has other masses, friction and contact stiffness than the model, a disturbing force of 1 N, "
-        f"a gear and sensors. The paper's scaling: on other trips the rail was moved by {1e3 * _INTRODUCED:g} mm, and "
+        f"a gear and sensors. The paper's scaling: on other trips the rail was moved by {1e3 * RAIL_SHIFT:g} mm, and "
         f"friction in the model was multiplied by {factor:.3f} so that the estimate grows by as much. The true "
         "deviation is the mean of the rail's at the two levels of shoes. The estimate is the median over the means of "
         "all pairs of trips, which has less error than the paper's median over trips."
@@ -175,8 +164,8 @@ def _figure_13(paper: str, before: Alignment, after: Alignment) -> PaperChapter:
     rows = []
     for section in before.sections:
         ours = [
-            float(np.nanmean(alignment.estimate[(alignment.height >= section.low) & (alignment.height <= section.high)]))
-            for alignment in (before, after)
+            float(np.nanmean(one.estimate[(one.height >= section.low) & (one.height <= section.high)]))
+            for one in (before, after)
         ]
         rows.append(
             PaperRow(
