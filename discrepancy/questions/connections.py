@@ -1,9 +1,9 @@
 """At which connection a force is missing: what a free force at each place could explain of the residual.
 
-At every place a generic force over speed, position and acceleration is sent through the machine, and the
-residual is regressed on the responses.  What calibration could have done is taken out first, and the share
-that is told is that of blocks of time which the regression has not seen, so that many free numbers cannot
-flatter a place.  Functions of time alone are left out: they could not be tested on other blocks.
+At every place generic forces over speed, position and acceleration are applied to the linearised machine, and the
+residual is regressed on the responses.  Everything that a recalibration could explain is projected out first.  The
+share is that of blocks of time left out of the regression, so that many free coefficients give no advantage.  Functions
+of time alone are not used: they could not be tested on other blocks.
 """
 
 from __future__ import annotations
@@ -17,62 +17,62 @@ from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
 from estimation.response.perturbations import InputPerturbation
 from multibody.base.parallel import available_cores
 
-__all__ = ["connections_or_why", "failing_connections"]
+__all__ = ["examined_connections", "failing_connections"]
 
 _SPEED_KNOTS = 8
 _POSITION_KNOTS = 6
 _SAME = 0.999
-"""Cosine of the responses to one and the same force from which two places cannot be told apart."""
+"""Cosine of the responses to the same force from which two places cannot be distinguished."""
 _LEAST_SHARE = 0.05
 _CLOSE = 0.1
-"""Difference of shares within which two places are told as equally good."""
+"""Difference of shares within which two places are listed as equally good."""
 
 
-def connections_or_why(facts: ResidualsAlongMotion) -> tuple[tuple[dict[str, Any], ...], str]:
-    """Return how much a force at each place would explain; nothing, and why, where the model cannot be simulated so."""
+def examined_connections(residuals: ResidualsAlongMotion) -> tuple[tuple[dict[str, Any], ...], str]:
+    """Return how much a force at each place would explain; none, and the reason, where that cannot be simulated."""
     from multibody.base.errors import SimulationError
 
     try:
-        return tuple(failing_connections(facts)), ""
+        return tuple(failing_connections(residuals)), ""
     except SimulationError as error:
-        return (), f"At which connection '{facts.stage.name}' fails was not asked: {error}"
+        return (), f"the connections of '{residuals.stage.name}' could not be examined: {error}"
 
 
-def failing_connections(facts: ResidualsAlongMotion) -> list[dict[str, Any]]:
+def failing_connections(residuals: ResidualsAlongMotion) -> list[dict[str, Any]]:
     """Return, for every place that can be probed, how much of the residual a force there would explain.
 
     Parameters
     ----------
-    facts : ResidualsAlongMotion
+    residuals : ResidualsAlongMotion
         Of a stage whose system has probes.
 
     Returns
     -------
     list of dict
-        ``place``, ``share`` (0 to 1), ``same_as`` (places where the same force over time would be felt in the
-        same way: only the motion that it follows can tell them apart), ``moves_with`` (rigidly coupled
+        ``place``, ``share`` (0 to 1), ``same_as`` (places where the same force over time would have the same
+        effect on the outputs: only the motion that it follows can distinguish them), ``moves_with`` (rigidly coupled
         places) and ``sentence``; largest share first.
     """
-    system = facts.stage.system
+    system = residuals.stage.system
     places = [p.name for p in system.places if f"probe.{p.name}" in system.input_names]
-    moving = {n for m in facts.motions for n in (m.name, *m.also)}
+    moving = {n for m in residuals.motions for n in (m.name, *m.also)}
     places = [p for p in places if p in moving]
     if not places:
         return []
-    weight = 1.0 / facts.noise
-    e = (facts.values * weight).ravel()
-    projector = _projector(facts, weight)
+    weight = 1.0 / residuals.noise
+    e = (residuals.values * weight).ravel()
+    projector = _projector(residuals, weight)
     e = _without(projector, e)
-    folds = _folds(facts)
-    responses, common = _responses(facts, places, weight)
+    folds = _folds(residuals)
+    responses, common = _responses(residuals, places, weight)
     shares, seen = {}, {}
     for place in places:
         z = _without(projector, responses[place])
         shares[place] = _cross_validated(z, e, folds)
         seen[place] = _without(projector, common[place])
     groups = _indistinguishable(places, seen)
-    rigid = {n: {m.name, *m.also} - {n} for m in facts.motions for n in (m.name, *m.also)}
-    found = [
+    rigid = {n: {m.name, *m.also} - {n} for m in residuals.motions for n in (m.name, *m.also)}
+    entries = [
         {
             "place": p,
             "share": float(max(shares[p], 0.0)),
@@ -81,32 +81,31 @@ def failing_connections(facts: ResidualsAlongMotion) -> list[dict[str, Any]]:
         }
         for p in sorted(places, key=lambda p: -shares[p])
     ]
-    return [{**f, "sentence": _sentence(f, found)} for f in found]
+    return [{**f, "sentence": _sentence(f, entries)} for f in entries]
 
 
-def _sentence(entry: dict[str, Any], found: list[dict[str, Any]]) -> str:
+def _sentence(entry: dict[str, Any], entries: list[dict[str, Any]]) -> str:
     place, share = entry["place"], entry["share"]
     if share < _LEAST_SHARE:
         return f"{place}: a missing force here would explain none of the error."
-    told = f"{place}: a missing force here would explain {100 * share:.0f} % of what calibration leaves"
-    good = {f["place"] for f in found if f["place"] != place and abs(f["share"] - share) < _CLOSE}
+    sentence = f"{place}: a missing force here would explain {100 * share:.0f} % of what calibration leaves"
+    good = {f["place"] for f in entries if f["place"] != place and abs(f["share"] - share) < _CLOSE}
     twins = sorted(good.intersection(entry["same_as"]))
     if twins:
-        told += f"; these sensors cannot tell it from a force at {', '.join(twins)}"
+        sentence += f"; these sensors cannot tell it from a force at {', '.join(twins)}"
     if near := sorted(good.difference(twins)):
-        told += f"; {', '.join(near)} would do nearly as well"
+        sentence += f"; {', '.join(near)} would do nearly as well"
     if weaker := [p for p in entry["same_as"] if p not in good]:
-        told += (
-            f"; the sensors would feel a force at {', '.join(weaker)} in the same way, only the motion "
-            "that it "
-            "follows tells the two apart"
+        sentence += (
+            f"; a force over time at {', '.join(weaker)} would look the same to the sensors, only the motion that it "
+            "follows distinguishes the two"
         )
-    return told + "."
+    return sentence + "."
 
 
-def _projector(facts: ResidualsAlongMotion, weight: np.ndarray) -> np.ndarray | None:
-    """Orthonormal basis of what calibration and each record's own unknowns can do, shape (n·channels, k)."""
-    sens = facts.linearised.sensitivities()
+def _projector(residuals: ResidualsAlongMotion, weight: np.ndarray) -> np.ndarray | None:
+    """Orthonormal basis of what calibration and each record's own unknowns can explain, shape (n·channels, k)."""
+    sens = residuals.linearised.sensitivities()
     k = len(sens.names)
     own = [0 if n is None else n.shape[2] for n in sens.nuisance]
     if k + sum(own) == 0:
@@ -131,10 +130,10 @@ def _without(basis: np.ndarray | None, x: np.ndarray) -> np.ndarray:
     return x if basis is None else x - basis @ (basis.T @ x)
 
 
-def _folds(facts: ResidualsAlongMotion) -> list[np.ndarray]:
+def _folds(residuals: ResidualsAlongMotion) -> list[np.ndarray]:
     """Blocks as rows of the stacked outputs."""
-    channels = facts.values.shape[1]
-    return [(b[:, None] * channels + np.arange(channels)).ravel() for b in facts.blocks]
+    channels = residuals.values.shape[1]
+    return [(b[:, None] * channels + np.arange(channels)).ravel() for b in residuals.blocks]
 
 
 def _generic_forces(position: np.ndarray, speed: np.ndarray, acceleration: np.ndarray) -> list[np.ndarray]:
@@ -152,18 +151,18 @@ def _generic_forces(position: np.ndarray, speed: np.ndarray, acceleration: np.nd
 
 
 def _responses(
-    facts: ResidualsAlongMotion, places: list[str], weight: np.ndarray
+    residuals: ResidualsAlongMotion, places: list[str], weight: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Responses to each place's own forces, and to the same three forces everywhere; each (n·channels, k)."""
     own: dict[str, list[np.ndarray]] = {p: [] for p in places}
     common: dict[str, list[np.ndarray]] = {p: [] for p in places}
-    system = facts.stage.system
+    system = residuals.stage.system
     motion_of = {p.name: [n for n, _ in p.motion_names()] for p in system.places}
-    lead = facts.guides()[0].name
-    runs = [facts.linearised.nominal_outputs(i) for i in range(len(facts.linearised.experiments))]
+    lead = residuals.guides()[0].name
+    runs = [residuals.linearised.nominal_outputs(i) for i in range(len(residuals.linearised.experiments))]
     table = {
         p: [
-            _motion(run, p, motion_of[p], facts.linearised.experiments[i].record.time)
+            _motion(run, p, motion_of[p], residuals.linearised.experiments[i].record.time)
             for i, run in enumerate(runs)
         ]
         for p in places
@@ -175,7 +174,7 @@ def _responses(
         )
         for p in places
     }
-    for i, experiment in enumerate(facts.linearised.experiments):
+    for i, experiment in enumerate(residuals.linearised.experiments):
         position, speed, _ = table[lead][i] if lead in table else table[places[0]][i]
         shared = [
             np.ones_like(speed),
@@ -183,11 +182,11 @@ def _responses(
             (position - position.mean()) / max(float(np.ptp(position)), 1e-300),
         ]
         dy = experiment.respond(
-            facts.linearised.slim,
-            facts.linearised.p,
-            facts.linearised.initial_state(i),
+            residuals.linearised.slim,
+            residuals.linearised.p,
+            residuals.linearised.initial_state(i),
             perturbations=[InputPerturbation(f"probe.{p}", f) for p in places for f in (*shared, *generic[p][i])],
-            sensors=facts.linearised.sensors,
+            sensors=residuals.linearised.sensors,
             workers=available_cores(),
         ).derivatives
         flat = (dy * weight[:, None]).reshape(-1, dy.shape[2])

@@ -1,10 +1,10 @@
-"""What is an estimated force a function of? Position, speed, angle, time, load, the direction of travel.
+"""What an estimated force is a function of: position, speed, angle, time, load, or the direction of travel.
 
-Given samples of a force that no model term explains, each regressor is tried as a smooth curve, alone and
-reversed with the direction of travel (friction turns with the direction, gravity and misalignment do not).
-Regressors are compared by the variance they explain in blocks that were not used for fitting, and by luck
-through shuffled blocks. Regressors that follow each other in these records cannot be told apart; how far is
-said by the aliasing table.
+A smooth curve over each regressor is fitted to the samples of a force that no model term explains, once as it is and
+once with its sign reversed with the direction of travel (friction reverses, gravity and misalignment do not).
+Regressors are compared by the variance that they explain in blocks left out of the fit; the null distribution comes
+from shuffled blocks.  Regressors that are correlated in these records cannot be distinguished; the aliasing table says
+how far.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Explanation:
     explained : float
         Share of the variance explained in blocks left out of the fit (may be negative).
     p : float
-        Chance that the best of all regressors explains as much of a shuffled force.
+        Probability that the best of all regressors explains as much of a shuffled force.
     aliases : dict
         Other regressor → share of this curve that a curve of the other reproduces in these records.
     """
@@ -108,7 +108,7 @@ class CurveReport:
 
     @property
     def best(self) -> Explanation | None:
-        """The best explanation if luck can be ruled out, else None."""
+        """The best explanation if it is significant, else None."""
         first = self.explanations[0]
         return first if first.p < self.level and first.explained > 0 else None
 
@@ -117,7 +117,7 @@ class CurveReport:
         """The finding and what aliases with it, in a sentence."""
         b = self.best
         if b is None:
-            return "the force does not follow any of the regressors beyond luck"
+            return "the force does not follow any of the regressors significantly"
         turn = ", and turns with the direction of travel" if b.parity == "odd" else ""
         if b.curve.period is not None:
             turn += f", repeating every {b.curve.period:.4g} {b.curve.unit}".rstrip()
@@ -259,7 +259,7 @@ def explain_force(
     level: float = 0.02,
     seed: int = 0,
 ) -> CurveReport:
-    """Find what an estimated force is a function of.
+    """Determine what an estimated force is a function of.
 
     Parameters
     ----------
@@ -281,7 +281,7 @@ def explain_force(
     n_knots : int
         Knots of each curve.
     draws, level, seed
-        Shuffled forces in the null, level of the claim, and the seed.
+        Shuffled forces of the null distribution, significance level, and seed.
     """
     f = np.asarray(force, dtype=float)
     n = len(f)
@@ -311,14 +311,13 @@ def explain_force(
     for name, x in regressors.items():
         if name in NOT_PERIODIC or name in (periods or {}) or np.ptp(x) == 0:
             continue
-        found, _, p_found = find_period(f, x, blocks=blocks, draws=draws, seed=seed, n_periods=200)
-        folded = _basis(name, np.asarray(x, float), "even", np.ones(n), n_knots, found)
-        if p_found < level and folded is not None:
-            period_p[(name, found)] = p_found
+        period, _, p_period = find_period(f, x, blocks=blocks, draws=draws, seed=seed, n_periods=200)
+        folded = _basis(name, np.asarray(x, float), "even", np.ones(n), n_knots, period)
+        if p_period < level and folded is not None:
+            period_p[(name, period)] = p_period
             fits.append(_Fit(folded, w, spans, 1e-4))
     if direction is not None and np.ptp(direction) > 0:
-        # A force that only turns with the direction is an odd curve over anything: say so in the simplest
-        # way.
+        # A force that only reverses with the direction is an odd curve over anything: offer its simplest form.
         plain = _Basis(
             "direction",
             "even",
@@ -331,13 +330,13 @@ def explain_force(
     if not fits:
         raise ValueError("every regressor is constant in these records; nothing can be a function of it")
     rng = np.random.default_rng(seed)
-    by_luck = _shuffled_best(f, fits, spans, draws, rng)
+    by_chance = _shuffled_best(f, fits, spans, draws, rng)
     out = []
     for fit in fits:
         ev = float(fit.explained(f[:, None])[0])
-        p = (1.0 + float(np.sum(by_luck >= ev))) / (draws + 1.0)
+        p = (1.0 + float(np.sum(by_chance >= ev))) / (draws + 1.0)
         if fit.basis.period is not None:
-            # The period was searched for; the search has its own null.
+            # The period was searched for; the search has its own null distribution.
             p = max(p, period_p.get((fit.basis.regressor, fit.basis.period), 0.0))
         shown = fit.basis.X @ fit.coefficients(f)
         aliases: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""Does an unknown curve look like a simple law? A short list, compared by error on blocks left out."""
+"""Simple laws that resemble an unknown curve: a short list, compared by their error on blocks left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the report says, section by section, as plain values for its template."""
+"""Content of the report, section by section, as plain values for its template."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from discrepancy.questions.compare import PARTS
 from discrepancy.report.diagnosis_json import effect_parameters, parameter_unit
 from discrepancy.report.figures import PART_WORDS, stage_title, worst_outputs
 from discrepancy.report.method_section import how, records
-from discrepancy.report.wording import interval_words, luck_words, ratio_words, rival_words, share_words
+from discrepancy.report.wording import chance_words, interval_words, ratio_words, rival_words, share_words
 from discrepancy.stages.stage import AcceptedEffect, Stage
 from multibody.base.quantity_text import quantity_text, unit_text
 
@@ -23,16 +23,16 @@ Entry = dict[str, Any]
 
 HEADLINES = {
     "effect found": "A missing effect was found",
-    "nothing missing": "Nothing is missing that these records could show",
-    "unknown effect": "Something is missing that has no name in the catalogue",
-    "ambiguous": "Something is missing, and these records leave open which of several effects it is",
-    "": "Model and records were compared; what is missing was not asked",
+    "nothing missing": "These records show no missing effect",
+    "unknown effect": "A force is missing that no effect of the catalogue explains",
+    "ambiguous": "An effect is missing; these records do not show which of several it is",
+    "": "Model and records were compared; missing effects were not searched for",
 }
 _UNKNOWN = KindText(
-    "a force without a name",
+    "an unidentified force",
     "A force that no entry of the catalogue explains.",
-    "Something that nobody has put into the catalogue yet; the shape of its curve is the clue.",
-    "Measure the force directly at this connection, or repeat the run and see whether the curve comes back.",
+    "An effect that is not in the catalogue yet; the shape of its curve is the clue.",
+    "Measure the force directly at this connection, or repeat the run and check whether the curve is the same.",
 )
 
 
@@ -78,24 +78,19 @@ def content(conclusion: Conclusion, evidence: Evidence) -> Entry:
 
 def _compared(conclusion: Conclusion) -> str:
     fits = {part: conclusion.final.fits(part) for part in PARTS}
-    said = [
-        f"The model '{conclusion.final.model.name}' was laid beside "
-        f"{_count(len(fits['identify']), 'record')} "
-        f"({_seconds(fits['identify'])}) that it may be fitted to"
-    ]
+    text = (
+        f"The model '{conclusion.final.model.name}' was compared with {_count(len(fits['identify']), 'record')} "
+        f"({_seconds(fits['identify'])}) used for fitting"
+    )
     if fits["validate"]:
-        said.append(
-            f" and {_count(len(fits['validate']), 'record')} ({_seconds(fits['validate'])}) held out: "
-            "these were "
-            "used neither to fit parameters nor to choose what is missing, only to judge"
+        return text + (
+            f" and {_count(len(fits['validate']), 'record')} ({_seconds(fits['validate'])}) held out, which were used "
+            "neither to fit parameters nor to choose effects, only to verify."
         )
-    else:
-        said.append(
-            ". No record was held out, so there is nothing to judge on that was not also used to choose; "
-            "hold one "
-            "out if you can"
-        )
-    return "".join(said) + "."
+    return text + (
+        ". No record was held out, so the result cannot be verified on records that were not used to find it; hold one "
+        "out if possible."
+    )
 
 
 def _count(n: int, word: str) -> str:
@@ -139,8 +134,8 @@ def _table(conclusion: Conclusion, evidence: Evidence, outputs: list[str]) -> li
             cells["over_noise"] = f"{quantity_text(a.rmse / noise, digits=2)} ×" if a is not None and noise else ""
             rows.append(cells)
         number += stage.accepted is not None
-        told = stage_title(stage) + (f" (effect {number})" if stage.accepted is not None else "")
-        stages.append({"name": told, "rows": rows})
+        title = stage_title(stage) + (f" (effect {number})" if stage.accepted is not None else "")
+        stages.append({"name": title, "rows": rows})
     return stages
 
 
@@ -156,14 +151,14 @@ def _effect(conclusion: Conclusion, accepted: AcceptedEffect) -> Entry:
             full = effect.parameter_name(name)
             if full in final.identify.to_dict():
                 low, high = final.identify.interval(full)
-                told = interval_words(entry["value"], low, high, parameter_unit(effect, name, final))
+                size = interval_words(entry["value"], low, high, parameter_unit(effect, name, final))
             else:
-                told = quantity_text(entry["value"], entry["unit"])
+                size = quantity_text(entry["value"], entry["unit"])
             if effect.definition.stated:
                 given = conclusion.stages[0]
                 stated = float(given.p[given.system.index("parameter", full)])
-                told += f"; the model states {quantity_text(stated, entry['unit'])}"
-            sizes.append({"name": _words(name), "told": told})
+                size += f"; the model states {quantity_text(stated, entry['unit'])}"
+            sizes.append({"name": _words(name), "text": size})
     stage = next(
         s
         for s in conclusion.stages
@@ -180,18 +175,18 @@ def _effect(conclusion: Conclusion, accepted: AcceptedEffect) -> Entry:
         "causes": text.causes,
         "confirm": text.confirm,
         "sizes": sizes,
-        "luck": luck_words(accepted.p_value),
+        "chance": chance_words(accepted.p_value),
         "p_value": f"{accepted.p_value:.2g}",
         "delta_bic": f"{accepted.delta_bic:.0f}",
-        "hidden_by": _hidden_by(conclusion, accepted),
-        "falls": _falls(conclusion, before, stage),
+        "masked_by": _masked_by(conclusion, accepted),
+        "changes": _error_changes(conclusion, before, stage),
         "ambiguous": accepted.ambiguous,
         "tied": [title_of_rival(r) for r in accepted.rivals if r.indistinguishable],
     }
 
 
-def _hidden_by(conclusion: Conclusion, accepted: AcceptedEffect) -> Entry | None:
-    """Return the other of two effects that hide each other, and what both together improve."""
+def _masked_by(conclusion: Conclusion, accepted: AcceptedEffect) -> Entry | None:
+    """Return the other effect of a masking pair, and the improvement by both together."""
     other = next((a for a in conclusion.accepted if str(a.effect) == accepted.masked_by), None)
     if other is None:
         return None
@@ -217,17 +212,17 @@ def _words(name: str) -> str:
     return known.get(name, name.replace("_", " "))
 
 
-def _falls(conclusion: Conclusion, before: Stage, after: Stage) -> list[str]:
+def _error_changes(conclusion: Conclusion, before: Stage, after: Stage) -> list[str]:
     part = conclusion.judged_on
     old, new = before.rmse(part), after.rmse(part)
-    found = []
+    changes = []
     for output in worst_outputs(conclusion, 99):
         unit = after.system.unit(output)
-        found.append(
+        changes.append(
             f"{output}: error {ratio_words(old[output], new[output])}, from {quantity_text(old[output], unit)} to "
             f"{quantity_text(new[output], unit)}"
         )
-    return found
+    return changes
 
 
 def _unknown(conclusion: Conclusion) -> Entry | None:
@@ -239,7 +234,7 @@ def _unknown(conclusion: Conclusion) -> Entry | None:
         "where": curve.where,
         "statement": curve.statement,
         "over": curve.regressor,
-        "luck": luck_words(curve.p_value),
+        "chance": chance_words(curve.p_value),
         "what": text.what,
         "causes": text.causes,
         "confirm": text.confirm,
@@ -248,22 +243,22 @@ def _unknown(conclusion: Conclusion) -> Entry | None:
 
 
 def _rivals(conclusion: Conclusion) -> list[Entry]:
-    found = []
+    tables = []
     for accepted in conclusion.accepted:
         rows = [
             {
                 "title": " with ".join(kind_text(n.partition("@")[0]).title for n in r.names),
                 "where": " and ".join(n.partition("@")[2] for n in r.names),
-                "told": rival_words(r),
+                "comparison": rival_words(r),
                 "delta": f"{r.delta_bic:+.0f}" if math.isfinite(r.delta_bic) else "",
                 "tied": r.indistinguishable,
             }
             for r in accepted.rivals[:8]
         ]
-        found.append(
+        tables.append(
             {"title": kind_text(accepted.effect.kind).title, "where": accepted.effect.where, "rows": rows}
         )
-    return found
+    return tables
 
 
 def _hidden(conclusion: Conclusion) -> Entry:
@@ -285,11 +280,11 @@ def _hidden(conclusion: Conclusion) -> Entry:
 
 
 def _negligible(conclusion: Conclusion) -> list[Entry]:
-    found = []
+    rows = []
     for kind, where, size, std, p, unit in conclusion.negligible:
-        told = f"{quantity_text(size, unit)} ± {quantity_text(std, unit, 2)}"
-        found.append({"title": kind_text(kind).title, "where": where, "size": told, "luck": luck_words(p)})
-    return found
+        strength = f"{quantity_text(size, unit)} ± {quantity_text(std, unit, 2)}"
+        rows.append({"title": kind_text(kind).title, "where": where, "size": strength, "chance": chance_words(p)})
+    return rows
 
 
 def _refused(conclusion: Conclusion) -> list[Entry]:
@@ -304,10 +299,10 @@ def _refused(conclusion: Conclusion) -> list[Entry]:
 
 
 def _where(evidence: Evidence, outputs: list[str]) -> list[Entry]:
-    """Where the recalibrated model failed; regimes and curves of the worst output only, others repeat it."""
-    told = evidence.before.to_dict()
+    """Where the recalibrated model fails; regimes and curves of the worst output only, since others repeat it."""
+    lists = evidence.before.to_dict()
     worst = outputs[0] if outputs else ""
-    found = []
+    sections = []
     for name, heading, most in (
         ("signals", "In which signal", 6),
         ("regimes", "When", 5),
@@ -315,10 +310,10 @@ def _where(evidence: Evidence, outputs: list[str]) -> list[Entry]:
         ("frequencies", "At which frequencies", 4),
         ("connections", "At which connection", 6),
     ):
-        entries = [e for e in told[name] if name in ("signals", "connections") or e.get("output") == worst]
+        entries = [e for e in lists[name] if name in ("signals", "connections") or e.get("output") == worst]
         if entries:
-            found.append({"heading": heading, "sentences": [e["sentence"] for e in entries[:most]]})
-    return found
+            sections.append({"heading": heading, "sentences": [e["sentence"] for e in entries[:most]]})
+    return sections
 
 
 def _parameters(conclusion: Conclusion) -> list[Entry]:
@@ -331,23 +326,23 @@ def _parameters(conclusion: Conclusion) -> list[Entry]:
         if p.name in own:
             continue
         low, high = final.interval(p.name)
-        told, vague, _ = interval_words(final[p.name], low, high, "").partition(": these records hardly")
-        told += ")" if vague else ""
+        interval, uncertain, _ = interval_words(final[p.name], low, high, "").partition(": these records hardly")
+        interval += ")" if uncertain else ""
         remark = str(frame.loc[p.name, "remark"])
         if math.isfinite(p.std) and p.std > 0.0 and abs(final[p.name] - p.value) > 3.0 * p.std:
             remark = "; ".join(
                 filter(None, [remark, "more than three standard deviations from the value given"])
             )
-        if vague:
+        if uncertain:
             remark = "; ".join(filter(None, [remark, "hardly determined by these records"]))
         rows.append(
             {
                 "name": p.name,
                 "unit": unit_text(p.unit),
                 "given": quantity_text(p.value, "", 4),
-                "believed": f"± {quantity_text(p.std, '', 2)}" if math.isfinite(p.std) else "free",
+                "prior": f"± {quantity_text(p.std, '', 2)}" if math.isfinite(p.std) else "free",
                 "recalibrated": quantity_text(recalibrated[p.name], "", 4) if p.name in recalibrated else "",
-                "final": told.replace("95 % interval ", ""),
+                "final": interval.replace("95 % interval ", ""),
                 "remark": remark,
             }
         )

@@ -1,4 +1,4 @@
-"""Figures about effects: what was tried and its score, how parameters moved, an unknown force's curve."""
+"""Figures about effects: scores of the candidates, shifts of the parameters, curve of an unknown force."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ __all__ = ["candidate_scores", "parameter_shifts", "unknown_curve"]
 
 
 def _short(kind: str) -> str:
-    """Kind in words, without what stands in brackets."""
+    """Kind in words, without brackets."""
     known = kinds().get(kind)
     return known.text.title.partition(" (more")[0] if known else kind
 
 
 @drawing
 def candidate_scores(scan: ScanResult, most: int = 14, title: str = "") -> Figure:
-    """Draw how far each candidate stands from zero, in standard errors, with what it needs to be believed."""
+    """Draw the size of each candidate in standard errors, with the critical size at which it is significant."""
     rows = sorted(scan.rows, key=lambda r: -r.score / r.inflation)[:most]
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     figure, axes = new_figure(1, height=1.0 + 0.3 * max(len(rows), 2))
     a = axes[0, 0]
     score = np.sqrt([max(r.score / r.inflation, 0.0) for r in rows])
-    need = np.array([r.critical_ratio for r in rows])
-    sure = np.array([r.p_value < scan.level for r in rows], dtype=bool)
+    critical = np.array([r.critical_ratio for r in rows])
+    significant = np.array([r.p_value < scan.level for r in rows], dtype=bool)
     y = np.arange(len(rows))[::-1]
     for chosen, colour, hatch, word in (
-        (sure, AFTER["color"], "", "stands out"),
-        (~sure, "#bbbbbb", "////", "may be luck"),
+        (significant, AFTER["color"], "", "significant"),
+        (~significant, "#bbbbbb", "////", "not significant"),
     ):
         if chosen.any():
             a.barh(
@@ -53,21 +53,21 @@ def candidate_scores(scan: ScanResult, most: int = 14, title: str = "") -> Figur
                 label=word,
             )
     a.plot(
-        need,
+        critical,
         y,
         linestyle="none",
         marker="|",
         markersize=14,
         markeredgewidth=2.2,
         color=BEFORE["color"],
-        label="needed to be believed",
+        label="critical size",
     )
     a.set_yticks(y, [f"{_short(r.kind)}, {r.where}" for r in rows], fontsize=8.5)
-    if len(rows) and float(score.max()) > 8.0 * float(np.nanmax(need)):
+    if len(rows) and float(score.max()) > 8.0 * float(np.nanmax(critical)):
         a.set_xscale("log")
         a.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
         a.xaxis.set_minor_formatter(NullFormatter())
-        a.set_xlim(left=0.4 * float(np.nanmin(need)))
+        a.set_xlim(left=0.4 * float(np.nanmin(critical)))
     for tick, row in zip(a.get_yticklabels(), rows, strict=True):
         if scan.best is not None and row.name == scan.best.name:
             tick.set_fontweight("bold")
@@ -80,7 +80,7 @@ def candidate_scores(scan: ScanResult, most: int = 14, title: str = "") -> Figur
 
 
 def parameter_shifts(conclusion: Conclusion) -> Figure | None:
-    """Draw how far calibration moved each parameter, in standard deviations of what was believed before.
+    """Draw how far calibration moved each parameter, in standard deviations of its prior.
 
     None where no parameter had a prior standard deviation.
     """
@@ -93,17 +93,18 @@ def _parameter_shifts(conclusion: Conclusion, names: list[str]) -> Figure:
     figure, axes = new_figure(1, height=1.6 + 0.45 * len(names))
     a = axes[0, 0]
     y = np.arange(len(names))[::-1].astype(float)
-    a.axvspan(-1.0, 1.0, color="#dddddd", linewidth=0, label="believed before (±1 standard deviation)")
+    a.axvspan(-1.0, 1.0, color="#dddddd", linewidth=0, label="prior (±1 standard deviation)")
     a.axvline(0.0, color="#000000", linewidth=0.8)
     stages = [(conclusion.baseline, BEFORE, "s", 0.14)]
     if conclusion.final is not conclusion.baseline:
         stages.append((conclusion.final, AFTER, "o", -0.14))
     for stage, style, marker, up in stages:
-        found = stage.identify
-        prior = {p.name: p for p in found.parameters}
+        calibration = stage.identify
+        prior = {p.name: p for p in calibration.parameters}
         own = [n for n in names if n in prior]
-        x = [(found[n] - prior[n].value) / prior[n].std for n in own]
-        bar = [min(found.std_of(n) / prior[n].std, 1e3) if np.isfinite(found.std_of(n)) else 0.0 for n in own]
+        x = [(calibration[n] - prior[n].value) / prior[n].std for n in own]
+        std = {n: calibration.std_of(n) for n in own}
+        bar = [min(std[n] / prior[n].std, 1e3) if np.isfinite(std[n]) else 0.0 for n in own]
         rows = [y[names.index(n)] + up for n in own]
         a.errorbar(
             x,
@@ -126,7 +127,7 @@ def _parameter_shifts(conclusion: Conclusion, names: list[str]) -> Figure:
 
 @drawing
 def unknown_curve(curve: UnknownCurve) -> Figure:
-    """Draw the force that has no name over what it follows, with a band of two standard deviations."""
+    """Draw an unknown force over its argument, with a band of two standard deviations."""
     figure, axes = new_figure(1, height=3.0)
     a = axes[0, 0]
     std = np.where(np.isfinite(curve.std), curve.std, 0.0)
@@ -144,6 +145,6 @@ def unknown_curve(curve: UnknownCurve) -> Figure:
     over = "position" if curve.regressor == "friction" else curve.regressor
     a.set_xlabel(label(over, curve.regressor_unit))
     a.set_ylabel(label("friction level" if curve.regressor == "friction" else "force", curve.unit))
-    a.set_title(f"force without a name at {curve.where}")
+    a.set_title(f"unidentified force at {curve.where}")
     a.legend(loc="best")
     return figure

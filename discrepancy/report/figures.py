@@ -1,4 +1,4 @@
-"""Figures of a study: falling error, model beside measurement, residuals against motion and frequency."""
+"""Figures of a study: error by stage, model and measurement, residuals against motion and frequency."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def falling_error(conclusion: Conclusion) -> Figure:
                         f"{v:.3g}", (k, v), (0, 7), textcoords="offset points", ha="center", fontsize=9
                     )
         if noise:
-            a.axhline(noise / factor, label="noise of the sensor", **FLOOR)
+            a.axhline(noise / factor, label="sensor noise", **FLOOR)
         _error_scale(a, known / factor)
         a.set_title(output)
         a.set_ylabel(f"RMS error [{unit or '–'}]")
@@ -117,11 +117,11 @@ def _stage_labels(stages: Sequence[Stage]) -> list[str]:
     """Names of the stages where there is room, else the numbers of their effects in the report."""
     if len(stages) <= 4:
         return [textwrap.fill(stage_title(s), 20) for s in stages]
-    found, count = [], 0
+    labels, count = [], 0
     for s in stages:
         count += s.accepted is not None
-        found.append(s.name if s.accepted is None else f"+ effect {count}")
-    return [textwrap.fill(n.replace("recalibrated", "recali- brated"), 9) for n in found]
+        labels.append(s.name if s.accepted is None else f"+ effect {count}")
+    return [textwrap.fill(n.replace("recalibrated", "recali- brated"), 9) for n in labels]
 
 
 def _error_scale(axes: Axes, shown: np.ndarray) -> None:
@@ -137,7 +137,7 @@ def _error_scale(axes: Axes, shown: np.ndarray) -> None:
 
 @drawing
 def over_time(conclusion: Conclusion, evidence: Evidence, output: str) -> Figure:
-    """Draw measurement and model before and after, what is left, and the worst stretch larger."""
+    """Draw measurement and model before and after, the residual, and the worst stretch enlarged."""
     first, last = _first_and_last(conclusion, evidence, output)
     figure, axes = new_figure(3, height=2.2)
     top, middle, zoom = axes[:, 0]
@@ -149,11 +149,11 @@ def over_time(conclusion: Conclusion, evidence: Evidence, output: str) -> Figure
     _signals(top, first, models, slice(None))
     _residuals(middle, first, models, slice(None))
     top.set_title(f"{output} on '{first.record}'")
-    middle.set_title("what is left: measured minus model")
-    # Where the error is too small to be seen beside the signal, the closer look is at the error.
+    middle.set_title("residual: measured minus model")
+    # Where the error is too small to be seen in the signal, the residual is enlarged.
     seen = float(np.ptp(first.residual[span])) > 0.08 * float(np.ptp(first.measured[span]))
     (_signals if seen else _residuals)(zoom, first, models, span)
-    zoom.set_title("the yellow stretch, larger" if seen else "the yellow stretch of what is left, larger")
+    zoom.set_title("the yellow stretch, enlarged" if seen else "the yellow stretch of the residual, enlarged")
     zoom.set_xlabel("time [s]")
     for a in (top, middle):
         a.axvspan(t0, t1, color="#f0e442", alpha=0.35, linewidth=0)
@@ -232,11 +232,11 @@ def residual_against(
     if after is not None:
         sets.append((after, AFTER, "with what was added", "o"))
     for a, over, name in ((axes[0, 0], "speed", names[1]), (axes[1, 0], "position", names[0])):
-        for facts, style, word, marker in sets:
-            m = next((m for m in facts.motions if motion.name in (m.name, *m.also)), None)
+        for residuals, style, word, marker in sets:
+            m = next((m for m in residuals.motions if motion.name in (m.name, *m.also)), None)
             if m is None:
                 continue
-            x, e = getattr(m, over), facts.values[:, column] / factor
+            x, e = getattr(m, over), residuals.values[:, column] / factor
             step = max(1, len(x) // 2500)
             a.plot(
                 x[::step], e[::step], ".", color=style["color"], markersize=2.2, alpha=0.28, rasterized=True
@@ -256,7 +256,7 @@ def residual_against(
         a.axhline(0.0, color="#000000", linewidth=0.7)
         a.set_xlabel(label(f"{name} of {motion.name}", units[name]))
         a.set_ylabel(wrapped(f"measured − model [{unit or '–'}]"))
-    axes[0, 0].set_title(f"{output}: what the model misses, against speed")
+    axes[0, 0].set_title(f"{output}: residual against speed")
     axes[1, 0].set_title("against position")
     axes[0, 0].legend(loc="best")
     return figure
@@ -297,5 +297,5 @@ def _floor_line(axes: Axes, signal: SignalComparison, conclusion: Conclusion) ->
     cutoff = fit.experiment.preparation.cutoff(float(fit.experiment.record.rate))
     band = min(cutoff or np.inf, 0.5 * signal.rate)
     level = signal.noise / np.sqrt(band)
-    axes.plot([float(signal.spectrum()[0][1]), band], [level, level], label="noise of the sensor", **FLOOR)
+    axes.plot([float(signal.spectrum()[0][1]), band], [level, level], label="sensor noise", **FLOOR)
     axes.set_ylim(bottom=0.05 * level)

@@ -1,4 +1,4 @@
-"""What the report says about its records and about how the study was done."""
+"""Sections of the report on its records and its method."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ __all__ = ["how", "records"]
 Entry = dict[str, Any]
 
 _MODES = {
-    "simulation": "the model was run from the recorded inputs, its outputs laid beside the recorded ones",
-    "prediction error": "the model was restarted from the measurement again and again, and compared",
-    "inverse": "the recorded motion was given to the model, the force it takes laid beside the recorded one",
+    "simulation": "the model is simulated with the recorded inputs, and its outputs are compared with those recorded",
+    "prediction": "the model is restarted from the measurement in every window, and compared",
+    "inverse": "the recorded motion is prescribed, and the force that it needs is compared with the recorded one",
 }
 
 
 def records(conclusion: Conclusion) -> list[Entry]:
-    """Return every record with what was assumed of it and done to it."""
-    found = []
+    """Return every record with its preparation and its own unknowns."""
+    entries = []
     for part in PARTS:
         for fit in conclusion.final.fits(part):
             e = fit.experiment
             done = [*e.record.log, *e.preparation.describe(float(e.record.rate))]
             own = [f"{name} fitted for this record: {value:.4g}" for name, value in fit.own.items()]
-            found.append(
+            entries.append(
                 {
                     "name": e.name,
                     "part": PART_WORDS[part],
@@ -43,11 +43,11 @@ def records(conclusion: Conclusion) -> list[Entry]:
                     "warnings": list(e.record.warnings),
                 }
             )
-    return found
+    return entries
 
 
 def how(conclusion: Conclusion) -> list[tuple[str, str]]:
-    """Return how the study was done, as pairs of a heading and a sentence."""
+    """Return the method of the study, as pairs of a heading and a sentence."""
     scan = conclusion.baseline.scan
     lines = [
         (
@@ -58,26 +58,25 @@ def how(conclusion: Conclusion) -> list[tuple[str, str]]:
             + (f", because {conclusion.residual_reason}" if conclusion.residual_reason else ""),
         ),
         (
-            "Fitted by",
-            "least squares over full runs of the model, with what was believed of the parameters before; "
-            "intervals hold for errors that are related from sample to sample",
+            "Fit",
+            "least squares over full simulations, with the priors of the parameters; intervals account for the "
+            "correlation of the residual",
         ),
     ]
     if scan is not None:
         lines.append(
             (
-                "Looked for",
-                f"{len(scan.rows) + len(scan.refused)} effects, one for each kind at each place where it "
-                "can act; what recalibration could imitate is taken out first",
+                "Tested",
+                f"{len(scan.rows) + len(scan.refused)} effects, one for each kind at each place where it can act; "
+                "everything that a recalibration could explain is projected out first",
             )
         )
     if conclusion.verdict:
         lines.append(
             (
-                "Believed only if",
-                f"luck would give as much in fewer than {share_words(conclusion.level)} of studies "
-                "of a good model, over all effects together; luck is measured by shuffling stretches of "
-                "the error",
+                "Significance level",
+                f"{share_words(conclusion.level)}: the probability of naming an effect in a study of a correct model, "
+                "over all effects together; the null distribution comes from resampling blocks of the residual",
             )
         )
     versions = []
@@ -86,7 +85,7 @@ def how(conclusion: Conclusion) -> list[tuple[str, str]]:
             versions.append(f"{package} {metadata.version(package)}")
         except metadata.PackageNotFoundError:
             continue
-    lines += [("Seed of random numbers", str(conclusion.seed)), ("Versions", ", ".join(versions))]
+    lines += [("Random seed", str(conclusion.seed)), ("Versions", ", ".join(versions))]
     if conclusion.paths:
         lines.append(("Files", ", ".join(conclusion.paths)))
     return lines

@@ -1,4 +1,4 @@
-"""Whether a dict is a ``diagnosis.json`` of schema 1: for scripts that read one, and for tests."""
+"""The check that a dict is a ``diagnosis.json`` of schema 1, for scripts that read one and for tests."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ _SIGNAL: dict[str, tuple[_Test, str]] = {
 
 
 def check_diagnosis(diagnosis: Any) -> list[str]:
-    """Return every fault of a diagnosis; empty if it is as the contract has it.
+    """Return every fault of a diagnosis; empty if it has the form of schema 1.
 
     Examples
     --------
@@ -108,34 +108,34 @@ def check_diagnosis(diagnosis: Any) -> list[str]:
     ):
         faults.append(f"the verdict '{diagnosis['verdict']}' needs an effect, and there is none")
     if diagnosis.get("verdict") == "nothing missing" and diagnosis.get("effects"):
-        faults.append("the verdict 'nothing missing' has effects beside it")
+        faults.append("the verdict 'nothing missing' contradicts the effects")
     return faults
 
 
 def _items(diagnosis: Any, name: str) -> list[Any]:
-    found = diagnosis.get(name) if isinstance(diagnosis, Mapping) else None
-    return found if isinstance(found, list) else []
+    items = diagnosis.get(name) if isinstance(diagnosis, Mapping) else None
+    return items if isinstance(items, list) else []
 
 
 def _fields(entry: Any, wanted: Mapping[str, tuple[_Test, str]], at: str) -> list[str]:
     if not isinstance(entry, Mapping):
         return [f"{at.rstrip('.')} must be an object, it is {entry!r}"]
     faults = []
-    for name, (good, told) in wanted.items():
+    for name, (good, expected) in wanted.items():
         if name not in entry:
-            faults.append(f"{at}{name} is missing: it must be {told}")
+            faults.append(f"{at}{name} is missing: it must be {expected}")
         elif not good(entry[name]):
-            faults.append(f"{at}{name} must be {told}, it is {entry[name]!r}")
+            faults.append(f"{at}{name} must be {expected}, it is {entry[name]!r}")
     return faults
 
 
 def _stage_faults(stage: Any, at: str) -> list[str]:
     faults = _fields(stage, {"name": (_text, "text")}, at)
     for part in ("identify", "validate"):
-        found = stage.get(part) if isinstance(stage, Mapping) else None
-        if not isinstance(found, Mapping):
-            faults.append(f"{at}{part} must be an object, it is {found!r}")
+        outputs = stage.get(part) if isinstance(stage, Mapping) else None
+        if not isinstance(outputs, Mapping):
+            faults.append(f"{at}{part} must be an object, it is {outputs!r}")
             continue
-        for output, figures in found.items():
+        for output, figures in outputs.items():
             faults += _fields(figures, _SIGNAL, f"{at}{part}.{output}.")
     return faults

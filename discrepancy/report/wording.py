@@ -1,4 +1,4 @@
-"""Numbers and probabilities in words that a mechanical engineer uses."""
+"""Numbers and probabilities in words for a mechanical engineer."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from discrepancy.stages.stage import RivalExplanation
 from multibody.base.quantity_text import number_text, quantity_text, readable_scale
 
 __all__ = [
+    "chance_words",
     "interval_words",
-    "luck_words",
     "ratio_words",
     "rival_words",
     "share_words",
@@ -34,33 +34,32 @@ def interval_words(value: float, low: float, high: float, unit: str) -> str:
     if places > 9:
         return f"{quantity_text(value, unit, 9)} (95 % interval far narrower than the last digit)"
     a, b = (f"{x / factor:.{places}f}".replace("-", "−") for x in (low, high))
-    vague = abs(value) < half
-    v = number_text(value / factor, 2) if vague else f"{value / factor:.{places}f}".replace("-", "−")
-    told = f"{v} {text} (95 % interval {a} to {b} {text}".rstrip() + ")"
-    return (told[:-1] + ": these records hardly determine it)" if vague else told).replace("  ", " ")
+    uncertain = abs(value) < half
+    v = number_text(value / factor, 2) if uncertain else f"{value / factor:.{places}f}".replace("-", "−")
+    words = f"{v} {text} (95 % interval {a} to {b} {text}".rstrip() + ")"
+    return (words[:-1] + ": these records hardly determine it)" if uncertain else words).replace("  ", " ")
 
 
-def luck_words(p: float) -> str:
-    """Return in words how likely it is that luck alone would look like this.
+def chance_words(p: float) -> str:
+    """Return in words how probable such a result is by chance alone.
 
     Examples
     --------
-    >>> luck_words(0.004)
-    'by luck alone, something like this would come up about once in 250 studies of a good model'
+    >>> chance_words(0.004)
+    'by chance alone, such a result would occur in about one of 250 studies of a correct model'
     """
     if not math.isfinite(p):
-        return "how likely luck alone is was not worked out"
+        return "its probability by chance alone was not computed"
     if p < 1e-6:
-        return "luck alone can be ruled out (less than one chance in a million)"
+        return "chance alone can be ruled out (probability below one in a million)"
     if p < 0.5:
         once = 1.0 / p
         size = round(once, 1 - math.floor(math.log10(once)))
         return (
-            f"by luck alone, something like this would come up about once in "
-            f"{f'{size:,.0f}'.replace(',', ' ')} studies "
-            "of a good model"
+            f"by chance alone, such a result would occur in about one of {f'{size:,.0f}'.replace(',', ' ')} studies "
+            "of a correct model"
         )
-    return "luck alone would look like this more often than not"
+    return "by chance alone, such a result would occur more often than not"
 
 
 def ratio_words(before: float, after: float) -> str:
@@ -99,13 +98,13 @@ def share_words(share: float) -> str:
 
 def rival_words(rival: RivalExplanation) -> str:
     """Return how much worse another explanation is, in words."""
-    how = "" if rival.refitted else " (estimated; it was not fitted in full)"
+    how = "" if rival.refitted else " (estimated; not fitted in full)"
     if rival.indistinguishable:
-        return f"these records cannot tell it from the one that was chosen{how}"
+        return f"these records cannot distinguish it from the chosen one{how}"
     if not math.isfinite(rival.delta_bic):
         return f"worse{how}"
     if rival.delta_bic > 10.0:
         return f"clearly worse{how}"
     if rival.delta_bic > 3.0:
         return f"worse{how}"
-    return f"only a little worse{how}"
+    return f"slightly worse{how}"

@@ -1,4 +1,4 @@
-"""The report: one page that opens offline, for a mechanical engineer; with its figures as files beside it."""
+"""The report: one HTML page that opens offline, with its figures also as PNG files."""
 
 from __future__ import annotations
 
@@ -66,28 +66,26 @@ def _picture(figure: Figure, name: str, caption: str, section: str) -> Picture:
 def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
     """Draw every figure of the report."""
     worst = figures.worst_outputs(conclusion)
-    found = [
+    drawn = [
         _picture(
             figures.falling_error(conclusion),
             "falling_error",
-            "The error of the model at each step; the effects have the numbers of the section below. "
+            "Error of the model at each step; effects are numbered as in the section below. "
             + (
-                "Square marks: records that were held out and used for nothing but this comparison."
+                "Square marks: records held out, which are used for this comparison only."
                 if conclusion.judged_on == "validate"
-                else "No record was held out, so this is the error on those that were fitted."
+                else "No record was held out, so this is the error on the records of the fit."
             ),
             "falling",
         )
     ]
     for k, output in enumerate(worst[:2]):
-        found.append(
+        drawn.append(
             _picture(
                 figures.over_time(conclusion, evidence, output),
                 f"over_time_{k + 1}",
-                f"{output} ({figures.PART_WORDS[conclusion.judged_on]}): measurement and model over time; "
-                "what is left; and a closer look at the worst "
-                "stretch. Inside "
-                "the grey band nothing but the noise of the sensor is left.",
+                f"{output} ({figures.PART_WORDS[conclusion.judged_on]}): measurement and model over time, the "
+                "residual, and the worst stretch enlarged. Inside the grey band, the residual is only sensor noise.",
                 "where",
             )
         )
@@ -96,49 +94,46 @@ def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
         before = residuals_along_motion(conclusion.baseline)
         after = residuals_along_motion(conclusion.final) if conclusion.final is not conclusion.baseline else None
         if before.motions:
-            found.append(
+            drawn.append(
                 _picture(
                     figures.residual_against(before, after, place, worst[0]),
                     "against_motion",
-                    f"{worst[0]}: what the model misses against speed and position at {place}. A step at "
-                    "zero speed is typical "
-                    "of dry friction, a slope of viscous friction, a hump over position of a place on the "
-                    "way.",
+                    f"{worst[0]}: residual against speed and position at {place}. A step at zero speed is typical of "
+                    "dry friction, a slope of viscous friction, a bump over position of a local fault along the path.",
                     "where",
                 )
             )
-    found.append(
+    drawn.append(
         _picture(
             figures.spectra(conclusion, evidence, worst[:2]),
             "spectra",
-            "What is left of the error at each frequency. Where a line meets the dotted one, nothing but "
-            "noise is left.",
+            "Spectrum of the residual. Where a line meets the dotted one, only noise is left.",
             "where",
         )
     )
-    found += _score_pictures(conclusion)
+    drawn += _score_pictures(conclusion)
     shifts = effect_figures.parameter_shifts(conclusion)
     if shifts is not None:
-        found.append(
+        drawn.append(
             _picture(
                 shifts,
                 "parameters",
-                "How far the fit moved each parameter from the value given. A parameter far outside the "
-                "grey band does the work of something that is missing.",
+                "Shift of each parameter from its given value. A parameter far outside the grey band compensates for "
+                "a missing effect.",
                 "parameters",
             )
         )
     curve = conclusion.unknown
     if curve is not None:
-        found.append(
+        drawn.append(
             _picture(
                 effect_figures.unknown_curve(curve),
                 "unknown_force",
-                "The force that would explain the error, as a curve.",
+                "The force that would explain the error.",
                 "missing",
             )
         )
-    return found
+    return drawn
 
 
 def _named_place(conclusion: Conclusion, evidence: Evidence) -> str:
@@ -155,34 +150,29 @@ def _named_place(conclusion: Conclusion, evidence: Evidence) -> str:
 
 def _score_pictures(conclusion: Conclusion) -> list[Picture]:
     """Scores before anything was added, and after everything was."""
-    found = []
+    drawn = []
     first, last = conclusion.baseline.scan, conclusion.final.scan
     if first is not None and first.rows:
-        found.append(
+        drawn.append(
             _picture(
                 effect_figures.candidate_scores(first, title="Before anything was added"),
                 "candidates_before",
-                "How strongly each effect would show in what the recalibrated model misses. Bold: the best "
-                "of the "
-                "first look; the best few were then fitted in full, and the best of these was added. One "
-                "missing "
-                "effect makes others look present as well; that is why one is added at a time and everything "
-                "is looked at again.",
+                "Score of each effect on the residual of the recalibrated model. Bold: the best score. The best few "
+                "were fitted in full, and the best fit was added. One missing effect raises the scores of others; that "
+                "is why effects are added one at a time and all scores are computed again.",
                 "else",
             )
         )
     if last is not None and last.rows and last is not first:
-        found.append(
+        drawn.append(
             _picture(
                 effect_figures.candidate_scores(last, title="After everything was added"),
                 "candidates_after",
-                "The same after the last effect was added: bars that stay left of their mark are no more "
-                "than luck would "
-                "give.",
+                "The same after the last effect was added: bars left of their mark are not significant.",
                 "hidden",
             )
         )
-    return found
+    return drawn
 
 
 def render(conclusion: Conclusion, evidence: Evidence, drawn: list[Picture]) -> str:
@@ -207,7 +197,7 @@ def render(conclusion: Conclusion, evidence: Evidence, drawn: list[Picture]) -> 
 def write_report(conclusion: Conclusion, out: str | Path, evidence: Evidence | None = None) -> list[Path]:
     """Write ``diagnosis.json``, ``report.html``, the figures as PNG and ``model.json`` into a folder.
 
-    A conclusion without a verdict (only compared, nothing asked) goes into ``comparison.json`` instead.
+    A conclusion without a verdict (compared only) goes into ``comparison.json`` instead.
 
     Parameters
     ----------
@@ -215,7 +205,7 @@ def write_report(conclusion: Conclusion, out: str | Path, evidence: Evidence | N
     out : path
         Made if it does not exist.
     evidence : Evidence, optional
-        Worked out before; else it is made here.
+        As computed before; else it is computed here.
 
     Returns
     -------
@@ -226,7 +216,8 @@ def write_report(conclusion: Conclusion, out: str | Path, evidence: Evidence | N
     out.mkdir(parents=True, exist_ok=True)
     evidence = evidence or evidence_of(conclusion)
     paths, fault = _save_model(conclusion, out)
-    faults = dict.fromkeys(f for f in (fault, evidence.before.untold, evidence.after.untold) if f)
+    reasons = (fault, evidence.before.why_no_connections, evidence.after.why_no_connections)
+    faults = dict.fromkeys(f for f in reasons if f)
     conclusion = replace(conclusion, warnings=(*conclusion.warnings, *faults))
     name = "diagnosis.json" if conclusion.verdict in VERDICTS else "comparison.json"
     paths.insert(0, save_diagnosis(conclusion, out / name, evidence))
@@ -242,7 +233,7 @@ def write_report(conclusion: Conclusion, out: str | Path, evidence: Evidence | N
 
 
 def _save_model(conclusion: Conclusion, out: Path) -> tuple[list[Path], str]:
-    """Save the updated model, and that of every stage; one that cannot be saved does not cost the user the report."""
+    """Save the model of every stage; return the paths, and why they could not be saved, if so."""
     from multibody.base.errors import ModelError
     from multibody.model.storage import save
 

@@ -1,11 +1,10 @@
-"""Is something missing at all? Tests that do not need a catalogue.
+"""The omnibus test: whether anything is missing at all, without a catalogue.
 
-A coloured residual alone proves nothing: a disturbance is coloured too. What a disturbance cannot do is
-follow the machine's own motion or inputs every time. So the residual is tested against flexible functions of
-the drivers (reference, speed, position, input): delayed copies, and free curves of their value. They are
-scored like any candidate, with the same projection, whitening and shuffled null. Symptoms without that
-guarantee (portmanteau, variance in motion against rest, low-frequency energy) are reported beside and do not
-decide.
+A coloured residual alone proves nothing: a disturbance is coloured too.  But a disturbance does not follow the
+machine's own motion or inputs every time.  So the residual is tested against flexible functions of the drivers
+(reference, speed, position, input): delayed copies, and free curves of their value.  They are scored like any
+candidate, with the same projection, whitening and null distribution.  Symptoms without that guarantee (portmanteau,
+variance in motion against rest, low-frequency energy) are reported and do not decide.
 """
 
 from __future__ import annotations
@@ -34,19 +33,19 @@ FINE = "fine curve"
 
 @dataclass(frozen=True)
 class Omnibus:
-    """Answer of the omnibus test.
+    """Result of the omnibus test.
 
     Attributes
     ----------
     p : float
-        Family-wise p that the residual follows some driver by an amount that would matter, in records left out as well;
-        1 where none does.
+        Family-wise p-value that the residual follows some driver by an amount that matters, in records left out as
+        well; 1 where none does.
     rejects : bool
         True if p is below the level: something is missing or wrong, whatever the catalogue says.
     leading : str
-        The driver and channel that show it most.
+        The driver and channel with the smallest p-value.
     symptoms : dict
-        Name → (value, p or nan, meaning). They describe; they do not decide.
+        Name → (value, p or nan, meaning).  They describe and do not decide.
     """
 
     p: float
@@ -57,11 +56,11 @@ class Omnibus:
 
     @property
     def sentence(self) -> str:
-        """What it says beside a search that named nothing."""
+        """The statement for a search that found no effect."""
         if not self.rejects:
-            return "Nothing that is left follows the machine's inputs either."
+            return "The residual does not follow the machine's inputs either."
         return (
-            f"But what is left still follows the machine's inputs ({self.leading}, p = {self.p:.2g}): something is "
+            f"But the residual still follows the machine's inputs ({self.leading}, p = {self.p:.2g}): something is "
             "missing or wrong that neither an effect of the catalogue nor a force at a connection explains."
         )
 
@@ -76,9 +75,9 @@ class Omnibus:
 
 
 def with_effect(sens: Sensitivities, candidate: Candidate, shape: int = 0) -> Sensitivities:
-    """Sensitivities in which an effect's amplitudes are further uncertain parameters without prior.
+    """Return sensitivities with an effect's strengths as further uncertain parameters without prior.
 
-    Use it to ask what remains after an effect: a second scan, or the omnibus test as a test of lack of fit.
+    They serve to test what remains after an effect: by a second scan, or by the omnibus test for lack of fit.
     """
     blocks = [
         np.concatenate([f, z], axis=2) for f, z in zip(sens.blocks, candidate.sensitivities[shape], strict=True)
@@ -148,29 +147,29 @@ def generic_candidates(
 def omnibus_of_stage(stage: Stage, *, level: float, draws: int = 200, seed: int = 0) -> Omnibus | None:
     """Test a stage of a study against its recorded inputs and their rates; None if the inputs do not change.
 
-    Not against those that answer to what is left (`discrepancy.sensitivities.input_feedback`): they go with it in any
-    case.
+    Inputs with feedback from the residual (`discrepancy.sensitivities.input_feedback`) are left out: they follow it in
+    any case.
     """
     from discrepancy.sensitivities.input_feedback import inputs_with_feedback
 
     preparation = stage.scan_preparation
-    facts = stage.weighted_problem()
-    reacting = inputs_with_feedback(stage.linearised_problem(preparation))
+    problem = stage.weighted_problem()
+    with_feedback = inputs_with_feedback(stage.linearised_problem(preparation))
     drivers: dict[str, list[Array]] = {}
     rates = set()
-    for experiment in facts.experiments:
+    for experiment in problem.experiments:
         time = np.asarray(experiment.record.time)
-        for name in (n for n in experiment.inputs if n not in reacting):
+        for name in (n for n in experiment.inputs if n not in with_feedback):
             u = np.asarray(experiment.record.signals[name].values)
             rates.add(rate := f"rate of {name}")
-            for told, x in ((name, u), (rate, np.gradient(u, time))):
-                drivers.setdefault(told, []).append(np.interp(experiment.time, time, x))
+            for driver, x in ((name, u), (rate, np.gradient(u, time))):
+                drivers.setdefault(driver, []).append(np.interp(experiment.time, time, x))
     drivers = {n: x for n, x in drivers.items() if np.ptp(np.concatenate(x)) > 0.0}
     if not drivers:
         return None
-    floor = [stage.noise[c] for c in facts.residual().channels]
+    floor = [stage.noise[c] for c in problem.residual().channels]
     return omnibus(
-        facts.residual(), facts.sensitivities(), drivers,
+        problem.residual(), problem.sensitivities(), drivers,
         level=level, draws=draws, seed=seed, coarse=rates, noise_floor=floor,
     )  # fmt: skip
 
@@ -262,11 +261,11 @@ def _motion(r: ScanResult, moving: Sequence[Array], draws: int, seed: int) -> tu
         out: Array = np.mean(d[mask] ** 2, axis=0) / np.mean(d[~mask] ** 2, axis=0)
         return out
 
-    seen = float(ratio(r.whitened_residual[:, None])[0])
+    observed = float(ratio(r.whitened_residual[:, None])[0])
     pieces = cut_pieces(lay, r.whitener.dt, r.whitened_residual)
     rng = np.random.default_rng(seed)
-    by_luck = np.concatenate(
+    by_chance = np.concatenate(
         [ratio(E) for E in shuffled_residuals(r.whitened_residual, r.projection, pieces, draws, rng)]
     )
-    p = (1.0 + float(np.sum(by_luck >= seen))) / (len(by_luck) + 1.0)
-    return seen, p, "variance in motion over variance at rest; noise in motion alone also raises it"
+    p = (1.0 + float(np.sum(by_chance >= observed))) / (len(by_chance) + 1.0)
+    return observed, p, "variance in motion over variance at rest; noise in motion alone also raises it"

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import sys
+from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+
+from discrepancy.conclusion.conclude import conclude
+from discrepancy.conclusion.conclusion import Conclusion
+from discrepancy.problem.study_file import StudyError
+from discrepancy.report.write import write_report
+from discrepancy.study.history import restore, save_history
+from discrepancy.study.study import Study
 
 __all__ = ["compare", "diagnose"]
 
-WIDE = 6  # numbers beside each other that still fit a terminal
+MAX_COLUMNS = 6  # numbers in one row of the table that still fit a terminal
 
 
-def diagnose(args: Any) -> int:
-    """Run the whole loop on a study file and write what it found.
+def diagnose(args: Namespace) -> int:
+    """Diagnose a study file and write the conclusion.
 
     Parameters
     ----------
     args : namespace
         ``study``, ``out``, ``seed``, ``max_effects``, ``resume``, ``quiet``, ``progress``.
     """
-    from discrepancy.problem.study_file import StudyError
-    from discrepancy.study.history import restore, save_history
-    from discrepancy.study.study import Study
-
     study = Study.from_file(args.study, seed=args.seed, max_effects=args.max_effects, progress=args.progress)
     out = Path(args.out)
     history = out / "history.json"
@@ -34,34 +39,24 @@ def diagnose(args: Any) -> int:
     _finish(study, conclusion, out, args, compared_only=study.interrupted and not conclusion.accepted)
     if not study.interrupted:
         return 0
-    import sys
-
-    print(f"vtsdt: interrupted: {_so_far(conclusion)}; go on with the same command and --resume", file=sys.stderr)
+    count = len(conclusion.accepted)
+    so_far = f"{count} effect{'s' if count > 1 else ''} found so far" if count else "no effect was found yet"
+    print(f"vtsdt: interrupted: {so_far}; continue with the same command and --resume", file=sys.stderr)
     return 130
 
 
-def _so_far(conclusion: Any) -> str:
-    count = len(conclusion.accepted)
-    return "no effect was found yet" if not count else f"{count} effect{'s' if count > 1 else ''} found so far"
-
-
-def compare(args: Any) -> int:
-    """Compare model and records, say where the model fails, and write that; nothing is added."""
-    from discrepancy.conclusion.conclude import conclude
-    from discrepancy.study.study import Study
-
+def compare(args: Namespace) -> int:
+    """Compare model and records, locate the error, and write both; nothing is added."""
     study = Study.from_file(args.study, seed=args.seed, progress=args.progress)
-    _ = study.stage
+    _ = study.stage  # made on first use
     conclusion = conclude(study)
     _finish(study, conclusion, Path(args.out), args, compared_only=True)
     return 0
 
 
-def _finish(study: Any, conclusion: Any, out: Path, args: Any, *, compared_only: bool = False) -> None:
-    from dataclasses import replace
-
-    from discrepancy.report.write import write_report
-
+def _finish(
+    study: Study, conclusion: Conclusion, out: Path, args: Namespace, *, compared_only: bool = False
+) -> None:
     if compared_only:
         conclusion = replace(conclusion, verdict="", sentence="")
     files = write_report(conclusion, out)
@@ -69,8 +64,8 @@ def _finish(study: Any, conclusion: Any, out: Path, args: Any, *, compared_only:
         _show(study, conclusion, files)
 
 
-def _show(study: Any, conclusion: Any, files: list[Path]) -> None:
-    """Print the error stage by stage, the answer, and where the report is."""
+def _show(study: Study, conclusion: Conclusion, files: list[Path]) -> None:
+    """Print the error stage by stage, the conclusion, and the path of the report."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -79,14 +74,14 @@ def _show(study: Any, conclusion: Any, files: list[Path]) -> None:
     table = Table(title="Root mean square error, stage by stage")
     parts = [p for p in ("identify", "validate") if study.stages[0].fits(p)]
     names = study.stages[0].outputs
-    if len(names) * len(parts) <= WIDE:
+    if len(names) * len(parts) <= MAX_COLUMNS:
         table.add_column("stage")
         for part in parts:
             for name in names:
                 table.add_column(escape(f"{name}\n[{study.stages[0].system.unit(name)}]\n{part}"), justify="right")
         for stage in study.stages:
             table.add_row(stage.name, *(f"{stage.rmse(part)[name]:.4g}" for part in parts for name in names))
-    else:  # many outputs: they go down the page and the stages across
+    else:  # many outputs: one row for each, the stages as columns
         table.add_column("output")
         for stage in study.stages:
             table.add_column(stage.name, justify="right", overflow="fold")

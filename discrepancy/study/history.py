@@ -1,7 +1,7 @@
-"""The history of a study in a file: enough to build every stage again, exactly, and to go on from there.
+"""The history of a study in a file: from it every stage can be built again exactly, and the search continued.
 
-A stage is its effects and the values at which its fit ended.  Simulating there once gives the same errors, intervals
-and figures to the last digit, without a search and without a fit.
+A stage is defined by its effects and its fitted values.  One simulation at these values gives the same errors,
+intervals and figures to the last digit, without a search and without a fit.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SCHEMA = 1
 
 
 def fingerprint(state: SearchState) -> str:
-    """Return digits that change with the model, the records, and what the study asks."""
+    """Return a hash of the model, the records and the settings of the study."""
     problem = state.given
     digest = hashlib.sha256()
     parts = [
@@ -69,7 +69,7 @@ def _entry(stage: Stage) -> dict[str, Any]:
 
 
 def save_history(state: SearchState, path: str | Path) -> Path:
-    """Write the stages of a study, and whether the last one still waits for its second look; return the path."""
+    """Write the stages of a study, and whether backward elimination is pending; return the path."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {
@@ -98,10 +98,10 @@ def read_history(path: str | Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise StudyError([f"{path}: this is no history of a study: {error}"]) from error
+        raise StudyError([f"{path}: this is not the history of a study: {error}"]) from error
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        found = content.get("schema") if isinstance(content, dict) else None
-        raise StudyError([f"{path}: a history of schema {SCHEMA} is needed, this one has {found!r}"])
+        schema = content.get("schema") if isinstance(content, dict) else None
+        raise StudyError([f"{path}: a history of schema {SCHEMA} is needed, this one has {schema!r}"])
     missing = [k for k in ("fingerprint", "settled", "stages") if k not in content]
     if missing:
         raise StudyError([f"{path}: the entry '{k}' is missing" for k in missing])
@@ -109,7 +109,7 @@ def read_history(path: str | Path) -> dict[str, Any]:
 
 
 def restore(state: SearchState, path: str | Path) -> None:
-    """Build the stages of a history again in a new study of the same model and records.
+    """Restore the stages of a history in a new study of the same model and records.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def restore(state: SearchState, path: str | Path) -> None:
         raise StudyError(
             [
                 f"{path}: this history belongs to another model, other records or other settings of the study (seed "
-                f"{content.get('seed')}): give the study as it was, or begin anew in another folder"
+                f"{content.get('seed')}): use the study as it was, or start again in another folder"
             ]
         )
     state.prepare()
@@ -129,7 +129,7 @@ def restore(state: SearchState, path: str | Path) -> None:
         state.prepared = dataclasses.replace(state.prepared, reason=content["in_windows_instead"])
     state.stages.clear()
     for k, entry in enumerate(content["stages"]):
-        state.progress(f"build stage '{entry.get('name', k)}' again")
+        state.progress(f"restore stage '{entry.get('name', k)}'")
         try:
             stage = state.restored(
                 entry["name"],

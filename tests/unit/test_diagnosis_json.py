@@ -136,7 +136,7 @@ def test_what_is_not_finite_becomes_null() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "expected"),
     [
         (lambda d: d.update(schema=2), "schema must be"),
         (lambda d: d.update(verdict="perhaps"), "verdict must be one of"),
@@ -154,12 +154,12 @@ def test_what_is_not_finite_becomes_null() -> None:
         ),
         (lambda d: d["where_it_fails"].pop("regimes"), "where_it_fails.regimes"),
         (lambda d: d.update(effects=[]), "needs an effect"),
-        (lambda d: d.update(verdict="nothing missing"), "has effects beside it"),
+        (lambda d: d.update(verdict="nothing missing"), "contradicts the effects"),
         (lambda d: d.update(refused=[{"kind": "slip"}]), "refused[0].where"),
     ],
 )
-def test_the_check_sees_faults(diagnosis, change, told) -> None:
+def test_the_check_sees_faults(diagnosis, change, expected) -> None:
     broken = copy.deepcopy(diagnosis)
     change(broken)
     faults = check_diagnosis(broken)
-    assert any(told in f for f in faults), faults
+    assert any(expected in f for f in faults), faults
