@@ -1,4 +1,5 @@
-"""What a component declares beside its equations, and the checks of it.
+"""The base class of components, their declarations, and the checks of both.
 
-Here are `Component` and the declarations (`Parameter`, `State`, `Translation`, …).  Takes from `multibody.base`.
+To import from here: `Component` and the declarations (`Parameter`, `State`, `Translation`, …).  Takes from
+`multibody.base`.
 """

@@ -1,4 +1,4 @@
-"""Faults in what a component class declares: names, units, bounds, what ports refer to."""
+"""Faults in the declarations of a component class: names, units, bounds, references of ports."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def declaration_faults(component: Component) -> list[str]:
             faults.append(f"'{name}' cannot be the name of a {type(item).__name__}: {why}")
         elif name in _RESERVED:
             what = type(item).__name__
-            faults.append(f"'{name}' means something else in every component: give the {what} another name")
+            faults.append(f"'{name}' is reserved in every component: give the {what} another name")
         for unit in (getattr(item, key, None) for key in ("unit", "x_unit")):
             if unit is not None and "{" not in unit and (fault := _unit_fault(unit)):
                 faults.append(f"{type(item).__name__} '{name}': {fault}")
@@ -51,14 +51,14 @@ def declaration_faults(component: Component) -> list[str]:
             faults.append(f"power '{name}': kind '{item.kind}' is unknown: take 'loss' or 'supply'")
         elif isinstance(item, Port):
             faults += _port_faults(component, item)
-    return faults + _shown_twice(component) + _feature_faults(component)
+    return faults + _names_of_motion(component) + _feature_faults(component)
 
 
 @lru_cache(maxsize=512)
 def _unit_fault(unit: str) -> str | None:
     words = re.split(r"\*\*-?\d+|[*/()\s]+", unit)
     if all(word in _COHERENT or word in ("", "1") for word in words):
-        return None  # plain products of SI units need no look into pint, which is slow to import
+        return None  # plain products of SI units need no pint, which is slow to import
     try:
         base = next((u for u in sorted(_COHERENT) if same_dimension(unit, u)), None)
         factor = convert(1.0, unit, base) if base else _factor(unit)
@@ -96,14 +96,14 @@ def _port_faults(component: Component, item: Port) -> list[str]:
         hint = nearest(inertia, parameters)
         return [f"port '{item.name}': inertia='{inertia}' is not a declared parameter{hint}"]
     unit = "kg*m**2" if isinstance(item, Rotation) else "kg"
-    given = parameters[inertia].unit
-    if given != unit and (_unit_fault(given) or not same_dimension(given or "1", unit)):
-        return [f"port '{item.name}': its inertia '{inertia}' is in {given or '1'}, it has to be in {unit}"]
+    declared = parameters[inertia].unit
+    if declared != unit and (_unit_fault(declared) or not same_dimension(declared or "1", unit)):
+        return [f"port '{item.name}': its inertia '{inertia}' is in {declared or '1'}, it has to be in {unit}"]
     return []
 
 
-def _shown_twice(component: Component) -> list[str]:
-    """Return declared names that the motion of an inertial port has as well."""
+def _names_of_motion(component: Component) -> list[str]:
+    """Return the faults of declared names that the motion of an inertial port has as well."""
     inertial = [p for p in component.of_kind(Port).values() if getattr(p, "inertia", None)]
     taken = {"kinetic_energy"} if inertial else set()
     for port in inertial:
@@ -111,7 +111,7 @@ def _shown_twice(component: Component) -> list[str]:
         taken |= {prefix + what for what in (port.potential, port.rate, "acceleration")}
     named: dict[str, Any] = component.of_kind((Output, State, Parameter))  # type: ignore[arg-type]
     return [
-        f"{type(item).__name__} '{name}' has the name of a quantity that the port with inertia brings: rename it"
+        f"{type(item).__name__} '{name}' has the name of a quantity of the port with inertia: rename it"
         for name, item in named.items()
         if name in taken
     ]

@@ -1,4 +1,4 @@
-"""The base class of every component: declarations collected, values checked, equations beside them."""
+"""The base class of every component: it collects the declarations and checks the values."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class Component:
 
     declarations: dict[str, Declaration] = {}  # noqa: RUF012 - an instance whose options or units decide has its own
 
-    #: What a step must not jump over: ``{width: speed}``.  The width is a parameter, a table (its closest points) or
-    #: an output; the speed is the output at which it is passed, or ``"time"``.
+    #: Narrow features that no step may jump over: ``{width: speed}``.  The width is a parameter, a table (the least
+    #: distance of its points) or an output; the speed is the output at which the feature passes, or ``"time"``.
     features: ClassVar[dict[str, str]] = {}
 
-    #: Names of states in the order in which they shall stand, before those that are not named here.
+    #: Names of states in their order; those that are not named here follow.
     state_order: ClassVar[tuple[str, ...]] = ()
 
     __signature__ = SignatureOfDeclarations()
@@ -59,7 +59,7 @@ class Component:
                     collected.pop(name, None)
                     collected[name] = item
                     collected.update({n: extra for n, extra in item.brings().items() if n not in vars(base)})
-                elif name in collected:  # a subclass may take a declaration away by setting it to None
+                elif name in collected:  # a subclass may remove a declaration by setting it to None
                     del collected[name]
         cls.declarations = collected
         documented = next(base for base in cls.__mro__ if vars(base).get("__doc__"))
@@ -110,7 +110,7 @@ class Component:
         return {**states, **_motion_starts(alone, prefixed=False), **_motion_starts(together, prefixed=True)}
 
     def _decide_declarations(self) -> None:
-        """Leave out what the options exclude, and put the chosen units in."""
+        """Remove what the options exclude, and insert the chosen units."""
         named = {d.name for d in self.declarations.values() if d.when or "{" in getattr(d, "unit", "")}
         named |= {d.name for d in self.of_kind(Table).values() if "{" in d.x_unit}
         if not named:
@@ -121,9 +121,9 @@ class Component:
                 continue
             if name in named and self.units:
                 texts = {k: getattr(item, k) for k in ("unit", "x_unit") if hasattr(item, k)}
-                name_kept = item.name
+                own_name = item.name
                 item = dataclasses.replace(item, **{k: _unit_text(t, self.units) for k, t in texts.items()})
-                object.__setattr__(item, "name", name_kept)
+                object.__setattr__(item, "name", own_name)
             chosen[name] = item
         self.declarations = chosen
 
@@ -131,7 +131,7 @@ class Component:
         self.units[name] = value if isinstance(value, str) else self.declarations[name].default  # type: ignore[attr-defined]
         if not isinstance(value, str):
             self.faults.append(f"unit '{name}' is {value!r}: give a text such as 'rad/s' or 'A'")
-        elif value not in _COMMON_UNITS:  # reading a unit needs pint, which is slow to import
+        elif value not in _COMMON_UNITS:  # parsing a unit needs pint, which is slow to import
             try:
                 same_dimension(value, "1")
             except UnitError as error:
@@ -191,7 +191,7 @@ class Component:
         return type(self)(**{**self._given, **changes})
 
     def is_transmission(self) -> bool:
-        """Tell whether the component ties the motion of its ports to each other."""
+        """Tell whether the component couples the motions of its ports."""
         return type(self).coupling is not Component.coupling
 
     def equations(self) -> None:
@@ -204,9 +204,9 @@ class Component:
         """State the same the other way round; read as text."""
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{k}={v:g}" for k, v in self.values.items())
-        flags = ", ".join(f"{k}={v!r}" for k, v in self.options.items())
-        return f"{type(self).__name__}({', '.join(part for part in (told, flags) if part)})"
+        values = [f"{k}={v:g}" for k, v in self.values.items()]
+        options = [f"{k}={v!r}" for k, v in self.options.items()]
+        return f"{type(self).__name__}({', '.join([*values, *options])})"
 
 
 def _inertial(declarations: Mapping[str, Declaration]) -> list[Port]:
@@ -238,7 +238,7 @@ def _holds(condition: str, options: dict[str, Any]) -> bool:
 
 
 def _unit_text(text: str, units: dict[str, str]) -> str:
-    """Put chosen units in the place of their names, as plainly as the text allows.
+    """Replace the names of units by the chosen units, with brackets only where they are needed.
 
     Examples
     --------

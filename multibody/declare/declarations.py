@@ -1,4 +1,4 @@
-"""What a component class declares beside its equations: parameters, states, signals, ports and options."""
+"""The declarations in a component class: parameters, states, signals, ports and options."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Declaration:
-    """Base of everything that can stand in the body of a component class.
+    """Base of everything that can be declared in a component class.
 
     ``when`` is a condition on one of the component's options, such as ``"lossy"``, ``"not lossy"`` or
-    ``"order >= 2"``: where it does not hold the declaration does not exist.
+    ``"order >= 2"``; where it is false, the declaration does not exist.
     """
 
     name: str = field(default="", init=False, compare=False)
@@ -40,7 +40,7 @@ class Declaration:
         object.__setattr__(self, "name", name)
 
     def brings(self) -> dict[str, Declaration]:
-        """Return further declarations that come with this one, by name."""
+        """Return further declarations that this one adds, by name."""
         return {}
 
 
@@ -51,7 +51,7 @@ class Parameter(Declaration):
     Parameters
     ----------
     default : float or None
-        Value when none is given; None makes the parameter required.
+        Default value; None makes the parameter required.
     unit : str
         SI unit.
     meaning : str
@@ -80,7 +80,7 @@ class Table(Declaration):
     interpolation : {"linear", "cubic"}
         ``"cubic"`` is the shape-preserving cubic (PCHIP).
     default : tuple of two sequences, optional
-        Points ``(x, y)`` when none are given.
+        Default points ``(x, y)``.
     """
 
     x_unit: str
@@ -103,7 +103,7 @@ class Option(Declaration):
 class Unit(Declaration):
     """A unit that each instance chooses; other declarations use it in theirs, as in ``"{signal}/s"``.
 
-    It lets one controller or filter serve signals of any kind while every connection is still checked.
+    One controller or filter then serves signals of any kind, and every connection is still checked.
     """
 
     default: str
@@ -129,7 +129,7 @@ class Unknown(Declaration):
 
 @dataclass(frozen=True)
 class Input(Declaration):
-    """A signal that comes in; without a default it has to be connected."""
+    """An input signal; without a default it has to be connected."""
 
     unit: str
     meaning: str
@@ -138,7 +138,7 @@ class Input(Declaration):
 
 @dataclass(frozen=True)
 class Output(Declaration):
-    """A signal that goes out; it can be connected to inputs and is recorded in trajectories."""
+    """An output signal; it can be connected to inputs and is recorded in trajectories."""
 
     unit: str
     meaning: str
@@ -156,7 +156,7 @@ class Energy(Output):
 class Power(Output):
     """An output that counts in the energy balance, in W.
 
-    ``kind`` is ``"loss"`` (turned into heat, positive when lost) or ``"supply"`` (brought in from outside).
+    ``kind`` is ``"loss"`` (dissipated, positive when lost) or ``"supply"`` (supplied from outside).
     """
 
     kind: str = "loss"
@@ -192,7 +192,7 @@ class Translation(Port):
         One line.
     inertia : str, optional
         Name of the parameter (kg) by which the component resists acceleration of this flange, or of an output that
-        its equations make of parameters alone.
+        its equations compute from parameters alone.
     prescribed : bool
         True when the component's equations give the flange its position, velocity and acceleration.
     coordinate : str, optional
@@ -222,7 +222,7 @@ class Rotation(Port):
         One line.
     inertia : str, optional
         Name of the parameter (kg m²) by which the component resists angular acceleration of this flange, or of an
-        output that its equations make of parameters alone.
+        output that its equations compute from parameters alone.
     prescribed : bool
         True when the component's equations give the flange its angle, speed and acceleration.
     coordinate : str, optional
@@ -270,13 +270,13 @@ class Frame(Port):
     meaning : str
         One line.
     offset : tuple, optional
-        Given by a component that holds the frame: its place in body axes (in world axes on the ground).  Each of the
-        three entries is a number (the default of a parameter ``<name>_x``, ``_y`` or ``_z`` that comes with the
-        frame), the name of a declared parameter (perhaps with a minus before it), or None for zero.
+        Given by a component that holds the frame: its position in body axes (in world axes on the ground).  Each of
+        the three entries is a number (the default of a parameter ``<name>_x``, ``_y`` or ``_z`` that the frame adds),
+        the name of a declared parameter (with a minus before it if need be), or None for zero.
     angles : tuple
         Roll, pitch and yaw of the frame against the body in the same manner (``<name>_roll``, …).
     parent : bool
-        True for the frame that a rigid body hangs on.
+        True for the frame by which a rigid body is attached to its parent.
     """
 
     offset: tuple[float | str | None, ...] | None = None
@@ -313,14 +313,14 @@ class Frame(Port):
             for e, kind in zip(entries, kinds, strict=True))
 
     def brings(self) -> dict[str, Declaration]:
-        """Return the parameters that give the frame its place on the body."""
+        """Return the parameters of the frame's position and attitude on the body."""
         what = self.meaning or "frame"
         numbers = [*zip(self.offset_names, self.offset or (), ["m"] * 3, "xyz", strict=False)]
         numbers += zip(self.angle_names, self.angles, ["rad"] * 3, ("roll", "pitch", "yaw"), strict=True)
-        found: dict[str, Declaration] = {}
+        parameters: dict[str, Declaration] = {}
         for name, default, unit, kind in numbers:
             if name is not None and not isinstance(default, str):
                 item = Parameter(default, unit, f"{kind} of the {what} on the body", when=self.when)
                 object.__setattr__(item, "name", name)
-                found[name] = item
-        return found
+                parameters[name] = item
+        return parameters

@@ -1,4 +1,4 @@
-"""One law for sliding and for turning: a component written once, declared for both domains.
+"""One law for translation and rotation: a component written once, declared for both domains.
 
 A law names its flanges' quantities ``position``, ``velocity`` and ``force`` and writes units with the letters
 ``F`` (N or N m), ``X`` (m or rad) and ``V`` (m/s or rad/s).
@@ -22,14 +22,14 @@ _PORTS: dict[str, type[Any]] = {"translation": Translation, "rotation": Rotation
 def in_both_domains(
     law: type[Component], module: str, names: tuple[str, str]
 ) -> tuple[type[Component], type[Component]]:
-    """Return the sliding and the turning version of a law between two flanges ``a`` and ``b``.
+    """Return the translational and the rotational version of a law between two flanges ``a`` and ``b``.
 
     Parameters
     ----------
     law : type
         Component without ports; its equations use ``self.a`` and ``self.b``.
     module : str
-        Module in which the two classes will stand (``__name__``), so that they can be found by name.
+        Module that will hold the two classes (``__name__``), so that they can be imported by name.
     names : (str, str)
         Names of the two classes.
     """

@@ -32,7 +32,7 @@ _SPEED_STARTS = {
 
 
 class World(Component):
-    """What holds everywhere: gravity.  A model has at most one.
+    """The gravity of a model, which has at most one World.
 
     Without it gravity is (0, 0, -9.80665) m/s².
     """
@@ -46,7 +46,7 @@ class RigidBody(Component):
     """A rigid body with six Boolean degrees of freedom relative to a parent frame (the ground by default).
 
     Eqs. 1 and 2 of González et al. 2020, with exact rotations R = Rz(yaw) Ry(pitch) Rx(roll).  A motion set
-    to False is locked and leaves the state vector; it stands at ``<name>_start``.  One free rotation on a
+    to False is locked and leaves the state vector; it stays at ``<name>_start``.  One free rotation on a
     frame of another body is a revolute joint, one free translation a prismatic one.
 
     States: ``x``, ``y``, ``z``, ``roll``, ``pitch``, ``yaw`` of the free motions, then their speeds: ``v_x``,
@@ -85,7 +85,7 @@ class RigidBody(Component):
     yaw = Option(True, "True: free to turn about z of the parent frame")
     reactions = Option(False, "True: show force and moment from the parent frame as joint_force_x, …")
 
-    parent = Frame("frame that the body hangs on; the ground when not connected", parent=True)
+    parent = Frame("frame that the body is attached to; the ground when not connected", parent=True)
     origin = Frame("the body's own frame", offset=(None, None, None))
     com = Frame("centre of mass", offset=("com_x", "com_y", "com_z"))
 
@@ -103,9 +103,7 @@ class RigidBody(Component):
 
     def _decide_declarations(self) -> None:
         super()._decide_declarations()
-        if (
-            self.body_rates
-        ):  # the speeds are no rates of angles, so a torque on an angle has nothing to act on
+        if self.body_rates:  # the speeds are no rates of angles, so a torque on an angle has nothing to act on
             self.declarations = {
                 n: d for n, d in self.declarations.items() if not (isinstance(d, Rotation) and d.coordinate)
             }
@@ -164,15 +162,15 @@ def inertia_fault(tensor: np.ndarray) -> str | None:
     """
     principal = np.linalg.eigvalsh(tensor)
     slack = 1e-9 * max(float(np.abs(principal).max()), 0.0)
-    shown = ", ".join(f"{value:.4g}" for value in principal)
+    moments = ", ".join(f"{value:.4g}" for value in principal)
     if principal[0] < -slack:
         return (
-            f"the inertia tensor is not positive definite (principal moments {shown} kg m²); "
+            f"the inertia tensor is not positive definite (principal moments {moments} kg m²); "
             "check the signs of I_xy, I_xz, I_yz"
         )
     if principal[2] > principal[0] + principal[1] + slack:
         return (
-            f"the inertia tensor breaks the triangle inequality (principal moments {shown} kg m²: "
+            f"the inertia tensor breaks the triangle inequality (principal moments {moments} kg m²: "
             "the largest exceeds the sum of the others); check units, and that it is about the centre of mass"
         )
     return None

@@ -1,4 +1,4 @@
-"""The signature and the docstring of a component class, made from its declarations when somebody asks for them."""
+"""The signature and the docstring of a component class, made from its declarations when they are read."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Declaring(Protocol):
 
 @dataclass(frozen=True)
 class RequiredWhere:
-    """Stands in a signature for the default of a value that has none, but exists under a condition only."""
+    """The default, in a signature, of a value that is required where a condition on the options holds."""
 
     condition: str
 
@@ -56,7 +56,7 @@ def accepted(cls: type[Declaring]) -> dict[str, Declaration]:
 
 
 def default_of(item: Declaration) -> Any:
-    """Return the default of a declaration as it stands in a signature."""
+    """Return the default of a declaration for a signature."""
     value = item.start if isinstance(item, State) else getattr(item, "default", None)
     if value is not None:
         return value
@@ -81,7 +81,7 @@ class SignatureOfDeclarations:
 
 
 class DocstringOfDeclarations:
-    """The attribute ``__doc__`` of a component class: the text of its author, then what the class declares.
+    """The attribute ``__doc__`` of a component class: the written text, then the declarations.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class DocstringOfDeclarations:
 
 
 def written_docstring(cls: type[Declaring]) -> str:
-    """Return the docstring of a component class as its author wrote it, without what is made from declarations."""
+    """Return the docstring of a component class as it is written, without the sections made from declarations."""
     found = vars(cls)["__doc__"]
     return found.text if isinstance(found, DocstringOfDeclarations) else found
 
@@ -123,7 +123,7 @@ def _section(title: str, items: Mapping[str, Declaration]) -> Iterator[str]:
 
 
 def _kind(item: Declaration) -> Iterator[str]:
-    """Kind, unit and default of a declaration, as numpydoc has them behind the name."""
+    """Kind, unit and default of a declaration, as numpydoc puts them behind the name."""
     unit = getattr(item, "unit", "")
     match item:
         case Parameter() | State():

@@ -1,7 +1,7 @@
-"""The text of source files as it was when their classes were made.
+"""The text of source files as it was when their classes were defined.
 
-Equations are read from source text.  Somebody who edits a model file while a study runs must not have the study see
-half of the new text under the line numbers of the old one.
+Equations are read from source text.  A study must not read the new text of a model file that is edited while it runs
+under the line numbers of the old one.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _texts: dict[str, list[str]] = {}
 
 
 def remember(module: str) -> None:
-    """Keep the text of a module's file, once."""
+    """Store the text of a module's file, once."""
     file = getattr(sys.modules.get(module), "__file__", None)
     if file is None or file in _texts:
         return
@@ -32,7 +32,7 @@ def remember(module: str) -> None:
 
 
 def function_lines(function: Callable[..., Any]) -> tuple[list[str], int]:
-    """Return a function's source lines and the number of the first, from the remembered text where there is one.
+    """Return a function's source lines and the number of the first, from the stored text where there is one.
 
     Raises
     ------
@@ -49,9 +49,9 @@ def function_lines(function: Callable[..., Any]) -> tuple[list[str], int]:
 
 
 def _block(lines: list[str]) -> list[str]:
-    """Return the lines of the function that lines begin with, or none where its end takes more than indentation to see.
+    """Return the lines of the function at the start of some lines, or none where indentation does not show its end.
 
-    To go through them token by token, as `inspect` does, takes a tenth of what a model takes to be put together.
+    To tokenize them, as `inspect` does, takes a tenth of the time in which a model is assembled.
     """
     indent = len(lines[0]) - len(lines[0].lstrip())
     count, headed = 0, False
@@ -61,9 +61,9 @@ def _block(lines: list[str]) -> list[str]:
             break
         headed = headed or bare.startswith("def ")
         count += 1
-    found = lines[:count]
+    function = lines[:count]
     try:
-        tree = parse(textwrap.dedent("".join(found)))
+        tree = parse(textwrap.dedent("".join(function)))
     except SyntaxError:
         return []
-    return found[: tree.body[0].end_lineno] if len(tree.body) == 1 else []
+    return function[: tree.body[0].end_lineno] if len(tree.body) == 1 else []

@@ -1,6 +1,6 @@
 """Signal blocks: sums and gains, filters, delay, and controllers up to the cascade of a servo axis.
 
-The units of a block's signals are chosen where it is used (``Gain(k=2.0, input_unit="rad/s",
+The units of a block's signals are arguments (``Gain(k=2.0, input_unit="rad/s",
 output_unit="A")``), so that connections are checked although the blocks serve any signal.
 """
 
@@ -243,7 +243,7 @@ class PositionController(Component):
 class CascadedController(PositionController):
     """Position, speed and current loop of a servo drive: `PositionController` over a PI current loop.
 
-    ``output`` is the reference of the current, ``voltage`` what goes to the motor, within ±limit_voltage.
+    ``output`` is the reference of the current, ``voltage`` the voltage on the motor, within ±limit_voltage.
     """
 
     k_current = Parameter(None, "V/A", "gain of the current loop")

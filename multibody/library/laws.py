@@ -1,6 +1,6 @@
 """Force laws as plain functions of relative position and speed, shared by translation and rotation.
 
-Each law gives the force (or torque) that resists; the components say where it acts. Equations call these
+Each law returns the resisting force (or torque); the components apply it. Equations call these
 functions by name, so they are written in the same subset of Python as equations.
 """
 
@@ -45,7 +45,7 @@ def stribeck(v, level, static, v_stribeck, exponent, v_s):
     """Return dry friction that falls from ``static`` to ``level`` as speed rises.
 
     Armstrong-Hélouvry, Dupont, Canudas de Wit: "A survey of models, analysis tools and compensation methods
-    for the control of machines with friction", Automatica 30 (1994), eq. (5), with tanh in the place of sign.
+    for the control of machines with friction", Automatica 30 (1994), eq. (5), with tanh instead of sign.
     """
     fall = math.exp(-((abs(v) / v_stribeck) ** exponent))
     return (level + (static - level) * fall) * math.tanh(v / v_s)
@@ -83,8 +83,8 @@ def tension_only(stretch, rate, stiffness, damping):
 def transmission_loss(effort, speed, efficiency, v_s):
     """Return the effort lost in a transmission that carries ``effort`` at ``speed``, both on its output side.
 
-    Where power flows towards the output the input has to supply ``effort / efficiency``; where it flows back
-    the input gets ``efficiency · effort``. Near standstill the loss goes to zero like dry friction
+    Where power flows towards the output, the input has to supply ``effort / efficiency``; where it flows back, the
+    input receives ``efficiency · effort``. Near standstill the loss goes to zero like dry friction
     (``tanh``).
     """
     share = 1.0 / efficiency - 1.0 if effort * speed > 0.0 else 1.0 - efficiency

@@ -1,4 +1,4 @@
-"""What sampling and digitising do to a simulated signal, for virtual benches.
+"""Sampling and digitising of simulated signals, for virtual benches.
 
 Noise and quantisation are no differential equations, so they act on arrays after a simulation.
 """
@@ -23,7 +23,7 @@ class Measurement:
     offset : float
         Reading at zero, in the signal's unit.
     delay : float, s
-        By how much the reading is late.
+        Delay of the reading.
     noise : float
         Standard deviation of white noise, in the signal's unit.
     quantisation : float
@@ -69,7 +69,7 @@ class Measurement:
         Parameters
         ----------
         times : ndarray, shape (nt,), s
-            Increasing time stamps; the signal is taken as straight between them and constant beyond them.
+            Increasing time stamps; the signal is linear between them and constant beyond them.
         values : ndarray, shape (nt,)
             The true signal at these times.
         rng : Generator or int
@@ -82,7 +82,7 @@ class Measurement:
         Raises
         ------
         ValueError
-            If times and values do not fit each other or times do not increase.
+            If times and values differ in length or times do not increase.
         """
         t, v = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
         if t.ndim != 1 or t.shape != v.shape:

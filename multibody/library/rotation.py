@@ -1,4 +1,4 @@
-"""Parts that turn about an axis: inertias, springs, dampers, stops, play, pendulum, and what drives them.
+"""Parts that turn about an axis: inertias, springs, dampers, stops, play, pendulum, and sources of torque and motion.
 
 Sign convention: a flange's ``torque`` is what the part exerts on the flange, positive in the positive
 direction. A part between ``a`` and ``b`` has a ``twist_torque`` that is positive when b is turned ahead of a.
@@ -29,7 +29,7 @@ __all__ = [
 class Inertia(Component):
     """A body that turns about an axis.
 
-    J·α = Σ torques on the flange.  ``free=False`` holds it at its start angle and takes its two states away.
+    J·α = Σ torques on the flange.  ``free=False`` holds it at its start angle and removes its two states.
     """
 
     J = Parameter(1.0, "kg*m**2", "moment of inertia about the axis", min=0.0)

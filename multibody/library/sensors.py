@@ -1,4 +1,4 @@
-"""Sensors between ports and signals, and what a measuring chain does to a signal inside the model."""
+"""Sensors between ports and signals, and measuring chains inside the model."""
 
 from __future__ import annotations
 
@@ -104,9 +104,9 @@ class TorqueSensor(Component):
 
 
 class CurrentSensor(Component):
-    """An ideal ammeter between two pins: it gives pin n the voltage of pin p.
+    """An ideal ammeter between two pins: it prescribes the voltage of pin p at pin n.
 
-    So that n can take it, put the meter on the side of the source, with n away from sources and the ground.
+    Pin n must not be connected to a source or the ground: put the meter on the side of the source.
     """
 
     p = Pin("where the current enters")

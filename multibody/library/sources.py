@@ -1,4 +1,4 @@
-"""Signals that a model makes for itself: constant, step, ramp, sine, table over time, and motion profiles."""
+"""Signals generated inside a model: constant, step, ramp, sine, table over time, and motion profiles."""
 
 from __future__ import annotations
 

@@ -24,13 +24,13 @@ __all__ = [
 
 
 class Link(RigidBody):
-    """A rigid body with one more frame, ``tip``, on which the next body can hang."""
+    """A rigid body with one more frame, ``tip``, to which the next body can be attached."""
 
     tip = Frame("far end", offset=(0.0, 0.0, 0.0))
 
 
 class FixedFrame(Component):
-    """A frame that stands still in the world."""
+    """A frame fixed in the world."""
 
     tilted = Option(False, "True: the frame has a roll, pitch and yaw")
     x = Parameter(0.0, "m", "place in the world")
@@ -305,10 +305,10 @@ class FrameSpring(Component):
 
 
 class FrameSensor(Component):
-    """What can be measured at a frame: place, attitude, speeds, and what an accelerometer there feels.
+    """What can be measured at a frame: position, attitude, speeds, and the reading of an accelerometer.
 
-    The accelerometer shows acceleration minus gravity in the frame's own axes, so that it feels tilt; with
-    ``remove_gravity=True`` the gravity that it feels upright is taken off again, as a calibrated one does.
+    The accelerometer shows acceleration minus gravity in the frame's own axes, so that tilt shows; with
+    ``remove_gravity=True`` the gravity of an upright sensor is subtracted, as in a calibrated one.
     """
 
     remove_gravity = Option(False, "True: an upright accelerometer at rest shows zero")

@@ -1,4 +1,4 @@
-"""Parts that move along a line: masses, springs, dampers, stops, play, ropes, and what drives or holds them.
+"""Parts that move along a line: masses, springs, dampers, stops, play, ropes, and sources of force and motion.
 
 Sign convention: a flange's ``force`` is what the part exerts on the flange, positive in the positive
 direction. A part between ``a`` and ``b`` has a ``tension`` that is positive when it pulls its ends together.
@@ -32,7 +32,7 @@ __all__ = [
 class Mass(Component):
     """A body that slides along a line.
 
-    m·a = Σ forces on the flange.  ``free=False`` holds it where it starts and takes its two states away.
+    m·a = Σ forces on the flange.  ``free=False`` holds it at its start and removes its two states.
     """
 
     m = Parameter(1.0, "kg", "mass", min=0.0)
@@ -114,7 +114,7 @@ class Damper(Component):
 
 
 class SpringDamper(Component):
-    """A spring and a damper side by side (Kelvin-Voigt).
+    """A spring and a damper in parallel (Kelvin-Voigt).
 
     tension = stiffness · (b − a − length) + damping · (rate of b − rate of a)
     """
@@ -143,7 +143,7 @@ class EndStop(Component):
 
     With ``side="upper"`` it acts where b − a > ``limit``, with ``side="lower"`` where b − a < ``limit``. The
     damping force is limited to the spring force, so that the stop neither pulls when it is left nor jumps
-    when it is hit.
+    when it is reached.
     """
 
     stiffness = Parameter(None, "N/m", "stiffness of the contact", min=0.0)
@@ -227,10 +227,10 @@ class RopeSegment(Component):
 
 
 class WoundRope(RopeSegment):
-    """A rope whose free length is a signal, because it is paid out or wound up beyond one of its ends.
+    """A rope whose free length is a signal, because it is paid out or wound up at one of its ends.
 
-    Rope that leaves the segment takes its strain energy along; ``power`` accounts for it and for the work of
-    the tension on the rope that passes.
+    Rope that leaves the segment takes its strain energy with it; ``power`` accounts for this energy and for the work
+    of the tension on the rope that passes.
     """
 
     length = Input("m", "free length")  # type: ignore[assignment]
@@ -265,8 +265,8 @@ class ForceSource(Component):
 class PositionSource(Component):
     """A flange whose motion is given by signals, whatever force it takes.
 
-    The three signals have to belong together: velocity the rate of position, acceleration that of velocity.
-    The motion profiles of the library give all three.
+    The three signals have to be consistent: velocity the rate of position, acceleration that of velocity.  The
+    motion profiles of the library supply all three.
     """
 
     position = Input("m", "position of the flange")

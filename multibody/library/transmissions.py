@@ -1,9 +1,9 @@
-"""Transmissions: gear, screw, rack, rigid links and a crank, ideal or with losses that follow the power.
+"""Transmissions: gear, screw, rack, rigid links and a crank, ideal or with losses in proportion to the power.
 
 The motion of one side is a function of the other's (``coupling``); the machine loses a degree of freedom and
 no spring or constraint force is needed. Which side follows is decided when the model is assembled. Giving an
-``efficiency`` makes a transmission lossy: the effort it carries is then an unknown of an implicit equation,
-because losses depend on it and it depends on them.
+``efficiency`` makes a transmission lossy: the effort that it transmits is then an unknown of an implicit equation,
+because it depends on the losses, which depend on it.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ __all__ = ["Crank", "Gear", "Rack", "RigidLink", "RigidShaft", "Screw"]
 
 
 class _Lossy(Component):
-    """What transmissions with an efficiency share: giving one switches the losses on."""
+    """Base of transmissions with an efficiency: giving one switches the losses on."""
 
-    lossy = Option(False, "whether power is lost on the way; set by giving an efficiency")
+    lossy = Option(False, "whether power is lost; set by giving an efficiency")
 
     def __init__(self, **given: Any):
         given["lossy"] = given.get("lossy", False) or "efficiency" in given
@@ -65,7 +65,7 @@ class Gear(_Lossy):
 class Screw(_Lossy):
     """A lead screw: position of b = lead · angle of a / 2π.
 
-    With an ``efficiency`` losses follow the power as in `Gear`; a self-locking screw is not a case of it.
+    With an ``efficiency`` losses follow the power as in `Gear`; self-locking screws are not covered.
     """
 
     lead = Parameter(None, "m", "travel for one turn")

@@ -57,15 +57,15 @@ def test_circle_of_parents():
             m.add(name, Link(**GOOD))
             m.connect(f"{name}.parent", f"{other}.tip")
 
-    assert "circle ('a' on 'b' on 'c' on 'a')" in faults(build)
+    assert "circle ('a' to 'b' to 'c' to 'a')" in faults(build)
 
 
-def test_body_hung_on_itself():
+def test_body_attached_to_itself():
     def build(m):
         m.add("a", Link(**GOOD))
         m.connect("a.parent", "a.tip")
 
-    assert "circle ('a' on 'a')" in faults(build)
+    assert "circle ('a' to 'a')" in faults(build)
 
 
 def test_frame_connected_to_a_flange():

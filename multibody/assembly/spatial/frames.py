@@ -44,16 +44,16 @@ def fixtures(net: Network, faults: list[str]) -> dict[str, Fixture]:
     fixture_of: dict[str, Fixture] = {}
     for node in net.frames:
         holders = [p for p in node.ports if _frame(p).offset is not None]
-        hanging = [p for p in node.ports if _frame(p).parent]
-        users = tuple(p for p in node.ports if p not in holders and p not in hanging)
+        attached = [p for p in node.ports if _frame(p).parent]
+        users = tuple(p for p in node.ports if p not in holders and p not in attached)
         if len(holders) + node.grounded > 1:
             holding = " and ".join([f"'{p.name}'" for p in holders] + (["the ground"] if node.grounded else []))
             faults.append(
-                f"{holding} are joined, but each is fixed already: hang one body on the other by its "
+                f"{holding} are joined, but each is fixed already: attach one body to the other by its "
                 "'parent' frame, or put a FrameSpring between them"
             )
             continue
-        if not holders and not node.grounded and (users or len(hanging) > 1):
+        if not holders and not node.grounded and (users or len(attached) > 1):
             names = ", ".join(f"'{p.name}'" for p in node.ports)
             faults.append(
                 f"nothing fixes the frame at {names}: connect it to a frame of a body, a FixedFrame or "

@@ -73,7 +73,7 @@ class Linked:
 
     @property
     def root(self) -> str:
-        """Name of the body of this tree that hangs on the ground."""
+        """Name of the body of this tree that is attached to the ground."""
         return self.parent.root if self.parent else self.name
 
     def arm(self) -> Vector:

@@ -1,9 +1,8 @@
 """Position, velocity and acceleration of bodies and points on them, from the root of a tree outwards.
 
 Points and their velocities stand in world axes.  Angular velocity is kept in body axes, where the inertia
-tensor is constant, and in world axes, where points need it.  Accelerations come twice: ``bias`` is what is
-there when no independent speed changes (it enters Newton's law), ``actual`` is the true one (it is what a
-sensor feels).
+tensor is constant, and in world axes, where points need it.  There are two accelerations: ``bias`` is the
+one at constant independent speeds (it enters Newton's law), ``actual`` is the true one (which a sensor measures).
 """
 
 from __future__ import annotations
@@ -85,7 +84,7 @@ class Freedom:
     name : str
         Such as ``"cabin.z"``.
     body : str
-        The body that moves, with everything that hangs on it.
+        The body that moves, with everything attached to it.
     turns : bool
         Rotation about an axis through the body's origin, or translation.
     axis : tuple of str
@@ -118,7 +117,7 @@ def move(
     own: Mapping[str, Moving],
     body_rates: bool,
 ) -> tuple[Carrier, list[Freedom]]:
-    """Write down the motion of a body that hangs on a frame of its parent.
+    """Write the motion of a body that is attached to a frame of its parent.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The spatial part of a model put together: bodies from the ground outwards, states, frames, forces."""
+"""Assembly of the spatial part of a model: bodies from the ground outwards, states, frames, forces."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _FREE_FALL: Vector = (ZERO, ZERO, "-9.80665")
 
 
 def assemble_spatial(model: ModelGraph, net: Network, kin: Kinematics, work: Assembly) -> None:
-    """Write motion of all bodies and frames and their equations of motion into ``work``.
+    """Write the motion of all bodies and frames and their equations of motion into ``work``.
 
-    Forces that components exert on frames must stand in ``work`` already; what acts on a body's axes is added
-    by the balance of their nodes.
+    ``work`` has to contain the forces that components exert on frames; what acts on a body's axes is added by the
+    balance of their nodes.
     """
     bodies = {n: c for n, c in model.components.items() if isinstance(c, RigidBody)}
     worlds = [n for n, c in model.components.items() if isinstance(c, World)]
@@ -32,8 +32,8 @@ def assemble_spatial(model: ModelGraph, net: Network, kin: Kinematics, work: Ass
     fixture_of = fixtures(net, work.faults)
     parents = {n: fixture_of[f"{n}.parent"].body if f"{n}.parent" in fixture_of else None for n in bodies}
     for circle in circles(parents):
-        shown = " on ".join(f"'{n}'" for n in (*circle, circle[0]))
-        work.faults.append(f"bodies hang on each other in a circle ({shown}): hang one of them on the ground")
+        shown = " to ".join(f"'{n}'" for n in (*circle, circle[0]))
+        work.faults.append(f"bodies are attached to each other in a circle ({shown}): attach one of them to the ground")
     if work.faults:
         return
     gravity = _FREE_FALL
@@ -67,16 +67,16 @@ def _link(
     kin: Kinematics,
     work: Assembly,
 ) -> Linked:
-    hangs = fixture_of.get(f"{name}.parent")
-    parent = linked[hangs.body] if hangs and hangs.body else None
+    attached_to = fixture_of.get(f"{name}.parent")
+    parent = linked[attached_to.body] if attached_to and attached_to.body else None
     writer = Writer(work, f"{variable(name)}_", name)  # three underscores: names that nobody else has
     own = _coordinates(name, body, net, kin, writer)
     carrier, freedoms = move(
         writer,
         name,
         parent.carrier if parent else GROUND_MOTION,
-        hangs.offset if hangs else ZERO_VECTOR,
-        hangs.angles if hangs else ZERO_VECTOR,
+        attached_to.offset if attached_to else ZERO_VECTOR,
+        attached_to.angles if attached_to else ZERO_VECTOR,
         own,
         body.body_rates,
     )
