@@ -1,4 +1,5 @@
-"""How a model is confronted with a record: simulation, windows, inverse; noisy inputs.
+"""The form in which a residual is taken: whole records, windows, or prescribed motion; noise of inputs; tolerances.
 
-Takes from `discrepancy.problem` and what is below it.
+`residual_mode.prepared_problem` chooses it and returns a `prepared_problem.PreparedProblem`.
+Takes from `discrepancy.problem` and the rooms below it.
 """

@@ -18,7 +18,14 @@ from discrepancy.problem.problem import Problem
 from discrepancy.problem.study_file import StudyError
 from discrepancy.residual.initial_state import estimate_states
 from discrepancy.residual.prepared_problem import PreparedProblem
-from discrepancy.residual.prescribed_motion import UNITS, Motion, cut_loops, measured_motions, prescribed, shows_motion
+from discrepancy.residual.prescribed_motion import (
+    UNITS,
+    MeasuredMotion,
+    cut_loops,
+    measured_motions,
+    outputs_of_motion,
+    with_prescribed_motion,
+)
 from discrepancy.residual.signal_bandwidth import signal_bandwidth
 from discrepancy.residual.windows import crop
 from estimation.files.record import Record, Signal
@@ -61,8 +68,8 @@ def inverse_problem(problem: Problem, bandwidth: float | None = None) -> Prepare
             ]
         )
     inputs = tuple(n for n in recorded if n not in {m.force for m in motions})
-    shown = shows_motion(system, outputs, motions)
-    copy = prescribed(model, motions)
+    shown = outputs_of_motion(system, outputs, motions)
+    copy = with_prescribed_motion(model, motions)
     if bandwidth is None:
         asked = first.preparation.low_pass_hz
         bandwidth = (
@@ -135,7 +142,7 @@ def _beyond(first: np.ndarray) -> np.ndarray:
 
 def _experiment(
     experiment: Experiment,
-    motions: Sequence[Motion],
+    motions: Sequence[MeasuredMotion],
     inputs: Sequence[str],
     compared: Sequence[str],
     system: System,
@@ -206,7 +213,7 @@ def _experiment(
     )
 
 
-def _floors(problem: Problem, system: System, motions: Sequence[Motion]) -> dict[str, float]:
+def _floors(problem: Problem, system: System, motions: Sequence[MeasuredMotion]) -> dict[str, float]:
     """Return the noise of the compared forces: the model's force carries the noise of the differentiated motion."""
     p = system.parameter_vector({q.name: q.value for q in problem.uncertain})
     floors: dict[str, list[float]] = {}

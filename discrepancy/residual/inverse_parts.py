@@ -1,4 +1,4 @@
-"""Flanges with a recorded motion, which tell the force or torque that the motion takes."""
+"""Flanges with a recorded motion, whose output is the force or torque that the motion needs."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ __all__ = ["GivenAngle", "GivenPosition"]
 class GivenPosition(Component):
     """A flange that moves as recorded.
 
-    ``force`` is what the motion takes beyond all that acts in the model: the recorded drive force, or zero.
+    ``force`` is what the motion needs beyond all forces in the model: the recorded drive force, or zero.
     """
 
     position = Input("m", "recorded position")
     velocity = Input("m/s", "its rate")
     acceleration = Input("m/s**2", "the rate of that")
     flange = Translation("what is moved", prescribed=True)
-    force = Output("N", "force that the motion takes here")
+    force = Output("N", "force that the motion needs here")
 
     def equations(self):
         self.flange.position = self.position
@@ -34,7 +34,7 @@ class GivenAngle(Component):
     speed = Input("rad/s", "its rate")
     acceleration = Input("rad/s**2", "the rate of that")
     flange = Rotation("what is turned", prescribed=True)
-    torque = Output("N*m", "torque that the motion takes here")
+    torque = Output("N*m", "torque that the motion needs here")
 
     def equations(self):
         self.flange.angle = self.angle

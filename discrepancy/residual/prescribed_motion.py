@@ -1,4 +1,4 @@
-"""A model with its measured motion given: which motions the sensors show, and the copy in which they are prescribed."""
+"""The copy of a model in which the measured motions are prescribed, and which motions the sensors show."""
 
 from __future__ import annotations
 
@@ -9,18 +9,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from discrepancy.residual.inverse_parts import GivenAngle, GivenPosition
+from multibody.declare.declarations import Output, Port
 
 if TYPE_CHECKING:
     from discrepancy.problem.problem import Problem
     from multibody.machine.model import Model, System
 
-__all__ = ["UNITS", "Motion", "cut_loops", "measured_motions", "prescribed", "shows_motion"]
+__all__ = [
+    "UNITS",
+    "MeasuredMotion",
+    "cut_loops",
+    "free_motions",
+    "measured_motions",
+    "outputs_of_motion",
+    "with_prescribed_motion",
+]
 
 UNITS = {"translation": ("m", "m/s", "m/s**2", "N"), "rotation": ("rad", "rad/s", "rad/s**2", "N*m")}
 
 
-@dataclass(frozen=True)
-class Motion:
+@dataclass(frozen=True, kw_only=True)
+class MeasuredMotion:
     """A free motion of the machine that a sensor shows.
 
     Parameters
@@ -36,10 +45,10 @@ class Motion:
         0 when the output shows the position, 1 when the rate.
     factor, offset : float
     states : tuple of str
-        The position and rate states that become given.
+        The position and rate states that become prescribed.
     force : str
-        Recorded force or torque that acts at the same place and nowhere else, or empty: it is then what the needed
-        force is compared with, and no input any more.
+        Recorded force or torque that acts at the same place and nowhere else, or empty.  The needed force is compared
+        with it, and it is no input any more.
     """
 
     place: str
@@ -64,19 +73,17 @@ class Motion:
 
     @property
     def compared(self) -> str:
-        """Name of the output that is compared: the recorded force, else what is needed, to be compared with zero."""
+        """Name of the compared output: the recorded force, else the needed force, which is compared with zero."""
         return self.force or self.needed
 
     @property
     def needed(self) -> str:
-        """Name of the force or torque that the motion takes."""
+        """Name of the force or torque that the motion needs."""
         return f"needed.{self.place}.{'force' if self.domain == 'translation' else 'torque'}"
 
 
 def cut_loops(model: Model, outputs: Sequence[str]) -> tuple[Model, tuple[str, ...]]:
-    """Return a copy in which measured signals of controllers are inputs, and what then drives nothing is left out."""
-    from multibody.declare.declarations import Output, Port
-
+    """Return a copy in which measured signals of controllers are inputs, without components that then drive nothing."""
     other, cut = model.copy(), []
     for name in outputs:
         source = model.outputs.get(name, name)
@@ -97,26 +104,23 @@ def cut_loops(model: Model, outputs: Sequence[str]) -> tuple[Model, tuple[str, .
 
 
 def _prune(model: Model) -> None:
-    """Take out signal parts whose outputs feed nothing any more, and what only fed them."""
-    from multibody.declare.declarations import Port
-
+    """Remove signal components whose outputs feed nothing any more, and those that only fed them."""
     while True:
-        idle = [
+        unused = [
             n
             for n, c in model.components.items()
             if not c.of_kind(Port)
             and not any(model.owner(e) == n for e in model.outputs.values())
-            and not any(model.owner(ends[0]) == n or _outputs_of(model, ends, n) for ends in model.connections)
+            and not any(model.owner(ends[0]) == n or _has_output_among(model, ends, n) for ends in model.connections)
         ]
-        if not idle:
+        if not unused:
             return
-        for name in idle:
+        for name in unused:
             model.remove(name)
 
 
-def _outputs_of(model: Model, ends: Sequence[str], name: str) -> bool:
-    from multibody.declare.declarations import Output
-
+def _has_output_among(model: Model, ends: Sequence[str], name: str) -> bool:
+    """Tell whether one of some endpoints is an output of a component."""
     for end in ends:
         found = model.find(end)
         if found is not None and found[0] == name and isinstance(found[1].declarations.get(found[2]), Output):
@@ -125,8 +129,8 @@ def _outputs_of(model: Model, ends: Sequence[str], name: str) -> bool:
 
 
 def free_motions(model: Model, system: System) -> dict[tuple[str, ...], tuple[str, str, str]]:
-    """Return motions against the ground that nothing prescribes: (position, rate) states → (place, port, domain)."""
-    labels = {}
+    """Return free motions against the ground: (position, rate) states → (place, port, domain)."""
+    motions = {}
     for place in model.places():
         if place.second is None and place.first.prescriber is None:
             port = place.first.label
@@ -137,25 +141,34 @@ def free_motions(model: Model, system: System) -> dict[tuple[str, ...], tuple[st
                 names = [w if f"{port.owner}.{w}" in system.state_names else f"{port.port_name}_{w}" for w in words]
             states = tuple(f"{port.owner}.{n}" for n in names)
             if all(s in system.state_names for s in states):
-                labels[states] = (place.name, port.name, place.domain)
-    return labels
+                motions[states] = (place.name, port.name, place.domain)
+    return motions
 
 
 def measured_motions(
     model: Model, system: System, outputs: Sequence[str], recorded: Sequence[str], problem: Problem
-) -> tuple[Motion, ...]:
+) -> tuple[MeasuredMotion, ...]:
     """Return the free motions that an output shows by itself, one output for each, positions before rates."""
-    labels = free_motions(model, system)
+    free = free_motions(model, system)
     values = _affine(system, outputs, problem)
-    found: dict[tuple[str, ...], Motion] = {}
+    found: dict[tuple[str, ...], MeasuredMotion] = {}
     for order in (0, 1):
-        for states, (name, flange, domain) in labels.items():
+        for states, (name, flange, domain) in free.items():
             if states in found:
                 continue
             for output, (state, factor, offset) in values.items():
                 if state == states[order]:
-                    force = _force_at(model, flange, domain, recorded)
-                    found[states] = Motion(name, flange, domain, output, order, factor, offset, states, force)  # type: ignore[arg-type]
+                    found[states] = MeasuredMotion(
+                        place=name,
+                        port=flange,
+                        domain=domain,
+                        output=output,
+                        order=order,
+                        factor=factor,
+                        offset=offset,
+                        states=states,  # type: ignore[arg-type]
+                        force=_force_at(model, flange, domain, recorded),
+                    )
                     break
     return tuple(found.values())
 
@@ -179,9 +192,9 @@ def _affine(system: System, outputs: Sequence[str], problem: Problem) -> dict[st
     return found
 
 
-def shows_motion(system: System, outputs: Sequence[str], motions: Sequence[Motion]) -> set[str]:
-    """Return the outputs that tell nothing but the motion that is given now."""
-    given = np.array([system.index("state", s) for m in motions for s in m.states])
+def outputs_of_motion(system: System, outputs: Sequence[str], motions: Sequence[MeasuredMotion]) -> set[str]:
+    """Return the outputs that depend on nothing but the prescribed motion."""
+    prescribed = np.array([system.index("state", s) for m in motions for s in m.states])
     x = system.start + 0.0137
     slopes = system.jacobian("x", 0.0, x, of="outputs")
     by_input = system.jacobian("u", 0.0, x, of="outputs")
@@ -189,7 +202,7 @@ def shows_motion(system: System, outputs: Sequence[str], motions: Sequence[Motio
     found = {m.output for m in motions}
     for name in outputs:
         c = system.index("output", name)
-        others = np.delete(slopes[c], given)
+        others = np.delete(slopes[c], prescribed)
         if system.unit(name) in units and not np.any(others) and not np.any(by_input[c]):
             found.add(name)
     return found
@@ -201,26 +214,20 @@ def _force_at(model: Model, port: str, domain: str, recorded: Sequence[str]) -> 
 
     unit = UNITS[domain][3]
     node = next(p.first for p in model.places() if p.second is None and p.first.label.name == port)
-    owners = {p.owner: p.component for p in node.ports}
+    owners = {p.owner for p in node.ports}
     for name in recorded:
         targets = [model.find(t) for t in model.inputs[name].targets]
-        if (
-            targets
-            and all(
-                f is not None
-                and f[0] in owners
-                and getattr(f[1].declarations[f[2]], "unit", "") == unit
-                and isinstance(f[1], ForceSource | TorqueSource)
-                for f in targets
-            )
-            and len(targets) == 1
-        ):
+        if len(targets) != 1 or targets[0] is None:
+            continue
+        owner, component, input_name = targets[0]
+        is_source = isinstance(component, ForceSource | TorqueSource)
+        if owner in owners and is_source and getattr(component.declarations[input_name], "unit", "") == unit:
             return name
     return ""
 
 
-def prescribed(model: Model, motions: Sequence[Motion]) -> Model:
-    """Return a copy of the model in which these motions are given and the force that they need is an output."""
+def with_prescribed_motion(model: Model, motions: Sequence[MeasuredMotion]) -> Model:
+    """Return a copy of the model in which these motions are prescribed and the force that they need is an output."""
     other = model.copy()
     for m in motions:
         part = f"needed.{m.place}"

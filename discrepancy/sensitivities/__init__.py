@@ -1,4 +1,5 @@
-"""How each parameter and each candidate effect moves the outputs of a fitted model.
+"""Sensitivities of the outputs of a fitted model to its parameters, to candidate effects, and to unknown forces.
 
-Takes from `discrepancy.stages` and what is below it.
+All of them start from a `linearised_problem.LinearisedProblem`.
+Takes from `discrepancy.residual` and the rooms below it.
 """

@@ -1,4 +1,5 @@
-"""One fitted model: its effects, its fit, and its residuals on records used and held out.
+"""Stages: fitted models with their effects, their residuals on records used and held out, and what is computed of them.
 
-Takes from `discrepancy.residual` and what is below it.
+`fit_stage.fitted_stage` makes a `stage.Stage`.
+Takes from `discrepancy.sensitivities` and the rooms below it.
 """
