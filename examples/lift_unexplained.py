@@ -64,7 +64,7 @@ def knowing(problem: Problem, names: Mapping[str, float]) -> Problem:
     kept = tuple(q for q in problem.uncertain if q.name not in names)
     system = problem.model.build()
     units = dict(zip(system.parameter_names, (p.unit for p in system.parameters), strict=True))
-    more = [UncertainParameter(n, nominal(n), std=VAGUE * nominal(n), min=0.0, unit=units[n]) for n in names]
+    more = [UncertainParameter(name=n, value=nominal(n), std=VAGUE * nominal(n), min=0.0, unit=units[n]) for n in names]
     return replace(problem, uncertain=(*kept, *more))
 
 

@@ -219,7 +219,9 @@ class Effect:
         for name, value in self.strengths.items():
             low = 0.0 if kind.one_sided or (kind.stated and value > 0.0) else -math.inf
             high = 0.0 if kind.stated and value < 0.0 else math.inf
-            found.append(UncertainParameter(self.parameter_name(name), value, min=low, max=high, unit=self.unit(name)))
+            found.append(
+                UncertainParameter(name=self.parameter_name(name), value=value, min=low, max=high, unit=self.unit(name))
+            )
         for name in kind.free_shapes:
             value = self.shape[name]
             positive = name in ("v_stribeck", "v_s", "width", "x_s", "order")
@@ -228,7 +230,7 @@ class Effect:
             if name == "order":
                 low, high = 0.9 * value, 1.1 * value
             found.append(
-                UncertainParameter(self.parameter_name(name), value, min=low, max=high, unit=self.unit(name))
+                UncertainParameter(name=self.parameter_name(name), value=value, min=low, max=high, unit=self.unit(name))
             )
         return found
 

@@ -193,7 +193,11 @@ def _uncertain(study: StudyFile, system: System) -> tuple[UncertainParameter, ..
             )
             continue
         std = np.inf if given.std is None else given.std
-        parameters.append(UncertainParameter(name, float(value), float(std), float(low), float(high), q.unit))
+        parameters.append(
+            UncertainParameter(
+                name=name, value=float(value), std=float(std), min=float(low), max=float(high), unit=q.unit
+            )
+        )
     if faults:
         raise StudyError(faults)
     return tuple(parameters)

@@ -103,7 +103,9 @@ class StudyFile:
     def preparation(self) -> Preparation:
         """What is done to record and model alike before they are compared."""
         each = self.records
-        return Preparation(each.start, each.stop, each.low_pass_hz, each.decimate, each.edge)
+        return Preparation(
+            start=each.start, stop=each.stop, low_pass_hz=each.low_pass_hz, decimate=each.decimate, edge=each.edge
+        )
 
     @property
     def rules(self) -> ReadRules:
@@ -374,7 +376,13 @@ class _Reader:
             if value is not None and not value > 0.0:
                 self.fault(f"[records] {key}", "must be above zero")
         try:
-            Preparation(records.start, records.stop, records.low_pass_hz, records.decimate, records.edge)
+            Preparation(
+                start=records.start,
+                stop=records.stop,
+                low_pass_hz=records.low_pass_hz,
+                decimate=records.decimate,
+                edge=records.edge,
+            )
         except SignalError as error:
             self.fault("[records]", str(error))
 

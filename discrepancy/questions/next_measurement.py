@@ -78,7 +78,7 @@ class _Pair:
         inputs = {n: np.asarray(given.record.signals[n].values) for n in given.inputs}
         time, changed = trip.apply(np.asarray(given.record.time), inputs)
         signals = {n: Signal(u, given.record.signals[n].unit, n, "") for n, u in changed.items()}
-        record = Record(f"{given.record.name} {trip.words}", given.record.path, time, signals)
+        record = Record(name=f"{given.record.name} {trip.words}", path=given.record.path, time=time, signals=signals)
         start = {n: float(x) for n, x in zip(stage.system.state_names, self._start(stage), strict=True)}
         return replace(given, record=record, outputs=self.outputs, offsets=(), start=start, input_noise={})
 

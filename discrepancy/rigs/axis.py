@@ -122,7 +122,9 @@ class AxisRig(Rig):
         ]
         if self.dry:
             rows.append(("dry_friction.coulomb", DRY, 3.0, 0.0, "N"))
-        return tuple(UncertainParameter(n, v, s, low, np.inf, u) for n, v, s, low, u in rows)
+        return tuple(
+            UncertainParameter(name=n, value=v, std=s, min=low, max=np.inf, unit=u) for n, v, s, low, u in rows
+        )
 
     def nominal_runs(self, system: System, stamps: np.ndarray) -> list[Trajectory]:
         """Return three trips of the nominal axis, whatever the seed."""

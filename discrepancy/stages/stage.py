@@ -192,7 +192,9 @@ class Stage:
         low_pass = given.low_pass_hz
         if low_pass is not None and not low_pass * 2 * factor * given.decimate < fits[0].experiment.record.rate:
             low_pass = None
-        return Preparation(given.start, given.stop, low_pass, given.decimate * factor, given.edge)
+        return Preparation(
+            start=given.start, stop=given.stop, low_pass_hz=low_pass, decimate=given.decimate * factor, edge=given.edge
+        )
 
     def linearised_problem(self, preparation: Preparation | None = None) -> LinearisedProblem:
         """Return the model linearised along its identification records.

@@ -84,7 +84,6 @@ def extended_kalman_filter(
     FilterDivergence
         If states or covariance grow beyond all bounds.
     """
-
     arguments = KernelArguments(model)
     n, m, ld, count = model.n, len(model.measured), model.ld, samples.count
     check_shapes(model, samples)

@@ -1,4 +1,4 @@
-"""Calibration: uncertain parameters moved, within their priors and bounds, until the model follows the records."""
+"""Calibration: uncertain parameters fitted to records, within their priors and bounds, by full simulation."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Calibration", "Fit", "UncertainParameter", "calibrate", "evaluate"]
 
-#: Fall of the weighted cost, relative, that a further step must promise.  The cost is of the order of the effective
-#: number of samples, so that what is left moves no parameter by more than a few hundredths of its deviation.
-SETTLED, TRIAL = 1e-6, 1e-4
+#: Relative decrease of the weighted cost that a further step must predict, in the final round and in the others.  The
+#: cost is of the order of the effective number of samples, so that the remaining decrease moves no parameter by more
+#: than a few hundredths of its deviation.
+FINAL_TOLERANCE, TRIAL_TOLERANCE = 1e-6, 1e-4
 #: Rounds of a trial, and the logarithm of the change of an output's weight from which it takes another; chosen.
-TRIES, REWEIGH = 4, 0.2
+TRIAL_ROUNDS, WEIGHT_CHANGE = 4, 0.2
 
 
 def calibrate(
@@ -46,8 +47,8 @@ def calibrate(
 ) -> Calibration:
     """Fit uncertain parameters to records by full simulation.
 
-    Each output is weighed by the size of its own residual (at least its noise), found in a few rounds, and by how
-    long that residual remembers, so that a thousand correlated samples do not outweigh a prior.
+    Each output is weighted by the size of its own residual (at least its noise), iterated in a few rounds, and by the
+    correlation time of that residual, so that a thousand correlated samples do not outweigh a prior.
 
     Parameters
     ----------
@@ -60,22 +61,23 @@ def calibrate(
     sensors : sequence of SensorError
         Known errors of sensors.
     base : ndarray, optional
-        Parameter vector for everything that is not moved; default: the model's.
+        Values of all parameters that are not fitted; default: the model's.
     start : sequence of float, optional
-        Where to begin, if not at the priors' means.
+        Start values, if not the priors' means.
     own : sequence of ndarray, optional
-        Where to begin with each record's own unknowns.
+        Start values of each record's own unknowns.
     scale : mapping of str to float, optional
-        Weigh each output by this (as in `Calibration.scale`) and fit less finely: a trial, whose intervals are not
-        worked out (they are nan).  Where the outputs' residuals have changed much, it weighs and fits again.
+        Weight each output by this (as in `Calibration.scale`) and fit with a coarser tolerance: a trial without
+        intervals (they are nan).  Where the outputs' residuals have changed much, it updates the weights and fits
+        again.
     rounds : int
-        Rounds of weighing and fitting.
+        Rounds of weighting and fitting.
     max_evaluations : int
         Simulations of all records in a round, at most.
     hold : bool
-        Stay at the start, with the given ``scale``: the result of a fit that was made before.
+        Keep the start values and the given ``scale``: the result of an earlier fit.
     progress : callable, optional
-        Gets a line of text now and then.
+        Takes a line of text for each round.
 
     Raises
     ------
@@ -83,7 +85,9 @@ def calibrate(
         If the model cannot be simulated at its start values.
     """
     base = system.p if base is None else base
-    problem = FitProblem(system, experiments, list(parameters), sensors, base)
+    problem = FitProblem(
+        system=system, experiments=experiments, parameters=list(parameters), sensors=sensors, base=base
+    )
     outputs = experiments[0].outputs
     floor = np.array([(noise or {}).get(n, 0.0) for n in outputs])
     theta = problem.start(start, own)
@@ -92,15 +96,15 @@ def calibrate(
     problem.scale = np.ones(len(outputs))
     first = problem.respond_all(theta, True)
     not_excited = _not_excited(problem, first)
-    still = _still(problem, first)
-    moving = np.array([k for k in range(theta.size) if k not in still], dtype=int)
+    insensitive = _insensitive(problem, first)
+    moving = np.array([k for k in range(theta.size) if k not in insensitive], dtype=int)
     problem.scale = (
         weights_of(problem, first, floor, theta, moving) if scale is None else np.array([scale[n] for n in outputs])
     )
     trial = scale is not None and not hold
-    message = "nothing to move"
-    final = not trial and rounds == 1  # as long as the weights still change, an exact minimum is not worth its while
-    for k in range((TRIES if trial else rounds) if moving.size and not hold else 0):
+    message = "nothing to fit"
+    final = not trial and rounds == 1  # while the weights still change, an exact minimum is of no use
+    for k in range((TRIAL_ROUNDS if trial else rounds) if moving.size and not hold else 0):
         here = theta.copy()
 
         def full(part: np.ndarray, here: np.ndarray = here) -> np.ndarray:
@@ -114,17 +118,17 @@ def calibrate(
             theta[moving],
             low[moving],
             high[moving],
-            tolerance=SETTLED if final else TRIAL,
+            tolerance=FINAL_TOLERANCE if final else TRIAL_TOLERANCE,
             max_evaluations=max_evaluations,
             confirm=final,
         )
         theta = full(solution.x)
         message = solution.message
-        if trial and k + 1 == TRIES:
+        if trial and k + 1 == TRIAL_ROUNDS:
             break
         weights = weights_of(problem, problem.respond_all(theta, not trial), floor, theta, moving)
         if trial:
-            if np.all(np.abs(np.log(weights / problem.scale)) < REWEIGH):
+            if np.all(np.abs(np.log(weights / problem.scale)) < WEIGHT_CHANGE):
                 break
             problem.scale = weights
             continue
@@ -133,22 +137,22 @@ def calibrate(
                 f"calibration round {k + 1}: {solution.evaluations} simulations, {solution.jacobians} of them with "
                 f"derivatives, cost {solution.cost:.4g}"
             )
-        settled = bool(np.all(np.abs(weights / problem.scale - 1.0) < 0.05))
+        converged = bool(np.all(np.abs(weights / problem.scale - 1.0) < 0.05))
         problem.scale = weights
-        if final and settled:
+        if final and converged:
             break
-        final = settled or k + 2 >= rounds
+        final = converged or k + 2 >= rounds
     return _result(problem, theta, moving, low, high, not_excited, message, trial)
 
 
-def _still(problem: FitProblem, responses: Sequence[Response]) -> set[int]:
-    """Return the unknowns, of the model and of each record, that no output feels."""
+def _insensitive(problem: FitProblem, responses: Sequence[Response]) -> set[int]:
+    """Return the unknowns, of the model and of each record, that no output depends on."""
     names = _not_excited(problem, responses)
-    found = {k for k, p in enumerate(problem.parameters) if p.name in names}
+    unknowns = {k for k, p in enumerate(problem.parameters) if p.name in names}
     for i, r in enumerate(responses):
         size = np.max(np.abs(r.derivatives[:, :, problem.k :]), axis=(0, 1), initial=0.0)
-        found |= {int(problem.first[i]) + j for j, s in enumerate(size) if s == 0.0}
-    return found
+        unknowns |= {int(problem.first[i]) + j for j, s in enumerate(size) if s == 0.0}
+    return unknowns
 
 
 def _not_excited(problem: FitProblem, responses: Sequence[Response]) -> tuple[str, ...]:
@@ -197,7 +201,7 @@ def _result(
     if loose.size and not trial:
         n_channels = len(problem.experiments[0].outputs)
         memory = max(correlation_time(f.residual[:, c]) for f in fits for c in range(n_channels))
-        longest = max(lengths) // 2  # the sandwich needs two blocks, however long the residual remembers
+        longest = max(lengths) // 2  # the sandwich needs two blocks, however long the correlation time
         blocks = cut_rows(lengths, min(int(3 * memory) * n_channels, longest))
         prior = np.array([1.0 / problem.parameters[j].std ** 2 if j < k else 0.0 for j in loose])
         error = np.concatenate(errors)
@@ -211,17 +215,17 @@ def _result(
         confounded = _confounded(problem, jacobian, prior, globals_)
     scale = dict(zip(problem.experiments[0].outputs, map(float, problem.scale), strict=True))
     return Calibration(
-        tuple(problem.parameters),
-        values,
-        std,
-        degrees,
-        tuple(fits),
-        scale,
-        not_excited,
-        at_bound,
-        confounded,
-        message,
-        problem.evaluations,
+        parameters=tuple(problem.parameters),
+        values=values,
+        std=std,
+        degrees=degrees,
+        fits=tuple(fits),
+        scale=scale,
+        not_excited=not_excited,
+        at_bound=at_bound,
+        confounded=confounded,
+        message=message,
+        evaluations=problem.evaluations,
     )
 
 
@@ -236,7 +240,7 @@ def _confounded(
     n = columns.size
     normal = jacobian.T @ jacobian
     own, rest = normal[:n, :n], normal[n:, n:]
-    if rest.size:  # free of what each record's own unknowns take up
+    if rest.size:  # project out each record's own unknowns
         size = np.sqrt(np.maximum(np.diag(rest), 1e-300))
         own = own - (normal[:n, n:] / size) @ np.linalg.pinv(rest / np.outer(size, size), hermitian=True) @ (
             normal[n:, :n] / size[:, None]
@@ -267,7 +271,7 @@ def evaluate(
     sensors: Sequence[SensorError] = (),
     base: np.ndarray | None = None,
 ) -> Calibration:
-    """Lay a calibrated machine beside further records: parameters stay, only each record's own unknowns are fitted."""
+    """Evaluate a calibrated machine on further records: only each record's own unknowns are fitted."""
     base = (system.p if base is None else base).copy()
     held = {s.name: s for s in sensors}
     for name, value in calibration.to_dict().items():
@@ -276,5 +280,4 @@ def evaluate(
             held[name] = SensorError(output, kind, value)
         else:
             base[system.index("parameter", name)] = value
-    found = calibrate(system, experiments, (), noise=noise, sensors=tuple(held.values()), base=base, rounds=2)
-    return found
+    return calibrate(system, experiments, (), noise=noise, sensors=tuple(held.values()), base=base, rounds=2)

@@ -1,4 +1,4 @@
-"""What a calibration moves, and what it gives back: parameters, every record's own unknowns, intervals, remarks."""
+"""Uncertain parameters, and the result of a calibration: values, every record's own unknowns, intervals, remarks."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 __all__ = ["Calibration", "Fit", "UncertainParameter"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class UncertainParameter:
-    """A parameter that calibration may move.
+    """A parameter that calibration may fit.
 
     Parameters
     ----------
     name : str
         Model parameter, or ``sensor.<output>.<offset|gain|drift|delay>``.
     value : float
-        Where it starts, and the mean of its prior, SI.
+        Start value and mean of its prior, SI.
     std : float
         Standard deviation of its prior; infinite without one.
     min, max : float
@@ -63,29 +63,29 @@ class Fit:
         return self.experiment.measured - self.response.outputs
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Calibration:
     """The result of a calibration.
 
     Parameters
     ----------
     parameters : tuple of UncertainParameter
-        What was moved; those that the records do not excite stay where they were.
+        The fitted parameters; those that the records do not excite keep their start values.
     values, std : ndarray, shape (k,)
-        Fitted values and standard deviations (block sandwich: they hold for coloured residuals); the deviation of
-        what ended at a bound or was not excited is infinite, because the records do not give it.
+        Fitted values and standard deviations (block sandwich: they hold for coloured residuals).  The deviation is
+        infinite for parameters that ended at a bound or were not excited, because the records do not determine it.
     degrees : int
         Degrees of freedom of the intervals (Student's t).
     fits : tuple of Fit
         Every experiment at the fitted values.
     scale : dict of str to float
-        Standard deviation by which each output's residual was weighed.
+        Standard deviation by which each output's residual was divided.
     not_excited : tuple of str
         Parameters without influence on any output of these records.
     at_bound : tuple of str
         Parameters that ended at a bound.
     confounded : tuple of tuple of str
-        Groups that the records cannot tell apart.
+        Groups of parameters whose effects the records cannot distinguish.
     message : str
         How the optimisation ended.
     """
@@ -145,8 +145,8 @@ class Calibration:
         )
 
     def __repr__(self) -> str:
-        told = ", ".join(
+        values = ", ".join(
             f"{p.name} = {v:.4g} ± {s:.2g} {p.unit}".rstrip()
             for p, v, s in zip(self.parameters, self.values, self.std, strict=True)
         )
-        return f"Calibration({told or 'nothing to move'})"
+        return f"Calibration({values or 'nothing to fit'})"

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["FitProblem"]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class FitProblem:
     """The stacked least-squares problem over parameters and every record's own unknowns."""
 
@@ -35,13 +35,13 @@ class FitProblem:
     def __post_init__(self) -> None:
         self.k = len(self.parameters)
         self._ran = False
-        self._seen: dict[bool, tuple[np.ndarray, list[Response]]] = {}
+        self._responses: dict[bool, tuple[np.ndarray, list[Response]]] = {}
         self.own = [(e.free, e.offsets) for e in self.experiments]
         sizes = [len(f) + len(o) for f, o in self.own]
         self.first = self.k + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
 
     def start(self, given: Sequence[float] | None, own: Sequence[np.ndarray] | None) -> np.ndarray:
-        """Return where to begin: what is given, else the priors' means and what the sensors read first."""
+        """Return the start values: those given, else the priors' means and the first samples of the sensors."""
         theta = [p.value for p in self.parameters] if given is None else [float(v) for v in given]
         for i, e in enumerate(self.experiments):
             if own is not None and own[i].size == len(e.free) + len(e.offsets):
@@ -76,7 +76,7 @@ class FitProblem:
         wanted = [q.name for q in self.parameters] if derivatives else []
         states = experiment.free if derivatives else ()
         self.evaluations += 1
-        found = experiment.respond(
+        response = experiment.respond(
             self.system,
             p,
             x0,
@@ -85,7 +85,7 @@ class FitProblem:
             sensors=tuple(sensors.values()),
             workers=available_cores(),
         )
-        outputs = found.outputs.copy()
+        outputs = response.outputs.copy()
         extra = []
         for name, value in zip(experiment.offsets, mine[len(experiment.free) :], strict=True):
             c = experiment.outputs.index(name)
@@ -93,37 +93,37 @@ class FitProblem:
             one = np.zeros_like(outputs)
             one[:, c] = 1.0
             extra.append(one)
-        dy = found.derivatives
+        dy = response.derivatives
         if derivatives and extra:
             dy = np.concatenate([dy, np.stack(extra, axis=2)], axis=2)
         return Response(outputs, dy)
 
     def respond_all(self, theta: np.ndarray, derivatives: bool) -> list[Response]:
-        """Simulate every experiment, side by side.
-
-        What was last simulated with derivatives, and without, is remembered and not simulated again.
-        """
+        """Simulate every experiment in parallel; the last responses with and without derivatives are kept."""
         for kind in (True,) if derivatives else (True, False):
-            point, found = self._seen.get(kind, (None, []))
+            point, responses = self._responses.get(kind, (None, []))
             if point is not None and np.array_equal(point, theta):
-                return found
-        found = parallel_map(lambda i: self.respond(theta, i, derivatives), range(len(self.experiments)))
-        self._seen[derivatives] = (theta.copy(), found)
-        return found
+                return responses
+        responses = parallel_map(lambda i: self.respond(theta, i, derivatives), range(len(self.experiments)))
+        self._responses[derivatives] = (theta.copy(), responses)
+        return responses
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray] | None:
         """Return the weighted residual of every experiment, then of the priors; None where a simulation fails."""
         from multibody.base.errors import SimulationError
 
         try:
-            found = self.respond_all(theta, False)
+            responses = self.respond_all(theta, False)
         except SimulationError:
             if not self._ran:
                 raise
             return None
         self._ran = True
         return [
-            *(((r.outputs - e.measured) / self.scale).ravel() for r, e in zip(found, self.experiments, strict=True)),
+            *(
+                ((r.outputs - e.measured) / self.scale).ravel()
+                for r, e in zip(responses, self.experiments, strict=True)
+            ),
             self.prior_residual(theta),
         ]
 
@@ -134,12 +134,12 @@ class FitProblem:
         )
 
     def pieces(self, theta: np.ndarray, moving: np.ndarray) -> Iterator[Piece]:
-        """Yield the problem's rows, by what moves: every experiment, then the priors."""
+        """Yield the rows with their Jacobians by the unknowns ``moving``: every experiment, then the priors."""
         from multibody.base.errors import SimulationError
 
-        found = self.respond_all(theta, True)
+        responses = self.respond_all(theta, True)
         self._ran = True
-        for i, (e, response) in enumerate(zip(self.experiments, found, strict=True)):
+        for i, (e, response) in enumerate(zip(self.experiments, responses, strict=True)):
             jacobian, columns = self.weighted(response, i, moving)
             if not np.all(np.isfinite(jacobian)) or np.max(np.abs(jacobian), initial=0.0) > 1e100:
                 raise SimulationError(
@@ -153,16 +153,16 @@ class FitProblem:
         yield Piece(prior[:, moving], np.arange(moving.size), self.prior_residual(theta))
 
     def weighted(self, response: Response, index: int, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return one record's derivatives by those of the unknowns ``moving`` that it feels, and which these are.
+        """Return one record's derivatives by those of the unknowns ``moving`` that it depends on, and which these are.
 
         Each output is divided by its scale.
         """
-        columns, picked = self.felt(index, moving)
+        columns, picked = self.columns_of(index, moving)
         dy = response.derivatives[:, :, picked] / self.scale[:, None]
         return dy.reshape(dy.shape[0] * dy.shape[1], dy.shape[2]), columns
 
-    def felt(self, index: int, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return which of the unknowns ``moving`` a record feels, and where its derivatives have them."""
+    def columns_of(self, index: int, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return which of the unknowns ``moving`` a record depends on, and their columns in its derivatives."""
         first, end = self.first[index], self.first[index + 1]
         mine = (moving < self.k) | ((moving >= first) & (moving < end))
         picked = np.where(moving < self.k, moving, moving - first + self.k)[mine]

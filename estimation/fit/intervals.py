@@ -1,4 +1,4 @@
-"""Parameter intervals that stay honest when the residual is coloured: the block sandwich.
+"""Parameter intervals that remain valid when the residual is coloured: the block sandwich.
 
 White-noise formulas count every sample as new information. Here whole blocks (trips, or pieces longer than
 the correlation time) are the units: each block's contribution to the gradient varies from block to block, and
@@ -21,10 +21,9 @@ import numpy as np
 Array = np.ndarray
 
 
-
-@dataclass(frozen=True)
-class Interval:
-    """Estimate with a covariance that blocks have voted on.
+@dataclass(frozen=True, kw_only=True)
+class ParameterInterval:
+    """Interval of an estimate, from the block sandwich.
 
     Attributes
     ----------
@@ -35,7 +34,7 @@ class Interval:
     n_blocks : int
     dof : float
     statement : str
-        What the interval rests on, and a warning when blocks are few.
+        Basis of the interval, with a warning when there are few blocks.
     """
 
     covariance: Array
@@ -57,7 +56,7 @@ def block_sandwich(
     residuals: Sequence[Array],
     prior_information: Array | None = None,
     level: float = 0.95,
-) -> Interval:
+) -> ParameterInterval:
     """Covariance of a least-squares estimate from the scores of whole blocks.
 
     Parameters
@@ -78,8 +77,8 @@ def block_sandwich(
 
     Notes
     -----
-    Each block's score is divided by what the block's own leverage has taken from it (the CR3 correction, the
-    same as leaving the block out), and the quantile is Student's with one degree of freedom less than there
+    Each block's score is corrected for the block's own leverage (the CR3 correction, the same as leaving the
+    block out), and the quantile is Student's with one degree of freedom less than there
     are blocks.
     """
     from scipy.stats import t as student
@@ -112,7 +111,14 @@ def block_sandwich(
     if n < 6:
         text += "; with fewer than six blocks the interval is wide and its coverage only approximate"
     std = np.sqrt(np.maximum(np.diag(cov), 0.0))
-    return Interval(cov, std, float(student.ppf(0.5 + level / 2, dof)), n, dof, text)
+    return ParameterInterval(
+        covariance=cov,
+        std=std,
+        quantile=float(student.ppf(0.5 + level / 2, dof)),
+        n_blocks=n,
+        dof=dof,
+        statement=text,
+    )
 
 
 def split_blocks(arrays: Sequence[Array], pieces: int) -> list[Array]:

@@ -1,13 +1,13 @@
 """Bounded nonlinear least squares for simulations: few evaluations, fewer Jacobians, tall ones kept in pieces.
 
-Levenberg and Marquardt with the damping of Nielsen (1999), variables held at a bound while the gradient pushes them
-outwards.  A Jacobian costs as much as many simulations, so between two of them it is corrected by what each step has
-shown (Broyden 1965, in the metric of the column lengths; a piece that does not feel some unknowns keeps their columns
-zero, Schubert 1970).  A fit ends on a new Jacobian only: no corrected one decides that it has converged.  Where a model
-that lacks something leaves large residuals, their curvature matters too, without which the last steps get shorter only
-by halves; it is learned from one new Jacobian to the next (Dennis, Gay and Welsch 1981, ACM TOMS 7, 348).  Steps come
-from the small normal matrix with columns scaled to unit length; as the residual itself is exact, its condition limits
-the speed of the last digits and not their accuracy.
+Levenberg and Marquardt with the damping of Nielsen (1999), variables held at a bound while the gradient points
+outwards.  A Jacobian costs as much as many simulations, so between two of them it is corrected from each step (Broyden
+1965, in the metric of the column lengths; a piece that does not depend on some unknowns keeps their columns zero,
+Schubert 1970).  A fit ends on a new Jacobian only: no corrected one decides that it has converged.  Where an incomplete
+model leaves large residuals, their curvature matters too; without it the last steps only halve.  It is updated from one
+new Jacobian to the next (Dennis, Gay and Welsch 1981, ACM TOMS 7, 348).  Steps come from the small normal matrix with
+columns scaled to unit length; as the residual itself is exact, the condition of that matrix limits the speed of the
+last digits and not their accuracy.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 __all__ = ["Piece", "Solution", "solve", "step_within"]
 
-POOR = 0.3  # share of the promised fall that a step with a corrected Jacobian must reach, or a new one is made
+POOR = 0.3  # share of the predicted decrease that a step with a corrected Jacobian must reach, or a new one is made
 STEEP = 0.1  # share of the flattest direction's curvature that must be left for the residuals' curvature to be used
 CORRECTIONS = 5  # steps on one Jacobian, at most
 
@@ -31,7 +31,7 @@ class Piece:
     Parameters
     ----------
     jacobian : ndarray, shape (m, c)
-        Derivatives by those unknowns that these rows feel.
+        Derivatives by those unknowns that these rows depend on.
     columns : ndarray of int, shape (c,)
         Which unknowns these are.
     residual : ndarray, shape (m,)
@@ -42,9 +42,9 @@ class Piece:
     residual: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Solution:
-    """Where a least-squares fit ended.
+    """The end point of a least-squares fit.
 
     Parameters
     ----------
@@ -89,11 +89,11 @@ def solve(
         Start, within the bounds.
     low, high : ndarray, shape (k,)
     tolerance : float
-        Relative fall of the cost below which a further step is not worth its while.
+        Relative decrease of the cost below which no further step is taken.
     max_evaluations : int
         Points at which residuals are computed, at most.
     confirm : bool
-        End on a new Jacobian; else a corrected one may decide, which saves one.
+        End on a new Jacobian; else a corrected one may suffice, which saves one.
 
     Examples
     --------
@@ -114,33 +114,41 @@ def solve(
     while True:
         normal, gradient = _normal(rows, x.size)
         if not corrected and last is not None:
-            curvature = _learned(curvature, last, x, gradient, rows)
+            curvature = _updated_curvature(curvature, last, x, gradient, rows)
         if not corrected:
             last = x.copy(), gradient, [r.jacobian for r in rows]
         held = ((x <= low) & (gradient > 0)) | ((x >= high) & (gradient < 0))
         free = ~held & (np.diag(normal) > 0)
         message, improved, poor = "no step improves any more", False, False
         while True:
-            if not free.any() or _flat(gradient, normal, free, current):
+            if not free.any() or _gradient_vanishes(gradient, normal, free, current):
                 message = "the gradient vanishes"
                 break
-            trial, predicted = step_within(x, _curved(normal, curvature, free), gradient, free, damping, low, high)
+            trial, predicted = step_within(
+                x, _with_curvature(normal, curvature, free), gradient, free, damping, low, high
+            )
             change, size = trial - x, np.sqrt(np.diag(normal))  # by what each unknown moves: their units differ
             if np.linalg.norm(size * change) <= tolerance * 1e-2 * np.linalg.norm(size * x) or predicted <= 0:
                 break
             if predicted < tolerance * current:
-                message = "the error hardly falls any more"
+                message = "the error hardly decreases any more"
                 break
             if evaluations >= max_evaluations:
-                return Solution(x, current, evaluations, "reached the largest number of simulations", jacobians)
-            found = residuals(trial)
+                return Solution(
+                    x=x,
+                    cost=current,
+                    evaluations=evaluations,
+                    message="reached the largest number of simulations",
+                    jacobians=jacobians,
+                )
+            errors = residuals(trial)
             evaluations += 1
-            reached = np.inf if found is None else _cost(found)
-            if found is not None and reached < current:
+            reached = np.inf if errors is None else _cost(errors)
+            if errors is not None and reached < current:
                 gain = (current - reached) / predicted
                 damping *= max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
                 growth, poor, improved = 2.0, gain < POOR, True
-                _correct(rows, found, change, normal)
+                _correct(rows, errors, change, normal)
                 x, current = trial, reached
                 break
             if corrected:
@@ -149,8 +157,8 @@ def solve(
         if improved and not poor and corrected < CORRECTIONS:
             corrected += 1
             continue
-        if not improved and (not corrected or (not confirm and message == "the error hardly falls any more")):
-            return Solution(x, current, evaluations, message, jacobians)
+        if not improved and (not corrected or (not confirm and message == "the error hardly decreases any more")):
+            return Solution(x=x, cost=current, evaluations=evaluations, message=message, jacobians=jacobians)
         rows = list(pieces(x))
         corrected, jacobians = 0, jacobians + 1
 
@@ -159,10 +167,10 @@ def _cost(residuals: Iterable[np.ndarray]) -> float:
     return 0.5 * sum(float(e @ e) for e in residuals)
 
 
-def _correct(rows: Sequence[Piece], found: Sequence[np.ndarray], change: np.ndarray, normal: np.ndarray) -> None:
-    """Take the residuals of a new point, and turn each Jacobian so that it gives their change."""
+def _correct(rows: Sequence[Piece], errors: Sequence[np.ndarray], change: np.ndarray, normal: np.ndarray) -> None:
+    """Set the residuals of a new point, and correct each Jacobian so that it gives their change (Broyden)."""
     weight = np.diag(normal) * change
-    for row, residual in zip(rows, found, strict=True):
+    for row, residual in zip(rows, errors, strict=True):
         mine, pull = change[row.columns], weight[row.columns]
         size = float(mine @ pull)
         if size > 0.0:
@@ -178,26 +186,26 @@ def _normal(rows: Iterable[Piece], k: int) -> tuple[np.ndarray, np.ndarray]:
     return normal, gradient
 
 
-def _learned(
+def _updated_curvature(
     curvature: np.ndarray,
     last: tuple[np.ndarray, np.ndarray, list[np.ndarray]],
     x: np.ndarray,
     gradient: np.ndarray,
     rows: Sequence[Piece],
 ) -> np.ndarray:
-    """Return the residuals' own curvature, put right by what the Jacobian of a new point shows along the way to it."""
+    """Return the residuals' curvature, updated by the secant condition along the way to a new Jacobian."""
     before, slope, jacobians = last
     way, turn = x - before, gradient - slope
     along = float(way @ turn)
     if not along > 1e-12 * float(np.linalg.norm(way) * np.linalg.norm(turn)):
         return curvature
-    shown = gradient.copy()
+    secant = gradient.copy()
     for row, jacobian in zip(rows, jacobians, strict=True):
-        shown[row.columns] -= jacobian.T @ row.residual
+        secant[row.columns] -= jacobian.T @ row.residual
     pulled = curvature @ way
     size = abs(float(way @ pulled))
-    share = min(1.0, abs(float(way @ shown)) / size) if size > 0.0 else 1.0
-    miss = shown - share * pulled
+    share = min(1.0, abs(float(way @ secant)) / size) if size > 0.0 else 1.0
+    miss = secant - share * pulled
     return (
         share * curvature
         + (np.outer(miss, turn) + np.outer(turn, miss)) / along
@@ -205,8 +213,8 @@ def _learned(
     )
 
 
-def _curved(normal: np.ndarray, curvature: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Return the normal matrix with the residuals' curvature, where that leaves it clearly a valley's."""
+def _with_curvature(normal: np.ndarray, curvature: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Return the normal matrix with the residuals' curvature, where the sum is clearly positive definite."""
     index = np.flatnonzero(free)
     size = np.sqrt(np.diag(normal)[index])
     bent = (normal + curvature)[np.ix_(index, index)] / np.outer(size, size)
@@ -215,8 +223,8 @@ def _curved(normal: np.ndarray, curvature: np.ndarray, free: np.ndarray) -> np.n
     return normal + curvature if least > STEEP * max(np.linalg.eigvalsh(straight)[0], 0.0) and least > 0.0 else normal
 
 
-def _flat(gradient: np.ndarray, normal: np.ndarray, free: np.ndarray, cost: float) -> bool:
-    """Tell whether the cosine between residual and every free column is below rounding."""
+def _gradient_vanishes(gradient: np.ndarray, normal: np.ndarray, free: np.ndarray, cost: float) -> bool:
+    """Return whether the cosine between residual and every free column is below rounding."""
     size = np.sqrt(np.diag(normal)[free]) * max(2.0 * cost, 1e-300) ** 0.5
     return bool(np.all(np.abs(gradient[free]) <= 1e-9 * size))
 
@@ -225,7 +233,7 @@ def step_within(
     x: np.ndarray, normal: np.ndarray, gradient: np.ndarray, free: np.ndarray, damping: float, low: np.ndarray,
     high: np.ndarray,
 ) -> tuple[np.ndarray, float]:
-    """Return the damped step, cut off at the bounds, and the fall of the cost that it promises."""
+    """Return the damped step, limited by the bounds, and the decrease of the cost that it predicts."""
     index = np.flatnonzero(free)
     trial = x.copy()
     for _ in range(index.size):

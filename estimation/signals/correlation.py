@@ -1,4 +1,4 @@
-"""How long a residual remembers, and blocks that are longer than that."""
+"""The correlation time of a residual, and blocks that are longer than it."""
 
 from __future__ import annotations
 

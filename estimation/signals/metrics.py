@@ -1,4 +1,4 @@
-"""How far a model is from a record, and how much of that is noise."""
+"""Measures of the error between a model and a record, and estimates of noise."""
 
 from __future__ import annotations
 
@@ -91,9 +91,9 @@ def share_above_noise(measured: np.ndarray, model: np.ndarray, noise: float) -> 
     return max(0.0, 1.0 - (noise / error) ** 2) if error > 0.0 else 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """All figures of one signal; see the functions of the same names."""
+    """All measures of one signal; see the functions of the same names."""
 
     rmse: float
     nrmse: float
@@ -115,7 +115,15 @@ def agreement(measured: np.ndarray, model: np.ndarray, noise: float | None = Non
     """
     a, b = _pair(measured, model)
     share = None if noise is None else share_above_noise(a, b, noise)
-    return Agreement(rmse(a, b), nrmse(a, b), pearson(a, b), cosine(a, b), max_error(a, b), bias(a, b), share)
+    return Agreement(
+        rmse=rmse(a, b),
+        nrmse=nrmse(a, b),
+        pearson=pearson(a, b),
+        cosine=cosine(a, b),
+        max_error=max_error(a, b),
+        bias=bias(a, b),
+        share_above_noise=share,
+    )
 
 
 def _segment(count: int, rate: float, resolution: float | None) -> int:
@@ -176,9 +184,9 @@ class NoiseFloor:
     std : float
         Standard deviation in the signal's unit.
     quantisation : float
-        Step between two levels of the channel; 0 where none was found.
+        Step between two levels of the channel; 0 where there is none.
     source : str
-        ``"differences"`` or ``"quantisation"``: what the figure rests on.
+        ``"differences"`` or ``"quantisation"``: the basis of the estimate.
     """
 
     std: float

@@ -23,7 +23,7 @@ _LEAST_WEIGHT = 1e-13
 
 
 class SignalError(ValueError):
-    """A signal cannot be prepared as asked."""
+    """A signal cannot be prepared with these settings."""
 
 
 def _step(time: np.ndarray) -> float:
@@ -116,11 +116,11 @@ def _decimation(count: int, cutoff: float, edge: int, decimate: int) -> list[tup
     return parts
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Preparation:
-    """What is done to a signal before it is compared: the same for record and model.
+    """Window, low-pass and decimation of a signal before it is compared, the same for record and model.
 
-    The order is: window, low-pass, leave the edges out, decimate.
+    The order is: window, low-pass, removal of the edges, decimation.
 
     Attributes
     ----------
@@ -225,7 +225,7 @@ class Preparation:
         kept = slice(edge, len(time) - edge, self.decimate)
         if len(time) - 2 * edge < 2 * self.decimate:
             if cutoff is not None:
-                low_pass(time, values, cutoff)  # what is wrong with the filter is told first
+                low_pass(time, values, cutoff)  # raises where the filter itself is at fault
             raise SignalError(
                 f"{len(time)} samples are too few: {edge} are left out at each end and one in "
                 f"{self.decimate} kept"
@@ -238,7 +238,7 @@ class Preparation:
         return time[kept], low_pass(time, values, cutoff)[kept]
 
     def describe(self, rate: float) -> tuple[str, ...]:
-        """Say what is done to a record of this sampling rate (Hz), for its log."""
+        """Describe the steps for a record of this sampling rate (Hz), for its log."""
         lines = []
         if self.start is not None or self.stop is not None:
             lines.append(f"window from {self.start if self.start is not None else 'start'} to "

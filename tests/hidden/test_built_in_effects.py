@@ -78,8 +78,10 @@ def test_a_built_in_effect_is_found_where_it_is(side: str, hidden: dict[str, flo
         make_experiments(model, [record(n, hidden, k) for n, k in names], ["push"], ["body.position"])
         for names in ([("a", 1), ("b", 2)], [("c", 3)])
     ]
-    uncertain = (UncertainParameter("damper.damping", 6.0, 1.0, 0.0, 50.0, "N*s/m"),
-                 UncertainParameter("springs.stiffness", 400.0, 40.0, 1.0, 4000.0, "N/m"))  # fmt: skip
+    uncertain = (
+        UncertainParameter(name="damper.damping", value=6.0, std=1.0, min=0.0, max=50.0, unit="N*s/m"),
+        UncertainParameter(name="springs.stiffness", value=400.0, std=40.0, min=1.0, max=4000.0, unit="N/m"),
+    )
     problem = Problem(
         name="springs", model=model, uncertain=uncertain, identify=groups[0], validate=groups[1],
         max_effects=1, residual="simulation", include=("test_hardening@*", "coulomb_friction@*", "sensor_*"),

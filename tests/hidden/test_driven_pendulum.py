@@ -47,7 +47,7 @@ def study_of(offset: float) -> Study:
         signals = {"drive.torque": Signal(torque, "N*m", "u", "N*m"), "rod.angle": Signal(angle, "rad", "y", "rad")}
         records.append(Record(name=f"run{k}", path=Path(f"run{k}.csv"), time=time, signals=signals))
     experiments = make_experiments(model, records, ("drive.torque",), ("rod.angle",))
-    uncertain = (UncertainParameter("pivot.viscous", 0.01, 0.003, 0.0, unit="N*m*s/rad"),)
+    uncertain = (UncertainParameter(name="pivot.viscous", value=0.01, std=0.003, min=0.0, unit="N*m*s/rad"),)
     return Study(
         Problem(
             name="pendulum",

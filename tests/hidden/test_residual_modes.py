@@ -94,7 +94,9 @@ def slide_problem(dry, seed):
             "carriage.position": (run["carriage.position"] + 1e-4 * rng.standard_normal(time.size), "m")}))
     model, io = slide(), (("drive.force",), ("carriage.position",))
     uncertain = (
-        UncertainParameter("guide.viscous", 3.0, 3.0, 0.0), UncertainParameter("carriage.m", 20.0, 0.2))
+        UncertainParameter(name="guide.viscous", value=3.0, std=3.0, min=0.0),
+        UncertainParameter(name="carriage.m", value=20.0, std=0.2),
+    )
     return Problem(
         name="slide",
         model=model,
@@ -160,8 +162,10 @@ def arm_problem(dry, seed):
         records.append(record_of(f"swing{k}", time, signals))
     model, io = arm(), (("shoulder.torque", "elbow.torque"), ("upper.roll", "fore.roll"))
     uncertain = (
-        UncertainParameter("shoulder_bearing.damping", 0.02, 0.01, 0.0),
-        UncertainParameter("elbow_bearing.damping", 0.02, 0.01, 0.0), UncertainParameter("fore.mass", 0.7, 0.03))
+        UncertainParameter(name="shoulder_bearing.damping", value=0.02, std=0.01, min=0.0),
+        UncertainParameter(name="elbow_bearing.damping", value=0.02, std=0.01, min=0.0),
+        UncertainParameter(name="fore.mass", value=0.7, std=0.03),
+    )
     return Problem(
         name="arm",
         model=model,
@@ -233,7 +237,9 @@ def drive_problem(seed, kind="", **parameters):
             "rotor.speed": (run["rotor.speed"] + 0.05 * rng.standard_normal(time.size), "rad/s")}))
     model, io = drive(), (("motor.torque",), ("rotor.angle", "rotor.speed"))
     uncertain = (
-        UncertainParameter("bearing.damping", 0.01, 0.01, 0.0), UncertainParameter("rotor.J", 0.02, 0.002))
+        UncertainParameter(name="bearing.damping", value=0.01, std=0.01, min=0.0),
+        UncertainParameter(name="rotor.J", value=0.02, std=0.002),
+    )
     return Problem(
         name="drive",
         model=model,

@@ -62,7 +62,7 @@ def study_of(true: dict[str, float], *more: UncertainParameter) -> Study:
         make_experiments(drive(), [record(n, true, k) for n, k in names], ["reference", "torque"], OUTPUTS)
         for names in ([("a", 1), ("b", 2), ("c", 3)], [("d", 4)])
     ]
-    uncertain = (UncertainParameter("rotor.J", 4e-4, 2e-5, 1e-6, 1e-2, "kg*m**2"), *more)
+    uncertain = (UncertainParameter(name="rotor.J", value=4e-4, std=2e-5, min=1e-6, max=1e-2, unit="kg*m**2"), *more)
     return Study(
         Problem(
             name="drive",
@@ -94,7 +94,9 @@ def test_of_a_right_model_nothing_is_named() -> None:
 
 
 def test_what_the_study_calibrates_is_left_to_calibration() -> None:
-    study = study_of({"motor.R": 1.0}, UncertainParameter("motor.R", 0.8, 0.3, 0.01, 10.0, "ohm"))
+    study = study_of(
+        {"motor.R": 1.0}, UncertainParameter(name="motor.R", value=0.8, std=0.3, min=0.01, max=10.0, unit="ohm")
+    )
     conclusion = study.diagnose()
     assert conclusion.verdict == "nothing missing"
     assert study.stage.identify["motor.R"] == pytest.approx(1.0, rel=0.02)

@@ -113,8 +113,8 @@ def small_study():
     identify = [experiment(record_of("forth_and_back", 11, False, hidden))]
     validate = [experiment(record_of("with_rests", 12, True, hidden).warned("'x_m' stands still for 0.4 s"))]
     uncertain = [
-        UncertainParameter("guide.viscous", 25.0, std=20.0, min=0.0, unit="N*s/m"),
-        UncertainParameter("carriage.m", 20.0, std=1.0, min=0.0, unit="kg"),
+        UncertainParameter(name="guide.viscous", value=25.0, std=20.0, min=0.0, unit="N*s/m"),
+        UncertainParameter(name="carriage.m", value=20.0, std=1.0, min=0.0, unit="kg"),
     ]
 
     def stage(name, model, effects, accepted, parameters):

@@ -236,7 +236,10 @@ def test_without_hidden_effects_only_disturbance_and_noise_are_left() -> None:
 
 
 def test_parameters_stay_within_prior_and_bounds() -> None:
-    priors = [UncertainParameter("a", 1.0, 0.1), UncertainParameter("b", 0.1, 1.0, min=0.0)]
+    priors = [
+        UncertainParameter(name="a", value=1.0, std=0.1),
+        UncertainParameter(name="b", value=0.1, std=1.0, min=0.0),
+    ]
     drawn = [perturb(priors, np.random.default_rng(k)) for k in range(300)]
     a = np.array([d["a"] for d in drawn])
     assert np.max(np.abs(a - 1.0)) <= 0.2

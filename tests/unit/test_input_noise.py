@@ -52,7 +52,7 @@ def problem_of(noise: float, jitter: float = 0.0, **settings: object) -> Problem
         make_experiments(oscillator(), [record(n, noise, k, jitter) for n, k in names], ["push"], ["body.position"])
         for names in ([("a", 1), ("b", 2)], [("c", 3)])
     ]
-    uncertain = (UncertainParameter("damper.damping", 6.0, 1.0, 0.0, 50.0, "N*s/m"),)
+    uncertain = (UncertainParameter(name="damper.damping", value=6.0, std=1.0, min=0.0, max=50.0, unit="N*s/m"),)
     return Problem(
         name="pushed",
         model=oscillator(),

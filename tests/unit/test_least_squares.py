@@ -132,5 +132,5 @@ def test_large_residuals_teach_their_curvature(of, start, minimum, monkeypatch):
 
     learned = run()
     assert 2.0 * learned.cost == pytest.approx(minimum, rel=1e-5)
-    monkeypatch.setattr("estimation.fit.least_squares._learned", lambda curvature, *rest: curvature)
+    monkeypatch.setattr("estimation.fit.least_squares._updated_curvature", lambda curvature, *rest: curvature)
     assert learned.jacobians < run().jacobians

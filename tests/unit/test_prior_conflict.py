@@ -40,7 +40,7 @@ def study_of(true_mass: float, std: float) -> Study:
         signals = {"drive.force": Signal(force, "N", "f", "N"), "carriage.position": Signal(position, "m", "x", "m")}
         records.append(Record(name=f"run{k}", path=Path(f"run{k}.csv"), time=time, signals=signals))
     experiments = make_experiments(model, records, ("drive.force",), ("carriage.position",))
-    uncertain = (UncertainParameter("carriage.m", 20.0, std, 1.0, unit="kg"),)
+    uncertain = (UncertainParameter(name="carriage.m", value=20.0, std=std, min=1.0, unit="kg"),)
     return Study(
         Problem(
             name="slide", model=model, uncertain=uncertain, identify=experiments, noise={"carriage.position": 2e-4},

@@ -68,7 +68,7 @@ def slide_problem(stiffness=0.0, noise=0.0, residual="auto", duration=8.0):
         carriage__position=(run["carriage.position"] + 1e-4 * rng.standard_normal(time.size), "m"),
     )
     experiments = make_experiments(model, [record], ("drive.force",), ("carriage.position",))
-    uncertain = (UncertainParameter("guide.viscous", 3.0, 3.0, 0.0),)
+    uncertain = (UncertainParameter(name="guide.viscous", value=3.0, std=3.0, min=0.0),)
     return Problem(
         name="slide", model=model, uncertain=uncertain, identify=experiments, validate=experiments, residual=residual
     ), run
@@ -266,7 +266,10 @@ def test_inverse_takes_the_controller_out_when_its_output_is_measured():
         motor__torque=(run["motor.torque"], "N*m"),
         encoder__angle=(run["motor.angle"], "rad"),
     )
-    uncertain = (UncertainParameter("carriage.m", 40.0, 4.0), UncertainParameter("controller.k_speed", 0.12, 0.01))
+    uncertain = (
+        UncertainParameter(name="carriage.m", value=40.0, std=4.0),
+        UncertainParameter(name="controller.k_speed", value=0.12, std=0.01),
+    )
     experiments = make_experiments(model, [record], ("reference.position",), ("motor.torque", "encoder.angle"))
     problem = Problem(name="axis", model=model, uncertain=uncertain, identify=experiments)
     assert prepared_problem(problem).mode == "simulation"

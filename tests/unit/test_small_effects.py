@@ -17,7 +17,7 @@ from discrepancy.search.model_comparison import is_relevant
 from discrepancy.search.moves import FINALISTS, Decision, _best_present, _different
 from discrepancy.statistics.thresholds import LEVEL_SHARES
 from discrepancy.statistics.verdicts import Verdict
-from estimation.fit.calibrate import REWEIGH, calibrate
+from estimation.fit.calibrate import WEIGHT_CHANGE, calibrate
 
 DRY = "coulomb_friction@guide"
 
@@ -83,7 +83,7 @@ def test_a_trial_weighs_the_outputs_anew_until_their_weights_stay(small_study):
     far_off = {n: v * (100.0 if n == "drive.force" else 1.0) for n, v in moved.scale.items()}
     found = calibrate(system, experiments, moved.parameters, noise=calibrated.noise, scale=far_off)
     for name, weight in moved.scale.items():
-        assert abs(np.log(found.scale[name] / weight)) < 2 * REWEIGH
+        assert abs(np.log(found.scale[name] / weight)) < 2 * WEIGHT_CHANGE
     for value, full, std in zip(found.values, moved.values, moved.std, strict=True):
         assert value == pytest.approx(full, abs=0.5 * std)
 

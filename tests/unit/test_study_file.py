@@ -130,7 +130,7 @@ outputs = ["motor.force"]
 """
     )
     read = study(folder, text)
-    assert read.preparation == Preparation(0.1, 0.4, 10.0, 2)
+    assert read.preparation == Preparation(start=0.1, stop=0.4, low_pass_hz=10.0, decimate=2)
     assert read.rules == ReadRules(
         trip="trip",
         drop_nan=True,

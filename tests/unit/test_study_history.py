@@ -55,7 +55,7 @@ def problem_of(dry: float = 6.0, offset: float = 0.0) -> Problem:
     experiments = make_experiments(
         model, records, ("drive.force",), ("carriage.position",), start={"carriage.position": 0.0}, free=()
     )
-    uncertain = (UncertainParameter("guide.viscous", 30.0, 5.0, 0.0),)
+    uncertain = (UncertainParameter(name="guide.viscous", value=30.0, std=5.0, min=0.0),)
     return Problem(
         name="slide",
         model=model,

@@ -219,7 +219,7 @@ class LiftRig(Rig):
         for name, share, low, unit in _UNCERTAIN[self.under_test]:
             section, key = _section(name)
             value = float(getattr(getattr(self.parameters, section), key))
-            found.append(UncertainParameter(name, value, share * value, low, np.inf, unit))
+            found.append(UncertainParameter(name=name, value=value, std=share * value, min=low, max=np.inf, unit=unit))
         return tuple(found)
 
     @property

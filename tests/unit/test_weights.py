@@ -62,36 +62,40 @@ def problem() -> FitProblem:
         start={"mass.position": rest},
     )
     system = hanging().build(outputs=experiment.outputs)
-    parameters = [UncertainParameter("spring.stiffness", STIFFNESS, 0.08 * STIFFNESS, 1.0, unit="N/m")]
-    return FitProblem(system, [experiment], parameters, (), system.p)
+    parameters = [
+        UncertainParameter(name="spring.stiffness", value=STIFFNESS, std=0.08 * STIFFNESS, min=1.0, unit="N/m")
+    ]
+    return FitProblem(system=system, experiments=[experiment], parameters=parameters, sensors=(), base=system.p)
 
 
 def test_what_a_parameter_explains_is_no_noise(problem: FitProblem) -> None:
     theta, none = problem.start(None, None), np.zeros(2)
     raw = weights_of(problem, problem.respond_all(theta, False), none, theta, np.array([0]))
-    problem._seen.clear()
-    found = weights_of(problem, problem.respond_all(theta, True), none, theta, np.array([0]))
-    assert found[0] < 0.5 * raw[0], "six millimetres, of which most go with the stiffness"
+    problem._responses.clear()
+    fitted = weights_of(problem, problem.respond_all(theta, True), none, theta, np.array([0]))
+    assert fitted[0] < 0.5 * raw[0], "six millimetres, of which most go with the stiffness"
     # at the right place a step takes no more than the mean of a drift that lasts a sixteenth of the record
     there = np.array([0.88 * STIFFNESS])
     raw = weights_of(problem, problem.respond_all(there, False), none, there, np.array([0]))
-    problem._seen.clear()
-    found = weights_of(problem, problem.respond_all(there, True), none, there, np.array([0]))
-    assert np.all((0.75 * raw < found) & (found <= raw))
+    problem._responses.clear()
+    fitted = weights_of(problem, problem.respond_all(there, True), none, there, np.array([0]))
+    assert np.all((0.75 * raw < fitted) & (fitted <= raw))
 
 
 def test_no_more_is_taken_for_explained_than_the_stated_uncertainty_allows(problem: FitProblem) -> None:
     theta, none = problem.start(None, None), np.zeros(2)
     far = problem.parameters[0]
-    tight = UncertainParameter(far.name, far.value, 1e-4 * far.value, far.min, unit=far.unit)
-    known = FitProblem(problem.system, problem.experiments, [tight], (), problem.base)
+    tight = UncertainParameter(name=far.name, value=far.value, std=1e-4 * far.value, min=far.min, unit=far.unit)
+    known = FitProblem(
+        system=problem.system, experiments=problem.experiments, parameters=[tight], sensors=(), base=problem.base
+    )
     raw = weights_of(known, known.respond_all(theta, False), none, theta, np.array([0]))
-    known._seen.clear()
-    found = weights_of(known, known.respond_all(theta, True), none, theta, np.array([0]))
-    assert found == pytest.approx(raw, rel=0.05)
+    known._responses.clear()
+    fitted = weights_of(known, known.respond_all(theta, True), none, theta, np.array([0]))
+    assert fitted == pytest.approx(raw, rel=0.05)
 
 
 def test_a_floor_is_kept(problem: FitProblem) -> None:
     theta, floor = problem.start(None, None), np.array([0.5, 0.5])
-    found = weights_of(problem, problem.respond_all(theta, True), floor, theta, np.array([0]))
-    assert np.all(found >= floor)
+    fitted = weights_of(problem, problem.respond_all(theta, True), floor, theta, np.array([0]))
+    assert np.all(fitted >= floor)
