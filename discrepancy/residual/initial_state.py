@@ -132,7 +132,7 @@ class SensorReading:
     def _local(self, sample: int) -> tuple[np.ndarray, ...]:
         """Return values, rates and their standard deviations at a sample."""
         time = self.experiment.record.time
-        found = []
+        estimates = []
         for c, half in enumerate(self.half_widths):
             a, b = max(0, sample - half), min(time.size, sample + half + 1)
             if b - a < 2 * half + 1:  # at an end the parabola looks one way only
@@ -143,8 +143,8 @@ class SensorReading:
             parts = inverse @ self.values[a:b, c]
             spread = np.sqrt(np.sum(inverse**2, axis=1)) * self.noise[c]
             width = float(time[b - 1] - time[a])
-            found.append((parts[0], parts[1] / width, spread[0], spread[1] / width))
-        return tuple(np.array(part) for part in zip(*found, strict=True))
+            estimates.append((parts[0], parts[1] / width, spread[0], spread[1] / width))
+        return tuple(np.array(part) for part in zip(*estimates, strict=True))
 
 
 def estimate_states(experiment: Experiment, system: System, p: np.ndarray, pieces: int = 64) -> StateEstimate:

@@ -6,7 +6,7 @@ effect with the signal's form then compensates for the lost part: a search that 
 
 Above twice the frequency at which anything stands out of its spectrum, an input holds noise, or a real excitation.  The
 records tell which: noise excites the simulation and not the machine.  A low-pass removes such noise; what lies below
-has the same density, stays, and is weighted down in the scan (`shaping_of`).
+has the same density, stays, and is weighted down in the scan (`input_noise_weighting`).
 
 In a window the noise accumulates to a smooth deviation that a curve with a few points can follow, and that no
 resampling of such deviations resembles.  Its covariance is known, though: the input's noise, propagated by the exact
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from estimation.response.sensors import SensorError
     from multibody.machine.model import System
 
-__all__ = ["NoisyInput", "noise_summary", "reduce_input_noise", "shaping_of"]
+__all__ = ["NoisyInput", "noise_summary", "reduce_input_noise", "input_noise_weighting"]
 
 MATTERS = 0.1
 """Root mean square in an output, over its noise floor, from which the noise of an input is removed.
@@ -235,8 +235,8 @@ def _noise_share(problem: Problem, system: System, p: np.ndarray, cutoffs: Mappi
         perturbations = [
             InputPerturbation(n, v - low_pass(time, v, cutoffs[n])) for n, v in zip(names, values, strict=True)
         ]
-        found = e.respond(system, p, parameters=parameters, states=e.free, perturbations=perturbations)
-        stacked = np.concatenate([(e.measured - found.outputs)[:, :, None], found.derivatives], axis=2)
+        response = e.respond(system, p, parameters=parameters, states=e.free, perturbations=perturbations)
+        stacked = np.concatenate([(e.measured - response.outputs)[:, :, None], response.derivatives], axis=2)
         flat = stacked.reshape(len(stacked), -1)
         high = (flat - low_pass(e.time, flat, lowest)).reshape(stacked.shape)
         first, last = 1 + len(parameters), 1 + len(parameters) + len(e.free)
@@ -294,8 +294,8 @@ def _made_by_noise(
         for _ in range(DRAWS):
             drawn = s * rng.standard_normal(time.size)
             perturbations.append(InputPerturbation(n, low_pass(time, drawn, cutoffs[n]) if n in cutoffs else drawn))
-    found = longest.respond(system, p, perturbations=perturbations).derivatives
-    squares = np.mean(found**2, axis=0).reshape(found.shape[1], len(noise), DRAWS)
+    responses = longest.respond(system, p, perturbations=perturbations).derivatives
+    squares = np.mean(responses**2, axis=0).reshape(responses.shape[1], len(noise), DRAWS)
     made = np.sqrt(np.mean(squares, axis=2))
     return {n: made[:, k] for k, n in enumerate(noise)}
 
@@ -324,7 +324,7 @@ def _errors(experiments: Sequence[Experiment], system: System, p: np.ndarray) ->
     return np.asarray(np.sqrt(np.mean(np.concatenate(squares), axis=0)))
 
 
-def shaping_of(
+def input_noise_weighting(
     experiment: Experiment,
     system: System,
     p: np.ndarray,
@@ -356,5 +356,5 @@ def shaping_of(
     # White noise of deviation s at the sampling rate has the same low-frequency density as hats of this deviation.
     share = np.sqrt((knots - 1) / (time.size - 1))
     perturbations = [InputPerturbation(n, s * share * hats[:, k]) for n, s in noisy.items() for k in range(knots)]
-    found = experiment.respond(system, p, x0, perturbations=perturbations, sensors=sensors).derivatives
-    return low_rank_weighting(found, noise)
+    responses = experiment.respond(system, p, x0, perturbations=perturbations, sensors=sensors).derivatives
+    return low_rank_weighting(responses, noise)

@@ -87,8 +87,7 @@ def cut_loops(model: Model, outputs: Sequence[str]) -> tuple[Model, tuple[str, .
     other, cut = model.copy(), []
     for name in outputs:
         source = model.outputs.get(name, name)
-        found = model.find(source)
-        if found is None or not isinstance(found[1].declarations.get(found[2]), Output) or found[1].of_kind(Port):
+        if not _is_output(model, source):
             continue
         fed = [e for ends in other.connections if source in ends for e in ends if e != source]
         if not fed:
@@ -111,7 +110,7 @@ def _prune(model: Model) -> None:
             for n, c in model.components.items()
             if not c.of_kind(Port)
             and not any(model.owner(e) == n for e in model.outputs.values())
-            and not any(model.owner(ends[0]) == n or _has_output_among(model, ends, n) for ends in model.connections)
+            and not any(_drives(model, n, ends) for ends in model.connections)
         ]
         if not unused:
             return
@@ -119,13 +118,17 @@ def _prune(model: Model) -> None:
             model.remove(name)
 
 
-def _has_output_among(model: Model, ends: Sequence[str], name: str) -> bool:
-    """Tell whether one of some endpoints is an output of a component."""
-    for end in ends:
-        found = model.find(end)
-        if found is not None and found[0] == name and isinstance(found[1].declarations.get(found[2]), Output):
-            return True
-    return False
+def _drives(model: Model, name: str, ends: Sequence[str]) -> bool:
+    """Tell whether a component drives the other ends of a connection."""
+    return model.owner(ends[0]) == name or any(model.owner(e) == name and _is_output(model, e) for e in ends)
+
+
+def _is_output(model: Model, endpoint: str) -> bool:
+    """Tell whether an endpoint is the output of a component without ports, such as a controller."""
+    target = model.find(endpoint)
+    if target is None or target[1].of_kind(Port):
+        return False
+    return isinstance(target[1].declarations.get(target[2]), Output)
 
 
 def free_motions(model: Model, system: System) -> dict[tuple[str, ...], tuple[str, str, str]]:
@@ -151,14 +154,14 @@ def measured_motions(
     """Return the free motions that an output shows by itself, one output for each, positions before rates."""
     free = free_motions(model, system)
     values = _affine(system, outputs, problem)
-    found: dict[tuple[str, ...], MeasuredMotion] = {}
+    motions: dict[tuple[str, ...], MeasuredMotion] = {}
     for order in (0, 1):
         for states, (name, flange, domain) in free.items():
-            if states in found:
+            if states in motions:
                 continue
             for output, (state, factor, offset) in values.items():
                 if state == states[order]:
-                    found[states] = MeasuredMotion(
+                    motions[states] = MeasuredMotion(
                         place=name,
                         port=flange,
                         domain=domain,
@@ -170,7 +173,7 @@ def measured_motions(
                         force=_force_at(model, flange, domain, recorded),
                     )
                     break
-    return tuple(found.values())
+    return tuple(motions.values())
 
 
 def _affine(system: System, outputs: Sequence[str], problem: Problem) -> dict[str, tuple[str, float, float]]:
@@ -179,7 +182,7 @@ def _affine(system: System, outputs: Sequence[str], problem: Problem) -> dict[st
     points = [system.start + shift * np.arange(1, system.start.size + 1) for shift in (0.0, 0.0137, -0.0291)]
     slopes = [system.jacobian("x", 0.0, x, None, p, of="outputs") for x in points]
     by_input = [system.jacobian("u", 0.0, x, None, p, of="outputs") for x in points]
-    found = {}
+    affine = {}
     for name in outputs:
         c = system.index("output", name)
         row = slopes[0][c]
@@ -188,8 +191,8 @@ def _affine(system: System, outputs: Sequence[str], problem: Problem) -> dict[st
         if used.size == 1 and same and not any(np.any(b[c]) for b in by_input):
             k = int(used[0])
             y = system.outputs_at(0.0, points[0], None, p)[c]
-            found[name] = (system.state_names[k], float(row[k]), float(y - row[k] * points[0][k]))
-    return found
+            affine[name] = (system.state_names[k], float(row[k]), float(y - row[k] * points[0][k]))
+    return affine
 
 
 def outputs_of_motion(system: System, outputs: Sequence[str], motions: Sequence[MeasuredMotion]) -> set[str]:
@@ -199,13 +202,13 @@ def outputs_of_motion(system: System, outputs: Sequence[str], motions: Sequence[
     slopes = system.jacobian("x", 0.0, x, of="outputs")
     by_input = system.jacobian("u", 0.0, x, of="outputs")
     units = {"m", "rad", "m/s", "rad/s"}
-    found = {m.output for m in motions}
+    shown = {m.output for m in motions}
     for name in outputs:
         c = system.index("output", name)
         others = np.delete(slopes[c], prescribed)
         if system.unit(name) in units and not np.any(others) and not np.any(by_input[c]):
-            found.add(name)
-    return found
+            shown.add(name)
+    return shown
 
 
 def _force_at(model: Model, port: str, domain: str, recorded: Sequence[str]) -> str:

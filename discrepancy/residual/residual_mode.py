@@ -205,8 +205,8 @@ class _RecordStates:
 
     def largest_growth(self) -> ErrorGrowth:
         """Return how errors grow over the record in which they grow the soonest, or the furthest."""
-        found = parallel_map(self._growth, range(len(self.identify)))
-        return min(found, key=lambda g: (g.within, -float(np.max(g.start))))
+        growths = parallel_map(self._growth, range(len(self.identify)))
+        return min(growths, key=lambda g: (g.within, -float(np.max(g.start))))
 
     def _growth(self, i: int) -> ErrorGrowth:
         growth = error_growth(self.identify[i], self.system, self.p, self.estimates[i], 0, self.spread, self.scale)

@@ -214,11 +214,11 @@ class _RandomForce:
 
     def weighting(self) -> tuple[LowRankWeighting, ...]:
         """Return the weights of each record."""
-        found = []
+        weights = []
         for times, response in zip(self.times, self.responses, strict=True):
             root = np.linalg.cholesky(exponential_correlation(times, self.memory) + 1e-9 * np.eye(times.size))
-            found.append(low_rank_weighting(self.size * response @ root, self.noise))
-        return tuple(found)
+            weights.append(low_rank_weighting(self.size * response @ root, self.noise))
+        return tuple(weights)
 
 
 def _rms(blocks: Sequence[np.ndarray]) -> np.ndarray:

@@ -62,9 +62,9 @@ def free_curve_candidates(linearised: LinearisedProblem, places: Sequence[Place]
     curves = [c for c in linearised.free_curves() if c.place.name in wanted]
 
     def of_record(i: int) -> dict[str, np.ndarray]:
-        found = linearised.free_curve_sensitivities(i)
+        sensitivities = linearised.free_curve_sensitivities(i)
         linearised.experiments[i].trim_cache()
-        return found
+        return sensitivities
 
     blocks = parallel_map(of_record, range(len(linearised.experiments)))
     return [one for c in curves for one in c.candidates([of_one[c.place.name] for of_one in blocks])]
@@ -102,14 +102,14 @@ def scan_free_curves(
     places = [p for p in linearised.system.places if where is None or p.name in where]
     candidates = free_curve_candidates(linearised, places)
     residual = linearised.residual()
-    found = scan(
+    result = scan(
         residual, linearised.sensitivities(), candidates,
         level=level, seed=seed, whiten=False, noise_floor=[linearised.noise[c] for c in residual.channels],
     )  # fmt: skip
     by_name = {c.name: c for c in candidates}
-    rows = sorted((r for r in found.rows if significant_and_predictive(r)), key=lambda r: r.delta_bic)
+    rows = sorted((r for r in result.rows if significant_and_predictive(r)), key=lambda r: r.delta_bic)
     curves = tuple(_effect(by_name[r.name], np.atleast_1d(r.expected_strength), dict(r.shape), effects) for r in rows)
-    return FreeCurveScan(curves, tuple(r.p_value for r in rows), tuple(r.error_reduction for r in rows), found)
+    return FreeCurveScan(curves, tuple(r.p_value for r in rows), tuple(r.error_reduction for r in rows), result)
 
 
 def _effect(candidate: Candidate, amplitude: np.ndarray, shape: dict[str, float], effects: Sequence[Effect]) -> Effect:
@@ -147,13 +147,13 @@ def _error_drop(projection: Projection, before: Array, after: Array, points: int
     Of noise with the memory of the remaining residual, a fit of k points takes k of the effective number of samples.
     """
     blocks = range(len(projection.layout.lengths))
-    found = []
+    shares = []
     for c in range(projection.layout.n_channels):
         b, a = ([projection.layout.view(e, k)[:, c] for k in blocks] for e in (before, after))
         left = sum(float(x @ x) for x in a) / max(sum(float(x @ x) for x in b), 1e-300)
         count = sum(x.size / correlation_time(x) for x in a)
-        found.append(1.0 - left * (1.0 + points / count))
-    return np.array(found)
+        shares.append(1.0 - left * (1.0 + points / count))
+    return np.array(shares)
 
 
 def _fitted(candidate: Candidate, projection: Projection, e: Array) -> Array:

@@ -87,21 +87,21 @@ class FreeCurves:
 
     def perturbations(self, record: int) -> list[InputPerturbation]:
         """Return the force of every point of every curve along a record."""
-        found = []
+        forces = []
         for (over, low, high), arguments in zip(self.ranges, self.arguments, strict=True):
             position = np.clip((arguments[record] - low) / (high - low), 0.0, 1.0) * (CURVE_POINTS - 1)
             basis = even_hat_functions(position, CURVE_POINTS)
             if over == "friction":
                 basis = -basis * np.tanh(self.speeds[record] / self.v_s)[:, None]
-            found += [InputPerturbation(self.channel, basis[:, k]) for k in range(CURVE_POINTS)]
-        return found
+            forces += [InputPerturbation(self.channel, basis[:, k]) for k in range(CURVE_POINTS)]
+        return forces
 
     def candidates(self, blocks: Sequence[np.ndarray]) -> list[Candidate]:
         """Return a candidate for each curve from the sensitivities of all records, (n, n_channels, points)."""
-        found = []
+        candidates = []
         for k, (over, low, high) in enumerate(self.ranges):
             own = slice(k * CURVE_POINTS, (k + 1) * CURVE_POINTS)
-            found.append(
+            candidates.append(
                 Candidate(
                     kind=f"unknown_force over {over}",
                     where=self.place.name,
@@ -111,4 +111,4 @@ class FreeCurves:
                     info={"place": self.place, "over": over},
                 )
             )
-        return found
+        return candidates

@@ -35,7 +35,7 @@ def inputs_with_feedback(linearised: LinearisedProblem) -> dict[str, str]:
     experiments, residual = linearised.experiments, linearised.residual()
     of_residual = _innovations(residual.blocks, residual.dt)
     channels = range(of_residual[0].shape[1])
-    found = {}
+    inputs = {}
     for name in experiments[0].inputs:
         blocks = []
         for experiment in experiments:
@@ -52,8 +52,8 @@ def inputs_with_feedback(linearised: LinearisedProblem) -> dict[str, str]:
         after = [largest(1, c) for c in channels]
         before = [largest(-1, c) for c in channels]
         if max(after) > max(SIGNIFICANT, *before):
-            found[name] = residual.channels[int(np.argmax(after))]
-    return found
+            inputs[name] = residual.channels[int(np.argmax(after))]
+    return inputs
 
 
 def feedback_messages(inputs: Mapping[str, str]) -> list[str]:

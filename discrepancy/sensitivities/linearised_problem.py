@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from discrepancy.effects.shape_grids import MotionRange
-from discrepancy.residual.input_noise import shaping_of
+from discrepancy.residual.input_noise import input_noise_weighting
 from discrepancy.sensitivities.free_curves import FreeCurves
 from discrepancy.statistics.blocks import Residual, Sensitivities
 from discrepancy.statistics.whitened import rms_projection
@@ -149,7 +149,7 @@ class LinearisedProblem:
 
         def shaping() -> LowRankWeighting:
             noise = np.array([self.noise.get(n, 0.0) for n in experiment.outputs])
-            return shaping_of(experiment, self.slim, self.p, self.initial_state(index), noise, self.sensors)
+            return input_noise_weighting(experiment, self.slim, self.p, self.initial_state(index), noise, self.sensors)
 
         return _once(self._unweighted, ("shaping", index), shaping)(block)
 
@@ -232,8 +232,8 @@ class LinearisedProblem:
         def curves() -> list[FreeCurves]:
             runs = [self.nominal_outputs(i) for i in range(len(self.experiments))]
             times = [np.array(e.record.time) for e in self.experiments]
-            found = (FreeCurves.at(place, times, runs) for place in self.system.places)
-            return [c for c in found if c.ranges]
+            at_places = (FreeCurves.at(place, times, runs) for place in self.system.places)
+            return [c for c in at_places if c.ranges]
 
         return _once(self._unweighted, "free curves", curves)
 
@@ -251,11 +251,11 @@ class LinearisedProblem:
         every = [one for group in perturbations.values() for one in group]
         if cheaper_by_transition_matrices(self.slim, every):  # for all places at once
             experiment.perturbation_response(self.slim, self.p, start, every)
-        found = {}
+        sensitivities = {}
         for name, group in perturbations.items():
             changed = experiment.respond(self.slim, self.p, start, perturbations=group, sensors=self.sensors)
-            found[name] = self.weighted(index, changed.derivatives)
-        return found
+            sensitivities[name] = self.weighted(index, changed.derivatives)
+        return sensitivities
 
 
 def _once(results: dict[Any, Any], key: Any, compute: Callable[[], Result]) -> Result:

@@ -1,4 +1,4 @@
-"""Whether the intervals of a fitted model hold the values that a virtual machine really has."""
+"""Coverage: whether the intervals of a fitted model contain the true values of a virtual machine."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ __all__ = ["coverage", "true_values"]
 
 
 def true_values(stage: Stage, truth: Mapping[str, Any]) -> dict[str, float]:
-    """Return the true values of what a stage fitted: the machine's parameters, and the strengths of what was hidden.
+    """Return the true values of the fitted parameters: those of the machine, and the strengths of the hidden effects.
 
     Parameters
     ----------
     stage : Stage
-        With exactly the effects that were hidden: the parameters of a model that lacks one have no true values.
+        With exactly the hidden effects: the parameters of a model that lacks one have no true values.
     truth : mapping
         ``truth.json`` of a virtual machine.
     """
-    known = {name: float(each["value"]) for name, each in truth.get("perturbed", {}).items()}
+    known = {name: float(entry["value"]) for name, entry in truth.get("perturbed", {}).items()}
     for hidden in truth["effects"]:
         for effect in stage.effects:
             if str(effect) == f"{hidden['kind']}@{hidden['where']}":
@@ -32,7 +32,7 @@ def true_values(stage: Stage, truth: Mapping[str, Any]) -> dict[str, float]:
 
 
 def coverage(stage: Stage, truth: Mapping[str, Any]) -> tuple[int, tuple[str, ...]]:
-    """Return how many 95 % intervals hold the true value, and the parameters whose interval does not.
+    """Return how many 95 % intervals contain the true value, and the parameters whose interval does not.
 
     Parameters at a bound, or that the records do not excite, have no interval and are left out.
     """

@@ -1,4 +1,4 @@
-"""The residuals of a stage beside the motion of its connections, and blocks in which they are independent."""
+"""The residuals of a stage with the motion of its connections, and blocks in which they are independent."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ class PlaceMotion:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ResidualsAlongMotion:
-    """Residuals of a part of a stage.
+    """Residuals of a part of a stage, with the motion of its connections.
 
     Attributes
     ----------
     stage : Stage
     part : {"identify", "validate"}
     linearised : LinearisedProblem
-        The calibrated machine beside the part's records, with their own preparation.
+        The calibrated model along the part's records, with their own preparation.
     time : ndarray, shape (n,), s
         Of all records, one after another.
     values : ndarray, shape (n, n_channels)
@@ -70,7 +70,7 @@ class ResidualsAlongMotion:
     motions : tuple of PlaceMotion
         Of every place that moves.
     blocks : tuple of ndarray of int
-        Rows of blocks longer than the residual remembers, none across two records.
+        Rows of blocks longer than the residual's memory, none across two records.
     """
 
     stage: Stage
@@ -153,7 +153,7 @@ def residuals_along_motion(stage: Stage, part: str = "identify") -> ResidualsAlo
     record = np.repeat(np.arange(len(fits)), lengths)
     motions = _motions(linearised, stage, [f.experiment.preparation for f in fits])
     memory = max(correlation_time(f.residual[:, c]) for f in fits for c in range(values.shape[1]))
-    # With fewer blocks no spread can be estimated; then blocks shorter than asked for are the lesser evil.
+    # With fewer blocks no spread can be estimated; shorter blocks are then the lesser evil.
     shortest = min(int(3 * memory), max(1, len(values) // LEAST_BLOCKS))
     blocks = tuple(cut_rows(lengths, shortest, MOST_BLOCKS))
     return ResidualsAlongMotion(
@@ -171,8 +171,8 @@ def residuals_along_motion(stage: Stage, part: str = "identify") -> ResidualsAlo
 def _motions(
     linearised: LinearisedProblem, stage: Stage, preparations: Sequence[Preparation]
 ) -> tuple[PlaceMotion, ...]:
-    found = []
-    columns: dict[str, list[np.ndarray]] = {}
+    motions = []
+    parts: dict[str, list[np.ndarray]] = {}
     wanted = [f"place.{p.name}.{n}" for p in stage.system.places for n, _ in p.motion_names()]
     wanted = [n for n in wanted if n in stage.system.output_names]
     if not wanted:
@@ -182,8 +182,8 @@ def _motions(
         table = np.column_stack([run[n] for n in wanted])
         table = preparation.apply(np.asarray(linearised.experiments[i].record.time), table)[1]
         for k, name in enumerate(wanted):
-            columns.setdefault(name, []).append(table[:, k])
-    series = {name: np.concatenate(parts) for name, parts in columns.items()}
+            parts.setdefault(name, []).append(table[:, k])
+    series = {name: np.concatenate(arrays) for name, arrays in parts.items()}
     step = float(np.median(np.diff(linearised.experiments[0].time)))
     for place in stage.system.places:
         names = [f"place.{place.name}.{n}" for n, _ in place.motion_names()]
@@ -191,12 +191,12 @@ def _motions(
             continue
         speed = series[names[1]]
         acceleration = series[names[2]] if names[2] in series else np.gradient(speed, step)
-        found.append(
+        motions.append(
             PlaceMotion(place=place, position=series[names[0]], speed=speed, acceleration=acceleration)
         )
-    out = []
-    for group in coupled_places([m for m in found if m.moves]):
+    independent = []
+    for group in coupled_places([m for m in motions if m.moves]):
         lead = min(group, key=lambda m: m.place.second is not None)
         also = tuple(m.name for m in group if m is not lead)
-        out.append(replace(lead, also=also))
-    return tuple(out)
+        independent.append(replace(lead, also=also))
+    return tuple(independent)

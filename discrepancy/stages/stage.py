@@ -80,7 +80,7 @@ class AcceptedEffect:
 
     @property
     def ambiguous(self) -> bool:
-        """True if another *kind* of effect cannot be told from this one."""
+        """True if these records do not distinguish another *kind* of effect from this one."""
         return any(r.indistinguishable and r.kind != self.effect.kind for r in self.rivals)
 
 
@@ -151,8 +151,8 @@ class Stage:
 
     def fits(self, part: str) -> tuple[Fit, ...]:
         """Return the fits of ``"identify"`` or ``"validate"`` (empty when nothing is held out)."""
-        found = self.identify if part == "identify" else self.validate
-        return found.fits if found is not None else ()
+        calibration = self.identify if part == "identify" else self.validate
+        return calibration.fits if calibration is not None else ()
 
     def rmse(self, part: str) -> dict[str, float]:
         """Return the root mean square error of every output over all records of a part, SI."""
@@ -223,8 +223,8 @@ class Stage:
 
         def weighted() -> LinearisedProblem:
             linearised = self.linearised_problem()
-            found = self._once("disturbance", lambda: accumulating_disturbance(linearised))
-            return linearised.weighted_by(found.weighting) if found is not None else linearised
+            disturbance = self._once("disturbance", lambda: accumulating_disturbance(linearised))
+            return linearised.weighted_by(disturbance.weighting) if disturbance is not None else linearised
 
         return self._once("weighted problem", weighted)
 

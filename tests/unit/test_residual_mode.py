@@ -12,7 +12,7 @@ import pytest
 from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.problem.study_file import StudyError
 from discrepancy.residual.initial_state import estimate_states
-from discrepancy.residual.input_noise import shaping_of
+from discrepancy.residual.input_noise import input_noise_weighting
 from discrepancy.residual.inverse import derivatives, inverse_problem
 from discrepancy.residual.residual_mode import prepared_problem, problem_in_windows
 from discrepancy.residual.signal_bandwidth import signal_bandwidth
@@ -309,7 +309,7 @@ def test_noise_of_a_force_is_weighed_down_to_white():
     system = problem.model.build(outputs=e.outputs)
     x0, noise, sigma = system.start, np.array([1e-4]), 0.5
     noisy = replace(e, input_noise={"drive.force": sigma})
-    weigh = shaping_of(noisy, system, system.p, x0, noise)
+    weigh = input_noise_weighting(noisy, system, system.p, x0, noise)
     rng = np.random.default_rng(3)
     n = len(e.record.time)
     perturbations = [InputPerturbation("drive.force", sigma * rng.standard_normal(n)) for _ in range(60)]
