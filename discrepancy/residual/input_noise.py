@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from estimation.response.sensors import SensorError
     from multibody.machine.model import System
 
-__all__ = ["NoisyInput", "noise_summary", "reduce_input_noise", "input_noise_weighting"]
+__all__ = ["NoisyInput", "input_noise_weighting", "noise_summary", "reduce_input_noise"]
 
 MATTERS = 0.1
 """Root mean square in an output, over its noise floor, from which the noise of an input is removed.
