@@ -48,7 +48,7 @@ def test_another_seed_gives_other_recordings_and_another_truth(plain: Path, tmp_
     assert {n for n in here if here[n] == there[n]} == {"axis.py", "study.toml"}
 
 
-def test_study_and_readme_do_not_tell_what_is_hidden(plain: Path, coulomb: Path) -> None:
+def test_study_and_readme_do_not_depend_on_what_is_hidden(plain: Path, coulomb: Path) -> None:
     here, there = _files(plain.parent), _files(coulomb.parent)
     for name in ("study.toml", "README.md", "axis.py"):
         assert here[name] == there[name]
@@ -105,7 +105,7 @@ def test_dry_axis_hands_its_friction_to_the_model(tmp_path: Path) -> None:
     assert "dry_friction" in load_model(study, Model).components
 
 
-def test_setup_for_a_study_in_memory() -> None:
+def test_problem_for_a_study_in_memory() -> None:
     problem = axis_case(seed=5, trips=3).problem(seed=3)
     assert [e.name for e in problem.identify] == ["identify_01", "identify_02"]
     assert problem.seed == 3
@@ -310,7 +310,7 @@ def test_what_cannot_be_hidden_is_refused(hide: list[str], says: str) -> None:
     assert says in str(caught.value)
 
 
-def test_all_faults_of_a_rig_at_once() -> None:
+def test_one_error_lists_all_faults_of_a_rig() -> None:
     with pytest.raises(BenchError) as caught:
         AxisRig(seed=-1, trips=1, strength=0.0, over="temperature", duration=1.0)
     assert len(caught.value.faults) == 5

@@ -36,7 +36,7 @@ def test_a_number_always_gives_the_same_residual(given):
     assert not np.array_equal(first.blocks[0], given.draw(1003)[1].blocks[0])
 
 
-def test_what_calibration_explains_is_taken_out_as_if_all_had_been_worked_out_anew(given):
+def test_calibration_is_projected_out_as_in_a_new_scan(given):
     made = given.draw(1000)[1]
     anew = whiten_all(rms_whitener(given.residual), made, given.sens, given.candidates)
     assert np.allclose(given.plain(made).e, anew.e, atol=1e-10 * np.linalg.norm(anew.e))
@@ -56,7 +56,7 @@ def test_a_residual_correlated_for_as_long_as_the_record_is_reported(given):
     assert long.caution in text
 
 
-def test_an_interrupted_run_goes_on(given, tmp_path):
+def test_an_interrupted_run_continues(given, tmp_path):
     first = resampled_alarms(given, 1, tmp_path, level=0.02, seed=1000)
     lines = (tmp_path / "resampled.jsonl").read_text()
     both = resampled_alarms(given, 2, tmp_path, level=0.02, seed=1000)
@@ -83,7 +83,7 @@ def test_an_effect_in_the_residual_is_an_alarm(given, tmp_path):
     assert json.loads((tmp_path / "resampled.jsonl").read_text())["plain"] == trial.plain
 
 
-def test_two_effects_that_hide_each_other_in_the_residual_are_an_alarm(given, tmp_path):
+def test_a_masking_pair_in_the_residual_is_an_alarm(given, tmp_path):
     """The same for pairs: of two opposite effects only a share of a friction is left, and neither shows alone."""
     from discrepancy.statistics.blocks import Candidate
 
@@ -122,14 +122,14 @@ def test_one_record_is_cut_into_four_to_leave_one_out(given):
     assert len(anew.columns.groups) == len(case.plain.groups)
 
 
-def test_criteria_are_asked_without_further_programs(given):
+def test_criteria_need_no_further_programs(given):
     case = resampled_case(given, given.draw(1000)[1])
     aic, bic = (REGRESSION_METHODS[f"every candidate, {c}"](case) for c in ("AIC", "BIC"))
     names = {c.name for c in given.candidates}
     assert set(bic.named) <= set(aic.named) <= names
 
 
-def test_page_counts_only_what_both_were_asked(tmp_path):
+def test_page_counts_only_trials_of_both(tmp_path):
     from discrepancy.validation.resampled import Resampled
 
     ours = [Resampled(k, UNTIED[k % 2], "bump@guide" if k == 1 else "", "", "", 0.5) for k in range(4)]

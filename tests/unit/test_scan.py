@@ -1,4 +1,4 @@
-"""Projection, scores, spectra and p-values against what they must equal."""
+"""Projection, scores, spectra, p-values and held-out gains against what they must equal."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from discrepancy.search.omnibus import with_effect
 from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
 from discrepancy.statistics.null_distribution import P_FLOOR, tail_p
 from discrepancy.statistics.projection import Layout, project
-from discrepancy.statistics.scan import scan
+from discrepancy.statistics.scan import held_out_gain, scan
 from discrepancy.statistics.score import make_scorer, prepare_columns
 from discrepancy.statistics.whitening import identity
 from discrepancy.validation import linear_axes
@@ -196,3 +196,28 @@ def test_faults_are_collected():
     good = Candidate(kind="k", where="w", sensitivities=((np.zeros((20, 1, 1)),),))
     with pytest.raises(ValueError, match="given 2 times"):
         scan(res, Sensitivities([], [np.zeros((20, 1, 0))]), [good, good])
+
+
+def test_a_point_that_only_one_block_reaches_does_not_count_against_a_curve():
+    """Of two columns the second acts in the last of eight blocks, and hardly in the others."""
+    rng = np.random.default_rng(3)
+    layout, n = Layout((200,) * 8, 1), 1600
+    Z = np.zeros((n, 2))
+    Z[:, 0] = np.sin(np.arange(n))
+    Z[:1400, 1], Z[1400:, 1] = 1e-4 * rng.standard_normal(1400), rng.standard_normal(200)
+    Z = np.linalg.qr(Z)[0]
+    e = Z @ np.array([30.0, 20.0]) + rng.standard_normal(n)
+    # the others determine the first amplitude: 30²/2; none determines the second, which costs next to nothing
+    assert held_out_gain(Z, e, layout, 1.0) == pytest.approx(450.0, rel=0.25)
+
+
+def test_a_disturbance_of_one_record_is_not_predicted_by_the_others():
+    rng = np.random.default_rng(2)
+    count, n = 3, 400
+    layout = Layout((n,) * count, 1)
+    shape = np.tile(np.sin(np.linspace(0.0, np.pi, n)), count)
+    Z = (shape / np.linalg.norm(shape))[:, None]
+    once = np.concatenate([2.0 * shape[:n], np.zeros((count - 1) * n)])  # a disturbance that lasts one record
+    alone = held_out_gain(Z, once + rng.standard_normal(count * n), layout, 1.0)
+    always = held_out_gain(Z, 2.0 * shape + rng.standard_normal(count * n), layout, 1.0)
+    assert alone < 0.0 < always

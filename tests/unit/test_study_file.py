@@ -1,4 +1,4 @@
-"""The study file: what it says arrives, and every fault is told at once with table and key."""
+"""The study file: every key is read, and one error lists all faults with table and key."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def faults(folder: Path, text: str) -> tuple[str, ...]:
     return refused.value.faults
 
 
-def test_the_format_of_the_contract_arrives(folder):
+def test_every_table_of_the_format_is_read(folder):
     read = study(folder)
     assert read.model.arguments == {"travel": 0.25}
     assert (read.uncertain["mass.m"].value, read.uncertain["mass.m"].std) == (95.0, 5.0)
@@ -98,7 +98,7 @@ def test_the_format_of_the_contract_arrives(folder):
     assert read.warnings == ()
 
 
-def test_every_extension_arrives(folder):
+def test_every_optional_key_is_read(folder):
     text = (
         SOUND
         + """
@@ -174,7 +174,7 @@ def test_records_come_in_si_and_held_out_ones_stay_apart(folder):
     assert len(refused.value.faults) == 3  # one for each file
 
 
-# Change of the sound study, and what must be told.
+# Change of the sound study, and what the error must contain.
 BROKEN = {
     "unknown table": ("[uncertain]", "[uncertian]", ["[uncertian]: there is no such table; nearest"]),
     "unknown key": ("arguments =", "argument =", ["no key 'argument'; nearest: 'arguments'"]),
@@ -221,20 +221,20 @@ BROKEN = {
 
 @pytest.mark.parametrize("kind", BROKEN)
 def test_broken_study_is_refused_and_named(folder, kind):
-    old, new, told = BROKEN[kind]
+    old, new, words = BROKEN[kind]
     assert old in SOUND
     message = "\n".join(faults(folder, SOUND.replace(old, new, 1)))
     assert message.startswith("study.toml")
-    for each in told:
-        assert each in message
+    for word in words:
+        assert word in message
 
 
-def test_all_faults_are_told_at_once(folder):
+def test_one_error_lists_all_faults(folder):
     text = (
         SOUND.replace("std = 5 }", "std = -5, valu = 3 }").replace("axis.py", "axes.py").replace("a*", "c*")
     )
-    told = faults(folder, text.replace("noise = 1e-6", "noise = 0.0"))
-    assert len(told) == 5
+    found = faults(folder, text.replace("noise = 1e-6", "noise = 0.0"))
+    assert len(found) == 5
     keys = [
         '"mass.m": there is no key',
         '"mass.m", std',
@@ -243,13 +243,13 @@ def test_all_faults_are_told_at_once(folder):
         "noise: must",
     ]
     for key in keys:
-        assert any(key in each for each in told), key
+        assert any(key in fault for fault in found), key
 
 
 def test_a_copy_of_a_recording_is_no_held_out_recording(folder):
     (folder / "held_out/b.csv").write_text((folder / "a1.csv").read_text())
-    (told,) = faults(folder, SOUND)
-    assert "'b.csv' has the content of 'a1.csv'" in told
+    (fault,) = faults(folder, SOUND)
+    assert "'b.csv' has the content of 'a1.csv'" in fault
 
 
 def test_missing_study_names_the_nearest(folder):
@@ -318,7 +318,7 @@ def test_builder_from_an_installed_module(folder):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("travel = 0.25", "travle = 0.25", "takes no argument 'travle'; nearest: 'travel'"),
         ("travel = 0.25", "stroke = 0.25", "needs the argument 'travel'"),
@@ -329,14 +329,14 @@ def test_builder_from_an_installed_module(folder):
         ("axis.py:build", "no_such_package.rig:build", "there is no module 'no_such_package'"),
     ],
 )
-def test_builder_faults_are_told_as_the_users(folder, old, new, told):
+def test_builder_faults_name_the_users_file(folder, old, new, message):
     with pytest.raises(StudyError) as refused:
         load_model(study(folder, SOUND.replace(old, new)))
-    assert told in str(refused.value)
+    assert message in str(refused.value)
 
 
 @pytest.mark.parametrize(
-    ("source", "told"),
+    ("source", "message"),
     [
         ("def build(travel:\n    pass\n", "axis.py, line 1: SyntaxError"),
         ("import no_such_thing\n", "axis.py, line 1, in <module>: ModuleNotFoundError"),
@@ -347,11 +347,11 @@ def test_builder_faults_are_told_as_the_users(folder, old, new, told):
         ),
     ],
 )
-def test_errors_inside_the_users_file_are_named_with_their_line(folder, source, told):
+def test_errors_inside_the_users_file_are_named_with_their_line(folder, source, message):
     (folder / "axis.py").write_text(source)
     with pytest.raises(StudyError) as refused:
         load_model(study(folder))
-    assert told in str(refused.value)
+    assert message in str(refused.value)
 
 
 def test_two_studies_may_both_have_an_axis(folder, tmp_path_factory):
@@ -368,15 +368,15 @@ def test_two_studies_may_both_have_an_axis(folder, tmp_path_factory):
 def test_names_and_units_are_checked_against_the_model(folder):
     text = SOUND.replace('column = "motor_force_N"', 'column = "motor_force_N", unit = "V"')
     text += '[initial]\nfree = ["carriage.sped"]\n"carriage.speed" = "measured"\n'
-    told = check_names(
+    found = check_names(
         study(folder, text),
         parameters={"mass.m": "kg", "friction.viscos": "N*s/m"},
         inputs=["reference.speed"],
         outputs={"motor.force": "N", "carriage.speed": "m/s"},
         states={"carriage.position": "m", "carriage.speed": "m/s"},
     )
-    assert len(told) == 6
-    message = "\n".join(told)
+    assert len(found) == 6
+    message = "\n".join(found)
     assert "[uncertain]: the model has no parameter 'friction.viscous'; nearest: 'friction.viscos'" in message
     assert "[inputs]: the model has no input 'reference.position'; nearest: 'reference.speed'" in message
     assert "[outputs]: the model has no output 'carriage.position'; it is a state of the model" in message

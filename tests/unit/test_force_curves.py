@@ -1,4 +1,4 @@
-"""What a force is a function of, and robust intervals."""
+"""What a force is a function of: position, speed, direction or time; its period and its law."""
 
 import numpy as np
 import pytest
@@ -6,10 +6,7 @@ import pytest
 from discrepancy.questions.force_curves import explain_force
 from discrepancy.questions.simple_laws import suggest_laws
 from discrepancy.statistics.periodicity import find_period, split_directions
-from discrepancy.statistics.projection import Layout
-from discrepancy.statistics.scan import held_out_gain
 from discrepancy.validation import linear_axes
-from estimation.fit.intervals import block_sandwich, measure_coverage, split_blocks
 
 
 @pytest.fixture(scope="module")
@@ -95,48 +92,3 @@ def test_faults_of_input():
         explain_force(np.zeros(100), {"x": np.zeros(3)})
     with pytest.raises(ValueError, match="constant"):
         explain_force(np.ones(100), {"x": np.zeros(100)})
-
-
-def test_intervals_cover_with_a_coloured_residual():
-    robust, white = measure_coverage(8, trials=200)
-    # Bar of the method: 90 to 98 %. 200 trials of three parameters: standard error about 1.3 %.
-    assert 0.90 < robust < 0.985
-    assert white < 0.5
-
-
-def test_interval_is_invariant_to_units_and_needs_blocks():
-    rng = np.random.default_rng(0)
-    J = [rng.standard_normal((50, 2)) for _ in range(6)]
-    r = [rng.standard_normal(50) for _ in range(6)]
-    a = block_sandwich(J, r)
-    b = block_sandwich([j * [1e6, 1e-6] for j in J], r)
-    np.testing.assert_allclose(a.std, b.std * [1e6, 1e-6], rtol=1e-6)
-    assert a.dof == 5
-    with pytest.raises(ValueError, match="two blocks"):
-        block_sandwich(J[:1], r[:1])
-    assert len(split_blocks([np.zeros((100, 2)), np.zeros((50, 2))], 6)) == 6
-
-
-def test_a_point_that_only_one_block_reaches_does_not_speak_against_a_curve():
-    """Of two columns the second acts in the last of eight blocks, and hardly in the others."""
-    rng = np.random.default_rng(3)
-    layout, n = Layout((200,) * 8, 1), 1600
-    Z = np.zeros((n, 2))
-    Z[:, 0] = np.sin(np.arange(n))
-    Z[:1400, 1], Z[1400:, 1] = 1e-4 * rng.standard_normal(1400), rng.standard_normal(200)
-    Z = np.linalg.qr(Z)[0]
-    e = Z @ np.array([30.0, 20.0]) + rng.standard_normal(n)
-    # the first amplitude is told by the others: 30²/2; the second by none, and costs next to nothing
-    assert held_out_gain(Z, e, layout, 1.0) == pytest.approx(450.0, rel=0.25)
-
-
-def test_what_goes_on_within_one_record_is_not_foretold_by_its_parts():
-    rng = np.random.default_rng(2)
-    count, n = 3, 400
-    layout = Layout((n,) * count, 1)
-    shape = np.tile(np.sin(np.linspace(0.0, np.pi, n)), count)
-    Z = (shape / np.linalg.norm(shape))[:, None]
-    once = np.concatenate([2.0 * shape[:n], np.zeros((count - 1) * n)])  # a disturbance that lasts one record
-    alone = held_out_gain(Z, once + rng.standard_normal(count * n), layout, 1.0)
-    always = held_out_gain(Z, 2.0 * shape + rng.standard_normal(count * n), layout, 1.0)
-    assert alone < 0.0 < always

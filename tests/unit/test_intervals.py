@@ -1,0 +1,26 @@
+"""Block-sandwich intervals: coverage under a coloured residual, units, number of blocks."""
+
+import numpy as np
+import pytest
+
+from estimation.fit.intervals import block_sandwich, measure_coverage, split_blocks
+
+
+def test_intervals_cover_with_a_coloured_residual():
+    robust, white = measure_coverage(8, trials=200)
+    # Bar of the method: 90 to 98 %. 200 trials of three parameters: standard error about 1.3 %.
+    assert 0.90 < robust < 0.985
+    assert white < 0.5
+
+
+def test_interval_is_invariant_to_units_and_needs_blocks():
+    rng = np.random.default_rng(0)
+    J = [rng.standard_normal((50, 2)) for _ in range(6)]
+    r = [rng.standard_normal(50) for _ in range(6)]
+    a = block_sandwich(J, r)
+    b = block_sandwich([j * [1e6, 1e-6] for j in J], r)
+    np.testing.assert_allclose(a.std, b.std * [1e6, 1e-6], rtol=1e-6)
+    assert a.dof == 5
+    with pytest.raises(ValueError, match="two blocks"):
+        block_sandwich(J[:1], r[:1])
+    assert len(split_blocks([np.zeros((100, 2)), np.zeros((50, 2))], 6)) == 6
