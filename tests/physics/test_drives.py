@@ -168,14 +168,14 @@ def test_lossy_gear_follows_the_power(T, F, speed):
     n, eta, J_a, J_b = 5.0, 0.8, 0.01, 2.0
     # v_s far below the speed, so that tanh is 1 to the last bit
     system = geared(Gear(ratio=n, efficiency=eta, v_s=1e-3), Inertia(J=J_b), speed=speed)
-    found = []
+    solutions = []
     for factor, way in ((1.0 / eta, 1.0), (eta, -1.0)):
         # J_a·n·α = T − factor·M/n and J_b·α = M + F
         M = (T - J_a * n / J_b * F) / (J_a * n / J_b + factor / n)
         if M * speed * way > 0.0:
-            found.append(n * (M + F) / J_b)
-    assert len(found) == 1
-    assert acceleration(system, T, F) == pytest.approx(found[0], rel=1e-10)
+            solutions.append(n * (M + F) / J_b)
+    assert len(solutions) == 1
+    assert acceleration(system, T, F) == pytest.approx(solutions[0], rel=1e-10)
 
 
 def test_efficiency_one_is_the_ideal_gear():

@@ -152,18 +152,18 @@ REFUSED = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_outside_the_subset(case, tmp_path):
     body, words = REFUSED[case]
-    told = refused(made(body, tmp_path))
-    assert words in told
-    assert re.match(r"part \(Made, machine\.py:\d+\): ", told)
+    message = refused(made(body, tmp_path))
+    assert words in message
+    assert re.match(r"part \(Made, machine\.py:\d+\): ", message)
 
 
 def test_the_line_is_that_of_the_fault(tmp_path):
-    told = refused(made("a = 1.0\nb = 2.0\nself.y = a + wrong\nself.der.s = 0.0", tmp_path))
-    line = int(re.search(r"machine\.py:(\d+)", told)[1])
+    message = refused(made("a = 1.0\nb = 2.0\nself.y = a + wrong\nself.der.s = 0.0", tmp_path))
+    line = int(re.search(r"machine\.py:(\d+)", message)[1])
     assert (tmp_path / "machine.py").read_text().splitlines()[line - 1].strip() == "self.y = a + wrong"
 
 
-def test_every_line_at_fault_is_told(tmp_path):
+def test_every_line_at_fault_is_reported(tmp_path):
     with pytest.raises(ModelError) as caught:
         built(made("self.y = wrong\nself.der.s = alsowrong\nself.k = 1.0", tmp_path))
     assert [w in f for w, f in zip(("'wrong'", "'alsowrong'", "'k'"), caught.value.faults, strict=False)][
@@ -197,9 +197,9 @@ KERNELS = {
 @pytest.mark.parametrize("case", KERNELS)
 def test_function_outside_the_subset(case, tmp_path):
     text, words = KERNELS[case]
-    told = refused(made("self.y = law(self.s)\nself.der.s = 0.0", tmp_path, text))
-    assert words in told
-    assert "law" in told
+    message = refused(made("self.y = law(self.s)\nself.der.s = 0.0", tmp_path, text))
+    assert words in message
+    assert "law" in message
 
 
 def test_class_whose_source_cannot_be_read():
@@ -207,9 +207,9 @@ def test_class_whose_source_cannot_be_read():
     exec(
         "class Made(Part):\n    def equations(self):\n        self.y = 1.0\n        self.der.s = 0.0\n", space
     )
-    told = refused(space["Made"])
-    assert "component 'part'" in told
-    assert "cannot be read: define the class in a file" in told
+    message = refused(space["Made"])
+    assert "component 'part'" in message
+    assert "cannot be read: define the class in a file" in message
 
 
 def test_equations_that_are_a_lambda():

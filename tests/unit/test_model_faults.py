@@ -1,4 +1,4 @@
-"""Every fault of a model is told at once, with the part that has it and what to do."""
+"""All faults of a model are reported together, with the part and the remedy."""
 
 from __future__ import annotations
 
@@ -124,10 +124,10 @@ def faults(model: Model) -> list[str]:
 
 def only(model: Model, *words: str) -> None:
     """Assert that the model has one fault, whose sentence has all the words."""
-    found = faults(model)
-    assert len(found) == 1, found
+    reported = faults(model)
+    assert len(reported) == 1, reported
     for word in words:
-        assert word in found[0]
+        assert word in reported[0]
 
 
 def oscillator() -> Model:
@@ -283,10 +283,10 @@ def test_model_input_of_different_units_or_feeding_nothing():
     model.input("both", "part.force", "gain.u")
     model.input("none")
     model.input("wrong", "part.forse")
-    told = "\n".join(faults(model))
-    assert "model input 'both' feeds inputs of different units (N and m at 'gain.u')" in told
-    assert "model input 'none' feeds nothing" in told
-    assert "'part.forse' is not an input of a component; did you mean 'part.force'?" in told
+    message = "\n".join(faults(model))
+    assert "model input 'both' feeds inputs of different units (N and m at 'gain.u')" in message
+    assert "model input 'none' feeds nothing" in message
+    assert "'part.forse' is not an input of a component; did you mean 'part.force'?" in message
 
 
 def test_model_input_and_output_declared_twice():
@@ -314,9 +314,9 @@ def test_not_a_component():
     model = oscillator()
     model.add("text", "Mass")
     model.add("kind", Mass)
-    found = faults(model)
-    assert "'text' is a str, not a component" in found[0]
-    assert "'kind' is the class Mass, not a component: add an instance" in found[1]
+    reported = faults(model)
+    assert "'text' is a str, not a component" in reported[0]
+    assert "'kind' is the class Mass, not a component: add an instance" in reported[1]
 
 
 def test_init_that_forgets_its_base():
@@ -371,7 +371,7 @@ def test_all_faults_at_once():
     model.connect("heavy.flange", "rope.c")
     model.add("broken", HalfAssigned())
     model.connect("broken.flange", "heavy.flange")
-    told = "\n".join(faults(model))
+    message = "\n".join(faults(model))
     for words in (
         "below its least value",
         "start value 'position'",
@@ -382,7 +382,7 @@ def test_all_faults_at_once():
         "rope.b",
         "one branch only",
     ):
-        assert words in told
+        assert words in message
 
 
 def test_values_replaced_by_name_are_checked():
@@ -646,10 +646,10 @@ def test_declaration_at_fault(body, words):
     cls = type("Made", (Component,), body)
     model = oscillator()
     model.add("part", cls())
-    told = "\n".join(faults(model))
-    assert "component 'part' (Made)" in told
+    message = "\n".join(faults(model))
+    assert "component 'part' (Made)" in message
     for word in words:
-        assert word in told
+        assert word in message
 
 
 def test_correct_declarations_need_no_unit_library():

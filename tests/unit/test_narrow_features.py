@@ -59,9 +59,9 @@ def exact(system):
 
 
 def test_one_place_says_what_passes_by_and_it_is_needed(system, exact):
-    found = step_limits(system, system.p)
-    assert found.widths == {"spot.speed": 0.01}
-    assert found.largest_step == math.inf
+    limits = step_limits(system, system.p)
+    assert limits.widths == {"spot.speed": 0.01}
+    assert limits.largest_step == math.inf
     missed = system.simulate(TIMES[-1], times=TIMES, rtol=1e-3, max_step=1.0, method="Rodas5P").states[-1, 1]
     assert missed == pytest.approx(2.0, abs=1e-9)
     assert exact(50.0)[-1, 1] < 1.6
@@ -91,10 +91,10 @@ def test_a_fit_sees_it_and_its_derivatives(system, exact):
         outputs=("body.velocity",),
         rtol=1e-4,
     )
-    found = experiment.respond(system, system.p, parameters=["spot.level"])
-    np.testing.assert_allclose(found.outputs[:, 0], exact(50.0)[:, 1], rtol=1e-3)
+    response = experiment.respond(system, system.p, parameters=["spot.level"])
+    np.testing.assert_allclose(response.outputs[:, 0], exact(50.0)[:, 1], rtol=1e-3)
     slope = (exact(50.1)[-1, 1] - exact(49.9)[-1, 1]) / 0.2
-    assert found.derivatives[-1, 0, 0] == pytest.approx(slope, rel=1e-2)
+    assert response.derivatives[-1, 0, 0] == pytest.approx(slope, rel=1e-2)
     assert slope < -5e-3
 
 
@@ -105,12 +105,12 @@ def test_transitions_from_sample_to_sample_go_past_it(system, exact):
         inputs=(),
         outputs=("body.velocity",),
     )
-    found = PerturbationResponse.along(experiment.simulation(system, system.p, system.start), ())
+    response = PerturbationResponse.along(experiment.simulation(system, system.p, system.start), ())
     ends = []
     for sign in (1.0, -1.0):
         start = dict(zip(system.state_names, system.start + sign * np.array([1e-4, 0.0]), strict=True))
         ends.append(system.simulate(TIMES[-1], times=TIMES, initial=start, max_step=1e-4, rtol=1e-10).states[-1])
-    whole = np.linalg.multi_dot(found.phi[::-1])
+    whole = np.linalg.multi_dot(response.phi[::-1])
     np.testing.assert_allclose(whole[:, 0], (ends[0] - ends[1]) / 2e-4, rtol=1e-3, atol=1e-3)
 
 

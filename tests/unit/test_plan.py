@@ -1,4 +1,4 @@
-"""Assembled equations that the next process finds again: the same to the last bit, and never stale."""
+"""Assembled equations from an earlier process: the same to the last bit, and never stale."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_a_damaged_file_is_assembled_anew(new_process):
     assert oscillator().build().texts["rhs"] == first.texts["rhs"]
 
 
-def test_a_faulty_model_is_told_every_time_and_old_plans_go(new_process, monkeypatch):
+def test_a_faulty_model_is_refused_every_time_and_old_plans_are_removed(new_process, monkeypatch):
     for _ in range(2):
         faulty = oscillator()
         faulty.input("force", "body.nothing")

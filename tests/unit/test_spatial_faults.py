@@ -1,4 +1,4 @@
-"""What is wrong with bodies and frames is told with the component's name, all of it at once."""
+"""All faults of bodies and frames are reported together, with the component's name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def faults(build) -> str:
 
 
 @pytest.mark.parametrize(
-    ("values", "told"),
+    ("values", "message"),
     [
         ({"mass": -1.0}, "'mass' is -1 kg, below its least value"),
         ({"mass": 0.0}, "give it a mass"),
@@ -35,10 +35,10 @@ def faults(build) -> str:
         ({"x": 1}, "option 'x' is 1: give one of True, False"),
     ],
 )
-def test_values(values, told):
+def test_values(values, message):
     text = faults(lambda m: m.add("cabin", Link(**{**GOOD, **values})))
     assert "component 'cabin'" in text
-    assert told in text
+    assert message in text
 
 
 def test_point_mass_and_thin_rod_are_bodies():

@@ -18,18 +18,18 @@ TEXTS = ("rhs", "outputs", "speeds", "rhs_tangent", "outputs_tangent", "rhs_colu
 
 @pytest.fixture
 def assembled(monkeypatch):
-    """Return the list of models that are assembled from now on, with nothing kept from before."""
-    found = []
+    """Return the list of models that are assembled from now on, starting with an empty cache."""
+    names = []
     real = assembly.assemble
 
-    def told(model, **options):
-        found.append(model.name)
+    def counted(model, **options):
+        names.append(model.name)
         return real(model, **options)
 
     structure_cache.clear()
     monkeypatch.setattr(plan, "_built", plan.BUILDS)
-    monkeypatch.setattr(assembly, "assemble", told)
-    yield found
+    monkeypatch.setattr(assembly, "assemble", counted)
+    yield names
     structure_cache.clear()
 
 
@@ -42,25 +42,25 @@ def oscillator(stiffness=100.0, mass=Mass, **start):
     return model
 
 
-def same(kept, fresh):
+def same(stored, fresh):
     for name in NAMED:
-        assert getattr(kept, name) == getattr(fresh, name), name
-    assert {n: kept.texts[n] for n in TEXTS} == {n: fresh.texts[n] for n in TEXTS}
-    np.testing.assert_array_equal(kept.sparsity, fresh.sparsity)
-    assert kept.places == fresh.places
+        assert getattr(stored, name) == getattr(fresh, name), name
+    assert {n: stored.texts[n] for n in TEXTS} == {n: fresh.texts[n] for n in TEXTS}
+    np.testing.assert_array_equal(stored.sparsity, fresh.sparsity)
+    assert stored.places == fresh.places
 
 
 def test_other_values_and_fewer_outputs_come_from_one_assembly(assembled):
     lift = Lift.one_dimensional()
     changed = lift.with_values({"cabin.mass": 321.0})
     lift.build(probes=True)
-    found = [m.build(probes=True, outputs=o) for m in (lift, changed) for o in (None, ("a_c", "F_c"))]
+    systems = [m.build(probes=True, outputs=o) for m in (lift, changed) for o in (None, ("a_c", "F_c"))]
     assert len(assembled) == 1
-    assert found[2].p[found[2].index("parameter", "cabin.mass")] == 321.0
-    assert found[0].p[found[0].index("parameter", "cabin.mass")] != 321.0
+    assert systems[2].p[systems[2].index("parameter", "cabin.mass")] == 321.0
+    assert systems[0].p[systems[0].index("parameter", "cabin.mass")] != 321.0
     for k, model in ((2, changed), (3, changed)):
         structure_cache.clear()
-        same(found[k], model.build(probes=True, outputs=None if k == 2 else ("a_c", "F_c")))
+        same(systems[k], model.build(probes=True, outputs=None if k == 2 else ("a_c", "F_c")))
     assert changed.inputs == lift.inputs  # their units, too
 
 
@@ -91,17 +91,17 @@ def test_what_is_not_a_value_is_another_structure(assembled, monkeypatch):
     assert structure_cache.structure_key(oscillator()) != before
 
 
-def test_faults_are_told_although_the_structure_is_known(assembled):
+def test_faults_are_reported_although_the_structure_is_known(assembled):
     oscillator().build()
     with pytest.raises(ModelError, match="least value"):
         oscillator(-1.0).build()
     with pytest.raises(ModelError, match=r"no output 'body\.positon'"):
         oscillator().build(outputs=["body.positon"])
     assert structure_cache.structure_key(oscillator(-1.0)) is None
-    kept = oscillator().components["spring"]
-    kept.made_of = object()  # what cannot be told apart
+    spring = oscillator().components["spring"]
+    spring.made_of = object()  # a value that cannot be part of a key
     model = Model("odd")
-    model.add("spring", kept)
+    model.add("spring", spring)
     assert structure_cache.structure_key(model) is None
 
 
@@ -114,7 +114,7 @@ def test_the_least_recently_used_structure_is_removed(assembled, monkeypatch):
     assert len(assembled) == 4
 
 
-def test_a_kept_plan_keeps_its_own_values(assembled):
+def test_a_stored_plan_keeps_its_own_values(assembled):
     first = oscillator(100.0).build()
     second = oscillator(101.0).build()
     assert [s.p[s.index("parameter", "spring.stiffness")] for s in (first, second)] == [100.0, 101.0]

@@ -1,4 +1,4 @@
-"""Systems: every method gives the same motion, inputs of every kind, failures that say when and where."""
+"""Systems: the same motion by every method, inputs of every kind, failures with time and state."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_the_step_never_jumps_over_a_sample(system, method):
     assert np.max(np.abs(run["body.velocity"])) == pytest.approx(100.0 * 0.01 / 2.0, rel=0.05)
 
 
-def test_missing_unknown_and_broken_inputs_are_told_at_once():
+def test_missing_unknown_and_broken_inputs_are_reported_together():
     model = Model("two")
     body = model.add("body", Mass(m=1.0))
     for name in ("one", "two", "three"):
@@ -134,7 +134,7 @@ def test_values_by_name_in_any_unit(system):
         ),
     ],
 )
-def test_what_does_not_fit_is_told(plain, arguments, words):
+def test_arguments_that_do_not_fit_are_refused(plain, arguments, words):
     with pytest.raises((ModelError, SimulationError)) as caught:
         plain.simulate(1.0, **{"inputs": {"force": 1.0}, **arguments})
     assert words in str(caught.value)
@@ -179,12 +179,12 @@ def test_failing_integration_says_when_and_in_which_state(method, component, tim
         warnings.simplefilter("ignore")  # LSODA warns as well
         with pytest.raises(SimulationError) as caught:
             model.build(compiled=method == "DormandPrince54").simulate(2.0, method=method)
-    told = str(caught.value)
-    assert "'m': " + method in told
-    assert "part." in told
-    stopped = float(re.search(r"between t = ([\d.e+-]+) s", told)[1])
+    message = str(caught.value)
+    assert "'m': " + method in message
+    assert "part." in message
+    stopped = float(re.search(r"between t = ([\d.e+-]+) s", message)[1])
     assert stopped == pytest.approx(time, abs=0.01)  # the last sample before, of 1001 over 2 s
-    assert "Last good state: part.x = " in told
+    assert "Last good state: part.x = " in message
 
 
 def test_a_model_without_states_can_be_simulated():
@@ -232,7 +232,7 @@ def test_no_equilibrium_says_what_remains():
     assert "force that nothing balances" in str(caught.value)
 
 
-def test_equilibrium_where_anything_is_one_stays_at_the_guess():
+def test_equilibrium_that_is_not_unique_is_the_one_nearest_to_the_guess():
     model = Model("free")
     model.add("body", Mass(m=2.0))
     assert model.build(compiled=False).equilibrium(guess={"body.position": 0.7})["body.position"] == 0.7
@@ -245,13 +245,13 @@ def test_unknown_input_of_an_analysis(plain):
 
 
 def test_linearisation_is_the_closed_form(plain):
-    found = plain.linearize()
-    assert pytest.approx(np.array([[0.0, 1.0], [-25.0, -0.5]])) == found.A
-    assert pytest.approx(np.array([[0.0], [0.5]])) == found.B
+    linear = plain.linearize()
+    assert pytest.approx(np.array([[0.0, 1.0], [-25.0, -0.5]])) == linear.A
+    assert pytest.approx(np.array([[0.0], [0.5]])) == linear.B
     row = plain.index("output", "wall")
-    assert found.C[row] == pytest.approx([50.0, 0.0])
-    assert found.D[row] == pytest.approx([0.0])
-    modes = found.modes()
+    assert linear.C[row] == pytest.approx([50.0, 0.0])
+    assert linear.D[row] == pytest.approx([0.0])
+    modes = linear.modes()
     assert modes["frequency [Hz]"].iloc[0] == pytest.approx(5.0 / (2 * math.pi))
     assert modes["damping ratio [1]"].iloc[0] == pytest.approx(0.05)
 
@@ -294,13 +294,13 @@ def test_energy_balance_is_exact(system):
     assert np.max(np.abs(balance)) < 1e-8
 
 
-def test_only_the_outputs_that_are_asked_for():
+def test_only_chosen_outputs_are_computed():
     system = driven(outputs=["wall"], compiled=False)
     assert system.output_names == ("wall",)
     assert system.simulate(0.1, inputs={"force": 1.0}, method="RK45")["wall"].size == 1001
 
 
-def test_no_step_jumps_over_a_feature_that_the_model_names():
+def test_no_step_jumps_over_a_declared_feature():
     model = Model("slide")
     body = model.add("body", Mass(m=1.0, velocity=2.0))
     spring = model.add("spring", Spring(stiffness=1e-3))
@@ -317,7 +317,7 @@ def test_no_step_jumps_over_a_feature_that_the_model_names():
 
 
 @pytest.mark.parametrize("method", ["auto", "DormandPrince54", "Rodas5P", "Exponential43"])
-def test_no_step_is_longer_than_what_passes_by_at_its_own_speed_and_the_run_is_made_once(method, monkeypatch):
+def test_steps_are_limited_at_the_speed_of_each_step_and_the_run_is_made_once(method, monkeypatch):
     import multibody.solvers as solvers
 
     model = Model("start from rest")
@@ -346,7 +346,7 @@ def test_no_step_is_longer_than_what_passes_by_at_its_own_speed_and_the_run_is_m
     assert held["body.position"][-1] == pytest.approx(4.0, rel=1e-6)
 
 
-def test_points_that_only_rounding_tells_apart_are_one_feature():
+def test_points_that_differ_by_rounding_are_one_feature():
     from multibody.system.narrow_features import _least_distance
 
     assert _least_distance((0.0, 1.0, 1.0 + 4e-16, 3.0)) == pytest.approx(1.0)

@@ -77,11 +77,11 @@ def test_simulations_in_processes_are_those_of_this_process_to_the_last_bit():
 
 
 def test_outputs_by_name_and_progress(monkeypatch):
-    told: list[str] = []
+    lines: list[str] = []
     with ThreadPoolExecutor(2) as pool:
-        outcomes = list(simulate_many(oscillator(), plan(3), ["body.position"], executor=pool, progress=told.append))
+        outcomes = list(simulate_many(oscillator(), plan(3), ["body.position"], executor=pool, progress=lines.append))
     assert [o.value.shape for o in outcomes] == [(1001, 1)] * 3
-    assert told == ["run 1", "run 2", "run 3"]
+    assert lines == ["run 1", "run 2", "run 3"]
     with pytest.raises(KeyError, match=r"no quantity 'body\.positron'"):
         simulate_many(oscillator(), plan(1), ["body.positron"])
 
