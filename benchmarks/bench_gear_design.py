@@ -31,7 +31,7 @@ def bench_start() -> Callable[[], None]:
     model({}, BASE, 0.05)
 
     def work() -> None:
-        model({}, BASE, Settings(32).length(BASE))
+        model({}, BASE, Settings(driving_teeth=32).length(BASE))
 
     return work
 
@@ -40,7 +40,7 @@ def bench_design() -> Callable[[], None]:
     """45 simulations, two processes"""
 
     def work() -> None:
-        with Runs(ModelSource(rig_vibration, "flexible", "bench"), Settings(32), processes=2) as runs:
+        with Runs(ModelSource(rig_vibration, "flexible", "bench"), Settings(driving_teeth=32), processes=2) as runs:
             runs.many(_wanted(45))
 
     return work

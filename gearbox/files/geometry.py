@@ -95,7 +95,7 @@ class ContactLines:
         return sum(abs(b - a) for a, b in self.z) / math.cos(self.base_helix)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GearPair:
     """Two external involute gears in mesh, in SI units and radians.
 

@@ -46,7 +46,7 @@ def hertz_stiffness(radius_1: float, radius_2: float, modulus: float, poisson: f
     return 4.0 / 3.0 * math.sqrt(radius) * 0.5 * modulus / (1.0 - poisson**2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GearParameters:
     """The pair of gears; see `gearbox.files.geometry.GearPair`."""
 
@@ -92,7 +92,7 @@ class MaterialParameters:
     poisson: float = number("", "Poisson's ratio", least=0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ContactParameters:
     """Contact of the teeth, Table 2."""
 
@@ -106,7 +106,7 @@ class ContactParameters:
     v_d: float = number("m/s", "dynamic transition speed", above=0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ShaftParameters:
     """A shaft, its gear in the middle between two bearings."""
 
@@ -117,7 +117,7 @@ class ShaftParameters:
     unbalance: float = number("kg*m", "mass times distance from the axis", least=0.0, default=0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BearingParameters:
     """The four bearings, all alike."""
 
@@ -139,7 +139,7 @@ class DriveParameters:
     lag: float = number("s", "time constant with which the speed follows its reference", above=0.0, default=1e-3)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StageParameters:
     """All numbers of a gear stage except the housing's modes; see the classes of its parts.
 

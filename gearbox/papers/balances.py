@@ -89,4 +89,4 @@ def _mesh_share(stage: GearStage) -> float:
     rate = 10000.0
     _, signals = simulate({}, SPEED, TORQUE, 0.48, rate, stage=stage)
     mesh = SPEED * stage.pair.teeth_1 / 60.0
-    return energy_share(Signal(signals["a_input_seat_y"], rate, "a_input_seat_y"), mesh * np.arange(1, 9))
+    return energy_share(Signal(signals["a_input_seat_y"], rate, name="a_input_seat_y"), mesh * np.arange(1, 9))

@@ -54,7 +54,9 @@ def rig_recordings(
     """
     from gearbox.rig.rig import CONDITIONS, GearRig, record
 
-    rig = GearRig(seed, manufacturing, housing=housing, conditions=CONDITIONS[:1] if base else CONDITIONS)
+    rig = GearRig(
+        seed=seed, manufacturing=manufacturing, housing=housing, conditions=CONDITIONS[:1] if base else CONDITIONS
+    )
     found, _ = record(rig, progress=lambda text: progress(f"rig with {housing} housing: {text}"))
     return [each.recording() for each in found]
 
@@ -87,9 +89,15 @@ def chain_on_rig(
 
     space = DesignSpace.from_mapping({name: (low, high, unit) for name, _, low, high, unit in PARAMETERS})
     start = {name: value for name, value, *_ in PARAMETERS}
-    settings = UpdatingSettings(space, start, SENSOR[housing], 32, **changes)
+    settings = UpdatingSettings(space=space, start=start, sensor=SENSOR[housing], driving_teeth=32, **changes)
     source = ModelSource(rig_vibration, housing, f"papers, {housing}")
-    runs = Runs(source, Settings(32), store=store, processes=min(2, len(os.sched_getaffinity(0))), progress=progress)
+    runs = Runs(
+        source,
+        Settings(driving_teeth=32),
+        store=store,
+        processes=min(2, len(os.sched_getaffinity(0))),
+        progress=progress,
+    )
     return UpdatingChain(settings, runs, recordings[:used], recordings[used:], progress=progress)
 
 
@@ -100,7 +108,7 @@ def rig_vibration(housing: str) -> Any:
     return build(housing=housing).vibration
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Success:
     """Outcome of the chain over several designs on the same recordings.
 
@@ -163,13 +171,13 @@ def success(
             found.append(chain.run())
     first = found[0]
     return Success(
-        first.start.simulated,
-        tuple(r.optimum.simulated for r in found),
-        tuple(r.optimum.predicted for r in found),
-        tuple(r.updated.simulated for r in found),
-        tuple(tuple(c.after.value for c in r.checks) for r in found),
-        tuple(c.before.value for c in first.checks),
-        tuple(c.after.bound for c in first.checks),
+        start=first.start.simulated,
+        optimum=tuple(r.optimum.simulated for r in found),
+        promised=tuple(r.optimum.predicted for r in found),
+        taken=tuple(r.updated.simulated for r in found),
+        others=tuple(tuple(c.after.value for c in r.checks) for r in found),
+        others_start=tuple(c.before.value for c in first.checks),
+        bounds=tuple(c.after.bound for c in first.checks),
     )
 
 
@@ -191,7 +199,7 @@ def true_values() -> dict[str, float]:
     """Contact parameters of the rig."""
     from gearbox.rig.rig import GearRig
 
-    return GearRig(RIG_SEED).true_values()
+    return GearRig(seed=RIG_SEED).true_values()
 
 
 def _span(values: Sequence[float]) -> str:

@@ -18,7 +18,7 @@ __all__ = ["BoxHousing", "box_housing_modes"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BoxHousing:
     """A closed box of plates with four feet at the corners of its floor.
 
@@ -135,7 +135,14 @@ def box_housing_modes(
         f"rho {box.density:g} kg/m**3, four feet of {box.foot:g} m {'held' if held else 'free'}; damping {damping:g} "
         "chosen"
     )
-    return ModeSet(name, np.sqrt(values[order]) / (2.0 * np.pi), np.full(count, damping), shapes, told, mounts=mounts)
+    return ModeSet(
+        name=name,
+        frequencies=np.sqrt(values[order]) / (2.0 * np.pi),
+        damping=np.full(count, damping),
+        shapes=shapes,
+        origin=told,
+        mounts=mounts,
+    )
 
 
 def _mesh(skfem: Any, box: BoxHousing) -> Any:

@@ -27,7 +27,7 @@ PLACES = (*SEATS, *SENSORS)
 MOUNT = "mount_"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ModeSet:
     """Mass-normalised modes of a housing.
 
@@ -160,7 +160,15 @@ class ModeSet:
         ratio = np.einsum("ij,ik,kj->j", turn, C, turn) / (2.0 * new)
         shapes, mounts = ({p: turn.T @ v for p, v in part.items()} for part in (self.shapes, self.mounts))
         told = f"{self.origin}; on {len(self.mounts)} mounts of {k.tolist()} N/m".lstrip("; ")
-        return ModeSet(self.name, new / (2.0 * np.pi), ratio, shapes, told, self.source, mounts)
+        return ModeSet(
+            name=self.name,
+            frequencies=new / (2.0 * np.pi),
+            damping=ratio,
+            shapes=shapes,
+            origin=told,
+            source=self.source,
+            mounts=mounts,
+        )
 
     def static_flexibility(self, seat: str, axis: str) -> float:
         """Return how far a seat gives way to a steady unit force along an axis, as far as the modes know, m/N."""
@@ -216,13 +224,13 @@ def read_modes(path: str | Path) -> ModeSet:
     if faults:
         raise GearError(source, faults)
     return ModeSet(
-        str(content.get("name", path.stem)),
-        np.array([r["frequency"] for r in rows], dtype=float),
-        np.array([r["damping"] for r in rows], dtype=float),
-        {p: np.array([r[p] for r in rows], dtype=float) for p in PLACES},
-        str(content.get("origin", "")),
-        source,
-        {p: np.array([r[p] for r in rows], dtype=float) for p in mounts},
+        name=str(content.get("name", path.stem)),
+        frequencies=np.array([r["frequency"] for r in rows], dtype=float),
+        damping=np.array([r["damping"] for r in rows], dtype=float),
+        shapes={p: np.array([r[p] for r in rows], dtype=float) for p in PLACES},
+        origin=str(content.get("origin", "")),
+        source=source,
+        mounts={p: np.array([r[p] for r in rows], dtype=float) for p in mounts},
     )
 
 
@@ -261,7 +269,9 @@ def _text(value: str) -> str:
 def clamped_modes() -> ModeSet:
     """Return the set without modes: seats that stand still."""
     none = np.empty(0)
-    return ModeSet("clamped", none, none, {p: np.empty((0, 3)) for p in PLACES}, "no motion")
+    return ModeSet(
+        name="clamped", frequencies=none, damping=none, shapes={p: np.empty((0, 3)) for p in PLACES}, origin="no motion"
+    )
 
 
 def rigid_modes(
@@ -308,7 +318,13 @@ def rigid_modes(
     values, vectors = np.linalg.eigh(root[:, None] * K * root)
     shapes = {p: (_motion(np.asarray(places[p], dtype=float)) @ (root[:, None] * vectors)).T for p in PLACES}
     frequencies = np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi)
-    return ModeSet(name, frequencies, np.full(6, damping), shapes, "rigid body on four mounts")
+    return ModeSet(
+        name=name,
+        frequencies=frequencies,
+        damping=np.full(6, damping),
+        shapes=shapes,
+        origin="rigid body on four mounts",
+    )
 
 
 def _motion(place: Array) -> Array:

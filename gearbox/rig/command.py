@@ -59,7 +59,12 @@ def main(arguments: list[str]) -> int:
     if given.out is None:
         raise BenchError(["--out DIR is missing: name a folder for the recordings, or ask for --list"])
     rig = GearRig(
-        given.seed, given.manufacturing, given.strength, noise=given.noise, housing=given.housing)  # fmt: skip
+        seed=given.seed,
+        manufacturing=given.manufacturing,
+        strength=given.strength,
+        noise=given.noise,
+        housing=given.housing,
+    )
     with ProgressLine(given.quiet) as progress:
         progress("preparing the stage of the rig")
         make = make_encoders if given.encoders else make_gear

@@ -35,7 +35,7 @@ SIGNALS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DatasetPlan:
     """What a data set holds: every label at every severity, speed and load, several times.
 
@@ -113,13 +113,21 @@ class DatasetPlan:
                         for _ in range(self.repeats):
                             rng = np.random.default_rng([self.seed, count])
                             yield Sample(
-                                f"{count:05d}", label, where, float(severity), float(speed), float(torque),
-                                int(rng.integers(0, 32)), float(rng.uniform(-np.pi, np.pi)),
-                                float(rng.uniform(0.0, 2.0 * np.pi)), [self.seed, count])  # fmt: skip
+                                name=f"{count:05d}",
+                                label=label,
+                                where=where,
+                                severity=float(severity),
+                                speed=float(speed),
+                                torque=float(torque),
+                                tooth=int(rng.integers(0, 32)),
+                                phase=float(rng.uniform(-np.pi, np.pi)),
+                                start_angle=float(rng.uniform(0.0, 2.0 * np.pi)),
+                                seed=[self.seed, count],
+                            )
                             count += 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Sample:
     """One recording: label, place, severity, speed (r/min), torque (N m), tooth, phase and start angle (rad), seed."""
 

@@ -55,7 +55,9 @@ class HiddenFault:
         phase, tooth = float(rng.uniform(-np.pi, np.pi)), int(rng.integers(0, 30))
         # the drive begins at an angle that is drawn: what lies on a shaft needs none of its own
         phase = 0.0 if self.where in SHAFTS else phase
-        return Fault(self.kind, self.where, self.size / self.kind.size, tooth, phase).values()
+        return Fault(
+            kind=self.kind, where=self.where, severity=self.size / self.kind.size, tooth=tooth, phase=phase
+        ).values()
 
     def patterns(self, teeth: Sequence[int]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Tables of the model that belong to it: the pitch error over the teeth of a gear, of unit RMS."""

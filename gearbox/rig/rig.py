@@ -49,7 +49,7 @@ TRUE_RANGES = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GearRig:
     """How the rig is run.
 
@@ -140,7 +140,7 @@ class GearRig:
         return hidden + usual
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RigRecording:
     """One recording of the rig.
 
@@ -165,7 +165,7 @@ class RigRecording:
     def recording(self, sensors: Sequence[str] = ACCELEROMETERS) -> Recording:
         """The same as the updating chain takes it, without a file."""
         rate = 1.0 / float(self.stamps[1] - self.stamps[0])
-        signals = {s: Signal(self.columns[f"{s} [m/s2]"], rate, s, "m/s**2") for s in sensors}
+        signals = {s: Signal(self.columns[f"{s} [m/s2]"], rate, name=s, unit="m/s**2") for s in sensors}
         return Recording(self.reported, signals)
 
 
@@ -246,7 +246,9 @@ def record(
             columns[channel.column] = rig.logger.read(channel, fine[: seen.size], seen, stamps, rng)
         plain = name.partition("_")[2].lstrip("0123456789_").replace("_", " ")
         reported = OperatingCondition(rpm, torque, plain)
-        found.append(RigRecording(name, stamps, columns, reported, true, identify))
+        found.append(
+            RigRecording(name=name, stamps=stamps, columns=columns, reported=reported, true=true, identify=identify)
+        )
     return found, faults
 
 

@@ -15,7 +15,7 @@ __all__ = ["LineFit", "energy_share", "find_mesh_frequency", "fit_lines", "harmo
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LineFit:
     """Lines fitted to a signal: y(t) = mean + Σ Re(a_k e^{2πi f_k t}), t from the signal's first sample.
 
@@ -83,7 +83,13 @@ def fit_lines(signal: Signal, frequencies: ArrayLike) -> LineFit:
     total = float(centred @ centred)
     share = 1.0 - float(residual @ residual) / total if total > 0.0 else 0.0
     amplitudes = solution[1 : 1 + f.size] + 1j * solution[1 + f.size :]
-    return LineFit(f, amplitudes, float(solution[0]), max(share, 0.0), float(np.sqrt(np.mean(residual**2))))
+    return LineFit(
+        frequencies=f,
+        amplitudes=amplitudes,
+        mean=float(solution[0]),
+        share=max(share, 0.0),
+        residual_rms=float(np.sqrt(np.mean(residual**2))),
+    )
 
 
 def harmonics_in(fundamental: float, low: float, high: float) -> Array:

@@ -24,7 +24,7 @@ ACCEPTED_ERROR = 0.05
 _HIGHEST_ORDER = 9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MainComponents:
     """The highest peaks of a spectrum against multiples of the mesh frequency (Eq. 3).
 
@@ -109,7 +109,13 @@ def main_components(signal: Signal, mesh_frequency: float, count: int = 3) -> Ma
     frequencies = [_between(a, f, int(i)) for i in peaks]
     orders = [max(1, round(each / mesh_frequency)) for each in frequencies]
     errors = [each / (k * mesh_frequency) - 1.0 for each, k in zip(frequencies, orders, strict=True)]
-    return MainComponents(mesh_frequency, tuple(frequencies), tuple(a[peaks].tolist()), tuple(orders), tuple(errors))
+    return MainComponents(
+        mesh_frequency=mesh_frequency,
+        frequencies=tuple(frequencies),
+        amplitudes=tuple(a[peaks].tolist()),
+        orders=tuple(orders),
+        errors=tuple(errors),
+    )
 
 
 def _between(a: Array, f: Array, i: int) -> float:

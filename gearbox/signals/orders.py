@@ -159,10 +159,12 @@ def order_track(signal: Signal, revolutions: ArrayLike, per_revolution: int) -> 
     grid = np.arange(first, last + 1.0) / per_revolution
     times = CubicSpline(turns, np.arange(turns.size) / signal.rate)(grid)
     times = np.clip(times, 0.0, (len(signal) - 1) / signal.rate)
-    return Signal(value_at(signal, times), float(per_revolution), signal.name, signal.unit, float(grid[0]))
+    return Signal(
+        value_at(signal, times), float(per_revolution), name=signal.name, unit=signal.unit, start=float(grid[0])
+    )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SynchronousAverage:
     """What repeats with a shaft, and what does not.
 
@@ -235,4 +237,11 @@ def synchronous_average(tracked: Signal, revolutions: int = 1) -> SynchronousAve
     total = float((blocks**2).mean())
     left = float(((blocks - mean) ** 2).sum() / ((count - 1) * length))
     share = max(1.0 - left / total, 0.0) if total > 0.0 else 0.0
-    return SynchronousAverage(mean, tracked.rate, count, share, float(np.sqrt(left / count)), tracked.unit)
+    return SynchronousAverage(
+        values=mean,
+        per_revolution=tracked.rate,
+        count=count,
+        share=share,
+        std_error=float(np.sqrt(left / count)),
+        unit=tracked.unit,
+    )

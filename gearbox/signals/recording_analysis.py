@@ -49,7 +49,9 @@ def read_npz(path: str | Path, rate: str = "fs_Hz", unit: str = "m/s**2") -> dic
         if rate not in archive.files:
             raise SignalError(f"{path.name}: has no '{rate}' with the sampling rate; it has {', '.join(archive.files)}")
         fs = float(archive[rate])
-        return {n: Signal(archive[n], fs, n, unit) for n in archive.files if n != rate and archive[n].ndim == 1}
+        return {
+            n: Signal(archive[n], fs, name=n, unit=unit) for n in archive.files if n != rate and archive[n].ndim == 1
+        }
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class Explained:
     held_out: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RecordingAnalysis:
     """What one channel of a recording says.
 
@@ -209,13 +211,13 @@ def analyse(
     ):
         found.append(_judged(name, parts, orders, begin, first))
     return RecordingAnalysis(
-        signal,
-        mesh,
-        components,
-        lines,
-        tuple(found),
-        synchronous_average(tracked.cut(begin, whole)),
-        _unexplained(signal, lines),
+        signal=signal,
+        mesh_frequency=mesh,
+        components=components,
+        lines=lines,
+        explained=tuple(found),
+        average=synchronous_average(tracked.cut(begin, whole)),
+        unexplained=_unexplained(signal, lines),
     )
 
 

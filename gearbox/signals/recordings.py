@@ -94,6 +94,7 @@ class Recording:
         rpm = float(np.mean(record.signals[speed].values)) * 30.0 / np.pi
         torque = float(np.mean(record.signals[load].values))
         signals = {
-            each: Signal(record.signals[each].values, 1.0 / step, each, record.signals[each].unit) for each in sensors
+            each: Signal(record.signals[each].values, 1.0 / step, name=each, unit=record.signals[each].unit)
+            for each in sensors
         }
         return cls(OperatingCondition(abs(rpm), torque, name or record.name), signals)

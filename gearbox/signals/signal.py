@@ -6,7 +6,7 @@ Measured and simulated signals go through the same :class:`Processing`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -61,6 +61,7 @@ class Signal:
 
     values: Array
     rate: float
+    _: KW_ONLY
     name: str = "acceleration"
     unit: str = "m/s**2"
     start: float = 0.0

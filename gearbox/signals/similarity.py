@@ -202,7 +202,7 @@ def upper_bound(measured: Signal, mesh_frequency: float, band: tuple[float, floa
     return float(np.sqrt(share)), share
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Similarity:
     """A cosine similarity and everything that it depends on.
 
@@ -339,7 +339,18 @@ def similarity(
         bound = upper_bound(compared, mesh_frequency, band or (0.0, 0.999 * measured.nyquist))
     highest, share = bound or (float("nan"), float("nan"))
     above = float(np.mean(cosines > 0.6))
-    return Similarity(value, chosen, rule, max_lag, as_they_stand, float(cosines.min()), above, ratio, highest, share)
+    return Similarity(
+        value=value,
+        lag=chosen,
+        rule=rule,
+        max_lag=max_lag,
+        as_they_stand=as_they_stand,
+        lowest=float(cosines.min()),
+        share_above=above,
+        speed_ratio=ratio,
+        bound=highest,
+        mesh_share=share,
+    )
 
 
 def _mesh_lag(measured: Signal, virtual: Signal, mesh: float, band: Sequence[float] | None) -> float:

@@ -35,7 +35,7 @@ _LUCK = 1e-3
 _ALSO = 6
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Spectrum:
     """One-sided amplitude spectrum.
 
@@ -113,11 +113,15 @@ def spectrum(signal: Signal, window: str = "hann") -> Spectrum:
     amplitudes = np.asarray(2.0 * np.abs(np.fft.rfft(values)) / w.sum())
     width = len(signal) * float((w**2).sum() / w.sum() ** 2) / signal.duration
     return Spectrum(
-        np.asarray(np.fft.rfftfreq(len(signal), 1.0 / signal.rate)), amplitudes, width, signal.unit, signal.name
+        frequencies=np.asarray(np.fft.rfftfreq(len(signal), 1.0 / signal.rate)),
+        amplitudes=amplitudes,
+        resolution=width,
+        unit=signal.unit,
+        name=signal.name,
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Line:
     """A line that was looked for.
 
@@ -282,9 +286,18 @@ def name_lines(
             and abs(other.frequency - w.frequency) < whole.resolution
         )
         lines.append(
-            Line(w.name, w.frequency, w.mesh_order, w.shaft, w.sideband, also, amplitude, noise,
-                 bool(amplitude > threshold * noise))
-        )  # fmt: skip
+            Line(
+                name=w.name,
+                frequency=w.frequency,
+                mesh_order=w.mesh_order,
+                shaft=w.shaft,
+                sideband=w.sideband,
+                also=also,
+                amplitude=amplitude,
+                noise=noise,
+                found=bool(amplitude > threshold * noise),
+            )
+        )
     return LineTable(tuple(lines), mesh_frequency, dict(shafts), signal.unit)
 
 

@@ -23,7 +23,7 @@ AnyStage = TypeVar("AnyStage", bound=GearModel)
 HEALTHY = "healthy"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FaultKind:
     """A kind of fault.
 
@@ -74,47 +74,187 @@ class FaultKind:
 
 
 _ROWS = (
-    FaultKind("eccentricity", "eccentricity", "The teeth run out of true with their axis.", GEARS,
-              ("mesh.eccentricity_{n}",), 50e-6, "m", phase="mesh.high_{n}", usual=0.4, usual_at="output_gear"),
-    FaultKind("pitch_error", "pitch_error", "The spacing of the teeth has two waves around the gear.", GEARS,
-              ("mesh.lobes_cos_{n}",), 15e-6, "m", usual=0.4, usual_at="output_gear"),
-    FaultKind("profile_error", "profile_error", "The flanks have too much material at one end of the path of contact.",
-              ("mesh",), ("mesh.profile_slope",), 15e-6, "m"),
-    FaultKind("profile_form", "profile_error", "The flanks are fuller at both ends of the path of contact.", ("mesh",),
-              ("mesh.profile_form",), 16e-6, "m", usual=0.25),
-    FaultKind("misalignment", "misalignment", "The axes are not parallel: the flanks carry at one end of the face.",
-              ("mesh",), ("mesh.misalignment",), 1e-3, "rad", usual=0.3),
-    FaultKind("wear", "wear", "Material is worn off where the flanks slide.", ("mesh",), ("mesh.wear",), 20e-6, "m",
-              usual=0.25),
-    FaultKind("mesh_stiffness_variation", "mesh_stiffness_variation", "The stiffness of the teeth varies over a turn.",
-              GEARS, ("mesh.variation_{n}",), 0.2, "", usual=0.4, usual_at="output_gear"),
-    FaultKind("mesh_backlash", "mesh_backlash", "There is more backlash than there should be.", ("mesh",),
-              ("mesh.added_backlash",), 4e-4, "m", usual=0.25),
-    FaultKind("tooth_crack", "tooth_defect", "A crack at its root makes one tooth softer.", GEARS,
-              ("mesh.crack_{n}",), 0.6, "", tooth="mesh.damaged_{n}", usual=2.0 / 3.0),
-    FaultKind("missing_tooth", "tooth_defect", "One tooth is broken off; severity 1 is all of it.", GEARS,
-              ("mesh.crack_{n}",), 1.0, "", tooth="mesh.damaged_{n}"),
-    FaultKind("chipped_tooth", "tooth_defect", "A piece of one tooth is broken off at the end of the face.", GEARS,
-              ("mesh.chip_{n}",), 0.5, "", tooth="mesh.damaged_{n}"),
-    FaultKind("spall", "tooth_defect", "One flank has a pit near the pitch line.", GEARS,
-              ("mesh.spall_{n}",), 60e-6, "m", tooth="mesh.damaged_{n}"),
-    FaultKind("unbalance", "unbalance", "The centre of mass lies off the axis.", SHAFTS,
-              ("{where}.unbalance",), 5e-3, "kg*m", phase="{where}.unbalance_angle", usual=0.08),
-    FaultKind("bearing_clearance", "bearing_clearance", "A bearing has play.", BEARINGS, ("{where}.clearance",), 30e-6,
-              "m", usual=4.0 / 15.0),
-    FaultKind("bearing_outer", "bearing_defect", "The outer ring of a bearing has a pit.", BEARINGS,
-              ("{where}.outer_pit",), 10e-6, "m", phase="{where}.outer_angle", usual=0.6),
-    FaultKind("bearing_inner", "bearing_defect", "The inner ring of a bearing has a pit.", BEARINGS,
-              ("{where}.inner_pit",), 10e-6, "m"),
-    FaultKind("bearing_element", "bearing_defect", "A rolling element of a bearing has a pit.", BEARINGS,
-              ("{where}.element_pit",), 10e-6, "m"),
-)  # fmt: skip
+    FaultKind(
+        label="eccentricity",
+        kind="eccentricity",
+        what="The teeth run out of true with their axis.",
+        where=GEARS,
+        parameters=("mesh.eccentricity_{n}",),
+        size=50e-6,
+        unit="m",
+        phase="mesh.high_{n}",
+        usual=0.4,
+        usual_at="output_gear",
+    ),
+    FaultKind(
+        label="pitch_error",
+        kind="pitch_error",
+        what="The spacing of the teeth has two waves around the gear.",
+        where=GEARS,
+        parameters=("mesh.lobes_cos_{n}",),
+        size=15e-6,
+        unit="m",
+        usual=0.4,
+        usual_at="output_gear",
+    ),
+    FaultKind(
+        label="profile_error",
+        kind="profile_error",
+        what="The flanks have too much material at one end of the path of contact.",
+        where=("mesh",),
+        parameters=("mesh.profile_slope",),
+        size=15e-6,
+        unit="m",
+    ),
+    FaultKind(
+        label="profile_form",
+        kind="profile_error",
+        what="The flanks are fuller at both ends of the path of contact.",
+        where=("mesh",),
+        parameters=("mesh.profile_form",),
+        size=16e-6,
+        unit="m",
+        usual=0.25,
+    ),
+    FaultKind(
+        label="misalignment",
+        kind="misalignment",
+        what="The axes are not parallel: the flanks carry at one end of the face.",
+        where=("mesh",),
+        parameters=("mesh.misalignment",),
+        size=1e-3,
+        unit="rad",
+        usual=0.3,
+    ),
+    FaultKind(
+        label="wear",
+        kind="wear",
+        what="Material is worn off where the flanks slide.",
+        where=("mesh",),
+        parameters=("mesh.wear",),
+        size=20e-6,
+        unit="m",
+        usual=0.25,
+    ),
+    FaultKind(
+        label="mesh_stiffness_variation",
+        kind="mesh_stiffness_variation",
+        what="The stiffness of the teeth varies over a turn.",
+        where=GEARS,
+        parameters=("mesh.variation_{n}",),
+        size=0.2,
+        unit="",
+        usual=0.4,
+        usual_at="output_gear",
+    ),
+    FaultKind(
+        label="mesh_backlash",
+        kind="mesh_backlash",
+        what="There is more backlash than there should be.",
+        where=("mesh",),
+        parameters=("mesh.added_backlash",),
+        size=4e-4,
+        unit="m",
+        usual=0.25,
+    ),
+    FaultKind(
+        label="tooth_crack",
+        kind="tooth_defect",
+        what="A crack at its root makes one tooth softer.",
+        where=GEARS,
+        parameters=("mesh.crack_{n}",),
+        size=0.6,
+        unit="",
+        tooth="mesh.damaged_{n}",
+        usual=2.0 / 3.0,
+    ),
+    FaultKind(
+        label="missing_tooth",
+        kind="tooth_defect",
+        what="One tooth is broken off; severity 1 is all of it.",
+        where=GEARS,
+        parameters=("mesh.crack_{n}",),
+        size=1.0,
+        unit="",
+        tooth="mesh.damaged_{n}",
+    ),
+    FaultKind(
+        label="chipped_tooth",
+        kind="tooth_defect",
+        what="A piece of one tooth is broken off at the end of the face.",
+        where=GEARS,
+        parameters=("mesh.chip_{n}",),
+        size=0.5,
+        unit="",
+        tooth="mesh.damaged_{n}",
+    ),
+    FaultKind(
+        label="spall",
+        kind="tooth_defect",
+        what="One flank has a pit near the pitch line.",
+        where=GEARS,
+        parameters=("mesh.spall_{n}",),
+        size=60e-6,
+        unit="m",
+        tooth="mesh.damaged_{n}",
+    ),
+    FaultKind(
+        label="unbalance",
+        kind="unbalance",
+        what="The centre of mass lies off the axis.",
+        where=SHAFTS,
+        parameters=("{where}.unbalance",),
+        size=5e-3,
+        unit="kg*m",
+        phase="{where}.unbalance_angle",
+        usual=0.08,
+    ),
+    FaultKind(
+        label="bearing_clearance",
+        kind="bearing_clearance",
+        what="A bearing has play.",
+        where=BEARINGS,
+        parameters=("{where}.clearance",),
+        size=30e-6,
+        unit="m",
+        usual=4.0 / 15.0,
+    ),
+    FaultKind(
+        label="bearing_outer",
+        kind="bearing_defect",
+        what="The outer ring of a bearing has a pit.",
+        where=BEARINGS,
+        parameters=("{where}.outer_pit",),
+        size=10e-6,
+        unit="m",
+        phase="{where}.outer_angle",
+        usual=0.6,
+    ),
+    FaultKind(
+        label="bearing_inner",
+        kind="bearing_defect",
+        what="The inner ring of a bearing has a pit.",
+        where=BEARINGS,
+        parameters=("{where}.inner_pit",),
+        size=10e-6,
+        unit="m",
+    ),
+    FaultKind(
+        label="bearing_element",
+        kind="bearing_defect",
+        what="A rolling element of a bearing has a pit.",
+        where=BEARINGS,
+        parameters=("{where}.element_pit",),
+        size=10e-6,
+        unit="m",
+    ),
+)
 
 #: all kinds by label
 FAULTS: dict[str, FaultKind] = {row.label: row for row in _ROWS}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fault:
     """A kind of fault at a place, with its severity.
 
@@ -193,7 +333,7 @@ def fault(label: str, where: str = "", severity: float = 1.0, *, tooth: int = 0,
         faults.append(f"its phase is {phase}: give an angle in rad")
     if faults:
         raise GearError(f"the fault '{label}'", faults)
-    return Fault(kind, where, float(severity), int(tooth), float(phase))
+    return Fault(kind=kind, where=where, severity=float(severity), tooth=int(tooth), phase=float(phase))
 
 
 def _all() -> str:

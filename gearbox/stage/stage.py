@@ -97,7 +97,7 @@ class GearStage(GearModel):
             condition.speed_rpm, condition.load_Nm, duration, rate=rate, settle=_VIBRATION_SETTLE,
             parameters=self.values(**values), **_VIBRATION_METHOD)  # fmt: skip
         names = [name for name in self.outputs if name.startswith("a_")]
-        return {name: Signal(run[name], rate, name, "m/s**2") for name in names}
+        return {name: Signal(run[name], rate, name=name, unit="m/s**2") for name in names}
 
 
 def build(

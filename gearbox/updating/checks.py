@@ -59,7 +59,7 @@ def directions(
     lines = MeasuredLines.of(problem.identify[0], (s.sensor,), orders, s.driving_teeth)
     compared = [
         (
-            AmplitudeObjective((lines,), tuple(orders), s.driving_teeth, True),
+            AmplitudeObjective(measured=(lines,), orders=tuple(orders), driving_teeth=s.driving_teeth, free_gain=True),
             f"cosine similarity at {problem.identify[0].name} (mesh orders {', '.join(map(str, orders))} in the band)",
         ),
         (

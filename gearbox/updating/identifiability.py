@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 LIMIT = 0.15
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Identifiability:
     """Directions in the scaled parameters, best known first.
 
@@ -180,7 +180,13 @@ def identifiability(
     with np.errstate(divide="ignore"):
         std = noise / singular
     return Identifiability(
-        space, np.array([point[n] for n in names]), rows_v[: len(names)], std, noise, max(left, 0), what
+        space=space,
+        point=np.array([point[n] for n in names]),
+        directions=rows_v[: len(names)],
+        std=std,
+        noise=noise,
+        numbers=max(left, 0),
+        what=what,
     )
 
 

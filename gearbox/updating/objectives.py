@@ -40,7 +40,7 @@ class Objective(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SimilarityObjective:
     """Cosine similarity of one sensor in one recording (Eq. 8).
 
@@ -171,7 +171,7 @@ class MeasuredLines:
         return cls(recording.condition, amplitudes, errors)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class AmplitudeObjective:
     """Amplitudes and phases at the mesh orders, over several recordings and sensors.
 
@@ -271,7 +271,9 @@ class AmplitudeObjective:
             )
             for r in recordings
         ]
-        return AmplitudeObjective(kept, tuple(orders), self.driving_teeth, free_gain, self.name)
+        return AmplitudeObjective(
+            measured=kept, orders=tuple(orders), driving_teeth=self.driving_teeth, free_gain=free_gain, name=self.name
+        )
 
 
 def _best_turn(product: Complex, orders: NDArray[np.int_]) -> float:

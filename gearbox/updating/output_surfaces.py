@@ -22,7 +22,7 @@ __all__ = ["OutputSurfaces", "fit_output_surfaces", "output_surface_study"]
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class OutputSurfaces:
     """An objective of amplitudes, predicted from surfaces of each amplitude's real and imaginary part.
 
@@ -117,12 +117,28 @@ def fit_output_surfaces(
         warnings.simplefilter("ignore", SurrogateWarning)
         surfaces = tuple(fit_response_surface(space, points, column, order=order) for column in numbers.T)
     values = np.array([1.0 - objective.misfit(t) for t in tables])
-    found = OutputSurfaces(objective, space, surfaces, points, values, None, tables.shape[1:])
+    found = OutputSurfaces(
+        objective=objective,
+        space=space,
+        surfaces=surfaces,
+        train_points=points,
+        train_responses=values,
+        test_quality=None,
+        shape=tables.shape[1:],
+    )
     if test is None:
         return found
     wanted = np.array([1.0 - objective.misfit(t) for t in test[1]])
     judged = TestQuality.of(wanted, found.predict(test[0]))
-    return OutputSurfaces(objective, space, surfaces, points, values, judged, tables.shape[1:])
+    return OutputSurfaces(
+        objective=objective,
+        space=space,
+        surfaces=surfaces,
+        train_points=points,
+        train_responses=values,
+        test_quality=judged,
+        shape=tables.shape[1:],
+    )
 
 
 def output_surface_study(

@@ -63,7 +63,13 @@ class UpdatingProblem:
         """The paper's objective at the base condition, its lag held if the rule says so."""
         s = self.settings
         rule = "best" if s.rule == "held" else s.rule
-        free = SimilarityObjective(self.identify[0], s.sensor, s.processing, s.driving_teeth, rule)
+        free = SimilarityObjective(
+            recording=self.identify[0],
+            sensor=s.sensor,
+            processing=s.processing,
+            driving_teeth=s.driving_teeth,
+            rule=rule,
+        )
         if s.rule != "held":
             return free
         lag = free.similarity(self.start_runs(free.conditions)[0]).lag
@@ -74,7 +80,7 @@ class UpdatingProblem:
         s = self.settings
         sensors = s.sensors or (s.sensor,)
         lines = [MeasuredLines.of(each, sensors, s.orders, s.driving_teeth) for each in recordings]
-        return AmplitudeObjective(lines, s.orders, s.driving_teeth, free_gain)
+        return AmplitudeObjective(measured=lines, orders=s.orders, driving_teeth=s.driving_teeth, free_gain=free_gain)
 
     @cached_property
     def amplitudes(self) -> AmplitudeObjective:

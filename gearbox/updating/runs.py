@@ -249,5 +249,5 @@ class Runs:
         with np.load(self._signals_of(key), allow_pickle=False) as arrays:
             for name in arrays.files:
                 sensor, rate, unit = name.split("|")
-                found[sensor] = Signal(arrays[name], float(rate), sensor, unit)
+                found[sensor] = Signal(arrays[name], float(rate), name=sensor, unit=unit)
         return found

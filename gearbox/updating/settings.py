@@ -17,7 +17,7 @@ ObjectiveKind = Literal["similarity", "amplitudes"]
 Method = Literal["firefly", "differential_evolution", "direct", "multistart"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class UpdatingSettings:
     """How a model is updated.
 

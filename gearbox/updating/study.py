@@ -89,7 +89,12 @@ class UpdatingStudy:
     def virtual(self) -> Settings:
         """How the model is run."""
         t = self.table
-        return Settings(t.driving_teeth, t.periodic, t.periods, duration=self.processing().needed + 0.01)
+        return Settings(
+            driving_teeth=t.driving_teeth,
+            periodic=t.periodic,
+            periods=t.periods,
+            duration=self.processing().needed + 0.01,
+        )
 
     def source(self) -> ModelSource:
         """Where the model comes from, for other processes too."""

@@ -28,7 +28,7 @@ VibrationModel = Callable[[Mapping[str, float], OperatingCondition, float], Mapp
 PERIODIC_LIMIT = 0.02
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """How a virtual model is run.
 
@@ -57,7 +57,7 @@ class Settings:
         return self.periods / condition.mesh_frequency(self.driving_teeth) if self.periodic else self.duration
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Run:
     """What a virtual model gave for one set of parameters at one condition.
 
@@ -116,7 +116,7 @@ class Run:
         total = np.zeros(t.size, dtype=complex)
         for a in lines[kept][::-1]:
             total = (total + a) * turned
-        return Signal(total.real, rate, sensor, self.units.get(sensor, ""))
+        return Signal(total.real, rate, name=sensor, unit=self.units.get(sensor, ""))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain content, for a line of JSON; signals are kept elsewhere."""
@@ -178,7 +178,26 @@ def run_model(
         units = {sensor: each.unit for sensor, each in signals.items()}
     except (ValueError, ArithmeticError, RuntimeError) as error:
         text = f"{type(error).__name__}: {error}"
-        return Run(dict(values), condition, mesh, {}, {}, 0.0, time.perf_counter() - begun, text)
+        return Run(
+            values=dict(values),
+            condition=condition,
+            mesh_frequency=mesh,
+            amplitudes={},
+            units={},
+            off_mesh=0.0,
+            seconds=time.perf_counter() - begun,
+            error=text,
+        )
     spent = time.perf_counter() - begun
     kept = {} if settings.periodic else signals
-    return Run(dict(values), condition, mesh, amplitudes, units, off, spent, "", kept)
+    return Run(
+        values=dict(values),
+        condition=condition,
+        mesh_frequency=mesh,
+        amplitudes=amplitudes,
+        units=units,
+        off_mesh=off,
+        seconds=spent,
+        error="",
+        signals=kept,
+    )

@@ -34,7 +34,9 @@ class ParameterError(ValueError):
 class ParameterSet(Protocol):
     """A dataclass with a name, a dataclass for each section, and a check of how the sections fit together."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Name of the set."""
 
     def faults(self) -> list[str]:
         """Return the contradictions between sections, each naming its section."""

@@ -100,7 +100,7 @@ def test_a_healthy_stage_has_mesh_lines_only() -> None:
 
     time, signals = simulate({}, 1000.0, 150.0, 0.48, 10000.0, stage=stage())
     lines = np.arange(1, 9) * 1600.0 / 3.0
-    assert energy_share(Signal(signals["a_input_seat_y"], 10000.0, "a"), lines) > 0.999
+    assert energy_share(Signal(signals["a_input_seat_y"], 10000.0, name="a"), lines) > 0.999
     assert time[0] == 0.0
 
 

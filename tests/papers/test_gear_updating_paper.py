@@ -23,11 +23,7 @@ def silent(text: str) -> None:
 
 
 def test_tables_that_need_no_simulation() -> None:
-    rows = {
-        r.what: r
-        for chapter in (papers._geometry(), papers._table_5(), eq_18_chapter((1,)))
-        for r in chapter.rows
-    }
+    rows = {r.what: r for chapter in (papers._geometry(), papers._table_5(), eq_18_chapter((1,))) for r in chapter.rows}
     assert rows["Hertz stiffness K (Eqs. 15 to 17), N/mm^1.5"].why.startswith("+2.5 %")
     assert all(r.verdict == AGREES for what, r in rows.items() if what.startswith("joint speed"))
     stated = [r for what, r in rows.items() if what.endswith("(as stated)")]

@@ -20,9 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def _benchmark():
-    spec = importlib.util.spec_from_file_location(
-        "optimisers_benchmark", ROOT / "benchmarks" / "optimisers.py"
-    )
+    spec = importlib.util.spec_from_file_location("optimisers_benchmark", ROOT / "benchmarks" / "optimisers.py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)

@@ -29,7 +29,7 @@ def motion(place: tuple[float, float, float]) -> np.ndarray:
 
 def free_body() -> ModeSet:
     shapes, mounts = ({name: motion(p) for name, p in part.items()} for part in (PLACED, FEET))
-    return ModeSet("free", np.zeros(6), np.zeros(6), shapes, mounts=mounts)
+    return ModeSet(name="free", frequencies=np.zeros(6), damping=np.zeros(6), shapes=shapes, mounts=mounts)
 
 
 def test_a_free_body_on_its_mounts_is_the_rigid_housing() -> None:
@@ -58,9 +58,21 @@ def test_a_free_housing_is_refused_until_it_stands_on_something() -> None:
         free_body().on_mounts(-1.0)
     shapes = {p: np.zeros((2, 3)) for p in (*SEATS, *SENSORS)}
     with pytest.raises(GearError, match=r"'mount_1' has the size \(3, 3\)"):
-        ModeSet("m", np.array([1.0, 2.0]), np.zeros(2), shapes, mounts={"mount_1": np.zeros((3, 3))})
+        ModeSet(
+            name="m",
+            frequencies=np.array([1.0, 2.0]),
+            damping=np.zeros(2),
+            shapes=shapes,
+            mounts={"mount_1": np.zeros((3, 3))},
+        )
     with pytest.raises(GearError, match="begin it with mount_"):
-        ModeSet("m", np.array([1.0, 2.0]), np.zeros(2), shapes, mounts={"foot": np.zeros((2, 3))})
+        ModeSet(
+            name="m",
+            frequencies=np.array([1.0, 2.0]),
+            damping=np.zeros(2),
+            shapes=shapes,
+            mounts={"foot": np.zeros((2, 3))},
+        )
 
 
 def test_a_mode_file_holds_mounts(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def stand_in(values, condition: OperatingCondition, duration: float):
     for number, name in enumerate(("seat", "base")):
         a = lines(values, condition, number)
         y = sum((each * np.exp(2j * np.pi * (k + 1) * f * t)).real for k, each in enumerate(a))
-        signals[name] = Signal(y / 1e3, RATE, name, "m/s**2")
+        signals[name] = Signal(y / 1e3, RATE, name=name, unit="m/s**2")
     return signals
 
 
@@ -74,5 +74,5 @@ def measured(values, condition, *, seed=0, noise=0.0, sidebands=0.0, shift=0.013
             y += swing * (each * np.exp(2j * np.pi * k * f * (t + shift))).real
         y /= 1e3
         y += noise * np.std(y) * rng.standard_normal(t.size)
-        signals[sensor] = Signal(y, RATE, sensor, "m/s**2")
+        signals[sensor] = Signal(y, RATE, name=sensor, unit="m/s**2")
     return OperatingCondition(condition.speed_rpm, condition.load_Nm, name), signals

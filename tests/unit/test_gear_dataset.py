@@ -127,7 +127,9 @@ def test_faults_can_be_combined_unless_they_clash() -> None:
 
 def test_recordings_are_those_of_the_damaged_stage(tmp_path: Path) -> None:
     """Nothing stands in for the simulation here: an eccentric gear shakes the housing at other places of the turn."""
-    plan = DatasetPlan(("healthy", "eccentricity@input_gear"), (1.0,), noise=0.0, duration=0.06, rate=6400.0)
+    plan = DatasetPlan(
+        labels=("healthy", "eccentricity@input_gear"), severities=(1.0,), noise=0.0, duration=0.06, rate=6400.0
+    )
     labels = write_dataset(tmp_path / "data", plan)
     sound, damaged = (pandas.read_parquet(tmp_path / "data" / name) for name in labels["file"])
     cycle = 6400.0 / (1000.0 / 60.0 * 32)  # 12 samples of one tooth

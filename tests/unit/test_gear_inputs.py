@@ -57,13 +57,18 @@ def test_a_file_that_is_no_mode_file_is_refused(tmp_path: Path, text: str, told:
 def test_a_mode_set_checks_its_sizes() -> None:
     shapes = {p: np.zeros((2, 3)) for p in (*SEATS, *SENSORS)}
     with pytest.raises(GearError, match=r"2 frequencies, but 3 damping"):
-        ModeSet("m", np.array([1.0, 2.0]), np.full(3, 0.01), shapes)
+        ModeSet(name="m", frequencies=np.array([1.0, 2.0]), damping=np.full(3, 0.01), shapes=shapes)
     with pytest.raises(GearError, match=r"need \(2, 3\)"):
-        ModeSet("m", np.array([1.0, 2.0]), np.full(2, 0.01), {**shapes, "base": np.zeros((3, 2))})
+        ModeSet(
+            name="m",
+            frequencies=np.array([1.0, 2.0]),
+            damping=np.full(2, 0.01),
+            shapes={**shapes, "base": np.zeros((3, 2))},
+        )
     with pytest.raises(GearError, match="rise"):
-        ModeSet("m", np.array([2.0, 1.0]), np.full(2, 0.01), shapes)
+        ModeSet(name="m", frequencies=np.array([2.0, 1.0]), damping=np.full(2, 0.01), shapes=shapes)
     with pytest.raises(GearError, match="not positive"):
-        ModeSet("m", np.array([0.0, 1.0]), np.full(2, 0.01), shapes)
+        ModeSet(name="m", frequencies=np.array([0.0, 1.0]), damping=np.full(2, 0.01), shapes=shapes)
 
 
 def test_a_rigid_housing_bounces_at_the_frequency_of_its_mounts() -> None:
@@ -80,7 +85,7 @@ def test_a_rigid_housing_bounces_at_the_frequency_of_its_mounts() -> None:
 def test_more_modes_than_the_housing_takes_are_refused() -> None:
     count = 41
     shapes = {p: np.zeros((count, 3)) for p in (*SEATS, *SENSORS)}
-    modes = ModeSet("many", np.arange(1.0, count + 1), np.full(count, 0.01), shapes)
+    modes = ModeSet(name="many", frequencies=np.arange(1.0, count + 1), damping=np.full(count, 0.01), shapes=shapes)
     with pytest.raises(GearError, match=r"first\(40\)"):
         housing_component(modes)
     assert housing_component(modes.first(40)).options["modes"] == 40

@@ -35,7 +35,7 @@ def clean():
 def test_truth_lies_within_the_study_and_beside_its_start():
     bounds = {name: (low, high, start) for name, start, low, high, _ in PARAMETERS}
     for seed in range(20):
-        for name, value in GearRig(seed).true_values().items():
+        for name, value in GearRig(seed=seed).true_values().items():
             low, high, start = bounds[name]
             assert low < value < high
             assert value != start

@@ -26,7 +26,7 @@ MESH = 1600.0 / 3.0
 def tone(*parts: tuple[float, float, float], duration: float = 1.0, rate: float = RATE, shift: float = 0.0) -> Signal:
     """Sum of (frequency, amplitude, phase)."""
     t = np.arange(round(duration * rate)) / rate + shift
-    return Signal(sum(a * np.cos(2 * np.pi * f * t + p) for f, a, p in parts), rate, "a", "m/s**2")
+    return Signal(sum(a * np.cos(2 * np.pi * f * t + p) for f, a, p in parts), rate, name="a", unit="m/s**2")
 
 
 def stage(shift: float = 0.0, mesh: float = MESH, duration: float = 1.0) -> Signal:
@@ -100,12 +100,12 @@ def test_condition():
         (lambda: Processing().apply(tone((500.0, 1.0, 0.0), rate=2000.0)), "holds nothing above 1000 Hz"),
         (lambda: band_pass(stage(), 1200.0, 300.0), "edges must rise"),
         (lambda: Processing().apply(stage(duration=0.4)), "no window"),
-        (lambda: normalise(Signal(np.full(100, 3.0), RATE, "dead")), "'dead' does not vary \\(zero variance\\)"),
+        (lambda: normalise(Signal(np.full(100, 3.0), RATE, name="dead")), "'dead' does not vary \\(zero variance\\)"),
         (lambda: cosine(stage(), stage(duration=0.5)), "25600 samples and 'a' has 12800"),
         (lambda: cosine(stage(), resample(stage(), 10_000.0)), "resample both to one rate"),
-        (lambda: cosine(stage(), Signal(np.zeros(25_600), RATE, "dead")), "'dead' does not vary"),
-        (lambda: Signal([1.0, np.nan] * 20, RATE, "x"), "20 values that are no numbers, the first is sample 1"),
-        (lambda: Signal([1.0] * 4, -1.0, "x"), "at least 16 samples; .*sampling rate of -1"),
+        (lambda: cosine(stage(), Signal(np.zeros(25_600), RATE, name="dead")), "'dead' does not vary"),
+        (lambda: Signal([1.0, np.nan] * 20, RATE, name="x"), "20 values that are no numbers, the first is sample 1"),
+        (lambda: Signal([1.0] * 4, -1.0, name="x"), "at least 16 samples; .*sampling rate of -1"),
         (lambda: similarity(stage(), stage(), mesh_frequency=MESH, rule="held"), "needs a lag"),
         (lambda: similarity(stage(), stage()), "max_lag"),
         (lambda: similarity(stage(), stage(), mesh_frequency=MESH, max_lag=0.45), "too little of a window"),
@@ -128,7 +128,7 @@ def test_bad_signals_are_refused_by_name(make, told):
 def test_noise_has_no_phase_to_follow():
     rng = np.random.default_rng(1)
     with pytest.raises(SignalError, match="fades"):
-        revolutions_from_mesh(Signal(rng.standard_normal(25_600), RATE, "noise"), MESH, 32, bandwidth=6.0)
+        revolutions_from_mesh(Signal(rng.standard_normal(25_600), RATE, name="noise"), MESH, 32, bandwidth=6.0)
 
 
 # -------------------------------------------------------------------- lines
@@ -241,7 +241,7 @@ def swinging(duration: float = 4.0) -> tuple[Signal, np.ndarray]:
     t = np.arange(round(duration * RATE)) / RATE
     turns = 20.0 * (t + 0.01 / (2 * np.pi * 0.8) * (1.0 - np.cos(2 * np.pi * 0.8 * t)))
     values = np.cos(2 * np.pi * 32 * turns) + 0.2 * np.cos(2 * np.pi * 7 * turns + 0.5)
-    return Signal(values, RATE, "seat"), turns
+    return Signal(values, RATE, name="seat"), turns
 
 
 def test_order_tracking_sharpens_lines_that_the_speed_smears():

@@ -19,7 +19,7 @@ def vibration(seed: int = 0, swing: float = 0.0, shaft: str = "output shaft", no
     t = np.arange(round(4.0 * RATE)) / RATE
     y = 2.0 * np.cos(2 * np.pi * MESH * t) + np.cos(2 * np.pi * 2 * MESH * t + 0.4)
     y *= 1.0 + swing * np.cos(2 * np.pi * SHAFTS[shaft] * t + 0.2)
-    return Signal(y + noise * np.random.default_rng(seed).standard_normal(t.size), RATE, "seat", "m/s**2")
+    return Signal(y + noise * np.random.default_rng(seed).standard_normal(t.size), RATE, name="seat", unit="m/s**2")
 
 
 def test_shaft_frequencies():
@@ -45,7 +45,7 @@ def test_noise_makes_no_lines():
     """33 lines are looked for in each of 40 signals; one false line in 1000 signals is what the limit promises."""
     found = 0
     for seed in range(40):
-        noise = Signal(np.random.default_rng(seed).standard_normal(50_000), RATE, "noise")
+        noise = Signal(np.random.default_rng(seed).standard_normal(50_000), RATE, name="noise")
         table = name_lines(noise, MESH, SHAFTS, harmonics=3, sidebands=2)
         found += sum(line.found for line in table.lines)
         assert table.modulating_shaft() == ""
@@ -75,7 +75,7 @@ def test_main_components_against_theory():
 
 def test_components_off_theory_are_not_accepted():
     t = np.arange(round(RATE)) / RATE
-    wrong = Signal(np.cos(2 * np.pi * 1.3 * MESH * t) + 0.5 * np.cos(2 * np.pi * 2 * MESH * t), RATE, "seat")
+    wrong = Signal(np.cos(2 * np.pi * 1.3 * MESH * t) + 0.5 * np.cos(2 * np.pi * 2 * MESH * t), RATE, name="seat")
     found = main_components(wrong, MESH, count=2)
     assert not found.accepted
     assert found.worst == pytest.approx(0.3, abs=0.01)

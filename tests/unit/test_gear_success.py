@@ -36,8 +36,8 @@ def stand_in_chain(monkeypatch):
         swarm = {"population": 20, "iterations": 40}
         given = {**changes, "sensors": ("seat", "base"), "options": swarm}
         return UpdatingChain(
-            UpdatingSettings(SPACE, START, "seat", TEETH, **given),
-            Runs(stand_in, Settings(TEETH)),
+            UpdatingSettings(space=SPACE, start=START, sensor="seat", driving_teeth=TEETH, **given),
+            Runs(stand_in, Settings(driving_teeth=TEETH)),
             made[:used],
             made[used:],
         )
@@ -70,8 +70,14 @@ def test_the_chapter_counts_what_the_chains_did(stand_in_chain) -> None:
 
 def test_success_is_counted_against_start_and_limit() -> None:
     found = papers_chain.Success(
-        0.6, (0.7, 0.59, 0.9), (1.1, 0.8, 0.9), (0.7, 0.65, 0.9), ((0.8, 0.71), (0.69, 0.9), (0.75, 0.75)), (0.5, 0.5),
-        (1.0, 1.0))  # fmt: skip
+        start=0.6,
+        optimum=(0.7, 0.59, 0.9),
+        promised=(1.1, 0.8, 0.9),
+        taken=(0.7, 0.65, 0.9),
+        others=((0.8, 0.71), (0.69, 0.9), (0.75, 0.75)),
+        others_start=(0.5, 0.5),
+        bounds=(1.0, 1.0),
+    )
     assert (found.designs, found.rises, found.above) == (3, 2, 2)
     told = {r.what: r.ours for r in papers_chain._rows("x", found, asked=9)}
     assert told["x: above 0.7 at conditions 1, 2 and 3"].startswith("2 of 3 (21 to 94 %): 0.690 to 0.800 (before 0.500")

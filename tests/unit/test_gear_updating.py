@@ -41,12 +41,14 @@ def recordings(noise: float = 0.1, sidebands: float = 0.3, truth=TRUTH) -> list[
 def settings(**changes) -> UpdatingSettings:
     swarm = {"population": 20, "iterations": 40}
     usual = {"sensors": ("seat", "base"), "points": (25, 45), "levels": 5, "options": swarm}
-    return UpdatingSettings(SPACE, START, "seat", TEETH, **{**usual, **changes})
+    return UpdatingSettings(space=SPACE, start=START, sensor="seat", driving_teeth=TEETH, **{**usual, **changes})
 
 
 def chain(identify=1, truth=TRUTH, noise=0.1, sidebands=0.3, **changes) -> UpdatingChain:
     made = recordings(noise, sidebands, truth)
-    return UpdatingChain(settings(**changes), Runs(stand_in, Settings(TEETH)), made[:identify], made[identify:])
+    return UpdatingChain(
+        settings(**changes), Runs(stand_in, Settings(driving_teeth=TEETH)), made[:identify], made[identify:]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +61,7 @@ def result():
 
 def test_a_short_run_stands_for_a_long_one():
     condition = OperatingCondition(1000.0, 150.0)
-    run = run_model(stand_in, START, condition, Settings(TEETH))
+    run = run_model(stand_in, START, condition, Settings(driving_teeth=TEETH))
     long = stand_in(START, condition, 0.5)["seat"]
     assert run.signal("seat", long.rate, 0.5).values == pytest.approx(long.values, rel=1e-9, abs=1e-9 * long.rms)
     assert run.off_mesh < 1e-9
@@ -73,15 +75,15 @@ def test_a_short_run_stands_for_a_long_one():
 def test_runs_are_stored_and_not_done_twice(tmp_path):
     condition = OperatingCondition(1000.0, 150.0)
     wanted = [({**START, "K": k}, condition) for k in (5e5, 6e5, 7e5, 5e5)]
-    with Runs(stand_in, Settings(TEETH), store=tmp_path / "runs.jsonl") as first:
+    with Runs(stand_in, Settings(driving_teeth=TEETH), store=tmp_path / "runs.jsonl") as first:
         made = first.many(wanted)
     assert (first.done, first.reused) == (3, 0)
-    with Runs(stand_in, Settings(TEETH), store=tmp_path / "runs.jsonl") as second:
+    with Runs(stand_in, Settings(driving_teeth=TEETH), store=tmp_path / "runs.jsonl") as second:
         again = second.many(wanted)
     assert (second.done, second.reused) == (0, 3)
     for a, b in zip(made, again, strict=True):
         assert a.amplitudes["seat"] == pytest.approx(b.amplitudes["seat"], rel=1e-15)
-    with Runs(stand_in, replace(Settings(TEETH), periods=30), store=tmp_path / "runs.jsonl") as other:
+    with Runs(stand_in, replace(Settings(driving_teeth=TEETH), periods=30), store=tmp_path / "runs.jsonl") as other:
         other.many(wanted)
     assert other.done == 3  # other settings are another run
 
@@ -107,18 +109,18 @@ def test_interrupted_design_is_resumed_without_loss(tmp_path):
     def stage(values, at, duration):
         return stand_in(values, at, duration)
 
-    runs = Runs(failing, Settings(TEETH), store=store)
+    runs = Runs(failing, Settings(driving_teeth=TEETH), store=store)
     runs._identity = "one model"
     with pytest.raises(Interrupted):
         runs.many(wanted)
     assert len(store.read_text(encoding="utf-8").splitlines()) == 7
     with store.open("a", encoding="utf-8") as file:
         file.write('{"key": "torn, the power went')
-    again = Runs(ModelSource(lambda _: stage, "", "one model"), Settings(TEETH), store=store)
+    again = Runs(ModelSource(lambda _: stage, "", "one model"), Settings(driving_teeth=TEETH), store=store)
     assert (len(again), again.lost) == (7, 1)
     again.many(wanted)
     assert (again.done, again.reused) == (13, 7)
-    last = Runs(ModelSource(lambda _: stage, "", "one model"), Settings(TEETH), store=store)
+    last = Runs(ModelSource(lambda _: stage, "", "one model"), Settings(driving_teeth=TEETH), store=store)
     assert len(last) == 20
 
 
@@ -126,9 +128,9 @@ def test_processes_give_the_same_runs(tmp_path):
     condition = OperatingCondition(1000.0, 150.0)
     wanted = [({**START, "K": k}, condition) for k in np.linspace(5e5, 9e5, 6)]
     source = ModelSource(load, "stand-in", "1")
-    with Runs(source, Settings(TEETH), processes=2, store=tmp_path / "two.jsonl") as two:
+    with Runs(source, Settings(driving_teeth=TEETH), processes=2, store=tmp_path / "two.jsonl") as two:
         parallel = two.many(wanted)
-    with Runs(source, Settings(TEETH)) as one:
+    with Runs(source, Settings(driving_teeth=TEETH)) as one:
         serial = one.many(wanted)
     for a, b in zip(parallel, serial, strict=True):
         assert a.values == b.values
@@ -143,7 +145,7 @@ def test_model_that_does_not_repeat_keeps_its_signals(tmp_path):
         return {**found, "seat": seat.with_values(seat.values + hum)}
 
     condition = OperatingCondition(1000.0, 150.0)
-    whole = Settings(TEETH, periodic=False, duration=0.6)
+    whole = Settings(driving_teeth=TEETH, periodic=False, duration=0.6)
     store = tmp_path / "runs.jsonl"
     kept = Runs(humming, whole, store=store).one(START, condition)
     assert kept.off_mesh == pytest.approx(0.08 / np.sqrt(2.0), rel=0.02)
@@ -152,7 +154,7 @@ def test_model_that_does_not_repeat_keeps_its_signals(tmp_path):
     assert again.reused == 1
     # Signals are kept in single precision.
     assert read.values == pytest.approx(kept.signal("seat", 25_600.0, 0.5).values, rel=1e-6, abs=1e-6 * read.rms)
-    short = UpdatingChain(settings(), Runs(humming, Settings(TEETH)), recordings()[:1])
+    short = UpdatingChain(settings(), Runs(humming, Settings(driving_teeth=TEETH)), recordings()[:1])
     with pytest.raises(UpdatingError, match=r"off the mesh lines.*set periodic = false"):
         short.check_frequencies()
     full = UpdatingChain(settings(), Runs(humming, whole), recordings()[:1])
@@ -166,14 +168,14 @@ def test_failed_run_costs_one_point_and_not_the_design():
         return stand_in(values, condition, duration)
 
     made = recordings()
-    runs = Runs(fragile, Settings(TEETH))
+    runs = Runs(fragile, Settings(driving_teeth=TEETH))
     found = UpdatingChain(settings(keep=("K", "C_D", "e_F")), runs, made[:1], made[1:2]).run()
     assert found.failed > 0
     assert found.choice.failed > 0
     assert found.updated.simulated >= found.start.simulated
     far = replace(settings(), start={**START, "K": 1.25e6})
     with pytest.raises(UpdatingError, match="cannot be run at base: ValueError: no equilibrium"):
-        UpdatingChain(far, Runs(fragile, Settings(TEETH)), made[:1]).run()
+        UpdatingChain(far, Runs(fragile, Settings(driving_teeth=TEETH)), made[:1]).run()
 
 
 # -------------------------------------------------------------------- the chain
@@ -193,8 +195,10 @@ def test_sensitivity_finds_the_parameters_that_act(result):
 
 
 def test_optimum_is_simulated_again_and_the_better_model_taken(result):
-    objective = SimilarityObjective(recordings()[0].matched(TEETH), "seat", Processing(), TEETH)
-    run = run_model(stand_in, result.optimum.values, result.frequencies.condition, Settings(TEETH))
+    objective = SimilarityObjective(
+        recording=recordings()[0].matched(TEETH), sensor="seat", processing=Processing(), driving_teeth=TEETH
+    )
+    run = run_model(stand_in, result.optimum.values, result.frequencies.condition, Settings(driving_teeth=TEETH))
     assert objective.value([run]) == pytest.approx(result.optimum.simulated, abs=1e-6)
     assert result.optimum.predicted == pytest.approx(result.search.value)
     assert result.updated.simulated == max(c.simulated for c in result.tried)
@@ -233,10 +237,10 @@ def test_what_one_condition_cannot_tell_and_two_loads_can():
 def test_objective_of_amplitudes_reaches_the_truth():
     made = [each.matched(TEETH) for each in recordings(noise=0.0, sidebands=0.0)]
     lines = [MeasuredLines.of(each, ("seat", "base"), (1, 2, 3), TEETH) for each in made[:2]]
-    objective = AmplitudeObjective(lines, (1, 2, 3), TEETH)
-    runs = [run_model(stand_in, TRUTH, c, Settings(TEETH)) for c in objective.conditions]
+    objective = AmplitudeObjective(measured=lines, orders=(1, 2, 3), driving_teeth=TEETH)
+    runs = [run_model(stand_in, TRUTH, c, Settings(driving_teeth=TEETH)) for c in objective.conditions]
     assert objective.value(runs) == pytest.approx(1.0, abs=1e-4)
-    off = [run_model(stand_in, START, c, Settings(TEETH)) for c in objective.conditions]
+    off = [run_model(stand_in, START, c, Settings(driving_teeth=TEETH)) for c in objective.conditions]
     assert objective.value(off) < 0.95
     louder = [replace(r, amplitudes={s: 3.0 * a for s, a in r.amplitudes.items()}) for r in runs]
     assert objective.value(louder) < 0.0
@@ -248,8 +252,11 @@ def test_directions_scale_with_the_noise():
     matched = [each.matched(TEETH) for each in made]
     space = SPACE.subset(("K", "C_D", "e_F"))
     objective = AmplitudeObjective(
-        [MeasuredLines.of(each, ("seat", "base"), (1, 2), TEETH) for each in matched], (1, 2), TEETH)  # fmt: skip
-    runs = Runs(stand_in, Settings(TEETH))
+        measured=[MeasuredLines.of(each, ("seat", "base"), (1, 2), TEETH) for each in matched],
+        orders=(1, 2),
+        driving_teeth=TEETH,
+    )
+    runs = Runs(stand_in, Settings(driving_teeth=TEETH))
     point = {n: TRUTH[n] for n in space.names}
     told = identifiability(objective, runs, space, point, noise=0.01, fixed=TRUTH)
     assert told.numbers == 2 * 2 * 2 * 2 - 2  # recordings, sensors, orders, real and imaginary; a lag each
@@ -263,7 +270,7 @@ def test_model_with_wrong_tooth_number_is_refused_before_anything_is_fitted():
     def other(values, condition, duration):
         return stand_in(values, replace(condition, speed_rpm=condition.speed_rpm * 36 / 32), duration)
 
-    whole = Settings(TEETH, periodic=False, duration=0.6)
+    whole = Settings(driving_teeth=TEETH, periodic=False, duration=0.6)
     with pytest.raises(UpdatingError, match=r"off theory by up to 1[23]\.\d % \(limit 5 %\): check tooth numbers"):
         UpdatingChain(settings(), Runs(other, whole), recordings()[:1]).run()
 
@@ -279,12 +286,21 @@ def test_nothing_better_than_the_start_leaves_the_model_as_it_was():
 
 def test_everything_is_told_at_once():
     with pytest.raises(UpdatingError) as told:
-        UpdatingSettings(SPACE, {**START, "K": 1.0}, "seat", 1, rule="guess", points=(2,), levels=1, method="luck")
+        UpdatingSettings(
+            space=SPACE,
+            start={**START, "K": 1.0},
+            sensor="seat",
+            driving_teeth=1,
+            rule="guess",
+            points=(2,),
+            levels=1,
+            method="luck",
+        )
     assert len(told.value.faults) == 6
     with pytest.raises(UpdatingError, match="has no sensor roof; it has seat, base"):
-        UpdatingChain(settings(sensors=("roof",)), Runs(stand_in, Settings(TEETH)), recordings()[:1])
+        UpdatingChain(settings(sensors=("roof",)), Runs(stand_in, Settings(driving_teeth=TEETH)), recordings()[:1])
     with pytest.raises(UpdatingError, match="no recording"):
-        UpdatingChain(settings(), Runs(stand_in, Settings(TEETH)), [])
+        UpdatingChain(settings(), Runs(stand_in, Settings(driving_teeth=TEETH)), [])
 
 
 def test_faults_of_recordings_are_told_before_anything_runs():
@@ -298,7 +314,7 @@ def test_faults_of_recordings_are_told_before_anything_runs():
     brief.signals["seat"] = brief.signals["seat"].cut(0.0, 0.3)
     slow.signals["seat"] = resample(slow.signals["seat"], 2000.0)
     with pytest.raises(UpdatingError) as told:
-        UpdatingChain(settings(), Runs(never, Settings(TEETH)), [dead, brief], [slow])
+        UpdatingChain(settings(), Runs(never, Settings(driving_teeth=TEETH)), [dead, brief], [slow])
     assert len(told.value.faults) == 3
     parts = ("sensor 'base': the signal does not vary (zero variance)", "it lasts 0.3 s", "above 1000 Hz, its Nyquist")
     assert all(part in fault for fault, part in zip(told.value.faults, parts, strict=True))
