@@ -1,7 +1,7 @@
 """Make the figures of the page about filters: ``python docs/images/filter_figures.py``.
 
-Data that fulfil the filter's assumptions: the machine is carried step by step with noise of exactly the covariance that
-the filter is told, and its readings are white.
+Data that fulfil the filter's assumptions: the machine is simulated step by step with noise of exactly the covariance
+that the filter assumes, and its readings are white.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a model says that the sensors read, and how that changes with anything.
+"""Experiments: the response of a model to the inputs of a record, and its derivatives along any direction.
 
 Takes from `estimation.files`, `estimation.signals` and `multibody`.
 """

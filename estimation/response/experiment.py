@@ -379,7 +379,8 @@ def _directions(
 
     system, time = simulation.system, simulation.time
     n, n_p = len(system.states), len(system.parameters)
-    chosen = [*parameters, *states, *perturbations][part]
+    every: list[str | InputPerturbation] = [*parameters, *states, *perturbations]
+    chosen = every[part]
     if not chosen:
         return None
     m = len(chosen)
