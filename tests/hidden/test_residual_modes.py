@@ -31,7 +31,7 @@ from multibody.library.spatial import Link
 from vtsdt.rig.rig import LiftRig
 
 DRY = ("coulomb_friction", "asymmetric_coulomb_friction")
-"""With equal forces both ways the second is the first."""
+"""With equal forces in both directions the second is the first."""
 
 
 def record_of(name, time, signals):
@@ -180,7 +180,7 @@ def arm_problem(dry, seed):
 def test_friction_at_a_joint_of_a_tumbling_arm_is_found():
     study, _, effects = found_in(arm_problem(0.15, seed=2))
     assert study.mode == "prediction"
-    assert "a start 1 % off grows" in study.mode_reason
+    assert "an error of the initial state grows" in study.mode_reason
     assert (effects[0].kind in DRY, effects[0].where) == (True, "elbow_bearing")
     assert all(v == pytest.approx(0.15, rel=0.1) for v in effects[0].strengths.values())
 

@@ -1,4 +1,4 @@
-"""Angles that only count turns are known from those on which the machine depends."""
+"""Free rotations: angles that only count turns are distinguished from those on which the machine depends."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def recorded(model: Model, signal: np.ndarray, unit: str):
     [(fan, 12.0, "V", ["rotor.angle"]), (two_rotors, 0.5, "N*m", ["rotor.angle", "other.angle"]),
      (pendulum, 0.4, "N*m", [])],
 )  # fmt: skip
-def test_what_nothing_depends_on_turns_freely(build, size, unit, turns):
+def test_angles_that_nothing_depends_on_rotate_freely(build, size, unit, turns):
     model = build()
     (experiment,) = recorded(model, size * np.sin(1.3 * TIME) + 0.3 * size * np.sin(0.4 * TIME), unit)
     system = model.build(outputs=experiment.outputs)
@@ -85,7 +85,7 @@ def test_what_nothing_depends_on_turns_freely(build, size, unit, turns):
 
 
 def test_a_rotor_whose_angle_is_recorded_is_simulated():
-    """A thousandth of the voltage turns it by more than a radian; nothing else of it changes by that."""
+    """A thousandth of the voltage turns it by more than a radian, and changes nothing else."""
     model = fan()
     experiments = recorded(model, 12.0 * np.sin(1.3 * TIME) + 4.0, "V")
     assert np.ptp(experiments[0].record.signals["rotor.angle"].values) > 200.0

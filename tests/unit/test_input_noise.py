@@ -1,4 +1,4 @@
-"""Noise of recorded inputs: seen in the record, weighed by what it makes of the outputs, taken out where it matters."""
+"""Noise of recorded inputs: estimated from the record, judged by its effect, removed where it matters."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def problem_of(noise: float, jitter: float = 0.0, **settings: object) -> Problem
     )  # type: ignore[arg-type]
 
 
-def test_noise_that_matters_is_taken_out_and_told() -> None:
+def test_noise_that_matters_is_removed_and_reported() -> None:
     problem = problem_of(20.0)
     quiet, (found,) = reduce_input_noise(problem, silent)
     assert found.noise == pytest.approx(20.0, rel=0.1)
@@ -83,8 +83,8 @@ def test_noise_that_matters_is_taken_out_and_told() -> None:
         np.testing.assert_array_equal(after.measured, before.measured)
 
 
-def test_what_the_noise_makes_is_what_simulations_show() -> None:
-    """The machine is linear: simulated from pushes with and without their noise it differs by as much."""
+def test_the_effect_of_noise_is_that_in_simulations() -> None:
+    """The machine is linear: simulations with and without the noise differ by as much."""
     noisy, clean = problem_of(20.0), problem_of(0.0)
     _, (found,) = reduce_input_noise(noisy, silent)
     system = oscillator().build(outputs=["body.position"])
@@ -101,19 +101,19 @@ def test_noise_that_does_not_matter_stays() -> None:
         assert (reduce_input_noise(rough, silent) == (rough, ())) is stays
 
 
-@pytest.mark.parametrize("why", ["held", "uneven", "felt", "open"])
+@pytest.mark.parametrize("why", ["held", "uneven", "excitation", "uncertain"])
 def test_inputs_stay_as_recorded(why: str) -> None:
-    said: list[str] = []
-    problem = problem_of(0.1 if why == "open" else 20.0, jitter=0.4 if why == "uneven" else 0.0)
+    lines: list[str] = []
+    problem = problem_of(0.1 if why == "uncertain" else 20.0, jitter=0.4 if why == "uneven" else 0.0)
     if why == "held":
         problem = replace(problem, identify=tuple(replace(e, held=("push",)) for e in problem.identify))
-    if why == "felt":  # the machine really feels what looks like noise
-        problem = replace(problem, identify=tuple(_felt(e) for e in problem.identify))
-    assert reduce_input_noise(problem, said.append) == (problem, ())
-    assert said == [] or (why == "uneven" and said[-1].startswith("the inputs stay as recorded: "))
+    if why == "excitation":  # what looks like noise really excites the machine
+        problem = replace(problem, identify=tuple(_excited(e) for e in problem.identify))
+    assert reduce_input_noise(problem, lines.append) == (problem, ())
+    assert lines == [] or (why == "uneven" and lines[-1].startswith("the inputs stay as recorded: "))
 
 
-def _felt(experiment):
+def _excited(experiment):
     system = oscillator().build(outputs=["body.position"])
     signals = dict(experiment.record.signals)
     x = experiment.simulate(system, system.p)[:, 0]
@@ -121,7 +121,7 @@ def _felt(experiment):
     return replace(experiment, record=replace(experiment.record, signals=signals))
 
 
-def test_a_study_does_it_by_itself_unless_told_not_to() -> None:
+def test_a_study_reduces_noise_unless_asked_not_to() -> None:
     problem = problem_of(
         20.0, residual="simulation", include=("coulomb_friction@*", "input_gain@*", "sensor_*"), max_effects=1
     )

@@ -1,4 +1,4 @@
-"""How a study chooses its residual, cuts windows, and gives a machine its recorded motion."""
+"""How a study chooses the mode of its residual, cuts windows, and prescribes a recorded motion."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def slide_problem(stiffness=0.0, noise=0.0, residual="auto", duration=8.0):
 
 
 def standing_pendulum(residual="auto"):
-    """A pendulum that starts upright and is only just pushed: the textbook machine that runs away."""
+    """A pendulum that starts upright and is hardly pushed: the textbook example of a diverging simulation."""
     model = Model("pendulum")
     rod = model.add("rod", Pendulum(J=0.25, m=1.0, arm=0.5, angle=3.0))
     drive = model.add("drive", TorqueSource())
@@ -98,7 +98,7 @@ def test_machine_on_a_spring_is_simulated():
     assert "simulations do not diverge" in found.reason
 
 
-def test_a_wrong_model_of_a_calm_machine_is_not_cut_into_windows():
+def test_a_wrong_model_whose_errors_do_not_grow_is_not_cut_into_windows():
     problem, _ = slide_problem(stiffness=2000.0, noise=0.05)
     assert problem_in_windows(problem, {"carriage.position": 1.0}) is None
 
@@ -116,7 +116,7 @@ def test_free_mass_with_an_exact_force_may_be_simulated():
     assert prepared_problem(problem).mode == "simulation"
 
 
-def test_standing_pendulum_runs_away_at_its_known_rate():
+def test_errors_of_a_standing_pendulum_grow_at_the_known_rate():
     problem, _ = standing_pendulum()
     time = np.arange(0.0, 1.0, DT)
     record = record_of(
@@ -215,7 +215,7 @@ def test_inverse_of_the_right_model_needs_the_recorded_torque():
     assert np.std(needed) > 0.2
 
 
-def test_inverse_keeps_places_and_treats_signals_alike():
+def test_inverse_keeps_places_and_filters_all_signals_alike():
     problem, _ = slide_problem(noise=0.05, residual="inverse")
     found = inverse_problem(problem, bandwidth=4.0)
     assert {p.name for p in found.problem.model.places()} == {p.name for p in problem.model.places()}
@@ -250,7 +250,7 @@ def test_inverse_without_a_drive_force_is_compared_with_zero():
     assert np.max(np.abs(e.simulate(system, system.p))) < 1e-4
 
 
-def test_inverse_takes_the_controller_out_when_its_output_is_measured():
+def test_inverse_removes_the_controller_when_its_output_is_measured():
     from discrepancy.rigs.axis_model import build
 
     model = build()
@@ -302,21 +302,21 @@ def test_inverse_refuses_a_machine_without_measured_motion():
         prepared_problem(wrong)
 
 
-def test_noise_of_a_force_is_weighed_down_to_white():
-    """A free mass pushed by white noise alone: after weighing, deviation and output noise together are white."""
+def test_weighted_noise_of_a_force_is_white():
+    """A free mass driven by white noise alone: after weighting, deviation and output noise together are white."""
     problem, _ = slide_problem(noise=0.0, duration=4.0)
     e = problem.identify[0]
     system = problem.model.build(outputs=e.outputs)
     x0, noise, sigma = system.start, np.array([1e-4]), 0.5
     noisy = replace(e, input_noise={"drive.force": sigma})
-    weigh = input_noise_weighting(noisy, system, system.p, x0, noise)
+    weights = input_noise_weighting(noisy, system, system.p, x0, noise)
     rng = np.random.default_rng(3)
     n = len(e.record.time)
     perturbations = [InputPerturbation("drive.force", sigma * rng.standard_normal(n)) for _ in range(60)]
     deviation = e.respond(system, system.p, x0, perturbations=perturbations).derivatives
     deviation = deviation + noise[:, None] * rng.standard_normal(deviation.shape)
-    before, after = deviation[-1, 0] / noise[0], weigh(deviation)[-1, 0] / noise[0]
+    before, after = deviation[-1, 0] / noise[0], weights(deviation)[-1, 0] / noise[0]
     assert np.std(before) > 5.0
     # 60 draws: the standard deviation is known to 9 %, three of these around 1
-    assert np.sqrt(np.mean(weigh(deviation) ** 2)) / noise[0] == pytest.approx(1.0, abs=0.1)
+    assert np.sqrt(np.mean(weights(deviation) ** 2)) / noise[0] == pytest.approx(1.0, abs=0.1)
     assert np.std(after) < 1.4
