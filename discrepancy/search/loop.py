@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 
 from discrepancy.effects.effect import Effect
 from discrepancy.search import moves
@@ -253,11 +254,10 @@ class Search:
     def _replace_by_curve(self, anywhere: bool = False, final: bool = True) -> bool:
         """Replace the laws found at a connection, or all of them, by one free curve, if that is the better model."""
         state, problem = self.state, self.state.problem
-        settings = {"level": problem.level, "seed": problem.seed, "progress": state.progress}
-        if anywhere:
-            proposal = moves.propose_curve_for_all(state.stages, state.on_trial, **settings)
-        else:
-            proposal = moves.propose_curve_for_laws(state.stages, state.on_trial, final=final, **settings)
+        propose = moves.propose_curve_for_all if anywhere else partial(moves.propose_curve_for_laws, final=final)
+        proposal = propose(
+            state.stages, state.on_trial, level=problem.level, seed=problem.seed, progress=state.progress
+        )
         if proposal is None:
             return False
         kept, stage = proposal

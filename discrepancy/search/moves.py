@@ -46,7 +46,7 @@ __all__ = [
     "Decision",
     "Exchange",
     "ScanSettings",
-    "Trial",
+    "TriedModel",
     "find_redundant_effect",
     "predicts_better",
     "propose_curve",
@@ -70,7 +70,7 @@ SAME_CORRELATION = 0.9999  # of the same, from which a refit of the second would
 PRESENCE = 2.0  # standard deviations of the full fit from which a strength is known to be different from zero
 PAIRS = 5  # pairs that are refitted, of those that differ in what they change
 LIKELY_REDUCTION = 0.25  # error reduction that an effect without significance needs, on average over the outputs
-EXCHANGE_DELTA_BIC = 30.0  # up to which an alternative is tried again in an exchange step
+EXCHANGE_DELTA_BIC = 30.0  # up to which a rival is tried again in an exchange step
 EXCHANGE_CORRELATION = 0.9  # from which the same law at another place is tried in an exchange step
 EXCHANGES = 4  # rivals of one effect that are tried
 LINEAR_ERROR = 3.0  # most that a refit gains over its linear prediction: up to 2.8 seen (docs/method/which-law.md)
@@ -83,7 +83,7 @@ WAVE_REDUCTION = 0.9  # share of what several waves remove that a curve in their
 
 
 @dataclass(frozen=True)
-class Trial:
+class TriedModel:
     """A model that was fitted on trial.
 
     Parameters
@@ -111,7 +111,7 @@ class Decision:
         Scores of all candidates without whitening; then with whitening, where that was needed too.
     reason : str
         Why the effect was accepted, or why none was.
-    trials : tuple of Trial
+    trials : tuple of TriedModel
         Models that were fitted on trial.
     accepted : AcceptedEffect or None
     stage : Stage or None
@@ -126,7 +126,7 @@ class Decision:
 
     scans: tuple[ScanResult, ...]
     reason: str
-    trials: tuple[Trial, ...] = ()
+    trials: tuple[TriedModel, ...] = ()
     accepted: AcceptedEffect | None = None
     stage: Stage | None = None
     first: tuple[AcceptedEffect, Stage] | None = None
@@ -359,23 +359,23 @@ def propose_effect(
 
     better: list[tuple[Stage, ScanRow]] = []
     irrelevant: list[ScanRow] = []
-    trials: list[Trial] = []
+    trials: list[TriedModel] = []
 
     def try_all(rows: Sequence[ScanRow]) -> None:
         for row, result in zip(rows, parallel_map(fitted, rows), strict=True):
             if isinstance(result, ModelError):
                 refused.append((by_name[row.name].info["entry"], cannot_be_built(result)))
             if not isinstance(result, Stage):
-                trials.append(Trial(row.name, np.nan, "failed"))
+                trials.append(TriedModel(row.name, np.nan, "failed"))
                 continue
             difference = bic_difference(result, stage)
             if not difference < 0.0:
-                trials.append(Trial(row.name, difference, "not better"))
+                trials.append(TriedModel(row.name, difference, "not better"))
             elif is_relevant(result, stage) or needs_prior_conflict(result.identify, stage.identify):
-                trials.append(Trial(row.name, difference, "better"))
+                trials.append(TriedModel(row.name, difference, "better"))
                 better.append((result, row))
             else:
-                trials.append(Trial(row.name, difference, "not relevant"))
+                trials.append(TriedModel(row.name, difference, "not relevant"))
                 irrelevant.append(row)
         better.sort(key=lambda t: bic_difference(t[0], stage))
 
@@ -623,13 +623,13 @@ def propose_pair(
     return _both(decision, stage, better, min(1.0, LEVEL_SHARES * pairs.p_value), fit, progress)
 
 
-def _pair_trials(fits: Sequence[Stage | None], families: Sequence[Sequence[Pair]], stage: Stage) -> list[Trial]:
+def _pair_trials(fits: Sequence[Stage | None], families: Sequence[Sequence[Pair]], stage: Stage) -> list[TriedModel]:
     trials = []
     for fitted, family in zip(fits, families, strict=True):
         name = " + ".join(family[0].names)
         difference = bic_difference(fitted, stage) if fitted is not None else np.nan
         outcome = "failed" if fitted is None else "better" if difference < -DECISIVE_BIC else "not better"
-        trials.append(Trial(name, difference, outcome))
+        trials.append(TriedModel(name, difference, outcome))
     return trials
 
 
@@ -1124,8 +1124,8 @@ def _best_curve(
     rivals = []
     for other_difference, other, _ in fits[1:]:
         curve, more = other.effects[-1], other_difference - difference
-        rival = _rival(curve, more, refitted=True, tied=more < VERY_STRONG_BIC)
-        rivals.append(replace(rival, kind=f"{curve.kind} over {curve.over}"))
+        other_curve = _rival(curve, more, refitted=True, tied=more < VERY_STRONG_BIC)
+        rivals.append(replace(other_curve, kind=f"{curve.kind} over {curve.over}"))
     accepted = AcceptedEffect(
         effect=stage.effects[-1], p_value=p, delta_bic=bic_difference(stage, before), rivals=tuple(rivals)
     )
