@@ -28,7 +28,7 @@ def __getattr__(name: str) -> Any:
 MOVED = {
     "discrepancy.axis_model": "discrepancy.rigs.axis_model",
     "discrepancy.effect_laws": "discrepancy.effects.laws",
-    "discrepancy.inverse_parts": "discrepancy.residual.inverse_parts",
+    "discrepancy.inverse_parts": "discrepancy.residual.recorded_motion",
     "discrepancy.sensor_parts": "discrepancy.effects.sensor_errors",
     "discrepancy.unknown_laws": "discrepancy.effects.uncatalogued_laws",
 }

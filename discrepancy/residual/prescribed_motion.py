@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.residual.inverse_parts import GivenAngle, GivenPosition
+from discrepancy.residual.recorded_motion import GivenAngle, GivenPosition
 from multibody.declare.declarations import Output, Port
 
 if TYPE_CHECKING:

@@ -138,7 +138,7 @@ def small_study():
         )
 
     def scanned(found, seed):
-        facts = found.linearised_problem(Preparation(decimate=5, low_pass_hz=20.0))
+        linearised = found.linearised_problem(Preparation(decimate=5, low_pass_hz=20.0))
         names = (
             "coulomb_friction",
             "quadratic_drag",
@@ -156,8 +156,8 @@ def small_study():
             )
             if f"{e.kind.name}.{e.where}" not in found.model.components
         ]
-        candidates, refused = candidate_sensitivities(facts, entries)
-        return scan(facts.residual(), facts.sensitivities(), candidates, draws=100, seed=seed), refused
+        candidates, refused = candidate_sensitivities(linearised, entries)
+        return scan(linearised.residual(), linearised.sensitivities(), candidates, draws=100, seed=seed), refused
 
     given = stage("as given", plain, (), None, ())
     recalibrated = stage("recalibrated", plain, (), None, uncertain)
