@@ -3,7 +3,7 @@
 The aim is that a hundred take no longer on two processors than fifty one after another. The last entry says what two
 processors give to single runs: two threads that share nothing and keep nothing but the last state. Where it is above 1,
 they are not two whole ones (they share a core, caches, or the clock that one alone would have). A batch takes less
-because four runs go through the equations abreast in each thread, with the same results to the last bit.  All by
+because each thread takes four runs through the equations at once, with the same results to the last bit.  All by
 DormandPrince54 unless the entry says otherwise.
 """
 

@@ -3,7 +3,7 @@
 The derivatives of what moves along the shaft, and of the current, at 601 times, each in its own standard deviation.
 The error is that of the worst parameter, relative to the size of its derivative, and stays below 1e-2: every entry
 takes the loosest tolerance, and differences then the largest step, that do.  The reference is the variational equations
-at rtol 1e-9.  A batch takes the runs of the differences four abreast on one thread.  What calibration, scans and
+at rtol 1e-9.  A batch takes the runs of the differences four at once on one thread.  What calibration, scans and
 filters use is the first entry.  Steps and their errors jump a little from run to run, so that differences need far
 tighter tolerances; down to rtol 1e-9 forward ones do not come below 1.7e-2, nor central ones below 2.6e-3.
 """

@@ -16,7 +16,7 @@ class KernelArguments:
 
     def __init__(self, model: FilterModel):
         from estimation.filters.kernels import layout as at
-        from multibody.compile.several_directions import along_directions
+        from multibody.compile.vector_mode import along_directions
         from multibody.system.narrow_features import step_limits
 
         system, n = model.system, model.n

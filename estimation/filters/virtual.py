@@ -94,7 +94,7 @@ def virtual_sensors(run: FilterRun, names: Sequence[str], every: int = 1) -> Vir
         If an output does not exist.
     """
     from multibody.base.spelling import nearest
-    from multibody.compile.several_directions import along_directions
+    from multibody.compile.vector_mode import along_directions
 
     model, system = run.model, run.model.system
     faults = [

@@ -128,7 +128,7 @@ class PerturbationResponse:
         SimulationError
             If the integration fails.
         """
-        from multibody.compile.several_directions import worth_lanes
+        from multibody.compile.vector_mode import lanes_pay_off
         from multibody.solvers.problem import ProblemError
         from multibody.solvers.transitions import transitions
         from multibody.system.along_trajectory import longest_steps
@@ -136,7 +136,7 @@ class PerturbationResponse:
         system, p, time, pick = simulation.system, simulation.p, simulation.time, simulation.outputs
         trajectory = _Trajectory(simulation)
         # decided for the whole record, though Jacobians are requested slice by slice
-        wide = worth_lanes(time.size, len(system.states))
+        wide = lanes_pay_off(time.size, len(system.states))
 
         def jacobians(at: np.ndarray) -> Callable[[slice], tuple[np.ndarray, np.ndarray]]:
             x, u = trajectory.at(at)
@@ -220,13 +220,13 @@ class _Trajectory:
     """
 
     def __init__(self, simulation: RecordSimulation) -> None:
-        from multibody.compile.several_directions import worth_lanes
+        from multibody.compile.vector_mode import lanes_pay_off
         from multibody.solvers.transitions import look_at_times
         from multibody.system.simulate import native_problem
 
         self.simulation = simulation
         system, samples = simulation.system, simulation.time
-        wide = worth_lanes(samples.size, len(system.states))
+        wide = lanes_pay_off(samples.size, len(system.states))
         self.problem = native_problem(system, simulation.p, simulation.table, tangent=True, in_lanes=wide)
         self._known = np.sort(np.concatenate((samples, look_at_times(samples))))
         self._states = self._integrated(simulation.x0, float(samples[0]), self._known)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multibody.base.errors import SimulationError
-from multibody.compile.several_directions import worth_lanes
+from multibody.compile.vector_mode import lanes_pay_off
 from multibody.system.along_trajectory import observe_along
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class RecordSimulation:
         from multibody.system.simulate import native_problem
 
         system, p, time, inputs = self.system, self.p, self.time, self.inputs
-        wide = directions is not None and worth_lanes(time.size, directions.count)
+        wide = directions is not None and lanes_pay_off(time.size, directions.count)
         problem = native_problem(system, p, self.table, directions, in_lanes=wide)
         n, m = len(system.states), problem.n_directions
         y = np.empty((time.size, self.outputs.size))

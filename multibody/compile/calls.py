@@ -17,7 +17,7 @@ from multibody.compile.emitter.entries import Inner as inner
 from multibody.compile.emitter.entries import Instruction
 
 __all__ = [
-    "call_abreast",
+    "call_batched",
     "call_rhs",
     "call_tangent",
     "entry",
@@ -52,7 +52,7 @@ def call_rhs(address: int, t: float, x: Any, u: Any, p: Any, out: Any) -> None:
 
 
 @Instruction
-def call_abreast(address: int, t: Any, x: Any, u: Any, p: Any, out: Any) -> None:
+def call_batched(address: int, t: Any, x: Any, u: Any, p: Any, out: Any) -> None:
     """Call ``f(t, x, u, p, out)`` at an address for the lanes of several runs, the times among them."""
     _python_functions[address](t, x, u, p, out)
 

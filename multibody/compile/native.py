@@ -196,6 +196,10 @@ class ReturningFunction:
 
         return function_with_result(self.function._on_arrays, self.size)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Leave out what numba has compiled: numba's key for a function that calls this one is made of the rest."""
+        return ReturningFunction, (self.function, self.size, self._u, self._p)
+
 
 def _guard(python: Callable[..., None], faults: list[BaseException]) -> Callable[..., None]:
     def guarded(t: float, *arrays: Any) -> None:

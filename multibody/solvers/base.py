@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
 
-from multibody.solvers.kernels.between import interpolate_many
+from multibody.solvers.kernels.dense_output import interpolate_many
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
     COUNTS,

@@ -10,7 +10,7 @@ from multibody.compile.emitter.kinds import address_of
 from multibody.compile.settings import jit_enabled
 from multibody.solvers.base import NativeSolver
 from multibody.solvers.kernels import dormand_prince
-from multibody.solvers.kernels.abreast import LANES, advance_abreast
+from multibody.solvers.kernels.dormand_prince_batched import LANES, advance_batched
 
 __all__ = ["DormandPrince54"]
 
@@ -66,7 +66,7 @@ class DormandPrince54(NativeSolver):
             numbers, clock, tally, y, self._work, *self._store, self.rtol, self.atol, self._count, times, samples
         )
 
-    def advance_abreast(
+    def advance_batched(
         self,
         address: int,
         numbers: np.ndarray,
@@ -88,7 +88,7 @@ class DormandPrince54(NativeSolver):
         work = np.zeros((3 + LANES) * n)
         wide, steps = np.zeros((2 * n + self.STAGES * n + n_u + n_p, LANES)), np.zeros((7, LANES))
         lanes = np.zeros((4, LANES), dtype=np.int64)
-        advance_abreast(
+        advance_batched(
             address, numbers, clock, tally, y, last, work, *store, self.rtol, self.atol, times, samples, place, wide,
             steps, lanes,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A few runs of one structure in one call of the compiled loop, abreast where their equations can be."""
+"""A few runs of one structure in one call of the compiled loop, in SIMD lanes where their equations allow it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from multibody.compile.several_runs import rhs_abreast, rhs_abreast_is_known
+from multibody.compile.batched_rates import batched_rhs, batched_rhs_is_cached
 from multibody.solvers.automatic import LOOK, Automatic
 from multibody.solvers.base import Samples
 from multibody.solvers.dormand_prince import DormandPrince54
-from multibody.solvers.kernels.abreast import LANES
+from multibody.solvers.kernels.dormand_prince_batched import LANES
 from multibody.solvers.kernels.stepping import FINISHED, LARGEST, SAMPLE, STATUS, STEP, TOO_SMALL, WANTED, WATCH
 from multibody.solvers.problem import NativeProblem
 
@@ -19,7 +19,7 @@ __all__ = ["Group", "Item", "Run"]
 
 GROUP_SECONDS, MOST_RUNS, GROUP_BYTES = 4e-3, 16, 1 << 22  # of one group
 MOST_BYTES = 1 << 24  # of a group that is as small as there are lanes
-FEWEST_ABREAST = 3  # runs that are faster in lanes than one after another
+FEWEST_BATCHED = 3  # runs that are faster in lanes than one after another
 COMPILATION = 0.5  # s, of equations in lanes
 MOST_STEPS = 1 << 22
 SUCCESS = "The solver successfully reached the end of the integration interval."
@@ -64,7 +64,7 @@ class Group:
         method, times = options.get("method", Automatic), options.get("t_eval")
         known = {"method", "t_span", "t_eval", "rtol", "atol", "max_step", "first_step", "stiff_problem"}
         self.usable = method in (Automatic, DormandPrince54) and times is not None and options.keys() <= known
-        self.watches, self.abreast, self._looked = method is Automatic, False, 0
+        self.watches, self.batched, self._looked = method is Automatic, False, 0
         if not self.usable:
             return
         self.times = np.ascontiguousarray(times, dtype=np.float64)
@@ -87,21 +87,21 @@ class Group:
         spent : float, s
             What all the runs so far took.
         """
-        if self.abreast or self._looked > 1 or not self.usable:
+        if self.batched or self._looked > 1 or not self.usable:
             return
         if spent > COMPILATION:
             self._looked = 2
         elif self._looked == 0:
             self._looked = 1
-            if not rhs_abreast_is_known(problem.rhs, LANES):
+            if not batched_rhs_is_cached(problem.rhs, LANES):
                 return
         else:
             return
-        self.abreast = rhs_abreast(problem.rhs, LANES) != 0
+        self.batched = batched_rhs(problem.rhs, LANES) != 0
 
     def size(self, result: int, pace: float = np.inf) -> int:
         """Return how many runs to take in one group, from the bytes of a result and the seconds that a run takes."""
-        least = LANES if self.abreast and LANES * result <= MOST_BYTES else 1
+        least = LANES if self.batched and LANES * result <= MOST_BYTES else 1
         return max(least, min(MOST_RUNS, GROUP_BYTES // max(1, result), int(GROUP_SECONDS / max(pace, 1e-9))))
 
     def __call__(self, items: list[Item]) -> dict[int, Run]:
@@ -182,14 +182,14 @@ class _Rows:
         first = self.items[0][1]
         alike = (p.rhs is first.rhs and p.p.size == first.p.size and p.table.n_inputs == first.table.n_inputs
                  for _, p, _ in self.items)  # fmt: skip
-        return rhs_abreast(first.rhs, LANES) if self.group.abreast and all(alike) else 0
+        return batched_rhs(first.rhs, LANES) if self.group.batched and all(alike) else 0
 
     def _advance(self, going: np.ndarray, address: int) -> None:
         """Take explicit steps of some runs, until each has as many as are wanted or goes no further."""
         solver, times = self.solver, self.group.times
-        if address and going.size >= FEWEST_ABREAST:
+        if address and going.size >= FEWEST_BATCHED:
             clock, tally, y, last = (part[going] for part in (self.clock, self.tally, self.y, self.last))
-            solver.advance_abreast(address, self.numbers[going], clock, tally, y, last, times, self.states, going)
+            solver.advance_batched(address, self.numbers[going], clock, tally, y, last, times, self.states, going)
             self.clock[going], self.tally[going], self.y[going], self.last[going] = clock, tally, y, last
             return
         rates = solver._store[2][0, solver.STAGES - 1]

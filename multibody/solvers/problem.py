@@ -269,7 +269,7 @@ class NativeProblem:
         With a relative tolerance steps may pass over the kinks of finely sampled inputs (see `InputTable.kernel_for`).
         Without ``jacobian`` what only a Jacobian takes is left out.
         """
-        from multibody.solvers.kernels.bundle import FADING, Field
+        from multibody.solvers.kernels.field_layout import FADING, Field
 
         tangent = 0 if self.tangent is None else self.tangent.address
         own = self.table.kernel_for(tolerance) if tolerance > 0.0 else self.table.kernel
@@ -301,7 +301,7 @@ class NativeProblem:
         m = self.n_directions
         if not self.in_lanes or self.tangent is None or m < 2:
             return 0, 0
-        from multibody.compile.several_directions import FEW_LANES, MANY_LANES, along_directions
+        from multibody.compile.vector_mode import FEW_LANES, MANY_LANES, along_directions
 
         lanes = FEW_LANES if m <= FEW_LANES else MANY_LANES
         wide = along_directions(self.tangent, lanes)

@@ -23,7 +23,7 @@ from multibody.compile.native import (
     compile_text,
     compiling,
 )
-from multibody.compile.several_directions import FEW_LANES, MANY_LANES, along_directions, along_states, worth_lanes
+from multibody.compile.vector_mode import FEW_LANES, MANY_LANES, along_directions, along_states, lanes_pay_off
 from multibody.model.graph import ModelGraph
 from multibody.solvers.kernels.along import lanes_along, rhs_along, tangents_along
 
@@ -230,7 +230,7 @@ class CompiledSystem:
     def rhs_columns(self) -> NativeFunction | None:
         """Several columns of the rates' Jacobian by the states at once, or None where nothing is compiled.
 
-        As `multibody.compile.several_directions.along_directions`; ``u_dot`` and ``p_dot`` are not read.
+        As `multibody.compile.vector_mode.along_directions`; ``u_dot`` and ``p_dot`` are not read.
         """
         few = int(self.colours.max(initial=0)) < 4 * FEW_LANES
         return along_states(self.texts["rhs_columns"], FEW_LANES if few else MANY_LANES) if self.compiled else None
@@ -324,7 +324,7 @@ class CompiledSystem:
         rows, m = len(self.states) if of == "rhs" else len(self.outputs), chosen.size
         at = _contiguous(times, states, inputs, p)
         wide = None
-        if worth_lanes(times.size, m) if in_lanes is None else in_lanes:
+        if lanes_pay_off(times.size, m) if in_lanes is None else in_lanes:
             # a tangent along states alone does less work
             wide = self.rhs_columns if (wrt, of) == ("x", "rhs") else along_directions(function, MANY_LANES)
         if wide is None:

@@ -30,7 +30,7 @@ def problem():
 def test_all_directions_at_once_give_what_one_after_another_gives(problem, monkeypatch):
     sensor, samples, noise, prior = problem
     fast = extended_kalman_filter(sensor.model(), samples, noise, prior, keep="covariances")
-    monkeypatch.setattr("multibody.compile.several_directions.along_directions", lambda tangent, count: None)
+    monkeypatch.setattr("multibody.compile.vector_mode.along_directions", lambda tangent, count: None)
     slow = extended_kalman_filter(sensor.model(), samples, noise, prior, keep="covariances")
     assert np.abs(fast[DELTA] - slow[DELTA]).max() < 1e-9
     assert np.abs(fast.states - slow.states).max() < 1e-8
@@ -77,5 +77,5 @@ def test_outputs_that_are_no_states_are_differentiated_at_once_too(monkeypatch):
         Prior({"body.position": 0.1}, {"body.position": 0.01, "body.velocity": 0.1}),
     )  # fmt: skip
     fast = extended_kalman_filter(*given)
-    monkeypatch.setattr("multibody.compile.several_directions.along_directions", lambda tangent, count: None)
+    monkeypatch.setattr("multibody.compile.vector_mode.along_directions", lambda tangent, count: None)
     np.testing.assert_allclose(fast.states, extended_kalman_filter(*given).states, rtol=1e-12, atol=1e-14)

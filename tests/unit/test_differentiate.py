@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from multibody import Component, Input, Model, Option, Output, Parameter, State, Table, Translation, Unknown
 from multibody.base.errors import EquationError
-from multibody.compile.several_directions import along_directions
+from multibody.compile.vector_mode import along_directions
 from multibody.equations.differentiate import Differentiator, active_names, d
 from multibody.library import Damper, Mass, Spring
 

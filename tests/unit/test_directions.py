@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from multibody.compile.native import TANGENT_ARRAYS, compile_text
-from multibody.compile.several_directions import along_directions
+from multibody.compile.vector_mode import along_directions
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.lift import Lift
 

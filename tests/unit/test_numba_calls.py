@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numba import njit
@@ -82,3 +87,36 @@ def test_a_system_that_is_not_compiled_says_so(system):
 
     with pytest.raises(TypeError, match="rhs is not compiled"):
         call(np.zeros(2), system.u, system.p)
+
+
+def test_the_example_of_the_page_gives_the_variance_that_it_expects(capsys):
+    page = (Path(__file__).resolve().parents[2] / "docs" / "howto" / "numba.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    names: dict[str, object] = {"__name__": "example"}
+    exec(compile(code, "numba.md", "exec"), names)
+    # of 2000 runs the variance is known to within 1/sqrt(1000), and the steps add less than that
+    assert np.var(names["ends"]) == pytest.approx(names["expected"], rel=0.1)
+    assert "variance of the velocity" in capsys.readouterr().out
+
+
+def test_a_cached_function_of_a_user_follows_the_model(system, tmp_path):
+    """As the page says: where the model's function is a local name, an edited model makes another key."""
+    (tmp_path / "own.py").write_text(
+        "from numba import njit\n\n\ndef make(rhs):\n    @njit(cache=True)\n    def first(x, u, p):\n"
+        "        return rhs(0.0, x, u, p)[1]\n\n    return first\n"
+    )
+    code = (
+        "import sys, numpy as np; sys.path.insert(0, sys.argv[1]); from own import make; "
+        "from multibody import Model; from multibody.library import Mass, Spring, SpringDamper; "
+        "part = Spring(stiffness=4.0) if sys.argv[2] == 'spring' else SpringDamper(stiffness=4.0, damping=2.0); "
+        "m = Model('m'); b = m.add('b', Mass(m=1.0)); s = m.add('s', part); m.connect(s.a, m.ground); "
+        "m.connect(s.b, b.flange); s = m.build(); f = make(s.rhs); "
+        "print(f(np.array([0.0, 1.0]), s.u, s.p), sum(f.stats.cache_hits.values()))"
+    )
+
+    def run(kind):
+        words = [sys.executable, "-c", code, str(tmp_path), kind]
+        return subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
+
+    kinds = ("spring", "spring", "damper")
+    assert [tuple(map(float, run(kind))) for kind in kinds] == [(0.0, 0.0), (0.0, 1.0), (-2.0, 0.0)]

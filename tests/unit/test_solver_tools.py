@@ -22,7 +22,7 @@ from multibody.solvers import (
 from multibody.solvers.batch import batch
 from multibody.solvers.choose import jacobian, spectral_radius
 from multibody.solvers.groups import MOST_RUNS
-from multibody.solvers.kernels.abreast import LANES
+from multibody.solvers.kernels.dormand_prince_batched import LANES
 
 # x' = A x + B u with A = p[0:9], B = p[9:15]; and a pendulum whose input is its third parameter late.
 SOURCE = """

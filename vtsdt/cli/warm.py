@@ -50,10 +50,10 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
     progress : callable
         Takes a line of text.
     """
-    from multibody.compile.several_runs import rhs_abreast
+    from multibody.compile.batched_rates import batched_rhs
     from multibody.solvers import DormandPrince54, Rodas5P, integrate
     from multibody.solvers.batch import batch
-    from multibody.solvers.kernels.abreast import LANES
+    from multibody.solvers.kernels.dormand_prince_batched import LANES
 
     took = {}
     for name in names:
@@ -70,12 +70,12 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
             progress(f"{name}: {words}")
             getattr(system, part)
         progress(f"{name}: rates of several runs at once")
-        rhs_abreast(system.rhs_function, LANES)
+        batched_rhs(system.rhs_function, LANES)
         took[name] = time.process_time() - begun
     begun = time.process_time()
     progress("integrators")
     problem, x0 = _small()
-    rhs_abreast(problem.rhs, LANES)
+    batched_rhs(problem.rhs, LANES)
     for method in (DormandPrince54, Rodas5P):
         integrate(problem, (0.0, 0.1), x0, [0.1], method)
         integrate(problem, (0.0, 0.1), x0, [0.1], method, events=lambda t, x: x[0])

@@ -34,7 +34,7 @@ METHODS: dict[str, Method] = {
 }
 
 # The instructions of drivers: see solvers/kernels/calls.py, which says what each does.
-CALLS = ("call_rhs", "call_abreast", "call_tangent")
+CALLS = ("call_rhs", "call_batched", "call_tangent")
 
 
 def result_kind(name: str, arguments: tuple[Kind, ...]) -> Kind | None:

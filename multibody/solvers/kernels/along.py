@@ -69,7 +69,7 @@ def lanes_along(address, times, states, inputs, p, x_dot, u_dot, p_dot, room, ou
     """Evaluate directions, as many at once as the tangent has lanes, at every row; out (nt, rows, directions).
 
     Seeds are x_dot (groups, n, lanes), u_dot and p_dot likewise; the address is that of a tangent of as many directions
-    (`multibody.compile.several_directions`); ``room``, shape (rows, lanes), is for what it writes.
+    (`multibody.compile.vector_mode`); ``room``, shape (rows, lanes), is for what it writes.
     """
     n, n_u, rows, count = states.shape[1], inputs.shape[1], out.shape[1], out.shape[2]
     groups, lanes, n_p = x_dot.shape[0], x_dot.shape[2], p_dot.shape[1]

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 from multibody.compile.calls import entry, floats, fused, independent, inner, ints, pointer, shift
-from multibody.solvers.kernels.bundle import N
 from multibody.solvers.kernels.field import evaluate
+from multibody.solvers.kernels.field_layout import N
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
     CALM,
@@ -213,6 +213,34 @@ def shorter(h, error, near):
 
 
 @inner
+def accept_or_shorten(
+    c, clock, tally, h, t_new, clipped, jump, size, count, y, k, y_new, rtol, atol, errors, largest, proposal, limit
+):
+    """Accept the step to y_new and return zero, or return the shorter step to try in its place.
+
+    ``clipped`` and ``jump`` are those of `plan`, ``proposal`` is the step before it was clipped, and ``limit`` the
+    shortest step that was rejected here.
+    """
+    begin = clock[T]
+    raw_errors(t_new - begin, size, size, k, errors)
+    error = mean_error(count, y, y_new, errors, rtol, atol, errors)
+    if count < size and long_enough(h, begin):
+        error = max(error, direction_error(c[N], size, y, y_new, errors, rtol, atol, largest))
+    near = passing(c, t_new, y_new) if error <= 1.0 else 0.0
+    if not h <= 2.0 * near:
+        tally[REJECTED] += 1
+        if not error <= 1.0:
+            tally[WORST] = worst(count, errors)
+        return shorter(h, error, near)
+    forget_tiny(size, y_new)
+    if count < size:
+        remember_largest(c[N], size, y_new, largest)
+    settle(clock, h, t_new, error, EXPONENT, DAMPING, proposal if clipped else 0.0, limit)
+    tally[KNOWN] = 0 if jump else 2
+    return 0.0
+
+
+@inner
 def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, largest):
     """Take one step with error control from y; return False if it would have to be too small."""
     t = clock[T]
@@ -231,24 +259,13 @@ def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, larg
             tally[KNOWN] = 1
         stages(c, t, t_new - t, size, y, k, y_new)
         tally[EVALUATIONS] += 6
-        raw_errors(t_new - t, size, size, k, errors)
-        error = mean_error(count, y, y_new, errors, rtol, atol, errors)
-        if count < size and long_enough(h, t):
-            error = max(error, direction_error(c[N], size, y, y_new, errors, rtol, atol, largest))
-        near = passing(c, t_new, y_new) if error <= 1.0 else 0.0
-        if h <= 2.0 * near:
-            break
-        limit = h
-        tally[REJECTED] += 1
-        if not error <= 1.0:
-            tally[WORST] = worst(count, errors)
-        proposal = shorter(h, error, near)
-    forget_tiny(size, y_new)
-    if count < size:
-        remember_largest(c[N], size, y_new, largest)
-    settle(clock, h, t_new, error, EXPONENT, DAMPING, proposal if clipped else 0.0, limit)
-    tally[KNOWN] = 0 if jump else 2
-    return True
+        retry = accept_or_shorten(
+            c, clock, tally, h, t_new, clipped, jump, size, count, y, k, y_new, rtol, atol, errors, largest, proposal,
+            limit,
+        )  # fmt: skip
+        if retry == 0.0:
+            return True
+        limit, proposal = h, retry
 
 
 @inner

@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 
 from multibody.compile.calls import entry, fused, independent, inner, pointer, shift
-from multibody.solvers.kernels.bundle import N
 from multibody.solvers.kernels.field import evaluate
+from multibody.solvers.kernels.field_layout import N
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
     DONE,

@@ -18,7 +18,7 @@ from multibody.compile.calls import (
     pointer,
     shift,
 )
-from multibody.solvers.kernels.bundle import (
+from multibody.solvers.kernels.field_layout import (
     BREAK_CURSOR,
     BREAK_DELAY,
     BREAK_START,

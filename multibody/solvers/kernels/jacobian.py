@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from multibody.compile.calls import call_tangent, entry, floats, independent, inner, pointer, shift
-from multibody.solvers.kernels.bundle import ABREAST, COLUMNS, PASSED, SEEDS, TANGENT, N, P, U
 from multibody.solvers.kernels.field import evaluate, hold_at
+from multibody.solvers.kernels.field_layout import COLUMN_LANES, COLUMNS, PASSED, SEEDS, TANGENT, N, P, U
 
 
 @inner
 def jacobian(t, x, c, owner, colours, seed, column, zero, matrix):
     """Write the Jacobian by columns; ``owner`` gives for each colour and row the column of the entry."""
-    n, lanes = c[N], c[ABREAST]
+    n, lanes = c[N], c[COLUMN_LANES]
     for i in independent(n * n):
         matrix[i] = 0.0
     if lanes > 0:

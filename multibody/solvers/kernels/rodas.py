@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 from multibody.compile.calls import entry, fused, independent, inner, pointer, shift
-from multibody.solvers.kernels.bundle import N_MOVING, M, N
 from multibody.solvers.kernels.field import evaluate, evaluate_state, look_up, tangents
+from multibody.solvers.kernels.field_layout import N_MOVING, M, N
 from multibody.solvers.kernels.jacobian import jacobian
 from multibody.solvers.kernels.rodas_tableau import GAMMA, NODES, TIME, A, C, H
 from multibody.solvers.kernels.stepping import (

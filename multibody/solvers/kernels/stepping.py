@@ -14,7 +14,8 @@ from __future__ import annotations
 import math
 
 from multibody.compile.calls import call_rhs, floats, independent, inner, ints
-from multibody.solvers.kernels.bundle import (
+from multibody.solvers.kernels.field import evaluate, hold_at, next_break
+from multibody.solvers.kernels.field_layout import (
     DELAYED,
     JUMPS,
     N_GROUPS,
@@ -27,7 +28,6 @@ from multibody.solvers.kernels.bundle import (
     P,
     U,
 )
-from multibody.solvers.kernels.field import evaluate, hold_at, next_break
 
 T, STEP, ERROR, END, DIRECTION, LARGEST, T_OLD, STEP_OLD, LONGEST = range(9)
 WANTED, DONE, REJECTED, EVALUATIONS, SAMPLE, FIRST, WORST, KNOWN, SLOT, JACOBIANS, FACTORIZATIONS = range(11)

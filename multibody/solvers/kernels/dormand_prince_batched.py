@@ -1,4 +1,4 @@
-"""Runs of one structure abreast: the explicit method's stages as vectors of one number for each run.
+"""Batched runs of one structure: the explicit method's stages as SIMD vectors of one number for each run.
 
 Every lane has a time, a step, inputs and an error of its own, so that each run takes the steps that it takes alone, to
 the last bit.  Only the equations and the sums of the stages go through the lanes together; whatever decides about a
@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 
-from multibody.compile.calls import call_abreast, entry, floats, fused, independent, inner, pointer, shift
-from multibody.solvers.kernels.bundle import N_P, N_U, SIZE, N, P, U
-from multibody.solvers.kernels.dormand_prince import DAMPING, EXPONENT, march, raw_errors, shorter, watch, write_samples
+from multibody.compile.calls import call_batched, entry, floats, fused, independent, inner, pointer, shift
+from multibody.solvers.kernels.dormand_prince import accept_or_shorten, march, watch, write_samples
 from multibody.solvers.kernels.field import evaluate, look_up
+from multibody.solvers.kernels.field_layout import N_P, N_U, SIZE, N, P, U
 from multibody.solvers.kernels.stepping import (
     COUNTS,
     DONE,
@@ -20,24 +20,18 @@ from multibody.solvers.kernels.stepping import (
     GO_ON,
     KNOWN,
     LARGEST,
-    REJECTED,
     STATUS,
     STEP,
     TICKS,
     TOO_SMALL,
     WANTED,
     WATCH,
-    WORST,
     T,
     first_step,
-    forget_tiny,
-    mean_error,
     passing,
     plan,
     remember_step,
-    settle,
     state_before,
-    worst,
 )
 
 LANES = 4  # a vector of the common kind; eight are no faster for a lane (lift with 37 states: 0.43 and 0.45 µs)
@@ -55,7 +49,7 @@ def bring_inputs(times, numbers, run_of, wide_u):
 
 
 @fused
-def stages_abreast(address, numbers, run_of, begins, h, size, times, y, k, y_new, wide_u, wide_p):
+def batched_stages(address, numbers, run_of, begins, h, size, times, y, k, y_new, wide_u, wide_p):
     """As `stages` of a single run, for every lane with its own time and step."""
     wide = size * LANES
     k1, k2, k3 = k, shift(k, wide), shift(k, 2 * wide)
@@ -67,7 +61,7 @@ def stages_abreast(address, numbers, run_of, begins, h, size, times, y, k, y_new
     for lane in range(LANES):
         times[lane] = begins[lane] + h[lane] / 5
     bring_inputs(times, numbers, run_of, wide_u)
-    call_abreast(address, times, y_new, wide_u, wide_p, k2)
+    call_batched(address, times, y_new, wide_u, wide_p, k2)
     for i in range(size):
         for lane in independent(LANES):
             a = i * LANES + lane
@@ -75,7 +69,7 @@ def stages_abreast(address, numbers, run_of, begins, h, size, times, y, k, y_new
     for lane in range(LANES):
         times[lane] = begins[lane] + h[lane] * (3 / 10)
     bring_inputs(times, numbers, run_of, wide_u)
-    call_abreast(address, times, y_new, wide_u, wide_p, k3)
+    call_batched(address, times, y_new, wide_u, wide_p, k3)
     for i in range(size):
         for lane in independent(LANES):
             a = i * LANES + lane
@@ -83,7 +77,7 @@ def stages_abreast(address, numbers, run_of, begins, h, size, times, y, k, y_new
     for lane in range(LANES):
         times[lane] = begins[lane] + h[lane] * (4 / 5)
     bring_inputs(times, numbers, run_of, wide_u)
-    call_abreast(address, times, y_new, wide_u, wide_p, k4)
+    call_batched(address, times, y_new, wide_u, wide_p, k4)
     for i in range(size):
         for lane in independent(LANES):
             a = i * LANES + lane
@@ -93,7 +87,7 @@ def stages_abreast(address, numbers, run_of, begins, h, size, times, y, k, y_new
     for lane in range(LANES):
         times[lane] = begins[lane] + h[lane] * (8 / 9)
     bring_inputs(times, numbers, run_of, wide_u)
-    call_abreast(address, times, y_new, wide_u, wide_p, k5)
+    call_batched(address, times, y_new, wide_u, wide_p, k5)
     for i in range(size):
         for lane in independent(LANES):
             a = i * LANES + lane
@@ -107,7 +101,7 @@ def stages_abreast(address, numbers, run_of, begins, h, size, times, y, k, y_new
     for lane in range(LANES):
         times[lane] = begins[lane] + h[lane]
     bring_inputs(times, numbers, run_of, wide_u)
-    call_abreast(address, times, y_new, wide_u, wide_p, k6)
+    call_batched(address, times, y_new, wide_u, wide_p, k6)
     for i in range(size):
         for lane in independent(LANES):
             a = i * LANES + lane
@@ -118,7 +112,7 @@ def stages_abreast(address, numbers, run_of, begins, h, size, times, y, k, y_new
                 - (2187 / 6784) * k5[a]
                 + (11 / 84) * k6[a]
             )
-    call_abreast(address, times, y_new, wide_u, wide_p, k7)
+    call_batched(address, times, y_new, wide_u, wide_p, k7)
 
 
 @inner
@@ -156,20 +150,13 @@ def begin_step(c, clock, tally, lane, size, y, k, y_new, wide_k, rtol, atol, pro
 @inner
 def end_step(c, clock, tally, lane, size, y, k, y_new, errors, rtol, atol, h, t_new, how, proposals, limits, spans):
     """Accept the step of a lane and return True, or propose a smaller one."""
-    begin = clock[T]
-    raw_errors(t_new - begin, size, size, k, errors)
-    error = mean_error(size, y, y_new, errors, rtol, atol, errors)
-    near = passing(c, t_new, y_new) if error <= 1.0 else 0.0
-    if not h <= 2.0 * near:
-        limits[lane] = h
-        tally[REJECTED] += 1
-        if not error <= 1.0:
-            tally[WORST] = worst(size, errors)
-        proposals[lane] = shorter(h, error, near)
+    retry = accept_or_shorten(
+        c, clock, tally, h, t_new, how % 2 == 1, how >= 2, size, size, y, k, y_new, rtol, atol, errors, errors,
+        proposals[lane], limits[lane],
+    )  # fmt: skip
+    if retry != 0.0:
+        limits[lane], proposals[lane] = h, retry
         return False
-    forget_tiny(size, y_new)
-    settle(clock, h, t_new, error, EXPONENT, DAMPING, proposals[lane] if how % 2 == 1 else 0.0, limits[lane])
-    tally[KNOWN] = 0 if how >= 2 else 2
     remember_step(clock, tally, spans)
     if tally[WATCH] != 0:
         watch(clock, tally, c[N], size, y, k, y_new, rtol, atol)
@@ -204,7 +191,7 @@ def ended(ticks, counts):
 
 
 @entry
-def advance_abreast(
+def advance_batched(
     address, numbers, clock, tally, y, last, work, store_t, store_y, store_k, rtol, atol, times, samples, place, wide,
     steps, lanes
 ):
@@ -291,7 +278,7 @@ def advance_abreast(
                 into_lane(size, k, wide_k, lane)
             begins[lane] = ticks[T]
             h[lane] = ends[lane] - ticks[T]
-        stages_abreast(
+        batched_stages(
             address, fields, run_of, begins, h, size, at, wide_y, wide_k, wide_new, wide_u, wide_p)
         out_of_lanes(7 * size, wide_k, pointer(store_k), 7 * size)
         out_of_lanes(size, wide_new, shift(pointer(work), 3 * size), size)

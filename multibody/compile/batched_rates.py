@@ -8,12 +8,12 @@ from multibody.compile.emitter.kinds import Kind, Lanes, LanesAt, Outside
 from multibody.compile.emitter.units import Unit, unit_of_text
 from multibody.compile.native import RHS_ARRAYS, NativeFunction, compiling
 
-__all__ = ["rhs_abreast", "rhs_abreast_is_known"]
+__all__ = ["batched_rhs", "batched_rhs_is_cached"]
 
-_ENTRY = "\n\ndef {name}_abreast(t, x, u, p, dx):\n    {name}(t[0], x, u, p, dx)\n"
+_ENTRY = "\n\ndef {name}_batched(t, x, u, p, dx):\n    {name}(t[0], x, u, p, dx)\n"
 
 
-def rhs_abreast(rhs: NativeFunction, count: int) -> int:
+def batched_rhs(rhs: NativeFunction, count: int) -> int:
     """Return the address of a right-hand side for several runs, or 0 where it is outside the compiler's subset.
 
     Times, states (n, count), inputs (n_u, count), parameters (n_p, count) and rates (n, count) of the runs stand side
@@ -30,14 +30,14 @@ def rhs_abreast(rhs: NativeFunction, count: int) -> int:
     return _made(*rhs.origin, rhs.name, count) if _can_be(rhs) else 0
 
 
-def rhs_abreast_is_known(rhs: NativeFunction, count: int) -> bool:
-    """Tell whether `rhs_abreast` finds its code in the cache, so that it costs no compilation."""
+def batched_rhs_is_cached(rhs: NativeFunction, count: int) -> bool:
+    """Tell whether `batched_rhs` finds its code in the cache, so that it costs no compilation."""
     from multibody.compile.emitter.build import built
 
     if not _can_be(rhs):
         return False
     text, stem = rhs.origin
-    return built(stem, _source(text, rhs.name), f"{rhs.name}_abreast", _kinds(count))
+    return built(stem, _source(text, rhs.name), f"{rhs.name}_batched", _kinds(count))
 
 
 def _can_be(rhs: NativeFunction) -> bool:
@@ -59,7 +59,7 @@ def _made(text: str, stem: str, name: str, count: int) -> int:
     source = _source(text, name)
     try:
         with compiling:
-            return build(stem, source, partial(_unit, *source, stem, name, count), f"{name}_abreast", _kinds(count))[0]
+            return build(stem, source, partial(_unit, *source, stem, name, count), f"{name}_batched", _kinds(count))[0]
     except Outside:
         return 0
 
@@ -67,7 +67,7 @@ def _made(text: str, stem: str, name: str, count: int) -> int:
 def _unit(text: str, stem: str, name: str, count: int) -> Unit:
     from multibody.compile.emitter.program import Program
 
-    unit = unit_of_text(text, f"{stem} abreast")
+    unit = unit_of_text(text, f"{stem} batched")
     if Program().one_by_one(unit, name, (Lanes(count), *_kinds(count)[1:])):
         raise Outside(f"{name}: all of it would be worked out for one run after another")
     return unit

@@ -13,13 +13,13 @@ from multibody.compile.emitter.kinds import Outside
 from multibody.compile.native import TANGENT_ARRAYS, NativeFunction, compile_text, compiling
 from multibody.compile.settings import jit_enabled
 
-__all__ = ["FEW_LANES", "MANY_LANES", "along_directions", "along_states", "worth_lanes"]
+__all__ = ["FEW_LANES", "MANY_LANES", "along_directions", "along_states", "lanes_pay_off"]
 
 FEW_LANES, MANY_LANES = 4, 8  # directions at once: one vector register or two of the common kind
 WORTH = 10_000
 
 
-def worth_lanes(samples: int, directions: int) -> bool:
+def lanes_pay_off(samples: int, directions: int) -> bool:
     """Tell whether a record is long enough for a tangent of several directions, which has to be compiled as well."""
     return directions > 1 and samples * directions >= WORTH
 

@@ -1,4 +1,4 @@
-"""Runs that go through the equations abreast are what each of them is alone, to the last bit."""
+"""Batched runs are what each of them is alone, to the last bit."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from multibody.compile import native
-from multibody.compile.several_runs import rhs_abreast
+from multibody.compile.batched_rates import batched_rhs
 from multibody.inputs.table import InputTable
 from multibody.solvers import Automatic, DormandPrince54, NativeProblem, groups, integrate
 from multibody.solvers.batch import batch
-from multibody.solvers.kernels.abreast import LANES
+from multibody.solvers.kernels.dormand_prince_batched import LANES
 
 TEXT = """import math
 
@@ -63,11 +63,11 @@ def rhs(t, x, u, p, dx):
 P = np.array([0.7, 0.6, -1.0, -0.4, 0.2, 0.9, 1.5])
 
 
-def abreast(rhs, count, t, x, u, p):
+def batched(rhs, count, t, x, u, p):
     """Rates by the equations in lanes, shape (count, n)."""
     import ctypes
 
-    address = rhs_abreast(rhs, count)
+    address = batched_rhs(rhs, count)
     assert address
     columns = [np.ascontiguousarray(v.T) for v in (t[:, None], x, u, p)]
     out = np.full((x.shape[1], count), np.nan)
@@ -77,14 +77,14 @@ def abreast(rhs, count, t, x, u, p):
 
 @pytest.mark.parametrize("count", [3, 4, 8])
 def test_equations_in_lanes_are_those_of_each_lane(count):
-    rhs = native.compile_text(TEXT, "abreast", "rhs", 4)
+    rhs = native.compile_text(TEXT, "batched", "rhs", 4)
     rng = np.random.default_rng(0)
     for scale in (0.1, 1.0, 10.0):
         t, x = rng.normal(size=count), scale * rng.normal(size=(count, 4))
         u, p = rng.normal(size=(count, 1)), P + 0.3 * rng.normal(size=(count, P.size))
         x[0, 0] = x[0, 1]
         x[1, 1] = [np.nan, np.inf, -0.0][int(rng.integers(3))]
-        together = abreast(rhs, count, t, x, u, p)
+        together = batched(rhs, count, t, x, u, p)
         for j in range(count):
             np.testing.assert_array_equal(together[j], rhs(t[j], x[j], u[j], p[j], np.empty(4)), err_msg=str(j))
 
@@ -96,9 +96,9 @@ def test_equations_in_lanes_are_those_of_each_lane(count):
      "dx[0] = 0.0\n    if x[0] > 0.0:\n        dx[0] = part(x[0])",
      "dx[0] = part(x[0]) if x[0] > 0.0 else 0.0"],
 )  # fmt: skip
-def test_what_cannot_go_abreast_is_left_to_each_run(line):
+def test_what_cannot_be_batched_is_left_to_each_run(line):
     text = f"def part(x):\n    return 2.0 * x\n\n\ndef rhs(t, x, u, p, dx):\n    {line}\n"
-    assert rhs_abreast(native.compile_text(text, "abreast", "rhs", 4), 4) == 0
+    assert batched_rhs(native.compile_text(text, "batched", "rhs", 4), 4) == 0
 
 
 @pytest.mark.parametrize("machine", ["reference", "one_dimensional", "cabin"])
@@ -111,7 +111,7 @@ def test_rates_of_the_lift_in_lanes_are_those_of_each(machine):
     u = system.u + 0.1 * rng.normal(size=(count, system.u.size))
     p = system.p * (1.0 + 0.01 * rng.normal(size=(count, system.p.size)))
     t = rng.random(count)
-    together = abreast(system.rhs_function, count, t, x, u, p)
+    together = batched(system.rhs_function, count, t, x, u, p)
     for j in range(count):
         alone = system.rhs_function(t[j], x[j], u[j], p[j], np.empty(x.shape[1]))
         np.testing.assert_array_equal(together[j], alone)
@@ -120,7 +120,7 @@ def test_rates_of_the_lift_in_lanes_are_those_of_each(machine):
 def test_contact_of_teeth_is_left_to_each_run_and_that_soon():
     from gearbox.stage.stage import GearStage
 
-    assert rhs_abreast(GearStage.paper().system.rhs_function, LANES) == 0
+    assert batched_rhs(GearStage.paper().system.rhs_function, LANES) == 0
 
 
 SWING = """import math
@@ -153,14 +153,14 @@ def swing():
 def at_once(monkeypatch):
     """Lanes from the first group on, and what is known of the groups that went through them."""
     seen = []
-    advance = DormandPrince54.advance_abreast
+    advance = DormandPrince54.advance_batched
 
     def noted(self, address, numbers, *given):
         seen.append(len(numbers))
         advance(self, address, numbers, *given)
 
     monkeypatch.setattr(groups, "COMPILATION", -1.0)
-    monkeypatch.setattr(DormandPrince54, "advance_abreast", noted)
+    monkeypatch.setattr(DormandPrince54, "advance_batched", noted)
     return seen
 
 
@@ -172,7 +172,7 @@ def changed(problem, count, seed=0):
 
 @pytest.mark.parametrize("method", [Automatic, DormandPrince54])
 @pytest.mark.parametrize("count", [4, 37])
-def test_a_batch_abreast_is_each_run_alone(swing, at_once, method, count):
+def test_each_batched_run_is_as_alone(swing, at_once, method, count):
     t = np.linspace(0.0, 2.0, 301)
     options = dict(method=method, rtol=1e-5, atol=1e-8)
     done = list(batch(changed(swing, count), (0.0, 2.0), t, 2, **options))
@@ -222,7 +222,7 @@ def test_runs_that_fail_leave_the_others_of_their_lanes_as_they_are(swing, at_on
 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-5])
-def test_the_default_method_changes_its_mind_abreast_as_it_does_alone(at_once, rtol):
+def test_the_default_method_changes_methods_in_a_batch_as_it_does_alone(at_once, rtol):
     from multibody.system.simulate import input_table, native_problem
     from vtsdt.lift.lift import Lift
 

@@ -34,7 +34,7 @@ WINDOW = 35
 WIDE, LANES, P_WIDE, ROOM, PUSHED = range(36, 41)
 # For the Jacobian: a derivative by the states along several directions at once, how many (0: none), the directions in
 # its order, and room for its result.
-COLUMNS, ABREAST, SEEDS, PASSED = range(41, 45)
+COLUMNS, COLUMN_LANES, SEEDS, PASSED = range(41, 45)
 # For what passes by: its speeds' address and number, its widths, and room for the speeds.
 SPEEDS, N_SPEEDS, WIDTHS, PACES = range(45, 49)
 # And whether every moving column is linear and without delay.
@@ -109,7 +109,7 @@ class Field:
     directions : dict of ndarray, optional
         p_dot (m, n_p), channel (m,), weight (m, n_u), shape_t (ns,), shape (ns, m).
     wide : (int, int)
-        Address of a tangent of several directions at once, and how many (see `multibody.compile.several_directions`);
+        Address of a tangent of several directions at once, and how many (see `multibody.compile.vector_mode`);
         0 for none.
     columns : int
         Address of a derivative by the states along several directions at once, for the Jacobian; 0 for none.
