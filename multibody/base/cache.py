@@ -117,9 +117,9 @@ def kept_text(stem: str, source: tuple[str, ...], write: Callable[[], str]) -> s
         Returns the text.
     """
     path = cache_dir() / f"{stem}_{digest_of(_generator(), *source)}.txt"
-    found = read_object(path)
-    if found is not None:
-        return found[0].decode()
+    kept = read_object(path)
+    if kept is not None:
+        return kept[0].decode()
     text = write()
     write_object(path, text.encode())
     return text

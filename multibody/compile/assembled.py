@@ -84,8 +84,8 @@ def plan_of(model: ModelGraph, probes: bool, energy: bool, outputs: Iterable[str
     if _built <= BUILDS and not probes:
         with contextlib.suppress(NoKey, OSError):  # a model can be put together without a cache
             path = cache_dir() / f"plan_{_key(model, energy, outputs)}.json"
-    if path is not None and (found := read_object(path)) is not None:
-        return _told(model, _read(json.loads(found[0]), lambda: _assembled(model, probes, energy, outputs)))
+    if path is not None and (kept := read_object(path)) is not None:
+        return _told(model, _read(json.loads(kept[0]), lambda: _assembled(model, probes, energy, outputs)))
     if path is None:
         return _remembered(model, probes, energy, outputs)
     made = _assembled(model, probes, energy, outputs)

@@ -135,9 +135,9 @@ class _Function:
                 for k, target in enumerate(targets):
                     self._line(depth, f"{self.value(target)} = {held}.r{k};")
             case ast.Assign(targets=targets, value=value):
-                found = self.value(value)
+                result = self.value(value)
                 for target in targets:
-                    self._line(depth, f"{self.value(target)} = {found};")
+                    self._line(depth, f"{self.value(target)} = {result};")
             case ast.AugAssign(target=target, op=op, value=value):
                 whole = ast.BinOp(target, op, value)
                 self._line(depth, f"{self.value(target)} = {self.value(ast.fix_missing_locations(whole))};")
@@ -229,10 +229,10 @@ class _Function:
             case ast.Attribute(value=ast.Name(id="math"), attr=attr) if attr in METHODS:
                 return f"{attr}({', '.join(given)})"
             case ast.Name(id="min" | "max" as name):
-                found = given[0]
+                result = given[0]
                 for other in given[1:]:
-                    found = f"{'least' if name == 'min' else 'most'}({found}, {other})"
-                return found
+                    result = f"{'least' if name == 'min' else 'most'}({result}, {other})"
+                return result
             case ast.Name(id="abs"):
                 return f"fabs({given[0]})"
             case ast.Name(id="int" | "float" as name):

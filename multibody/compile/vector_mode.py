@@ -16,12 +16,12 @@ from multibody.compile.settings import jit_enabled
 __all__ = ["FEW_LANES", "MANY_LANES", "along_directions", "along_states", "lanes_pay_off"]
 
 FEW_LANES, MANY_LANES = 4, 8  # directions at once: one vector register or two of the common kind
-WORTH = 10_000
+LEAST_EVALUATIONS = 10_000
 
 
 def lanes_pay_off(samples: int, directions: int) -> bool:
     """Tell whether a record is long enough for a tangent of several directions, which has to be compiled as well."""
-    return directions > 1 and samples * directions >= WORTH
+    return directions > 1 and samples * directions >= LEAST_EVALUATIONS
 
 
 def along_directions(tangent: NativeFunction, count: int) -> NativeFunction | None:

@@ -90,8 +90,8 @@ def batch(
 
 def _timed(group: Group, items: list[Item]) -> tuple[list[Run], float]:
     begun = time.perf_counter()
-    found = group(items)
-    done = [found.get(i) or _run(i, problem, x0, group.options) for i, problem, x0 in items]
+    together = group(items)
+    done = [together.get(i) or _run(i, problem, x0, group.options) for i, problem, x0 in items]
     return done, (time.perf_counter() - begun) / len(items)
 
 

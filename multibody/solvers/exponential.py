@@ -65,9 +65,9 @@ class Exponential43(NativeSolver):
 
     def _look(self) -> None:
         """Find the fast motion at the present state; of several directions the one of the fastest is kept."""
-        found = fast_motion(self._jacobian(float(self._clock[T])))
-        if found is not None and found[0] < self._fastest:
-            self._fastest, self._left[:], self._right[:] = found
+        motion = fast_motion(self._jacobian(float(self._clock[T])))
+        if motion is not None and motion[0] < self._fastest:
+            self._fastest, self._left[:], self._right[:] = motion
         self._rates[LEFT] = 0.0
         self._due = SPELLS[int(self._fastest < 0.0)]
 

@@ -1,4 +1,4 @@
-"""Discrete transitions where a machine is stiff: matrix exponentials of its Jacobian, frozen piece by piece.
+"""Discrete transitions where a machine is stiff: matrix blocks of its Jacobian, frozen piece by piece.
 
 An explicit integration of the variational equation needs as many steps as the fastest motion has time constants, even
 when that motion has long died away: a connection that sticks in dry friction can ask for thousands between two
@@ -48,11 +48,11 @@ def frozen_transitions(a: np.ndarray, b: np.ndarray, h: np.ndarray) -> tuple[np.
     whole[..., :n, :n] = a * piece
     whole[..., :n, n : n + m] = b * piece
     whole[..., n : n + m, n + m :] = np.eye(m)
-    found = expm(whole)
+    blocks = expm(whole)
     phi = np.broadcast_to(np.eye(n), (count, n, n)).copy()
     gamma0, gamma1 = np.zeros((count, n, m)), np.zeros((count, n, m))
     for j in range(q):
-        step, held, ramp = found[:, j, :n, :n], found[:, j, :n, n : n + m], found[:, j, :n, n + m :]
+        step, held, ramp = blocks[:, j, :n, :n], blocks[:, j, :n, n : n + m], blocks[:, j, :n, n + m :]
         # The addition runs from φ_k to φ_{k+1} over the interval: in a piece it begins at begun and rises by 1/q.
         begun = j / q
         gamma0 = step @ gamma0 + (1.0 - begun) * held - ramp / q

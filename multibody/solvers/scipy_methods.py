@@ -109,8 +109,8 @@ class Stops:
 def _lapack(name: str, kind: str) -> Any:
     from scipy.linalg import get_lapack_funcs
 
-    found: Any = get_lapack_funcs((name,), dtype=np.dtype(kind))
-    return found[0]
+    routines: Any = get_lapack_funcs((name,), dtype=np.dtype(kind))
+    return routines[0]
 
 
 def _solve(factors: tuple[np.ndarray, np.ndarray], right: np.ndarray) -> np.ndarray:
@@ -273,11 +273,11 @@ def solve_with_stops(
     tolerance = float(np.min(options.get("rtol", 1e-3)))
     stops = Stops.of(table, p, (float(span[0]), float(span[1])), tolerance)
     solve: Any = scipy.integrate.solve_ivp  # its stubs know no options by keyword
-    found = solve(fun, span, x0, method=_ending(method), stops=stops, dense_output=dense_output, **options)
-    found.longest_step = stops.longest
-    if not np.size(found.t):  # lists, where it failed before the first sample
-        found.t, found.y = np.empty(0), np.empty((np.size(x0), 0))
-    if found.sol is not None and method in ("BDF", "LSODA"):
+    solution = solve(fun, span, x0, method=_ending(method), stops=stops, dense_output=dense_output, **options)
+    solution.longest_step = stops.longest
+    if not np.size(solution.t):  # lists, where it failed before the first sample
+        solution.t, solution.y = np.empty(0), np.empty((np.size(x0), 0))
+    if solution.sol is not None and method in ("BDF", "LSODA"):
         # their interpolants do not meet: at the end of a step that of this step counts, as in SciPy
-        found.sol = scipy.integrate.OdeSolution(found.sol.ts, found.sol.interpolants, alt_segment=True)
-    return found
+        solution.sol = scipy.integrate.OdeSolution(solution.sol.ts, solution.sol.interpolants, alt_segment=True)
+    return solution

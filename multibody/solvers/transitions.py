@@ -108,7 +108,7 @@ def transitions(
     at = jacobians(look_at_times(times))
     a, b = at(slice(0, 1))
     n, m = a.shape[1], b.shape[2]
-    found = Transitions(*(np.zeros((h.size, n, k)) for k in (n, m, m)))
+    matrices = Transitions(*(np.zeros((h.size, n, k)) for k in (n, m, m)))
     least = np.ceil(h / limit)  # pieces
     inside = np.searchsorted(times, breaks, side="right") - 1
     within = (inside >= 0) & (inside < h.size)
@@ -126,24 +126,24 @@ def transitions(
         whole = np.column_stack((length, np.zeros(length.size), np.ones(length.size)))
         few, first = (3 * smooth[:, None] + np.arange(3)).ravel(), np.arange(smooth.size + 1)
         if smooth.size:
-            _carry(found, a[few], b[few], fastest[smooth], whole[smooth], first, part.start + smooth, lasting)
+            _carry(matrices, a[few], b[few], fastest[smooth], whole[smooth], first, part.start + smooth, lasting)
         return fastest, pieces
 
     looks = parallel_map(first_look, _parts(h.size))
     fastest, pieces = (np.concatenate(each) for each in zip(*looks, strict=True))
-    for each in found:
+    for each in matrices:
         each[~np.isfinite(fastest)] = np.nan
     stiff = np.flatnonzero((h * fastest > STIFF) & np.isfinite(fastest))
     rough = np.flatnonzero((pieces > 1.0) & (h * fastest <= STIFF))
     if stiff.size or rough.size:
-        _look_again(found, times, jacobians, rough, pieces[rough].astype(int), stiff, breaks, lasting)
-    bad = ~np.all([np.isfinite(each).all(axis=(1, 2)) for each in found], axis=0)
+        _look_again(matrices, times, jacobians, rough, pieces[rough].astype(int), stiff, breaks, lasting)
+    bad = ~np.all([np.isfinite(each).all(axis=(1, 2)) for each in matrices], axis=0)
     if np.any(bad):
         raise ProblemError(
             f"the transition from t = {times[np.argmax(bad)]:.9g} s on is not finite: "
             "the state there is out of the model's range"
         )
-    return found
+    return matrices
 
 
 def look_at_times(times: np.ndarray) -> np.ndarray:
@@ -184,7 +184,7 @@ def _look(a: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _look_again(
-    found: Transitions,
+    matrices: Transitions,
     times: np.ndarray,
     jacobians: Jacobians,
     rough: np.ndarray,
@@ -209,7 +209,7 @@ def _look_again(
         own = slice(int(first[part.start]), int(first[part.stop]))
         a, b = at(slice(3 * own.start, 3 * own.stop))
         fastest, _ = _look(a, length[own])
-        _carry(found, a, b, fastest, spans[own], first[part.start : part.stop + 1] - own.start, rough[part], lasting)
+        _carry(matrices, a, b, fastest, spans[own], first[part.start : part.stop + 1] - own.start, rough[part], lasting)
 
     def frozen(part: slice) -> None:
         a, b = at(slice(nodes.size + PIECES * part.start, nodes.size + PIECES * part.stop))
@@ -218,7 +218,7 @@ def _look_again(
         phi, gamma0, gamma1 = frozen_transitions(a, b, h[some])
         gamma0[..., m - lasting :] += gamma1[..., m - lasting :]
         gamma1[..., m - lasting :] = 0.0
-        for whole, own in zip(found, (phi, gamma0, gamma1), strict=True):
+        for whole, own in zip(matrices, (phi, gamma0, gamma1), strict=True):
             whole[some] = own
 
     if rough.size:
@@ -246,7 +246,7 @@ def _begins(
 
 
 def _carry(
-    found: Transitions,
+    matrices: Transitions,
     a: np.ndarray,
     b: np.ndarray,
     fastest: np.ndarray,
@@ -277,7 +277,7 @@ def _carry(
         counts,
         np.ascontiguousarray(which, dtype=np.int64),
         np.zeros(3 * n * WIDTH + where.size + row_of.size),
-        *found,
+        *matrices,
     )
 
 

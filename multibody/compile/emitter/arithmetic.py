@@ -188,20 +188,20 @@ class Arithmetic(InLanes):
         if a.kind == INT and (a.whole is not None or b.whole < 0):
             raise self.refuse(node, "a power of a whole number")
         word = "mul i64" if a.kind == INT else f"fmul {llvm_type(a.kind)}"
-        found: Value | None = None
+        result: Value | None = None
         factor, left = a, abs(b.whole)
         while left:
             if left & 1:
-                found = factor if found is None else self.emit(a.kind, f"{word} {found.name}, {factor.name}")
+                result = factor if result is None else self.emit(a.kind, f"{word} {result.name}, {factor.name}")
             left >>= 1
             if left:
                 factor = self.emit(a.kind, f"{word} {factor.name}, {factor.name}")
-        if found is None:
+        if result is None:
             return self.to(Value(INT, "1", whole=1), a.kind, node)
         if b.whole > 0:
-            return found
+            return result
         one = self.to(Value(FLOAT, real(1.0)), a.kind, node)
-        return self.emit(a.kind, f"fdiv {llvm_type(a.kind)} {one.name}, {found.name}")
+        return self.emit(a.kind, f"fdiv {llvm_type(a.kind)} {one.name}, {result.name}")
 
     def intrinsic(self, symbol: str, arguments: list[Value], kind: Kind = FLOAT) -> Value:
         """Write the call of a function of real numbers, or of lanes."""
@@ -216,17 +216,17 @@ class Arithmetic(InLanes):
             kind = first.kind
             for other in arguments[1:]:
                 kind = joined(kind, other.kind)
-            found = self.to(first, kind, node)
+            result = self.to(first, kind, node)
             for other in arguments[1:]:  # as Python: a later one is taken if it is less, or greater
                 other = self.to(other, kind, node)
                 order = "lt" if name == "min" else "gt"
                 of = llvm_type(kind)
                 word = f"icmp s{order} i64" if kind == INT else f"fcmp o{order} {of}"
                 test = self.emit(
-                    Truths(kind.count) if isinstance(kind, Lanes) else TRUTH, f"{word} {other.name}, {found.name}"
+                    Truths(kind.count) if isinstance(kind, Lanes) else TRUTH, f"{word} {other.name}, {result.name}"
                 )
-                found = self.select(test, other, found, kind)
-            return found
+                result = self.select(test, other, result, kind)
+            return result
         if name == "abs":
             if first.kind == FLOAT:
                 return self.intrinsic("llvm.fabs.f64", [first])

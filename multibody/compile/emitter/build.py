@@ -62,10 +62,10 @@ def _file_of(stem: str, source: tuple[str, ...], name: str, arguments: tuple[Kin
 
 @lru_cache(maxsize=1024)
 def _built(path: Path, unit: Callable[[], Unit], name: str, arguments: tuple[Kind, ...]) -> tuple[int, tuple[str, ...]]:
-    found = read_object(path)
-    if found is not None:
+    kept = read_object(path)
+    if kept is not None:
         try:
-            return loaded(found[0], SYMBOL), tuple(filter(None, found[1].split(",")))
+            return loaded(kept[0], SYMBOL), tuple(filter(None, kept[1].split(",")))
         except ValueError:
             pass  # code of another format: made anew
     begun = time.perf_counter()

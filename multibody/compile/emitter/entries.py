@@ -72,8 +72,8 @@ class _Native:
 
         def call_and_read(keep: Any = keep) -> Any:
             function(*given, address)
-            found = [part[k] for k, part in enumerate(read)]
-            return found[0] if len(found) == 1 else tuple(found)
+            values = [part[k] for k, part in enumerate(read)]
+            return values[0] if len(values) == 1 else tuple(values)
 
         return call_and_read
 
@@ -172,6 +172,6 @@ def module_texts(name: str) -> tuple[str, ...]:
         if text is None:
             raise ImportError(f"driver module '{module}' has no source file")
         texts[module] = text
-        found = (first or second for first, second in _IMPORT.findall(text))
-        waiting += [other for other in found if other.split(".")[0] in own]
+        imported = (first or second for first, second in _IMPORT.findall(text))
+        waiting += [other for other in imported if other.split(".")[0] in own]
     return tuple(part for key in sorted(texts) for part in (key, texts[key]))

@@ -106,12 +106,12 @@ class Expressions(Arithmetic):
 
     def truth(self, node: ast.expr) -> Value:
         """Write a condition and return it."""
-        found = self.value(node)
-        if found.kind == TRUTH or isinstance(found.kind, Truths):
-            return found
-        if found.kind == INT:
-            return self.emit(TRUTH, f"icmp ne i64 {found.name}, 0")
-        raise self.refuse(node, f"{found.kind} in the place of a condition")
+        result = self.value(node)
+        if result.kind == TRUTH or isinstance(result.kind, Truths):
+            return result
+        if result.kind == INT:
+            return self.emit(TRUTH, f"icmp ne i64 {result.name}, 0")
+        raise self.refuse(node, f"{result.kind} in the place of a condition")
 
     def _either(self, test: Value, kind: Kind, first: Callable[[], Value], second: Callable[[], Value]) -> Value:
         """Write what is evaluated on one side only, and return the side's value."""
@@ -129,21 +129,21 @@ class Expressions(Arithmetic):
     def _condition(self, node: ast.BoolOp) -> Value:
         if lanes_of(self.kinds.kind(node)):
             word = "and" if isinstance(node.op, ast.And) else "or"
-            found = self.truth(node.values[0])
+            result = self.truth(node.values[0])
             for other in node.values[1:]:  # nothing is left out: what stands behind is read in every lane
-                found = self.both(found, self.truth(other), word, node)
-            return found
-        found = self.truth(node.values[0])
+                result = self.both(result, self.truth(other), word, node)
+            return result
+        result = self.truth(node.values[0])
         for other in node.values[1:]:
             if isinstance(node.op, ast.And):
-                found = self._either(found, TRUTH, lambda n=other: self.truth(n), lambda: Value(TRUTH, "false"))  # type: ignore[misc]
+                result = self._either(result, TRUTH, lambda n=other: self.truth(n), lambda: Value(TRUTH, "false"))  # type: ignore[misc]
             else:
-                found = self._either(found, TRUTH, lambda: Value(TRUTH, "true"), lambda n=other: self.truth(n))  # type: ignore[misc]
-        return found
+                result = self._either(result, TRUTH, lambda: Value(TRUTH, "true"), lambda n=other: self.truth(n))  # type: ignore[misc]
+        return result
 
     def _compare(self, node: ast.Compare) -> Value:
         values = [self.value(node.left), *map(self.value, node.comparators)]
-        found: Value | None = None
+        result: Value | None = None
         for op, a, b in zip(node.ops, values, values[1:], strict=False):
             if type(op) not in _COMPARE:
                 raise self.refuse(node, "this comparison is outside the subset")
@@ -154,9 +154,9 @@ class Expressions(Arithmetic):
             of_reals, of_whole = _COMPARE[type(op)]
             word = f"icmp {of_whole} i64" if kind == INT else f"fcmp {of_reals} {llvm_type(kind)}"
             now = self.emit(Truths(kind.count) if isinstance(kind, Lanes) else TRUTH, f"{word} {a.name}, {b.name}")
-            found = now if found is None else self.both(found, now, "and", node)
-        assert found is not None
-        return found
+            result = now if result is None else self.both(result, now, "and", node)
+        assert result is not None
+        return result
 
     def _binary(self, node: ast.BinOp) -> Value:
         return self.arithmetic(node.op, self.value(node.left), self.value(node.right), node)

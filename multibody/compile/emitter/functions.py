@@ -94,9 +94,9 @@ class FunctionWriter(Expressions):
                 for target, part in zip(targets, parts, strict=True):
                     self._assign(target, part, node)
             case ast.Assign(targets=targets, value=value):
-                found = self.value(value)
+                result = self.value(value)
                 for target in targets:
-                    self._assign(target, found, node)
+                    self._assign(target, result, node)
             case ast.AugAssign(target=target, op=op, value=value):
                 reading = ast.copy_location(_read(target), node)
                 self._assign(target, self.arithmetic(op, self.value(reading), self.value(value), node), node)
@@ -134,8 +134,8 @@ class FunctionWriter(Expressions):
         elif value is None:
             self.lines.append("  unreachable")  # every path has returned
         else:
-            found = self.to(self.value(value), kind, node)
-            self.lines.append(f"  ret {llvm_type(kind)} {found.name}")
+            result = self.to(self.value(value), kind, node)
+            self.lines.append(f"  ret {llvm_type(kind)} {result.name}")
 
     def _if(self, node: ast.If) -> bool:
         test = self.truth(node.test)

@@ -155,8 +155,8 @@ class Kinds:
             case ast.BoolOp(values=values):
                 return self._condition(values)
             case ast.IfExp(test=test, body=body, orelse=orelse):
-                found, lanes = joined(self.kind(body), self.kind(orelse)), lanes_of(self.kind(test))
-                return in_lanes(found, lanes) if lanes else found
+                result, lanes = joined(self.kind(body), self.kind(orelse)), lanes_of(self.kind(test))
+                return in_lanes(result, lanes) if lanes else result
             case ast.Tuple(elts=elts):
                 return tuple(self.kind(e) for e in elts)
             case ast.Attribute(value=ast.Name(id="math")):
@@ -192,9 +192,9 @@ class Kinds:
                 lanes = lanes_of(*arguments)
                 return in_lanes(METHODS[attr].kind, lanes) if lanes else METHODS[attr].kind
             case ast.Name(id=name):
-                found = result_kind(name, arguments)
-                if found is not None and name not in self.unit.functions:
-                    return found
+                result = result_kind(name, arguments)
+                if result is not None and name not in self.unit.functions:
+                    return result
                 meaning = self.unit.meaning(name)
                 if isinstance(meaning, tuple):
                     return self._returned(*meaning, arguments)

@@ -167,9 +167,9 @@ def kind_of_argument(value: Any) -> Kind:
     TypeError
         For arrays that are not contiguous or hold neither float64 nor int64, and for anything else.
     """
-    found = _PLAIN.get(type(value))
-    if found is not None:
-        return found
+    kind = _PLAIN.get(type(value))
+    if kind is not None:
+        return kind
     if isinstance(value, np.ndarray):
         return kind_and_address(value)[0]
     if isinstance(value, bool | np.bool_):

@@ -73,10 +73,10 @@ class Program:
             return ()
         inner, _ = self.function(unit, name, arguments)
         parameters = [part for k, kind in enumerate(arguments) for part in _parameters(kind, f"%a{k}")]
-        found = kinds.returns if isinstance(kinds.returns, tuple) else (kinds.returns,)
+        returns = kinds.returns if isinstance(kinds.returns, tuple) else (kinds.returns,)
         whole = llvm_type(kinds.returns)
         lines = [f"  %r = call {whole} @{inner}({', '.join(parameters)})"]
-        for k, kind in enumerate(found):
+        for k, kind in enumerate(returns):
             if kind not in (FLOAT, INT, TRUTH):
                 raise Outside(f"{unit.name}: {name} returns {kind} to Python")
             part, of = "%r", llvm_type(kind)
@@ -89,7 +89,7 @@ class Program:
             lines += [f"  %e{k} = getelementptr i64, ptr %out, i64 {k}", f"  store {of} {part}, ptr %e{k}"]
         head = f"define void @{symbol}({', '.join([*parameters, 'ptr %out'])}) nounwind {{"
         self._texts.append("\n".join([head, *lines, "  ret void", "}"]))
-        return found
+        return returns
 
     def function(self, unit: Unit, name: str, arguments: tuple[Kind, ...]) -> tuple[str, Kind]:
         """Return symbol and result of a function that others call."""
@@ -124,8 +124,8 @@ class Program:
         """Return what a function returns for kinds of arguments."""
         if not self.one_by_one(unit, name, arguments):
             return self._of(unit, name, arguments).returns
-        found = self._of(unit, name, tuple(map(of_one_lane, arguments))).returns
-        return in_lanes(found, lanes_of(*arguments))
+        alone = self._of(unit, name, tuple(map(of_one_lane, arguments))).returns
+        return in_lanes(alone, lanes_of(*arguments))
 
     def declare(self, symbol: str, arguments: int, of: str = "double") -> None:
         """Note a function of real numbers, or of vectors of them, that others bring."""

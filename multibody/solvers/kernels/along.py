@@ -107,7 +107,7 @@ def observe_lanes_along(address, first, times, states, inputs, rates, p, p_dot, 
     u, values, dp, y = pointer(inputs), pointer(p), pointer(p_dot), pointer(out)
     x_wide = pointer(room)
     u_wide = shift(x_wide, n * lanes)
-    found = shift(u_wide, n_u * lanes)
+    lanes_out = shift(u_wide, n_u * lanes)
     for k in range(times.size):
         x = shift(pointer(states), k * width)
         columns = shift(x, n * (first + 1))
@@ -120,8 +120,8 @@ def observe_lanes_along(address, first, times, states, inputs, rates, p, p_dot, 
                 u_wide[c * lanes + lane] = delays[j, c] * rates[k, c]
             if channel[j] >= 0:
                 u_wide[channel[j] * lanes + lane] += shape[k, j]
-        call_tangent(address, times[k], x, shift(u, k * n_u), values, x_wide, u_wide, dp, found)
+        call_tangent(address, times[k], x, shift(u, k * n_u), values, x_wide, u_wide, dp, lanes_out)
         of = shift(y, k * count * rows)
         for i in range(rows):
             for lane in range(count):
-                of[lane * rows + i] = found[i * lanes + lane]
+                of[lane * rows + i] = lanes_out[i * lanes + lane]

@@ -37,6 +37,7 @@ from multibody.solvers.kernels.stepping import (
     WATCH,
     WORST,
     T,
+    accept,
     direction_error,
     due,
     first_step,
@@ -47,7 +48,6 @@ from multibody.solvers.kernels.stepping import (
     plan,
     remember_largest,
     remember_step,
-    settle,
     state_before,
     worst,
 )
@@ -204,12 +204,12 @@ def watch(clock, tally, n, size, y, k, y_new, rtol, atol):
 def shorter(h, error, near):
     """Return the step to try after one with too large an error, or in which something narrow would pass by unseen."""
     if error <= 1.0:
-        found = max(0.2 * h, near)
+        step = max(0.2 * h, near)
     elif math.isfinite(error):
-        found = h * max(0.2, 0.9 * error**-EXPONENT)
+        step = h * max(0.2, 0.9 * error**-EXPONENT)
     else:
-        found = 0.2 * h
-    return found
+        step = 0.2 * h
+    return step
 
 
 @inner
@@ -235,7 +235,7 @@ def accept_or_shorten(
     forget_tiny(size, y_new)
     if count < size:
         remember_largest(c[N], size, y_new, largest)
-    settle(clock, h, t_new, error, EXPONENT, DAMPING, proposal if clipped else 0.0, limit)
+    accept(clock, h, t_new, error, EXPONENT, DAMPING, proposal if clipped else 0.0, limit)
     tally[KNOWN] = 0 if jump else 2
     return 0.0
 
@@ -280,9 +280,9 @@ def march(
         start, k = shift(states, slot * size), shift(stages_of, slot * 7 * size)
         if not write_samples(clock, tally, size, start, k, n_samples, times, rows, samples):
             return BUFFER_FULL
-        standing = state_before(clock, tally, tally[WANTED])
-        if standing != GO_ON:
-            return standing
+        status = state_before(clock, tally, tally[WANTED])
+        if status != GO_ON:
+            return status
         slot = tally[DONE] % slots
         tally[SLOT] = slot
         last = shift(k, 6 * size)
@@ -342,10 +342,10 @@ def advance(numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, ato
     size): begin and size, state at the begin, stages.  They are used in a circle: with one slot, samples are
     the only way to see between the steps.
     """
-    size, rows, standing = y.shape[1], sample_y.shape[1], MORE
+    size, rows, status = y.shape[1], sample_y.shape[1], MORE
     for r in range(y.shape[0]):
         counts = shift(pointer(tally), r * COUNTS)
-        standing = march(
+        status = march(
             shift(pointer(numbers), r * numbers.shape[1]),
             shift(pointer(clock), r * TICKS),
             counts,
@@ -364,5 +364,5 @@ def advance(numbers, clock, tally, y, work, store_t, store_y, store_k, rtol, ato
             rows,
             shift(pointer(sample_y), r * rows * size),
         )
-        counts[STATUS] = standing
-    return standing
+        counts[STATUS] = status
+    return status

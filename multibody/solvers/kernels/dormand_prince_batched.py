@@ -184,10 +184,10 @@ def give_back(size, start, k, y, last):
 @inner
 def ended(ticks, counts):
     """Tell whether a run is not to be gone on with, and note how it stands."""
-    standing = state_before(ticks, counts, counts[WANTED])
-    if standing != GO_ON:
-        counts[STATUS] = standing
-    return standing != GO_ON
+    status = state_before(ticks, counts, counts[WANTED])
+    if status != GO_ON:
+        counts[STATUS] = status
+    return status != GO_ON
 
 
 @entry

@@ -34,13 +34,13 @@ from multibody.solvers.kernels.stepping import (
     WANTED,
     WORST,
     T,
+    accept,
     due,
     first_step,
     mean_error,
     passing,
     plan,
     remember_step,
-    settle,
     state_before,
     worst,
 )
@@ -262,7 +262,7 @@ def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space)
         tally[WORST] = worst(size, errors)
         proposal = h * max(0.2, 0.9 * error**-0.25) if math.isfinite(error) else 0.2 * h
     rates[LEFT] -= 1.0
-    settle(clock, h, t_new, error, 0.21, 0.05, proposal if clipped else 0.0, limit)
+    accept(clock, h, t_new, error, 0.21, 0.05, proposal if clipped else 0.0, limit)
     tally[KNOWN] = 0 if jump else 2
     return True
 
@@ -301,9 +301,9 @@ def advance(
             samples,
         ):
             return BUFFER_FULL
-        standing = state_before(ticks, counts, counts[WANTED])
-        if standing != GO_ON:
-            return standing
+        status = state_before(ticks, counts, counts[WANTED])
+        if status != GO_ON:
+            return status
         last = shift(k, size)
         slot = counts[DONE] % store_t.shape[0]
         counts[SLOT] = slot

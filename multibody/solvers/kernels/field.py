@@ -221,7 +221,7 @@ def next_break(t, direction, c):
     cursor = ints(c[BREAK_CURSOR])
     # What is nearer than rounding has been reached.
     edge = t + direction * 1e-14 * abs(t)
-    best, found = direction * math.inf, -1
+    best, index = direction * math.inf, -1
     for g in range(c[N_GROUPS]):
         delay = floats(c[P])[delays[g]] if delays[g] >= 0 else 0.0
         j, low, high = cursor[g], start[g], start[g + 1]
@@ -234,8 +234,8 @@ def next_break(t, direction, c):
         if direction < 0.0:
             j -= 1
         if low <= j < high and direction * (times[j] + delay - best) < 0.0:
-            best, found = times[j] + delay, j
-    return best, found
+            best, index = times[j] + delay, j
+    return best, index
 
 
 @inner

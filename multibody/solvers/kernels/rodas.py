@@ -36,6 +36,7 @@ from multibody.solvers.kernels.stepping import (
     WANTED,
     WORST,
     T,
+    accept,
     direction_error,
     due,
     first_step,
@@ -46,7 +47,6 @@ from multibody.solvers.kernels.stepping import (
     plan,
     remember_largest,
     remember_step,
-    settle,
     state_before,
     worst,
 )
@@ -59,21 +59,21 @@ def factorize(n, a, pivots):
     """Replace a matrix stored by columns by its LU factors; return False if it is singular."""
     for k in range(n):
         own = shift(a, k * n)
-        best, found = abs(own[k]), k
+        best, pivot = abs(own[k]), k
         for i in range(k + 1, n):
             if abs(own[i]) > best:
-                best, found = abs(own[i]), i
-        pivots[k] = found
+                best, pivot = abs(own[i]), i
+        pivots[k] = pivot
         if not (best > 0.0 and math.isfinite(best)):
             return False
-        scale = 1.0 / own[found]
-        own[found], own[k] = own[k], own[found]
+        scale = 1.0 / own[pivot]
+        own[pivot], own[k] = own[k], own[pivot]
         for i in independent(k + 1, n):
             own[i] *= scale
         for j in range(k + 1, n):
             other = shift(a, j * n)
-            factor = other[found]
-            other[found], other[k] = other[k], factor
+            factor = other[pivot]
+            other[pivot], other[k] = other[k], factor
             if factor != 0.0:
                 for i in independent(k + 1, n):
                     other[i] -= factor * own[i]
@@ -81,7 +81,7 @@ def factorize(n, a, pivots):
 
 
 @inner
-def culprit(c, t, h, size, y, f, matrix, shifted, result):
+def first_not_finite(c, t, h, size, y, f, matrix, shifted, result):
     """Return the first state whose rate, or a derivative of it, is not finite here or just ahead; else -1.
 
     The scaled errors do not tell: solving the linear system spreads what is not finite over all states.
@@ -106,9 +106,9 @@ def culprit(c, t, h, size, y, f, matrix, shifted, result):
 def solve(n, a, pivots, b):
     """Replace b by the solution of the factorized system."""
     for k in range(n):
-        found = pivots[k]
-        value = b[found]
-        b[found], b[k] = b[k], value
+        pivot = pivots[k]
+        value = b[pivot]
+        b[pivot], b[k] = b[k], value
         if value != 0.0:
             own = shift(a, k * n)
             for i in independent(k + 1, n):
@@ -311,8 +311,8 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
                 break
             tally[WORST] = worst(count, errors)
         if not math.isfinite(error):
-            found = culprit(c, t, signed, size, y, f, matrix, shifted, result)
-            tally[WORST] = found if found >= 0 else tally[WORST]
+            state = first_not_finite(c, t, signed, size, y, f, matrix, shifted, result)
+            tally[WORST] = state if state >= 0 else tally[WORST]
         limit = h
         tally[REJECTED] += 1
         if error <= 1.0:
@@ -322,7 +322,7 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
     forget_tiny(size, y_new)
     if count < size:
         remember_largest(n, size, y_new, largest)
-    settle(clock, h, t_new, error, 0.2, 0.0, proposal if clipped else 0.0, limit)
+    accept(clock, h, t_new, error, 0.2, 0.0, proposal if clipped else 0.0, limit)
     return True
 
 
@@ -356,9 +356,9 @@ def advance(
         start, k = shift(states, slot * size), shift(vectors, slot * 4 * size)
         if not write_samples(ticks, counts, size, start, k, sample_t.size, times, rows, samples):
             return BUFFER_FULL
-        standing = state_before(ticks, counts, counts[WANTED])
-        if standing != GO_ON:
-            return standing
+        status = state_before(ticks, counts, counts[WANTED])
+        if status != GO_ON:
+            return status
         slot = counts[DONE] % store_t.shape[0]
         counts[SLOT] = slot
         start, k = shift(states, slot * size), shift(vectors, slot * 4 * size)

@@ -126,16 +126,16 @@ def first_step(c, clock, tally, size, count, y, f, y_new, result, rtol, atol):
     for i in range(count):
         d2 += ((result[i] - f[i]) / (atol[i] + rtol[i] * abs(y[i]) + 1e-300)) ** 2
     steepest = max(d1, math.sqrt(d2 / count) / h)
-    found = max(1e-6, 1e-3 * h)
+    first = max(1e-6, 1e-3 * h)
     if steepest > 1e-15:
-        found = (0.01 / steepest) ** (1.0 / 6.0)
-    found = min(100.0 * h, found, limit)
-    clock[STEP] = found if math.isfinite(found) and found > 0.0 else min(1e-6, limit)
+        first = (0.01 / steepest) ** (1.0 / 6.0)
+    first = min(100.0 * h, first, limit)
+    clock[STEP] = first if math.isfinite(first) and first > 0.0 else min(1e-6, limit)
     tally[EVALUATIONS] += 2
 
 
 @inner
-def settle(clock, h, t_new, error, exponent, damping, keep, limit):
+def accept(clock, h, t_new, error, exponent, damping, keep, limit):
     """Accept a step: remember it and propose the next, between ``keep`` and ``limit``.
 
     A PI controller (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.2).
@@ -180,7 +180,7 @@ def direction_error(n, size, y, y_new, raw, rtol, atol, largest):
     A direction that begins at a kink in the middle of a step is off by a share of its own size, however short the step:
     where steps are hardly longer than the time's rounding it does not count (`long_enough`).
     """
-    found, per_unit = 0.0, largest  # the states' places there are free
+    worst_mean, per_unit = 0.0, largest  # the states' places there are free
     for i in range(n):
         per_unit[i] = 1.0 / (atol[i] + rtol[i] * max(abs(y[i]), abs(y_new[i])))
     for j in range(1, size // n):
@@ -196,8 +196,8 @@ def direction_error(n, size, y, y_new, raw, rtol, atol, largest):
                 total += (raw[first + i] / allowed) ** 2
         if not math.isfinite(total):
             return math.inf
-        found = max(found, total / n)
-    return math.sqrt(found)
+        worst_mean = max(worst_mean, total / n)
+    return math.sqrt(worst_mean)
 
 
 @inner
@@ -226,14 +226,14 @@ def forget_tiny(size, y_new):
 @inner
 def worst(count, errors):
     """Return the index of the largest scaled error; one that is not finite wins."""
-    found, largest = 0, -1.0
+    index, largest = 0, -1.0
     for i in range(count):
         e = abs(errors[i])
         if not math.isfinite(e):
             return i
         if e > largest:
-            found, largest = i, e
-    return found
+            index, largest = i, e
+    return index
 
 
 @inner
