@@ -63,8 +63,8 @@ def maximise(
     seed : int or Generator
         Source of randomness.
     polish : int
-        From how many points of the search, each better than everything met near it, L-BFGS-B climbs at the
-        end; 0 for none. ``"multistart"`` climbs anyway.
+        Number of points of the search, each better than all evaluated points near it, from which L-BFGS-B
+        climbs at the end; 0 for none. ``"multistart"`` climbs anyway.
     gradient : callable, optional
         Gradient of ``f`` at one point, shape (k,), in the parameters' units; by default ``f.gradient`` if it
         has one, else finite differences.

@@ -171,16 +171,22 @@ def exponential(a, h, scale, out, work, n, ld):
 
 
 @inner
-def project(p, h, r, w, n, ld):
-    """Write p h into w for a symmetric p; return the variance h p hᵀ + r of a reading."""
+def sum_rows(a, h, w, n, ld):
+    """Write aᵀ h into w, leaving out the rows whose element of h is zero."""
     for j in range(n):
         w[j] = 0.0
     for i in range(n):
         factor = h[i]
         if factor != 0.0:
-            row = shift(p, i * ld)
+            row = shift(a, i * ld)
             for j in range(n):
                 w[j] += factor * row[j]
+
+
+@inner
+def project(p, h, r, w, n, ld):
+    """Write p h into w for a symmetric p; return the variance h p hᵀ + r of a reading."""
+    sum_rows(p, h, w, n, ld)
     s = r
     for i in range(n):
         s += h[i] * w[i]
@@ -189,7 +195,7 @@ def project(p, h, r, w, n, ld):
 
 @inner
 def joseph(p, w, s, gain, n, ld):
-    """Take a scalar reading into the covariance p; w and s are what `project` found.
+    """Update the covariance p by a scalar reading; w and s are the results of `project`.
 
     Joseph's form (I − k hᵀ) p (I − k hᵀ)ᵀ + r k kᵀ, multiplied out: p − k wᵀ − w kᵀ + s k kᵀ, which an error
     of the gain k changes in second order only.  The result is symmetric to the last bit.
@@ -215,14 +221,7 @@ def mirror(a, n, ld):
 @inner
 def project_root(root, h, r, w, n, ld):
     """Write rootᵀ h into w; return the variance of a reading."""
-    for j in range(n):
-        w[j] = 0.0
-    for i in range(n):
-        factor = h[i]
-        if factor != 0.0:
-            row = shift(root, i * ld)
-            for j in range(n):
-                w[j] += factor * row[j]
+    sum_rows(root, h, w, n, ld)
     s = r
     for j in range(n):
         s += w[j] * w[j]
@@ -231,7 +230,7 @@ def project_root(root, h, r, w, n, ld):
 
 @inner
 def potter(root, w, s, r, gain, n, ld):
-    """Take a scalar reading into the square root of a covariance, p = root rootᵀ (Potter 1963)."""
+    """Update the square root of a covariance, p = root rootᵀ, by a scalar reading (Potter 1963)."""
     if s <= 0.0:
         for i in range(n):
             gain[i] = 0.0

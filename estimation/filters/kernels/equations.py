@@ -51,12 +51,12 @@ from estimation.filters.kernels.layout import (
 from multibody.compile.calls import call_rhs, call_tangent, floats, inner, ints, shift
 from multibody.solvers.kernels.stepping import half_passed
 
-MOST_PIECES = 1000  # of an interval between two samples; a state that runs away asks for any number
+MOST_SUBSTEPS = 1000  # of an interval between two samples; a state that runs away asks for any number
 
 
 @inner
 def apply(c, z, u):
-    """Set inputs and parameters as the latent states want them."""
+    """Add the latent states to inputs and parameters."""
     own_u, own_p, p = floats(c[U]), floats(c[P]), floats(c[P_0])
     for i in range(c[N_U]):
         own_u[i] = u[i]
@@ -140,7 +140,7 @@ def tangent_columns(c, which, rows, t, z, u, out):
 
 @inner
 def tangent_at_once(c, which, t, z, u, out):
-    """The same in one pass over all directions; rows of out are filled up with zeros."""
+    """The same in one pass over all directions; rows of out are padded with zeros."""
     apply(c, z, u)
     call_tangent(
         c[which], t, z, floats(c[U]), floats(c[P]), floats(c[X_WIDE]), floats(c[U_WIDE]), floats(c[P_WIDE]), out
@@ -149,7 +149,7 @@ def tangent_at_once(c, which, t, z, u, out):
 
 @inner
 def difference_columns(c, which, rows, t, z, u, out):
-    """The same by central differences; z is put back."""
+    """The same by central differences; z is restored."""
     high, low, steps = floats(c[A]), floats(c[B]), floats(c[STEPS])
     own_u, own_p, ld = floats(c[U]), floats(c[P]), c[LD]
     for j in range(c[ALL]):
@@ -226,17 +226,17 @@ def reading_rows(c, t, z, u, jac, rows, outputs):
 
 @inner
 def has_rates(c):
-    """Tell whether a channel is the rate of a state."""
+    """Return whether a channel is the rate of a state."""
     kinds = ints(c[CHANNEL_KIND])
-    found = False
+    rated = False
     for k in range(c[M]):
-        found = found or kinds[k] == 1
-    return found
+        rated = rated or kinds[k] == 1
+    return rated
 
 
 @inner
 def step(c, t, h, z, u, u_mid, u_end, k, work):
-    """Carry z over h by Runge and Kutta's method of order 4; k holds four rows, work one."""
+    """Propagate z over h by Runge and Kutta's method of order 4; k holds four rows, work one."""
     n = c[ALL]
     k_2, k_3, k_4 = shift(k, n), shift(k, 2 * n), shift(k, 3 * n)
     rates(c, t, z, u, k)
@@ -261,8 +261,8 @@ def inputs_between(c, before, after, hold, share, out):
 
 
 @inner
-def pieces(c, t, h, z, u, least):
-    """Return in how many steps to cross an interval, so that none goes past more than half of what passes by."""
+def count_substeps(c, t, h, z, u, least):
+    """Return the number of steps of an interval, so many that none passes more than half of a narrow feature."""
     count = least
     if c[N_SPEEDS] > 0:
         speeds = floats(c[PACES])
@@ -270,13 +270,13 @@ def pieces(c, t, h, z, u, least):
         call_rhs(c[SPEEDS], t, z, floats(c[U]), floats(c[P]), speeds)
         needed = h / half_passed(c[N_SPEEDS], speeds, floats(c[WIDTHS]))
         if needed > count:
-            count = int(min(math.ceil(needed), MOST_PIECES))
+            count = int(min(math.ceil(needed), MOST_SUBSTEPS))
     return count
 
 
 @inner
-def carry(c, t, h, z, before, after, hold, substeps, u, k, work):
-    """Carry z over an interval between two rows of inputs; u holds three rows, k four, work one."""
+def propagate(c, t, h, z, before, after, hold, substeps, u, k, work):
+    """Propagate z over an interval between two rows of inputs; u holds three rows, k four, work one."""
     width = c[N_U]
     u_mid, u_end = shift(u, width), shift(u, 2 * width)
     part = h / substeps

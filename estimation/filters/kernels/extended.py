@@ -21,11 +21,11 @@ from estimation.filters.kernels.algebra import (
     triangle,
 )
 from estimation.filters.kernels.equations import (
-    carry,
+    count_substeps,
     has_rates,
     inputs_between,
     jacobian,
-    pieces,
+    propagate,
     rates,
     read,
     reading_rows,
@@ -48,15 +48,16 @@ from estimation.filters.kernels.layout import (
 )
 from multibody.compile.calls import entry, floats, independent, inner, pointer, shift
 
-# Settings by index: how F is made, what Q is, what is kept, square root, one linearisation a step, inputs held.
-HOW, NOISE, KEEP, ROOT, ONCE, HOLD, SUBSTEPS = range(7)
-#: Samples after which the sizes that balance the Jacobian are looked at again.
+# Settings by index: discretisation, kind of process noise, what is kept, square root, one linearisation a step, held
+# inputs, substeps.
+DISCRETISATION, NOISE, KEEP, ROOT, ONCE, HOLD, SUBSTEPS = range(7)
+#: Samples after which the sizes that balance the Jacobian are updated.
 REBALANCE = 64
 
 
 @inner
 def variational(c, t, h, z, before, after, hold, substeps, u, f, jac, work):
-    """Write the derivative of the carried state by the state at the beginning into f; work holds four matrices.
+    """Write the derivative of the propagated state by the state at the beginning into f; work holds four matrices.
 
     Runge and Kutta's method of order 4 on the state and its variational equation together.
     """
@@ -94,7 +95,7 @@ def variational(c, t, h, z, before, after, hold, substeps, u, f, jac, work):
 
 
 @inner
-def spread(f, p, q, half, work, n, ld):
+def propagate_covariance(f, p, q, half, work, n, ld):
     """Replace p by f (p + half q) fᵀ + half q, or with half = 0 by f p fᵀ + q; work holds two matrices."""
     size = n * ld
     first, turned = work, shift(work, size)
@@ -111,8 +112,8 @@ def spread(f, p, q, half, work, n, ld):
 
 
 @inner
-def spread_root(f, root, q_root, weight, integrated, tall, work, n, ld):
-    """Replace the square root of the covariance as `spread` does; tall holds 3 n rows."""
+def propagate_root(f, root, q_root, weight, integrated, tall, work, n, ld):
+    """Replace the square root of the covariance as `propagate_covariance` does; tall holds 3 n rows."""
     product(f, root, work, n, ld)
     transpose(work, tall, n, ld)
     rows = 2 * n
@@ -143,13 +144,13 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
     """Filter all samples; verdict (3,) takes the log likelihood, readings refused, and the row not finite or −1.
 
     x (n,), p (n, ld) and their roots are prior and end; out (samples, 3 n) takes states before and after the
-    reading and the variances after it; innovations (samples, 3 m) takes them, their variances, and the
-    innovations of the readings one after another over their standard deviations.
+    reading and the variances after it; innovations (samples, 3 m) takes the innovations, their variances, and
+    the innovations of the readings processed in turn over their standard deviations.
     """
     c = pointer(numbers)
     n, m, ld, width = c[ALL], c[M], c[LD], c[N_U]
     size = n * ld
-    how, kind, keep = settings[HOW], settings[NOISE], settings[KEEP]
+    discretisation, kind, keep = settings[DISCRETISATION], settings[NOISE], settings[KEEP]
     root_form, once, hold = settings[ROOT] == 1, settings[ONCE] == 1, settings[HOLD] == 1
     substeps = settings[SUBSTEPS]
     work = pointer(space)
@@ -164,7 +165,7 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
     table, given = pointer(inputs), pointer(values)
     r = pointer(noise)
     keep_p, keep_pred, keep_f, keep_h = pointer(covariances), pointer(predicted), pointer(carried), pointer(rows_kept)
-    result, told = pointer(out), pointer(innovations)
+    result, innovation = pointer(out), pointer(innovations)
     sizes, lowest, highest = floats(c[BALANCE]), floats(c[LOW]), floats(c[HIGH])
     rated = has_rates(c)
     likelihood, refused = 0.0, 0
@@ -175,11 +176,11 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
         if s > 0:
             h = t - times[s - 1]
             before = shift(table, (s - 1) * width)
-            steps = pieces(c, times[s - 1], h, z, before, substeps)
-            if how != VARIATIONAL:
+            steps = count_substeps(c, times[s - 1], h, z, before, substeps)
+            if discretisation != VARIATIONAL:
                 if not once:
                     jacobian(c, times[s - 1], z, before, jac)
-                if how == EXPONENTIAL:
+                if discretisation == EXPONENTIAL:
                     if s % REBALANCE == 1:
                         balance(jac, sizes, n, ld)
                     exponential(jac, h, sizes, f, work, n, ld)
@@ -188,7 +189,7 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
                         f[i] = h * jac[i]
                     for i in range(n):
                         f[i * ld + i] += 1.0
-                carry(c, times[s - 1], h, z, before, row, hold, steps, u, k, column)
+                propagate(c, times[s - 1], h, z, before, row, hold, steps, u, k, column)
             else:
                 variational(c, times[s - 1], h, z, before, row, hold, steps, u, f, jac, work)
             if root_form:
@@ -197,14 +198,14 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
                     weight = math.sqrt(0.5 * h)
                 elif kind == TIMES_STEP:
                     weight = math.sqrt(h)
-                spread_root(f, cov, q_r, weight, kind == INTEGRATED, tall, work, n, ld)
+                propagate_root(f, cov, q_r, weight, kind == INTEGRATED, tall, work, n, ld)
             elif kind == INTEGRATED:
-                spread(f, cov, qq, 0.5 * h, work, n, ld)
+                propagate_covariance(f, cov, qq, 0.5 * h, work, n, ld)
             else:
                 share = h if kind == TIMES_STEP else 1.0
                 for i in range(size):
                     full[i] = share * qq[i]
-                spread(f, cov, full, 0.0, work, n, ld)
+                propagate_covariance(f, cov, full, 0.0, work, n, ld)
         for i in range(n):
             result[s * 3 * n + i] = z[i]
         if keep == EVERYTHING:
@@ -227,20 +228,22 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
             clear(moved, n)
         for j in range(m):
             at = s * 3 * m + j
-            told[at] = math.nan
-            told[at + m] = math.nan
-            told[at + 2 * m] = math.nan
+            innovation[at] = math.nan
+            innovation[at + m] = math.nan
+            innovation[at + 2 * m] = math.nan
             if not seen or math.isnan(given[s * m + j]):
                 continue
             one = shift(rows, j * ld)
-            told[at] = given[s * m + j] - y[j]
-            told[at + m] = project_root(cov, one, r[j], w, n, ld) if root_form else project(cov, one, r[j], w, n, ld)
+            innovation[at] = given[s * m + j] - y[j]
+            innovation[at + m] = (
+                project_root(cov, one, r[j], w, n, ld) if root_form else project(cov, one, r[j], w, n, ld)
+            )
         for j in range(m):
             at = s * 3 * m + j
-            if math.isnan(told[at]):
+            if math.isnan(innovation[at]):
                 continue
             one = shift(rows, j * ld)
-            rest = told[at] - inner_product(one, moved, n)
+            rest = innovation[at] - inner_product(one, moved, n)
             v = project_root(cov, one, r[j], w, n, ld) if root_form else project(cov, one, r[j], w, n, ld)
             if gate > 0.0 and rest * rest > gate * gate * v:
                 refused += 1
@@ -250,7 +253,7 @@ def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, g
             else:
                 joseph(cov, w, v, gain, n, ld)
             if v > 0.0:
-                told[at + 2 * m] = rest / math.sqrt(v)
+                innovation[at + 2 * m] = rest / math.sqrt(v)
                 likelihood -= 0.5 * (math.log(2.0 * math.pi * v) + rest * rest / v)
             for i in range(n):
                 moved[i] += gain[i] * rest

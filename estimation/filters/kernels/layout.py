@@ -1,4 +1,4 @@
-"""What a compiled filter gets of a model: one vector of numbers and addresses.  Indices into it."""
+"""Indices into the vector of numbers and addresses that a compiled filter takes of a model."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ P_0, P, U, DRIFT, READ_STATE, READ_KIND, READ_INDEX, READ_WEIGHT, CHANNEL_KIND, 
 X_DOT, U_DOT, P_DOT, Y, STEPS, A, B, BALANCE, LOW, HIGH = range(24, 34)
 # Tangents that carry all directions at once, or zero; those directions, a row of LD for each element.
 RHS_W, OUT_W, X_WIDE, U_WIDE, P_WIDE = range(34, 39)
-# Speeds at which something narrow passes by: their address and number, the widths, and room for the speeds.
+# Speeds at which narrow features are passed: their address and number, the widths, and room for the speeds.
 SPEEDS, N_SPEEDS, WIDTHS, PACES = range(39, 43)
 SIZE = 43
 
-#: How F follows from the Jacobian.
+#: Discretisation: how F follows from the Jacobian.
 EXPONENTIAL, EULER, VARIATIONAL = 0, 1, 2
-#: What the process noise is: a density integrated over the step, the density times the step, or per step.
+#: Kinds of process noise: a density integrated over the step, the density times the step, or per step.
 INTEGRATED, TIMES_STEP, PER_STEP = 0, 1, 2
 #: What is kept of each step.
 VARIANCES, COVARIANCES, EVERYTHING = 0, 1, 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from estimation.filters.kernels.algebra import cholesky, clear, symmetrise
-from estimation.filters.kernels.equations import carry, has_rates, pieces, rates, read
+from estimation.filters.kernels.equations import count_substeps, has_rates, propagate, rates, read
 from estimation.filters.kernels.layout import ALL, COVARIANCES, HIGH, INTEGRATED, LD, LOW, N_U, PER_STEP, M
 from multibody.compile.calls import entry, floats, inner, pointer, shift
 
@@ -58,7 +58,7 @@ def unscented(numbers, times, inputs, values, noise, q, x, p, settings, reach, w
     gain = shift(pxy, n * m)
     z, cov, qq = pointer(x), pointer(p), pointer(q)
     table, given, r = pointer(inputs), pointer(values), pointer(noise)
-    keep_p, result, told = pointer(covariances), pointer(out), pointer(innovations)
+    keep_p, result, innovation = pointer(covariances), pointer(out), pointer(innovations)
     lowest, highest = floats(c[LOW]), floats(c[HIGH])
     rated = has_rates(c)
     likelihood = 0.0
@@ -75,9 +75,9 @@ def unscented(numbers, times, inputs, values, noise, q, x, p, settings, reach, w
                     cov[i] += 0.5 * h * qq[i]
             good = good and cholesky(cov, root, n, ld)
             spread_points(z, root, reach, points, n, ld)
-            steps = pieces(c, times[s - 1], h, z, before, substeps)
+            steps = count_substeps(c, times[s - 1], h, z, before, substeps)
             for j in range(count):
-                carry(c, times[s - 1], h, shift(points, j * n), before, row, hold, steps, u, k, column)
+                propagate(c, times[s - 1], h, shift(points, j * n), before, row, hold, steps, u, k, column)
             mean_of(points, n, count, first_mean, rest, z)
             clear(cov, n * ld)
             for j in range(count):
@@ -96,7 +96,7 @@ def unscented(numbers, times, inputs, values, noise, q, x, p, settings, reach, w
         for j in range(m):
             seen = seen or not math.isnan(given[s * m + j])
         for j in range(3 * m):
-            told[s * 3 * m + j] = math.nan
+            innovation[s * 3 * m + j] = math.nan
         if seen:
             good = good and cholesky(cov, root, n, ld)
             spread_points(z, root, reach, points, n, ld)
@@ -117,15 +117,15 @@ def unscented(numbers, times, inputs, values, noise, q, x, p, settings, reach, w
                     for i in range(n):
                         pxy[a * n + i] += away * (points[j * n + i] - z[i])
             for a in range(m):
-                told[(s * 3 + 0) * m + a] = given[s * m + a] - y[a]
-                told[(s * 3 + 1) * m + a] = pyy[a * m + a] + r[a]
+                innovation[(s * 3 + 0) * m + a] = given[s * m + a] - y[a]
+                innovation[(s * 3 + 1) * m + a] = pyy[a * m + a] + r[a]
             for a in range(m):
                 if math.isnan(given[s * m + a]):
-                    told[(s * 3 + 1) * m + a] = math.nan
+                    innovation[(s * 3 + 1) * m + a] = math.nan
                     continue
                 v = pyy[a * m + a] + r[a]
                 away = given[s * m + a] - y[a]
-                told[(s * 3 + 2) * m + a] = away / math.sqrt(v)
+                innovation[(s * 3 + 2) * m + a] = away / math.sqrt(v)
                 likelihood -= 0.5 * (math.log(2.0 * math.pi * v) + away * away / v)
                 for i in range(n):
                     gain[i] = pxy[a * n + i] / v
