@@ -7,6 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from discrepancy.effects.kinds import Kind, KindText
+from discrepancy.effects.shape_grids import MotionRange
+
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "add-effect.md"
 
 MACHINE = '''
@@ -45,3 +50,19 @@ def test_the_kind_of_the_page_is_offered_and_strength_zero_is_absence(tmp_path):
     script.write_text(MACHINE.format(example=example))
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_the_old_name_of_a_shapes_amplitude_is_understood_with_a_warning():
+    text = KindText(title="a creep", what="", causes="", confirm="")
+    kind = Kind(
+        name="creep_of_an_older_file",
+        at="connection",
+        law="Maxwell",
+        strengths=("stiffness",),
+        text=text,
+        shapes=lambda motion: [{"time": 0.1, "secant": 2.0}],
+        linear=False,
+    )
+    with pytest.warns(FutureWarning, match="'secant' of a shape is now called 'amplitude'"):
+        shapes = kind.shape_grid(MotionRange(low=-1.0, high=1.0, speed=0.5, turns=False, scale=1e3))
+    assert shapes == [{"time": 0.1, "amplitude": 2.0}]
