@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from discrepancy import Study
-from discrepancy.rigs.recording import Case
+from discrepancy.rigs.case import Case
 from estimation.files.record import Record
 from vtsdt.alignment.estimate import align
 from vtsdt.alignment.result import Alignment

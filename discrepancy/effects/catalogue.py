@@ -73,24 +73,24 @@ def catalogue(
     include, exclude : sequence of str
         Shell patterns over ``kind`` or ``kind@where``.
     """
-    found: list[Entry] = []
+    entries: list[Entry] = []
     for kind in kinds().values():
         if kind.free_form:
             continue  # offered by `discrepancy.sensitivities.free_curve_scan` where no law is good enough
         if kind.at == "connection":
-            found += [e for place in system.places if (e := _at_place(kind, place, system)) is not None]
+            entries += [e for place in system.places if (e := _at_place(kind, place, system)) is not None]
         elif kind.at == "parameter":
-            found += _built_in(kind, system)
+            entries += _built_in(kind, system)
         elif kind.at == "sensor":
-            found += [Entry(kind, name) for name in outputs]
+            entries += [Entry(kind, name) for name in outputs]
         else:
-            found += [Entry(kind, name) for name in inputs]
-    return [e for e in found if any(e.matches(p) for p in include) and not any(e.matches(p) for p in exclude)]
+            entries += [Entry(kind, name) for name in inputs]
+    return [e for e in entries if any(e.matches(p) for p in include) and not any(e.matches(p) for p in exclude)]
 
 
 def _built_in(kind: Kind, system: System) -> list[Entry]:
     """Return where components have an effect in them whose strengths are zero, or values that may be stated wrongly."""
-    found = []
+    entries = []
     for name, component in system.model.components.items():
         if kind.component is None or not isinstance(component, kind.component):
             continue
@@ -98,10 +98,10 @@ def _built_in(kind: Kind, system: System) -> list[Entry]:
             values = [component.values.get(f"{s}{ending}") for s in kind.strengths]
             where = f"{name}.{side}" if side else name
             if kind.stated and all(v for v in values):
-                found.append(Entry(kind, where, stated=tuple(map(float, values))))  # type: ignore[arg-type]
+                entries.append(Entry(kind, where, stated=tuple(map(float, values))))  # type: ignore[arg-type]
             elif not kind.stated and all(v == 0.0 for v in values):
-                found.append(Entry(kind, where))
-    return found
+                entries.append(Entry(kind, where))
+    return entries
 
 
 def _at_place(kind: Kind, place: Place, system: System) -> Entry | None:

@@ -215,11 +215,11 @@ class Effect:
         from estimation.fit.calibrate import UncertainParameter
 
         kind = self.definition
-        found = []
+        parameters = []
         for name, value in self.strengths.items():
             low = 0.0 if kind.one_sided or (kind.stated and value > 0.0) else -math.inf
             high = 0.0 if kind.stated and value < 0.0 else math.inf
-            found.append(
+            parameters.append(
                 UncertainParameter(name=self.parameter_name(name), value=value, min=low, max=high, unit=self.unit(name))
             )
         for name in kind.free_shapes:
@@ -229,10 +229,10 @@ class Effect:
             low, high = (0.1 * value, 10.0 * value) if positive else (value - reach, value + reach)
             if name == "order":
                 low, high = 0.9 * value, 1.1 * value
-            found.append(
+            parameters.append(
                 UncertainParameter(name=self.parameter_name(name), value=value, min=low, max=high, unit=self.unit(name))
             )
-        return found
+        return parameters
 
     def __str__(self) -> str:
         return f"{self.kind}@{self.where}"

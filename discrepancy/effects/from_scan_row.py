@@ -65,11 +65,11 @@ def effect_of(entry: Entry, row: ScanRow, effects: Sequence[Effect], instead_of:
     if entry.place is None:
         return Effect(kind.name, entry.where, strengths, dict(row.shape), number=number)
     shape = {k: v for k, v in row.shape.items() if k != "amplitude"}
-    found = Effect.at_place(kind.name, entry.place, strengths=strengths, shape=shape, load=entry.load, number=number)
+    effect = Effect.at_place(kind.name, entry.place, strengths=strengths, shape=shape, load=entry.load, number=number)
     for other in instead_of:
         name, value = next(iter(other.strengths.items()))
         unit = other.unit(name)
         least = 0.0 if kind.one_sided else -np.inf
-        more = {k: max(v + value, least) for k, v in found.strengths.items() if found.unit(k) == unit}
-        found = replace(found, strengths={**found.strengths, **more})
-    return found
+        more = {k: max(v + value, least) for k, v in effect.strengths.items() if effect.unit(k) == unit}
+        effect = replace(effect, strengths={**effect.strengths, **more})
+    return effect

@@ -27,7 +27,7 @@ __all__ = ["check_names", "load_builder", "load_model"]
 
 @contextmanager
 def _import_from(folder: Path) -> Iterator[None]:
-    """Let the builder import the files beside it."""
+    """Let the builder import the other files of its folder."""
     sys.path.insert(0, str(folder))
     try:
         yield
@@ -36,17 +36,17 @@ def _import_from(folder: Path) -> Iterator[None]:
             sys.path.remove(str(folder))
 
 
-def _theirs(error: BaseException, study: StudyFile, doing: str) -> StudyError:
-    """Say where in the user's own files an error arose."""
+def _user_error(error: BaseException, study: StudyFile, doing: str) -> StudyError:
+    """Return an error that names the place in the user's own files where it arose."""
     if isinstance(error, SyntaxError) and error.filename:
         place = f"{Path(error.filename).name}, line {error.lineno}"
     else:
         frames = traceback.extract_tb(error.__traceback__)
         own = [
-            each for each in frames if not each.filename.startswith("<frozen") and each.filename != __file__
+            frame for frame in frames if not frame.filename.startswith("<frozen") and frame.filename != __file__
         ]
-        beside = [each for each in own if Path(each.filename).is_relative_to(study.path.parent)]
-        last = (beside or own or list(frames))[-1]
+        in_folder = [frame for frame in own if Path(frame.filename).is_relative_to(study.path.parent)]
+        last = (in_folder or own or list(frames))[-1]
         place = f"{Path(last.filename).name}, line {last.lineno}, in {last.name}"
     name = type(error).__name__
     text = str(error.msg) if isinstance(error, SyntaxError) else str(error)
@@ -96,16 +96,16 @@ def load_builder(study: StudyFile) -> Callable[..., Any]:
             ):
                 text = f"there is no module '{error.name}' beside the study or installed"
                 raise StudyError([f'{where}: {text}: name a file as "file.py:{name}"']) from error
-            raise _theirs(error, study, "the import fails") from error
+            raise _user_error(error, study, "the import fails") from error
         except Exception as error:
-            raise _theirs(error, study, "the import fails") from error
-    found = getattr(module, name, None)
-    if found is None:
-        own = [each for each, value in vars(module).items() if callable(value) and not each.startswith("_")]
+            raise _user_error(error, study, "the import fails") from error
+    builder = getattr(module, name, None)
+    if builder is None:
+        own = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
         raise StudyError([f"{where}: '{source}' has no '{name}'{nearest_or_choices(name, own)}"])
-    if not callable(found):
-        raise StudyError([f"{where}: '{name}' in '{source}' is {type(found).__name__} and not callable"])
-    return found  # type: ignore[no-any-return]
+    if not callable(builder):
+        raise StudyError([f"{where}: '{name}' in '{source}' is {type(builder).__name__} and not callable"])
+    return builder  # type: ignore[no-any-return]
 
 
 def load_model(study: StudyFile, kind: type | None = None) -> Any:
@@ -129,7 +129,7 @@ def load_model(study: StudyFile, kind: type | None = None) -> Any:
         try:
             model = builder(**study.model.arguments)
         except Exception as error:
-            raise _theirs(error, study, "the builder fails") from error
+            raise _user_error(error, study, "the builder fails") from error
     if model is None or (kind is not None and not isinstance(model, kind)):
         wanted = "a model" if kind is None else f"a {kind.__name__}"
         got = "None: does it end with 'return model'?" if model is None else f"a {type(model).__name__}"
@@ -143,22 +143,22 @@ def _argument_faults(study: StudyFile, builder: Callable[..., Any]) -> list[str]
     where = f"{study.path.name}, [model] arguments"
     try:
         parameters = inspect.signature(builder).parameters
-    except (TypeError, ValueError):  # some builtins and extension types tell no signature
+    except (TypeError, ValueError):  # some builtins and extension types have no signature
         return []
     by_name = {
-        name: each
-        for name, each in parameters.items()
-        if each.kind in (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+        name: parameter
+        for name, parameter in parameters.items()
+        if parameter.kind in (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     }
-    takes_any = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
+    takes_any = any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters.values())
     faults = []
     for name in study.model.arguments:
         if name not in by_name and not takes_any:
             faults.append(
                 f"{where}: '{study.model.build}' takes no argument '{name}'{nearest_or_choices(name, by_name)}"
             )
-    for name, each in by_name.items():
-        if each.default is inspect.Parameter.empty and name not in study.model.arguments:
+    for name, parameter in by_name.items():
+        if parameter.default is inspect.Parameter.empty and name not in study.model.arguments:
             faults.append(f"{where}: '{study.model.build}' needs the argument '{name}'")
     return faults
 
@@ -185,7 +185,7 @@ def check_names(
     Returns
     -------
     tuple of str
-        One sentence for each fault; empty if all fits.
+        One sentence for each fault; empty if there is none.
     """
     file = study.path.name
     kinds = {
@@ -216,12 +216,12 @@ def check_names(
                 f'{file}, [initial] "{name}": "measured" needs an output of this name in [outputs]{hint}'
             )
     for table, entries, kind in (("inputs", study.inputs, "input"), ("outputs", study.outputs, "output")):
-        for name, each in entries.items():
+        for name, column in entries.items():
             unit = kinds[kind].get(name)
-            if unit is None or each.unit is None:
+            if unit is None or column.unit is None:
                 continue
             try:
-                to_si(np.zeros(1), pint_unit(each.unit), unit)
+                to_si(np.zeros(1), pint_unit(column.unit), unit)
             except UnitError as error:
                 faults.append(
                     f"{file}, [{table}] \"{name}\", unit: {error}; the model's {kind} is in '{unit}'"

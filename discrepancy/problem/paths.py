@@ -18,9 +18,9 @@ __all__ = ["FoundFiles", "find_files", "held_out_faults"]
 _WITH_DEFAULT = re.compile(r"\$\{(\w+):-([^}]*)\}")
 
 
-def _value(found: re.Match[str]) -> str:
+def _value(match: re.Match[str]) -> str:
     """Return a variable's value; as in a shell, an empty one counts as not set."""
-    return os.environ.get(found[1]) or found[2]
+    return os.environ.get(match[1]) or match[2]
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ def find_files(folder: Path, patterns: Sequence[str]) -> FoundFiles:
                 faults.append(f"no file matches the pattern '{pattern}'")
         else:
             matches = []
-            beside = sorted(each.name for each in place.parent.iterdir()) if place.parent.is_dir() else []
-            hint = nearest_or_choices(place.name, beside) if beside else "; its folder is missing or empty"
+            siblings = sorted(p.name for p in place.parent.iterdir()) if place.parent.is_dir() else []
+            hint = nearest_or_choices(place.name, siblings) if siblings else "; its folder is missing or empty"
             faults.append(f"'{pattern}': there is no such file{hint}")
         for match in matches:
             plain = Path(os.path.normpath(match))
@@ -77,16 +77,16 @@ def find_files(folder: Path, patterns: Sequence[str]) -> FoundFiles:
 def held_out_faults(identify: Sequence[Path], validate: Sequence[Path]) -> list[str]:
     """Find files that are in both lists, by name, by link or as a copy."""
     faults = []
-    real = {each.resolve(): each for each in identify}
-    for each in validate:
-        twin = real.get(each.resolve())
+    real = {path.resolve(): path for path in identify}
+    for path in validate:
+        twin = real.get(path.resolve())
         if twin is None:
-            same_size = [other for other in identify if other.stat().st_size == each.stat().st_size]
-            twin = next((other for other in same_size if _digest(other) == _digest(each)), None)
+            same_size = [other for other in identify if other.stat().st_size == path.stat().st_size]
+            twin = next((other for other in same_size if _digest(other) == _digest(path)), None)
         if twin is not None:
-            same = f"has the content of '{twin.name}'" if twin.name != each.name else "is in identify as well"
+            same = f"has the content of '{twin.name}'" if twin.name != path.name else "is in identify as well"
             faults.append(
-                f"'{each.name}' {same}: what is held out must not be used for fitting; record again, or "
+                f"'{path.name}' {same}: what is held out must not be used for fitting; record again, or "
                 "take it out of one of the lists"
             )
     return faults

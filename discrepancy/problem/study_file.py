@@ -63,7 +63,7 @@ class StudyRecords:
 
 @dataclass(frozen=True)
 class StudyFile:
-    """A study as its file says it, checked as far as that is possible without the model.
+    """The content of a study file, checked as far as that is possible without the model.
 
     Attributes
     ----------
@@ -102,9 +102,9 @@ class StudyFile:
     @property
     def preparation(self) -> Preparation:
         """What is done to record and model alike before they are compared."""
-        each = self.records
+        table = self.records
         return Preparation(
-            start=each.start, stop=each.stop, low_pass_hz=each.low_pass_hz, decimate=each.decimate, edge=each.edge
+            start=table.start, stop=table.stop, low_pass_hz=table.low_pass_hz, decimate=table.decimate, edge=table.edge
         )
 
     @property
@@ -112,21 +112,21 @@ class StudyFile:
         """What the study allows to be done to its recordings."""
         from estimation.files.read_rules import ReadRules
 
-        each = self.records
+        table = self.records
         return ReadRules(
-            trip=each.trip,
-            drop_nan=each.drop_nan,
-            drop_duplicates=each.drop_duplicates,
-            resample=each.resample,
-            gaps=each.gaps,
-            longest_gap=each.longest_gap,
-            time_unit=each.time_unit,
-            start=each.start,
-            stop=each.stop,
+            trip=table.trip,
+            drop_nan=table.drop_nan,
+            drop_duplicates=table.drop_duplicates,
+            resample=table.resample,
+            gaps=table.gaps,
+            longest_gap=table.longest_gap,
+            time_unit=table.time_unit,
+            start=table.start,
+            stop=table.stop,
         )
 
     def read_records(self, units: Mapping[str, str] | None = None) -> StudyRecords:
-        """Read all recordings, with the faults of all files told at once.
+        """Read all recordings; one error lists the faults of all files.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class StudyFile:
         from estimation.files.read_records import read_records
 
         signals = {**self.inputs, **self.outputs}
-        found = read_records(
+        records = read_records(
             [*self.identify, *self.validate],
             time=self.records.time,
             columns={name: each.column for name, each in signals.items()},
@@ -153,8 +153,8 @@ class StudyFile:
         )
         held_out = set(self.validate)
         return StudyRecords(
-            tuple(each for each in found if each.path not in held_out),
-            tuple(each for each in found if each.path in held_out),
+            tuple(record for record in records if record.path not in held_out),
+            tuple(record for record in records if record.path in held_out),
         )
 
 
@@ -173,8 +173,8 @@ def read_study(path: str | Path) -> StudyFile:
     """
     path = Path(path)
     if not path.is_file():
-        beside = sorted(each.name for each in path.parent.glob("*.toml")) if path.parent.is_dir() else []
-        raise StudyError([f"{path}: there is no such study file{nearest_or_choices(path.name, beside)}"])
+        siblings = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
+        raise StudyError([f"{path}: there is no such study file{nearest_or_choices(path.name, siblings)}"])
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
@@ -198,7 +198,7 @@ class _Reader:
     def fault(self, where: str, text: str) -> None:
         self.faults.append(f"{self.path.name}, {where}: {text}")
 
-    def teller(self, where: str) -> Callable[[str, str], None]:
+    def fault_at(self, where: str) -> Callable[[str, str], None]:
         return lambda key, text: self.fault(f"{where}{key and ', ' + key}", text)
 
     def table(self, name: str, required: str = "") -> dict[str, Any]:
@@ -283,13 +283,13 @@ class _Reader:
                 example = '{ column = "…" }' if kind is Column else "{ std = 5.0 }"
                 self.fault(where, f"must be a table such as {example}, and is {value!r}")
                 continue
-            entries[key] = read_struct(kind, value, self.teller(where))
+            entries[key] = read_struct(kind, value, self.fault_at(where))
         return entries
 
     def initial(self) -> InitialTable:
         table = dict(self.table("initial"))
         free = table.pop("free", [])
-        if not isinstance(free, list) or not all(isinstance(each, str) for each in free):
+        if not isinstance(free, list) or not all(isinstance(name, str) for name in free):
             self.fault("[initial] free", 'must be a list of states, such as ["carriage.position"]')
             free = []
         values: dict[str, float | Literal["measured"]] = {}
@@ -313,52 +313,52 @@ class _Reader:
             self.fault("[model] build", f'\'{model.build}\' must be "file.py:name" or "package.module:name"')
         elif source.endswith(".py") and not (self.path.parent / source).is_file():
             folder = (self.path.parent / source).parent
-            beside = sorted(each.name for each in folder.glob("*.py")) if folder.is_dir() else []
-            hint = nearest_or_choices(Path(source).name, beside)
+            siblings = sorted(p.name for p in folder.glob("*.py")) if folder.is_dir() else []
+            hint = nearest_or_choices(Path(source).name, siblings)
             self.fault("[model] build", f"there is no file '{source}' beside the study{hint}")
         elif not source.endswith(".py") and not all(part.isidentifier() for part in source.split(".")):
             self.fault("[model] build", f"'{source}' is neither a file ending in .py nor a module's name")
 
     def check_uncertain(self, uncertain: Mapping[str, Uncertain]) -> None:
-        for name, each in uncertain.items():
+        for name, entry in uncertain.items():
             where = f'[uncertain] "{name}"'
-            if each.std is not None and not each.std > 0.0:
+            if entry.std is not None and not entry.std > 0.0:
                 self.fault(f"{where}, std", "must be above zero: leave an exact parameter out of [uncertain]")
-            low, high = each.min, each.max
+            low, high = entry.min, entry.max
             if low is not None and high is not None and not low < high:
                 self.fault(where, f"min = {low:g} must be below max = {high:g}")
-            elif each.value is not None and not (
-                (low is None or low <= each.value) and (high is None or each.value <= high)
+            elif entry.value is not None and not (
+                (low is None or low <= entry.value) and (high is None or entry.value <= high)
             ):
-                self.fault(where, f"value = {each.value:g} lies outside min and max")
+                self.fault(where, f"value = {entry.value:g} lies outside min and max")
 
     def check_columns(
         self, inputs: Mapping[str, Column], outputs: Mapping[str, Column], records: RecordsTable | None
     ) -> None:
         for table, entries in (("inputs", inputs), ("outputs", outputs)):
-            for name, each in entries.items():
+            for name, column in entries.items():
                 where = f'[{table}] "{name}"'
-                if each.noise is not None and not each.noise > 0.0:
+                if column.noise is not None and not column.noise > 0.0:
                     self.fault(f"{where}, noise", "must be above zero: leave it out to have it estimated")
-                if records is not None and each.column and each.column == records.time:
-                    self.fault(where, f"column '{each.column}' is the time column")
+                if records is not None and column.column and column.column == records.time:
+                    self.fault(where, f"column '{column.column}' is the time column")
         by_column: dict[str, str] = {}
-        for name, each in outputs.items():
-            if each.default is not None:
+        for name, column in outputs.items():
+            if column.default is not None:
                 self.fault(f'[outputs] "{name}", default', "is for inputs: what was not measured is no output")
-            if each.interpolation != "linear":
+            if column.interpolation != "linear":
                 self.fault(f'[outputs] "{name}", interpolation', "is for inputs: outputs are compared sample by sample")
-            if each.column and each.column in by_column:
-                other = by_column[each.column]
-                self.fault(f'[outputs] "{name}"', f"column '{each.column}' is used for '{other}' already")
-            by_column[each.column] = name
-        for name, each in inputs.items():
+            if column.column and column.column in by_column:
+                other = by_column[column.column]
+                self.fault(f'[outputs] "{name}"', f"column '{column.column}' is used for '{other}' already")
+            by_column[column.column] = name
+        for name, column in inputs.items():
             if name in outputs:
                 self.fault(f'[inputs] "{name}"', "is an output as well: name it in one of the two tables")
-            elif each.column and each.column in by_column:
+            elif column.column and column.column in by_column:
                 self.fault(
                     f'[inputs] "{name}"',
-                    f"column '{each.column}' is also the output '{by_column[each.column]}', which would be "
+                    f"column '{column.column}' is also the output '{by_column[column.column]}', which would be "
                     "compared with itself: drive the model with another column or leave the output out",
                 )
 
@@ -387,10 +387,10 @@ class _Reader:
             self.fault("[records]", str(error))
 
     def files(self, key: str, patterns: str | list[str]) -> tuple[Path, ...]:
-        found = find_files(self.path.parent, [patterns] if isinstance(patterns, str) else patterns)
+        files = find_files(self.path.parent, [patterns] if isinstance(patterns, str) else patterns)
         if key == "identify" and self.table("records").get("identify") == []:
             self.fault("[records] identify", "is empty: name at least one recording")
-        for text in found.faults:
+        for text in files.faults:
             self.fault(f"[records] {key}", text)
-        self.warnings += [f"[records] {key}: {text}" for text in found.warnings]
-        return found.paths
+        self.warnings += [f"[records] {key}: {text}" for text in files.warnings]
+        return files.paths

@@ -119,7 +119,7 @@ class InitialTable:
     free: tuple[str, ...] = ()
 
 
-_SAID: dict[Any, str] = {
+_WORDS: dict[Any, str] = {
     str: "a text in quotes",
     float | None: "a number",
     float: "a number",
@@ -132,10 +132,10 @@ _SAID: dict[Any, str] = {
 }  # fmt: skip
 
 
-def _said(kind: Any) -> str:
-    if kind in _SAID:
-        return _SAID[kind]
-    return "one of " + ", ".join(f'"{each}"' for each in kind.__args__)
+def _in_words(kind: Any) -> str:
+    if kind in _WORDS:
+        return _WORDS[kind]
+    return "one of " + ", ".join(f'"{value}"' for value in kind.__args__)
 
 
 def read_struct(kind: type[T], table: Mapping[str, Any], fault: Callable[[str, str], None]) -> T:
@@ -147,14 +147,14 @@ def read_struct(kind: type[T], table: Mapping[str, Any], fault: Callable[[str, s
         A msgspec Struct.
     table : mapping
     fault : callable
-        Is told key and text of every fault; the key is empty where the whole table is meant.
+        Called with key and text of every fault; the key is empty for the whole table.
 
     Returns
     -------
     Struct
         With defaults, or empty texts and lists, where there were faults: the rest can still be checked.
     """
-    fields = {each.name: each for each in msgspec.structs.fields(kind)}
+    fields = {declared.name: declared for declared in msgspec.structs.fields(kind)}
     values: dict[str, Any] = {}
     for key, value in table.items():
         if key not in fields:
@@ -164,8 +164,8 @@ def read_struct(kind: type[T], table: Mapping[str, Any], fault: Callable[[str, s
         try:
             good = msgspec.convert(value, wanted)
         except msgspec.ValidationError:
-            hint = nearest_or_choices(value, wanted.__args__) if isinstance(value, str) and wanted not in _SAID else ""
-            fault(key, f"must be {_said(wanted)}, and is {value!r}{hint}")
+            hint = nearest_or_choices(value, wanted.__args__) if isinstance(value, str) and wanted not in _WORDS else ""
+            fault(key, f"must be {_in_words(wanted)}, and is {value!r}{hint}")
             continue
         if isinstance(good, float) and not math.isfinite(good):
             fault(key, f"must be finite, and is {value!r}: leave it out where there is no limit")
@@ -173,9 +173,9 @@ def read_struct(kind: type[T], table: Mapping[str, Any], fault: Callable[[str, s
             fault(key, "must not be empty")
         else:
             values[key] = good
-    for key, each in fields.items():
-        if each.required and key not in values:
-            values[key] = "" if each.type is str else []
+    for key, declared in fields.items():
+        if declared.required and key not in values:
+            values[key] = "" if declared.type is str else []
             if key not in table:
                 fault("", f"the key '{key}' is missing")
     return kind(**values)
@@ -191,11 +191,11 @@ def flatten(table: Mapping[str, Any], kind: type | None) -> dict[str, Any]:
     kind : type or None
         The struct that an entry makes; None where entries are plain values.
     """
-    keys = [each.name for each in msgspec.structs.fields(kind)] if kind else []
+    keys = [entry.name for entry in msgspec.structs.fields(kind)] if kind else []
     flat: dict[str, Any] = {}
     for name, value in table.items():
         if isinstance(value, dict) and value and not _is_entry(value, keys):
-            flat.update({f"{name}.{rest}": each for rest, each in flatten(value, kind).items()})
+            flat.update({f"{name}.{rest}": entry for rest, entry in flatten(value, kind).items()})
         else:
             flat[name] = value
     return flat
@@ -205,7 +205,7 @@ def _is_entry(value: Mapping[str, Any], keys: list[str]) -> bool:
     """Tell an entry, perhaps with a misspelt key, from a further level of names."""
     if not keys:
         return False
-    for key, each in value.items():
-        if not isinstance(each, dict) and (key in keys or nearest_or_choices(key, keys).startswith("; nearest")):
+    for key, inner in value.items():
+        if not isinstance(inner, dict) and (key in keys or nearest_or_choices(key, keys).startswith("; nearest")):
             return True
-    return not any(isinstance(each, dict) for each in value.values()) and "column" not in keys
+    return not any(isinstance(inner, dict) for inner in value.values()) and "column" not in keys

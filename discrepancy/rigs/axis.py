@@ -1,7 +1,7 @@
 """The virtual axis: a rig of the linear axis in `discrepancy.rigs.axis_model`, richer than that model.
 
 `make_axis` writes recordings, a study file and the truth into a folder; `axis_case` returns the same in
-memory.  Data from here are synthetic and are always called that.
+memory.  Its data are synthetic and are always called that.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from discrepancy.questions.trip_plan import TripPlan
 from discrepancy.rigs import axis_model, axis_texts
 from discrepancy.rigs.axis_model import build
 from discrepancy.rigs.axis_trips import CYCLE, trip
+from discrepancy.rigs.case import Case, check_folder, write_case
 from discrepancy.rigs.hidden_effects import Hidden
-from discrepancy.rigs.recording import Case, Channel, RigDisturbance, check_folder
-from discrepancy.rigs.rig import Rig, Run, write_case
+from discrepancy.rigs.recording import Channel, RigDisturbance
+from discrepancy.rigs.rig import Rig, Run
 from estimation.fit.calibrate import UncertainParameter
 from multibody.base.progress import Progress, silent
 from multibody.base.spelling import nearest
@@ -66,7 +67,7 @@ class AxisRig(Rig):
     machine: ClassVar[str] = "axis"
     prefer: ClassVar[tuple[str, ...]] = ("guide", "coupling", "carriage.position")
     at: ClassVar[str] = "guide"
-    #: Shows clearly beside a disturbance of 3 N.
+    #: Shows clearly in spite of a disturbance of 3 N.
     force: ClassVar[float] = 12.0
     visible: ClassVar[Mapping[str, float]] = {
         "motor.torque": 0.03,
@@ -103,7 +104,7 @@ class AxisRig(Rig):
         return tuple(c.signal for c in self.channels if c.signal not in INPUTS)
 
     def faults(self) -> list[str]:
-        """Return what is wrong with the settings."""
+        """Return the faults of the settings."""
         faults = super().faults()
         known = self.model.build().output_names if self.plan.sensor else ()
         if self.plan.sensor and self.plan.sensor not in known:
@@ -149,8 +150,8 @@ class AxisRig(Rig):
         values = dict(perturbed)
         values["carriage.m"] += MASS * (self.plan.load - 1.0)
         true_model = self.model.with_values(values)
-        for each in hidden:
-            true_model = each.added_to(true_model)
+        for effect in hidden:
+            true_model = effect.added_to(true_model)
         model = true_model.copy()
         source = model.add("disturbance", ForceSource())
         model.connect(source.flange, "carriage.flange")
@@ -159,7 +160,7 @@ class AxisRig(Rig):
             fades = model.components["dry_friction"].values["v_s"]
             model = model.with_values({"dry_friction.v_s": fades * self.regularisation})
         system = model.build(outputs=self.outputs)
-        found: list[Run] = []
+        runs: list[Run] = []
         new = 0 if self.plan == TripPlan(sensor=self.plan.sensor) else 1000
         for k, name in enumerate(names):
             progress(f"trip {k + 1} of {len(names)}")
@@ -182,8 +183,8 @@ class AxisRig(Rig):
             for channel in self.channels:
                 signal = np.interp(fine, time, place) if channel.signal in INPUTS else run[channel.signal]
                 columns[channel.column] = self.logger.read(channel, fine, signal, stamps, rng, errors)
-            found.append((name, stamps, columns))
-        return true_model, found
+            runs.append((name, stamps, columns))
+        return true_model, runs
 
     def hidden(self, hide: Sequence[str], spread: float = 0.2) -> list[Hidden]:
         """Return the effects that the rig gets: those of its usual trips, whatever the plan."""

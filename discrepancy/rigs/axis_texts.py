@@ -1,4 +1,4 @@
-"""The texts that stand beside recordings of the virtual axis: the study file and the README."""
+"""The texts written with the recordings of the virtual axis: the study file and the README."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from discrepancy.rigs import texts as rig_texts
 
 if TYPE_CHECKING:
     from discrepancy.questions.trip_plan import TripPlan
-    from discrepancy.rigs.recording import Case
+    from discrepancy.rigs.case import Case
     from discrepancy.rigs.rig import Rig
 
 __all__ = ["readme", "study"]

@@ -1,4 +1,4 @@
-"""Effects to hide in a virtual rig: what fits the machine, how large it is, and what is told of it."""
+"""Effects to hide in a virtual rig: what fits the machine, how large it is, and its entry in ``truth.json``."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ UNKNOWN = "unknown_force"
 
 @dataclass(frozen=True)
 class Scale:
-    """What is large at a place of a rig, from which the size of an effect follows.
+    """Scales of motion and force at a place of a rig, from which the size of an effect follows.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class SignalScale:
-    """What is large in a signal of a rig.
+    """Scales of a signal of a rig.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class SignalScale:
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect that a rig has and the model lacks: one of the catalogue, or one of none of its kinds.
+    """An effect that a rig has and the model lacks: of a kind in the catalogue or not.
 
     ``stated`` has the values that the model has in place of strengths that are parameters of it.
     """
@@ -154,13 +154,13 @@ def _plain(unit: str) -> str:
     return re.sub(r"^\(([^()]*)\)$|^\(([^()/]*)\)", lambda m: m[1] or m[2], unit)
 
 
-# -------------------------------------------------------------------- what is asked for
+# -------------------------------------------------------------------- choice
 
 
 def choose(
     asked: Sequence[str], entries: Sequence[Entry], machine: str, prefer: Sequence[str] = ()
 ) -> list[Entry | str]:
-    """Return what ``KIND`` or ``KIND@WHERE`` name: entries, or the place of an unknown force.
+    """Return the entries that ``KIND`` or ``KIND@WHERE`` name, or the place of an unknown force.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def choose(
     Raises
     ------
     BenchError
-        With every kind that does not exist, does not fit the machine or the place, or is asked for twice.
+        With every kind that does not exist, does not fit the machine or the place, or is named twice.
     """
     faults: list[str] = []
     chosen: list[Entry | str] = []
@@ -196,8 +196,8 @@ def choose(
             known = {e.where for e in entries} | {
                 w for e in entries if e.place is not None for w in e.place.also
             }
-            told = "does not fit there" if where in known else "there is no such place"
-            faults.append(f"--hide {text}: {told}; {kind} fits {', '.join(where_fits)}")
+            reason = "does not fit there" if where in known else "there is no such place"
+            faults.append(f"--hide {text}: {reason}; {kind} fits {', '.join(where_fits)}")
         else:
             place = (
                 full if at else min(where_fits, key=lambda w: prefer.index(w) if w in prefer else len(prefer))

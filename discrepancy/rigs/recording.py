@@ -1,22 +1,17 @@
-"""What any virtual rig adds to a model: disturbance, wrong parameters, sensors, a logger, and its files.
+"""What any virtual rig adds to a model: a disturbance, wrong parameters, sensors and a logger.
 
-A rig is a model richer than the one under test.  It runs with another integrator at other tolerances, a
-coloured force disturbs it, its parameters differ from the nominal ones, and what is recorded went through
-sensors and a logger.  `discrepancy.rigs.hidden_effects` puts effects into it; `discrepancy.rigs.axis` is the rig of a
-linear
-axis, and the rigs of other machines are made of the same parts.
+A rig is a model richer than the one under test.  It runs with another integrator at other tolerances, a coloured force
+disturbs it, its parameters differ from the nominal ones, and its signals pass through sensors and a logger.
+`discrepancy.rigs.hidden_effects` puts effects into it; `discrepancy.rigs.axis` is the rig of a linear axis, and the
+rigs of other machines are made of the same parts.
 """
 
 from __future__ import annotations
 
-import gzip
-import io
-import json
-import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,26 +19,20 @@ from estimation.files.record import Record, Signal
 from estimation.fit.calibrate import UncertainParameter
 
 if TYPE_CHECKING:
-    from discrepancy.problem.problem import Problem
     from estimation.response.sensors import SensorError
-    from multibody.machine.model import Model
 
 __all__ = [
     "BenchError",
-    "Case",
     "Channel",
     "Logger",
     "RigDisturbance",
-    "check_folder",
     "perturb",
     "record_of",
-    "write_csv",
-    "write_json",
 ]
 
 
 class BenchError(ValueError):
-    """A virtual rig cannot do what it was asked for; ``faults`` holds one sentence for each fault."""
+    """Settings that a virtual rig refuses; ``faults`` holds one sentence for each fault."""
 
     def __init__(self, faults: Sequence[str]) -> None:
         self.faults: tuple[str, ...] = tuple(dict.fromkeys(faults))
@@ -194,9 +183,9 @@ class Logger:
         from multibody.base.units import convert
 
         size: dict[str, float] = {}
-        for each in errors:
-            if each.output == channel.signal:
-                size[each.kind] = size.get(each.kind, 0.0) + each.value
+        for error in errors:
+            if error.output == channel.signal:
+                size[error.kind] = size.get(error.kind, 0.0) + error.value
         # Always drawn, so that hiding an effect changes nothing else.
         shake, noise = rng.standard_normal((2, stamps.size))
         if channel.analogue:
@@ -224,11 +213,11 @@ def perturb(
 ) -> dict[str, float]:
     """Return true values of uncertain parameters: their priors, cut at ``reach`` standard deviations."""
     values = {}
-    for each in priors:
+    for parameter in priors:
         z = rng.standard_normal()
         while abs(z) > reach:
             z = rng.standard_normal()
-        values[each.name] = float(np.clip(each.value + each.std * z, each.min, each.max))
+        values[parameter.name] = float(np.clip(parameter.value + parameter.std * z, parameter.min, parameter.max))
     return values
 
 
@@ -245,106 +234,3 @@ def record_of(
         for c in channels
     }
     return Record(name=name, path=path, time=stamps, signals=signals, log=("made by a virtual rig",))
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """A model under test, recordings of its rig, and what was hidden in it.
-
-    Parameters
-    ----------
-    model : Model
-        Under test, at nominal parameters.
-    uncertain : tuple of UncertainParameter
-        What calibration may move; the true values lie within these priors.
-    inputs, outputs : tuple of str
-        Recorded model inputs and measured outputs.
-    identify, validate : tuple of Record
-        Recordings.
-    free : tuple of str
-        States that start at an unknown value.
-    rest : tuple of str
-        States that start at zero.
-    truth : dict
-        What ``truth.json`` holds.
-    true_model : Model
-        The model with the hidden effects and the true parameters (errors of sensors stand in the truth only).
-    channels : tuple of Channel
-    offsets : tuple of str
-        Outputs whose sensors have an offset of their own in each record.
-    """
-
-    model: Model
-    uncertain: tuple[UncertainParameter, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    identify: tuple[Record, ...]
-    validate: tuple[Record, ...]
-    free: tuple[str, ...]
-    rest: tuple[str, ...]
-    truth: dict[str, Any]
-    true_model: Model
-    channels: tuple[Channel, ...] = field(default=(), repr=False)
-    offsets: tuple[str, ...] = ()
-
-    def problem(self, **options: Any) -> Problem:
-        """Return what a `Study` starts from; ``options`` such as ``seed`` and ``include`` go to `Problem`."""
-        from discrepancy.problem.problem import Problem, make_experiments
-
-        common: dict[str, Any] = {
-            "inputs": self.inputs,
-            "outputs": self.outputs,
-            "start": dict.fromkeys(self.rest, 0.0),
-            "free": self.free,
-            "offsets": self.offsets,
-        }
-        return Problem(
-            name=self.model.name,
-            model=self.model,
-            uncertain=self.uncertain,
-            identify=make_experiments(self.model, self.identify, **common),
-            validate=make_experiments(self.model, self.validate, **common),
-            **options,
-        )
-
-
-# -------------------------------------------------------------------- files
-
-
-def check_folder(out: str | os.PathLike[str]) -> Path:
-    """Return the folder to write into, made if it was not there.
-
-    Raises
-    ------
-    BenchError
-        If it cannot be one.
-    """
-    folder = Path(out)
-    if folder.exists() and not folder.is_dir():
-        raise BenchError([f"{folder}: is a file: name a folder to write into"])
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = error.strerror or error
-        raise BenchError(
-            [f"{folder}: the folder cannot be made: {reason}: name another with --out"]
-        ) from error
-    return folder
-
-
-def write_csv(path: Path, stamps: np.ndarray, columns: Mapping[str, np.ndarray]) -> None:
-    """Write a record as gzipped CSV; the same numbers give the same bytes."""
-    names = ",".join(("time_s", *columns))
-    text = io.StringIO()
-    table = np.column_stack([stamps, *columns.values()])
-    np.savetxt(text, table, delimiter=",", header=names, comments="", fmt=["%.6f", *["%.10g"] * len(columns)])
-    with (
-        path.open("wb") as raw,
-        gzip.GzipFile("", "wb", 6, raw, mtime=0) as packed,
-    ):  # no name, no time of writing
-        packed.write(text.getvalue().encode("ascii"))
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a mapping as JSON that a person can read."""
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -1,12 +1,11 @@
-"""What all virtual rigs have in common: settings, places and sizes of what can be hidden, a whole set of recordings.
+"""What all virtual rigs have in common: settings, places and sizes of hidden effects, a whole set of recordings.
 
-A rig of a machine is a subclass of `Rig` that says which model is under test, what is recorded, and how a trip is run;
-see `discrepancy.rigs.axis` and `vtsdt.rig.recordings`.
+The rig of a machine is a subclass of `Rig` that states which model is under test, what is recorded, and how a trip
+runs; see `discrepancy.rigs.axis` and `vtsdt.rig.recordings`.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from discrepancy.effects.catalogue import Entry, catalogue
 from discrepancy.effects.shape_grids import MotionRange
 from discrepancy.effects.uncatalogued_laws import OVER
+from discrepancy.rigs.case import Case
 from discrepancy.rigs.hidden_effects import (
     UNKNOWN,
     Hidden,
@@ -27,18 +27,7 @@ from discrepancy.rigs.hidden_effects import (
     misstated,
     unknown_effect,
 )
-from discrepancy.rigs.recording import (
-    BenchError,
-    Case,
-    Channel,
-    Logger,
-    RigDisturbance,
-    check_folder,
-    perturb,
-    record_of,
-    write_csv,
-    write_json,
-)
+from discrepancy.rigs.recording import BenchError, Channel, Logger, RigDisturbance, perturb, record_of
 from multibody.base.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -48,28 +37,28 @@ if TYPE_CHECKING:
     from multibody.machine.model import Model, System
     from multibody.system.trajectory import Trajectory
 
-__all__ = ["Rig", "Run", "write_case"]
+__all__ = ["Rig", "Run"]
 
 #: Name of a recording, its time stamps, and its columns as they are written.
 Run = tuple[str, np.ndarray, dict[str, np.ndarray]]
 
 
-#: Share of the widest motion of its kind below which a place counts as trembling.
-_TREMBLES = 1e-3
+#: Share of the widest motion of its kind below which a place counts as standing still.
+_STILL = 1e-3
 
 
 @dataclass(frozen=True)
 class Rig:
-    """How a virtual rig is run; a subclass says of which machine.
+    """How a virtual rig is run; a subclass states of which machine.
 
     Parameters
     ----------
     seed : int
-        Of everything that is drawn: trips, true parameters, disturbance, sensors, sizes of what is hidden.
+        Of everything that is drawn: trips, true parameters, disturbance, sensors, sizes of hidden effects.
     trips : int
         Records; a quarter of them, at least one, are for validation.
     strength : float
-        Factor on the usual size of what is hidden.
+        Factor on the usual size of hidden effects.
     disturbance : RigDisturbance
         Force that no model describes.
     logger : Logger
@@ -82,7 +71,7 @@ class Rig:
     method, rtol
         Integrator of the rig; the model under test is run with another.
     strengths : mapping of str to mapping of str to float
-        Of what is hidden, by ``kind@where`` and name, SI, in the place of those that are drawn.
+        Of hidden effects, by ``kind@where`` and name, SI, instead of those that are drawn.
     """
 
     seed: int = 0
@@ -99,9 +88,9 @@ class Rig:
 
     #: Name of the machine, for messages and the truth.
     machine: ClassVar[str]
-    #: Places to hide something at first where none is named.
+    #: Preferred places where none is named.
     prefer: ClassVar[tuple[str, ...]] = ()
-    #: Where a disturbance acts, and the force, N or N m, that shows clearly there beside it.
+    #: Where a disturbance acts, and the force, N or N m, that shows clearly there in spite of it.
     at: ClassVar[str]
     force: ClassVar[float]
     #: Errors of the signals that show clearly, SI.
@@ -115,7 +104,7 @@ class Rig:
             raise BenchError(faults)
 
     def faults(self) -> list[str]:
-        """Return what is wrong with the settings."""
+        """Return the faults of the settings."""
         faults = []
         if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
             faults.append(f"seed is {self.seed!r}: give a whole number, zero or more")
@@ -183,7 +172,7 @@ class Rig:
         raise NotImplementedError
 
     def more_truth(self) -> dict[str, Any]:
-        """Return what ``truth.json`` holds beside the rest."""
+        """Return further entries of ``truth.json``."""
         return {}
 
     # ---------------------------------------------------------------- places and sizes
@@ -196,14 +185,14 @@ class Rig:
     def entries(self) -> list[Entry]:
         """Return every effect that fits the machine."""
         entries = catalogue(self.model.build(probes=True), self.outputs, self.inputs)
-        # What passes a spring by, such as a damper beside it, is no load of the spring.
+        # The force of a damper parallel to a spring is no load of the spring.
         return [e for e in entries if not (e.kind.needs == "load" and e.stiffness)]
 
     def scales(self, entries: Sequence[Entry]) -> tuple[dict[str, Scale], dict[str, SignalScale]]:
-        """Return what is large at each place, and in each signal, of the nominal model, whatever the seed.
+        """Return the scales of motion and force at each place, and of each signal, of the nominal model for any seed.
 
-        A place that does no more than tremble beside the others, as a machine's support does, is left out: what a
-        force there would have to be in order to be seen is no effect that one would look for.
+        A place that hardly moves compared with the others, such as a machine's support, is left out: a force there that
+        could be seen would be too large to be a plausible effect.
         """
         places: dict[str, Place] = {e.where: e.place for e in entries if e.place is not None}
         loads = {e.where: e.load for e in entries if e.load}
@@ -220,7 +209,7 @@ class Rig:
         def rate_of(name: str) -> float:
             return float(np.quantile(np.abs(np.concatenate([np.gradient(r[name], stamps) for r in runs])), 0.95))
 
-        found: dict[str, Scale] = {}
+        scales: dict[str, Scale] = {}
         signals: dict[str, SignalScale] = {}
         for n in (*self.outputs, *self.inputs):
             floor = self.visible[n]  # a signal that stands still in these trips gets errors of its own size
@@ -235,22 +224,22 @@ class Rig:
             x, v, a = (all_of(n) for n in motion[where])
             fast, hard = _fast(v), _fast(a)
             key = next((e.stiffness for e in entries if e.where == where and e.stiffness), "")
-            if not key and reach[where] < _TREMBLES * widest[place.domain]:
+            if not key and reach[where] < _STILL * widest[place.domain]:
                 continue
             stiffness = float(system.p[system.index("parameter", key)]) if key else 0.0
             span_ = MotionRange(float(x.min()), float(x.max()), fast, place.domain == "rotation", stiffness)
             # The same power shows equally well wherever it is taken; in a spring, a share of its load does.
             force = 0.25 * stiffness * span_.half if key else self.force * usual / fast
             load = _fast(all_of(loads[where])) if where in loads else 0.0
-            found[where] = Scale(span_, hard, force, load, self.duration)
-        return found, signals
+            scales[where] = Scale(span_, hard, force, load, self.duration)
+        return scales, signals
 
     def shown(self) -> tuple[list[Entry], dict[str, Scale], dict[str, SignalScale]]:
-        """Return every effect that can be hidden, and what is large at its place or in its signal."""
+        """Return every effect that can be hidden, and the scales at its place or in its signal."""
         entries = self.entries()
         places, signals = self.scales(entries)
-        at_hand = [e for e in entries if e.kind.stated or e.where in (places if e.place is not None else signals)]
-        return at_hand, places, signals
+        possible = [e for e in entries if e.kind.stated or e.where in (places if e.place is not None else signals)]
+        return possible, places, signals
 
     def hidden(self, hide: Sequence[str], spread: float = 0.2) -> list[Hidden]:
         """Return the effects that the rig gets, with sizes drawn within a share ``spread`` of the usual ones."""
@@ -258,31 +247,31 @@ class Rig:
             return []
         entries, places, signals = self.shown()
         chosen = choose(hide, entries, self.machine, prefer=self.prefer)
-        found = []
-        for each in chosen:
-            where = each if isinstance(each, str) else each.where
-            named = f"{UNKNOWN}@{where}" if isinstance(each, str) else each.name
+        hidden = []
+        for choice in chosen:
+            where = choice if isinstance(choice, str) else choice.where
+            named = f"{UNKNOWN}@{where}" if isinstance(choice, str) else choice.name
             rng = np.random.default_rng([int(self.seed), 5, *named.encode()])
-            if isinstance(each, Entry) and each.kind.stated:
-                effect = misstated(each, rng, strength=self.strength, spread=spread)
-                found.append(Hidden(effect, where, stated=each.stated))
+            if isinstance(choice, Entry) and choice.kind.stated:
+                effect = misstated(choice, rng, strength=self.strength, spread=spread)
+                hidden.append(Hidden(effect, where, stated=choice.stated))
                 continue
-            at_place = isinstance(each, str) or each.place is not None
+            at_place = isinstance(choice, str) or choice.place is not None
             scale: Any = places[where] if at_place else signals[where]
-            if isinstance(each, str):
+            if isinstance(choice, str):
                 entry = next(e for e in entries if e.where == where and e.place is not None)
-                found.append(unknown_effect(entry, self.over, scale, rng, strength=self.strength, spread=spread))
+                hidden.append(unknown_effect(entry, self.over, scale, rng, strength=self.strength, spread=spread))
             else:
                 effect = draw_effect(
-                    each,
+                    choice,
                     scale,
                     rng,
                     strength=self.strength,
                     regularisation=self.regularisation,
                     spread=spread,
                 )
-                found.append(Hidden(effect, where))
-        return [self._as_given(h) for h in found]
+                hidden.append(Hidden(effect, where))
+        return [self._as_given(h) for h in hidden]
 
     def _as_given(self, hidden: Hidden) -> Hidden:
         """Return an effect with the strengths that were given for it, if any."""
@@ -339,48 +328,19 @@ class Rig:
             **self.more_truth(),
         }
         return Case(
-            self.model,
-            uncertain,
-            self.inputs,
-            self.outputs,
-            tuple(records[:split]),
-            tuple(records[split:]),
-            self.starts,
-            self.still,
-            truth,
-            true_model,
-            self.channels,
+            model=self.model,
+            uncertain=uncertain,
+            inputs=self.inputs,
+            outputs=self.outputs,
+            identify=tuple(records[:split]),
+            validate=tuple(records[split:]),
+            free=self.starts,
+            rest=self.still,
+            truth=truth,
+            true_model=true_model,
+            channels=self.channels,
         )
-
-
-def write_case(out: str | os.PathLike[str], case: Case, texts: Mapping[str, str]) -> Path:
-    """Write a case into a folder: recordings, the truth, and texts by file name, ``study.toml`` among them.
-
-    Returns
-    -------
-    Path
-        The study file.
-
-    Raises
-    ------
-    BenchError
-        If the folder cannot be made.
-    """
-    folder = check_folder(out)
-    for record in (*case.identify, *case.validate):
-        columns = {c.column: _as_read(record.signals[c.signal].values, c) for c in case.channels}
-        write_csv(folder / record.path.name, np.asarray(record.time), columns)
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    write_json(folder / "truth.json", case.truth)
-    return folder / "study.toml"
 
 
 def _fast(values: np.ndarray) -> float:
     return float(np.quantile(np.abs(values), 0.95))
-
-
-def _as_read(values: np.ndarray, channel: Channel) -> np.ndarray:
-    from multibody.base.units import convert
-
-    return np.asarray(convert(values, channel.unit, channel.measured_unit))

@@ -1,4 +1,4 @@
-"""Texts that stand beside recordings of any virtual rig: the study file, and tables for its README."""
+"""Texts written with the recordings of any virtual rig: the study file, and tables for its README."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from discrepancy.rigs.recording import Case, Channel, Logger
+    from discrepancy.rigs.case import Case
+    from discrepancy.rigs.recording import Channel, Logger
     from discrepancy.rigs.rig import Rig
     from estimation.fit.calibrate import UncertainParameter
 
@@ -52,9 +53,9 @@ def study(
         *arguments,
     ]
     lines += ["", "[uncertain]"]
-    for each in case.uncertain:
-        low = f", min = {each.min:g}" if np.isfinite(each.min) else ""
-        lines.append(f'"{each.name}" = {{ value = {each.value:g}, std = {each.std:g}{low} }}  # {each.unit}')
+    for q in case.uncertain:
+        low = f", min = {q.min:g}" if np.isfinite(q.min) else ""
+        lines.append(f'"{q.name}" = {{ value = {q.value:g}, std = {q.std:g}{low} }}  # {q.unit}')
     lines += ["", "[inputs]", *(f'"{name}" = "{column[name]}"' for name in case.inputs)]
     lines += ["", "[outputs]", *(f'"{name}" = "{column[name]}"' for name in case.outputs)]
     lines += ["", " ".join(("[initial]", *(f" # {text}" for text in start)))]
@@ -121,7 +122,7 @@ def list_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
     table = [("KIND", "WHERE", "USUAL SIZE")]
     for row in rows:
-        told = ", ".join(f"{n} {abs(v['value']):.3g} {v['unit']}".rstrip() for n, v in strengths_of(row).items())
-        table.append((row["kind"], row["where"], told))
+        size = ", ".join(f"{n} {abs(v['value']):.3g} {v['unit']}".rstrip() for n, v in strengths_of(row).items())
+        table.append((row["kind"], row["where"], size))
     wide = [max(len(r[k]) for r in table) for k in (0, 1)]
-    return "\n".join(f"{kind:<{wide[0]}}  {where:<{wide[1]}}  {told}" for kind, where, told in table)
+    return "\n".join(f"{kind:<{wide[0]}}  {where:<{wide[1]}}  {size}" for kind, where, size in table)

@@ -59,11 +59,11 @@ class Layout:
         Whole records, because what disturbs a machine goes on from one part of a record into the next.
         """
         parts = 1 if len(self.lengths) >= FEW_BLOCKS else 4
-        found = []
+        spans = []
         for start, length in zip(self.starts, self.lengths, strict=True):
             edges = start + self.n_channels * np.linspace(0, length, parts + 1).astype(int)
-            found += [slice(int(a), int(b)) for a, b in pairwise(edges)]
-        return found
+            spans += [slice(int(a), int(b)) for a, b in pairwise(edges)]
+        return spans
 
     def stack(self, whitener: Whitener, blocks: Sequence[Array], prior: Array | None = None) -> Array:
         """Whiten block by block and stack; ``prior`` fills the last rows (zeros by default)."""

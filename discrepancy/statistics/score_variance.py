@@ -67,8 +67,8 @@ class Bands:
     def cross(self, stacked: Array) -> Array:
         """Band cross-energies Σ w x_c conj(x_d), shape (n_bands, n_channels, n_channels, m), complex."""
         blocks = range(len(self.layout.lengths))
-        found = parallel_map(lambda b: self._energies(self.spectra(stacked, b), b), blocks)
-        return self._summed(found, stacked.shape[1])
+        energies = parallel_map(lambda b: self._energies(self.spectra(stacked, b), b), blocks)
+        return self._summed(energies, stacked.shape[1])
 
     def cross_of(self, spectra: Sequence[Array]) -> Array:
         """Return what `cross` does, from the spectra of every block."""
@@ -82,8 +82,8 @@ class Bands:
     def _summed(self, energies: Sequence[list[tuple[int, Array]]], m: int) -> Array:
         C = self.layout.n_channels
         out = np.zeros((self.n, m, C, C), dtype=complex)
-        for found in energies:
-            for k, energy in found:
+        for of_block in energies:
+            for k, energy in of_block:
                 out[k] += energy
         return np.moveaxis(out, 1, 3)
 

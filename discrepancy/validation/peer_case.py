@@ -16,7 +16,7 @@ import numpy as np
 from discrepancy.statistics.blocks import Array, Candidate, Residual, Sensitivities
 
 if TYPE_CHECKING:
-    from discrepancy.rigs.recording import Case
+    from discrepancy.rigs.case import Case
     from discrepancy.stages.stage import Stage
     from discrepancy.statistics.whitened import WhitenedProblem
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from discrepancy.rigs.axis import axis_case, list_axis
-from discrepancy.rigs.recording import Case
+from discrepancy.rigs.case import Case
 
 __all__ = ["UNKNOWN", "case", "names", "sizes"]
 

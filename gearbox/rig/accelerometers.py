@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from discrepancy.rigs.recording import check_folder, write_csv, write_json
+from discrepancy.rigs.case import check_folder, write_csv, write_json
 from gearbox.rig.rig import GearRig, record, truth
 from multibody.base.progress import Progress, silent
 

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discrepancy.rigs.recording import Channel, Logger, check_folder, write_csv, write_json
+from discrepancy.rigs.case import check_folder, write_csv, write_json
+from discrepancy.rigs.recording import Channel, Logger
 from gearbox.rig.rig import TEETH, GearRig, true_stage
 from gearbox.rig.rig import truth as truth_of
 from multibody.base.progress import silent

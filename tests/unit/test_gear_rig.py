@@ -10,7 +10,8 @@ import pytest
 from gear_stand_in import measured
 
 from discrepancy.problem.study_file import StudyError, read_study
-from discrepancy.rigs.recording import BenchError, write_csv
+from discrepancy.rigs.case import write_csv
+from discrepancy.rigs.recording import BenchError
 from gearbox.files.operating_condition import OperatingCondition
 from gearbox.rig import accelerometers
 from gearbox.rig.accelerometers import PARAMETERS

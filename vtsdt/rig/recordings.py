@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from discrepancy.rigs.recording import Logger, check_folder, write_json
-from discrepancy.rigs.rig import write_case
+from discrepancy.rigs.case import check_folder, write_case, write_json
+from discrepancy.rigs.recording import Logger
 from multibody.base.progress import Progress, silent
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.rig import texts as bench_texts

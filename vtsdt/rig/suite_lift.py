@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-from discrepancy.rigs.recording import Case
+from discrepancy.rigs.case import Case
 from vtsdt.rig.rig import LiftRig
 
 __all__ = ["TRIPS", "UNKNOWN", "case", "names", "sizes"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from discrepancy.rigs.recording import Case
+from discrepancy.rigs.case import Case
 from vtsdt.rig import suite_lift
 from vtsdt.rig.one_dimensional import PlainLiftRig
 from vtsdt.rig.suite_lift import UNKNOWN, names, sizes

@@ -9,7 +9,7 @@ from vtsdt.rig.parts import GearLoss
 from vtsdt.rig.rig import ACCELEROMETER_OFFSET, BEFORE
 
 if TYPE_CHECKING:
-    from discrepancy.rigs.recording import Case
+    from discrepancy.rigs.case import Case
     from vtsdt.rig.rig import LiftRig
 
 __all__ = ["BUILDER", "configurations_readme", "readme", "study"]
