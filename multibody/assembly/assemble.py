@@ -123,7 +123,7 @@ def _components(model: ModelGraph, work: Assembly) -> None:
         for name, state in component.of_kind(State).items():
             var = variable(owner, name)
             start = component.starts.get(name, state.start)  # absent where the value given was at fault
-            work.states.append(Quantity(f"{owner}.{name}", state.unit, state.meaning, var, start))
+            work.states.append(Quantity(f"{owner}.{name}", state.unit, state.meaning, var, value=start))
             work.derivatives[var] = variable(owner, "_der", name)
         for name, item in component.of_kind(UnknownDeclaration).items():
             work.unknowns.append(
@@ -164,7 +164,7 @@ def _model_input(work: Assembly, entry: ModelInput) -> None:
     """A signal from outside, with its gain error, offset and delay where the model has them."""
     used = variable("input", entry.name)
     raw = used if entry.gain is None and entry.offset is None else f"{used}___raw"
-    work.inputs.append(Quantity(entry.name, entry.unit, "model input", raw, entry.default or 0.0))
+    work.inputs.append(Quantity(entry.name, entry.unit, "model input", raw, value=entry.default or 0.0))
     text = raw
     if entry.gain is not None:
         gain = work.parameter(f"input.{entry.name}.gain", "", "relative gain error of the input", entry.gain)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 from multibody.assembly.places import Place
@@ -21,6 +21,7 @@ class Quantity:
     unit: str
     meaning: str
     variable: str
+    _: KW_ONLY
     value: float = 0.0
     min: float | None = None
     max: float | None = None
@@ -37,7 +38,7 @@ class Unknown:
     residual: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Coordinate:
     """An independent motion.
 
@@ -62,7 +63,7 @@ class Coordinate:
     reaction: str | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Contribution:
     """Inertia and forces of one part, row by row, as texts over variables.
 
@@ -122,7 +123,7 @@ class Assembly:
     def parameter(self, name: str, unit: str, meaning: str, value: float, **bounds: float | None) -> str:
         """Add a parameter and return its variable."""
         var = variable(name)
-        self.parameters.append(Quantity(name, unit, meaning, var, value, **bounds))
+        self.parameters.append(Quantity(name, unit, meaning, var, value=value, **bounds))
         return var
 
     def output(self, name: str, unit: str, meaning: str, var: str) -> None:

@@ -103,11 +103,11 @@ class Kinematics:
             inertia = [variable(p.owner, p.inertia or "") for p in node.inertial]
             work.contributions.append(
                 Contribution(
-                    node.label.owner,
-                    (motion.factors,),
-                    {(0, 0): f"({total(inertia)})" if len(inertia) > 1 else inertia[0]} if inertia else {},
-                    (motion.bias,),
-                    (f"{motion.base}___net",),
+                    origin=node.label.owner,
+                    rows=(motion.factors,),
+                    mass={(0, 0): f"({total(inertia)})" if len(inertia) > 1 else inertia[0]} if inertia else {},
+                    bias=(motion.bias,),
+                    force=(f"{motion.base}___net",),
                 )
             )
             for p in node.inertial:

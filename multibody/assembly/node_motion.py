@@ -81,17 +81,24 @@ def _leader(kin: Kinematics, node: Node, work: Assembly) -> None:
     if node.prescriber is not None:
         reaction = f"{variable(node.prescriber.owner, node.prescriber.port_name)}__reaction"
         work.coordinates.append(
-            Coordinate(motion.base, label.name, rate, acceleration, "prescribed", reaction)
+            Coordinate(
+                key=motion.base,
+                name=label.name,
+                velocity=rate,
+                acceleration=acceleration,
+                kind="prescribed",
+                reaction=reaction,
+            )
         )
         _show_motion(kin, node, work, skip=None)
         return
-    work.coordinates.append(Coordinate(motion.base, label.name, rate, acceleration))
+    work.coordinates.append(Coordinate(key=motion.base, name=label.name, velocity=rate, acceleration=acceleration))
     massless = not kin.reaches_inertia(node)
     named = zip(_state_names(label), (port.potential, port.rate), (position, rate), strict=True)
     for (name, value), what, var in named:
         if what == port.rate and massless:
             continue
-        work.states.append(Quantity(f"{label.owner}.{name}", port.units[what], what, var, value))
+        work.states.append(Quantity(f"{label.owner}.{name}", port.units[what], what, var, value=value))
     work.derivatives[position] = rate
     if massless:
         kin._massless.add(id(node))

@@ -13,7 +13,7 @@ from multibody.model.network import Network, Node
 __all__ = ["Place", "places_of"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Place:
     """A pair of sides that move against each other.
 
@@ -89,7 +89,17 @@ def places_of(model: ModelGraph, net: Network, moves: Callable[[Node], bool]) ->
     for entries in pairs_of_sides.values():
         name, first, second, node, other = next(e for e in entries if not _named_after_another(e[0], entries))
         also = tuple(dict.fromkeys(e[0] for e in entries if e[0] != name))
-        places.append(Place(name, node.domain, first, second, node, other, also))
+        places.append(
+            Place(
+                name=name,
+                domain=node.domain,
+                first_port=first,
+                second_port=second,
+                first=node,
+                second=other,
+                also=also,
+            )
+        )
     return _with_distinct_names(places)
 
 

@@ -29,7 +29,7 @@ from multibody.model.graph import ModelGraph
 
 __all__ = ["Plan", "plan_of"]
 
-FORMAT = "1"
+FORMAT = "2"
 BUILDS = 3  # of a process that look into the cache
 KEPT = 200  # files in it
 _GROUPS = ("states", "inputs", "parameters", "outputs")
@@ -37,7 +37,7 @@ _BASES = ("rhs", "outputs", "speeds")
 _built = 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Plan:
     """Names, values and texts of an assembled model.
 
@@ -142,16 +142,16 @@ def _generated(model: ModelGraph, work: Assembly) -> Plan:
         if work.derivatives[q.variable] in by_variable
     }
     return Plan(
-        tuple(work.states),
-        tuple(work.inputs),
-        tuple(work.parameters),
-        tuple(work.outputs),
-        speeds,
-        work.input_delays,
-        rates,
-        source.texts,
-        source.sparsity,
-        tuple(work.places),
+        states=tuple(work.states),
+        inputs=tuple(work.inputs),
+        parameters=tuple(work.parameters),
+        outputs=tuple(work.outputs),
+        speed_names=speeds,
+        input_delays=work.input_delays,
+        rate_states=rates,
+        texts=source.texts,
+        sparsity=source.sparsity,
+        places=tuple(work.places),
     )
 
 
@@ -160,7 +160,7 @@ def _generated(model: ModelGraph, work: Assembly) -> Plan:
 
 def _written(plan: Plan) -> dict[str, Any]:
     return {
-        **{name: [dataclasses.astuple(q) for q in getattr(plan, name)] for name in _GROUPS},
+        **{name: [dataclasses.asdict(q) for q in getattr(plan, name)] for name in _GROUPS},
         "speed_names": plan.speed_names,
         "input_delays": plan.input_delays,
         "rate_states": list(plan.rate_states.items()),
@@ -180,17 +180,14 @@ def _read(content: dict[str, Any], assembled: Any) -> Plan:
         return kept_text(name, (kept[name.partition("_")[0]],), lambda: fresh().texts[name])
 
     n = len(content["states"])
-    states, inputs, parameters, outputs = (tuple(Quantity(*q) for q in content[name]) for name in _GROUPS)
+    groups: dict[str, Any] = {name: tuple(Quantity(**q) for q in content[name]) for name in _GROUPS}
     return Plan(
-        states,
-        inputs,
-        parameters,
-        outputs,
-        tuple(content["speed_names"]),
-        content["input_delays"],
-        {int(k): int(rate) for k, rate in content["rate_states"]},
-        Texts((*_BASES, "rhs_tangent", "outputs_tangent", "rhs_columns"), text),
-        np.array(content["sparsity"], dtype=bool).reshape(n, n),
+        **groups,
+        speed_names=tuple(content["speed_names"]),
+        input_delays=content["input_delays"],
+        rate_states={int(k): int(rate) for k, rate in content["rate_states"]},
+        texts=Texts((*_BASES, "rhs_tangent", "outputs_tangent", "rhs_columns"), text),
+        sparsity=np.array(content["sparsity"], dtype=bool).reshape(n, n),
     )
 
 

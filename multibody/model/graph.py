@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 from multibody.base.spelling import nearest
 from multibody.declare.component import Component
@@ -57,6 +57,7 @@ class ModelInput:
 
     name: str
     targets: list[str]
+    _: KW_ONLY
     unit: str = ""
     default: float | None = None
     gain: float | None = None

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Equilibrium", "equilibrium"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Equilibrium:
     """A static state.
 
@@ -126,4 +126,5 @@ def equilibrium(
             f"'{system.name}' has no equilibrium near the guess; after {done} steps these rates remain:\n{lines}\n"
             "Hold a state (hold=…), give a better guess, or check for a force that nothing balances."
         )
-    return Equilibrium(system.state_names, tuple(q.unit for q in system.states), x, f, done)
+    units = tuple(q.unit for q in system.states)
+    return Equilibrium(names=system.state_names, units=units, state=x, residual=f, iterations=done)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["Linearization", "linearize"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Linearization:
     """ẋ = A x + B u, y = C x + D u about a state, exact to rounding.
 
@@ -90,4 +90,4 @@ def linearize(
     x, p, u = system.state_vector(state), system.parameter_vector(parameters), system.input_vector(inputs)
     a, b = (system.jacobian(wrt, time, x, u, p) for wrt in ("x", "u"))
     c, d = (system.jacobian(wrt, time, x, u, p, of="outputs") for wrt in ("x", "u"))
-    return Linearization(system, x, u, a, b, c, d)
+    return Linearization(system=system, state=x, inputs=u, A=a, B=b, C=c, D=d)

@@ -248,7 +248,12 @@ def _run(
     if not system.states:
         inputs = _all_inputs(table, {system.index("input", n): f for n, f in functions.items()}, times, p)
         return Trajectory(
-            system, times, np.empty((times.size, 0)), inputs, p, {"method": name, "why": "no states"}
+            system=system,
+            times=times,
+            states=np.empty((times.size, 0)),
+            inputs=inputs,
+            p=p,
+            statistics={"method": name, "why": "no states"},
         )
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": limits.largest_step}
     columns = {system.index("input", n): f for n, f in functions.items()}
@@ -295,7 +300,8 @@ def _run(
     }
     if events is not None:
         statistics["events"] = solution.t_events
-    return Trajectory(system, solution.t, np.ascontiguousarray(solution.y.T), inputs, p, statistics)
+    states = np.ascontiguousarray(solution.y.T)
+    return Trajectory(system=system, times=solution.t, states=states, inputs=inputs, p=p, statistics=statistics)
 
 
 def _all_inputs(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["Trajectory"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Trajectory:
     """States, inputs and outputs of a simulated machine at given times.
 
@@ -53,14 +54,11 @@ class Trajectory:
     inputs: np.ndarray
     p: np.ndarray
     statistics: dict[str, Any] = field(default_factory=dict)
-    _cache: dict[str, np.ndarray] = field(default_factory=dict, repr=False)
 
-    @property
+    @cached_property
     def outputs(self) -> np.ndarray:
         """All outputs, shape (nt, n_y), computed on first access."""
-        if "y" not in self._cache:
-            self._cache["y"] = self.system.outputs_along(self.times, self.states, self.inputs, self.p)
-        return self._cache["y"]
+        return self.system.outputs_along(self.times, self.states, self.inputs, self.p)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Return one signal, shape (nt,): an output, a state, or an input."""

@@ -13,7 +13,7 @@ from multibody.model.network import Network, PortOf
 __all__ = ["Fixture", "circles", "fixtures"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fixture:
     """Where a frame is fixed.
 
@@ -64,12 +64,12 @@ def fixtures(net: Network, faults: list[str]) -> dict[str, Fixture]:
             _fixture(holders[0], users)
             if holders
             else Fixture(
-                variable(node.ports[0].owner, node.ports[0].port_name),
-                None,
-                ZERO_VECTOR,
-                ZERO_VECTOR,
-                users,
-                "the ground",
+                base=variable(node.ports[0].owner, node.ports[0].port_name),
+                body=None,
+                offset=ZERO_VECTOR,
+                angles=ZERO_VECTOR,
+                users=users,
+                name="the ground",
             )
         )
         for p in node.ports:
@@ -94,7 +94,8 @@ def _fixture(holder: PortOf, users: tuple[PortOf, ...]) -> Fixture:
 
     offset, angles = ((place(a), place(b), place(c)) for a, b, c in (frame.offset_names, frame.angle_names))
     body = holder.owner if isinstance(holder.component, RigidBody) else None
-    return Fixture(variable(holder.owner, holder.port_name), body, offset, angles, users, holder.name)
+    base = variable(holder.owner, holder.port_name)
+    return Fixture(base=base, body=body, offset=offset, angles=angles, users=users, name=holder.name)
 
 
 def circles(parents: dict[str, str | None]) -> list[list[str]]:

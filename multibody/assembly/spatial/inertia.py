@@ -35,7 +35,7 @@ from multibody.equations.statements import variable
 __all__ = ["Linked", "energies", "equations_of_motion", "joint_reactions"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Linked:
     """A body in its tree.
 
@@ -129,11 +129,11 @@ def equations_of_motion(
         half = {(place[i], place[j]): var for (i, j), var in entries.items() if i in place}
         parts.append(
             Contribution(
-                root,
-                tuple(dict(j.moving.factors) for j in freedoms.values()),
-                half | {(s, r): var for (r, s), var in half.items()},
-                tuple(j.moving.bias for j in freedoms.values()),
-                tuple(force[name] for name in freedoms),
+                origin=root,
+                rows=tuple(dict(j.moving.factors) for j in freedoms.values()),
+                mass=half | {(s, r): var for (r, s), var in half.items()},
+                bias=tuple(j.moving.bias for j in freedoms.values()),
+                force=tuple(force[name] for name in freedoms),
             )
         )
     return [part for part in parts if part.rows]

@@ -40,7 +40,7 @@ class Acceleration:
     world: Vector = ZERO_VECTOR
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Carrier:
     """Motion of a body or of the ground.
 
@@ -60,7 +60,7 @@ class Carrier:
 GROUND_MOTION = Carrier()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Moving:
     """One coordinate of a body: value, speed, acceleration, and its rows over independent coordinates.
 
@@ -75,7 +75,7 @@ class Moving:
     bias: str | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Freedom:
     """A free motion as Newton's law needs it.
 
@@ -180,13 +180,13 @@ def move(
         return Acceleration(origin, in_body, w.vector(f"{kind}_alw", turn(rotation, in_body)))
 
     carrier = Carrier(
-        rotation,
-        w.sum("p", parent.position, arm),
-        velocity,
-        spin,
-        spin_world,
-        acceleration("bias", parent.bias, ZERO_VECTOR, ZERO_VECTOR),
-        acceleration(
+        rotation=rotation,
+        position=w.sum("p", parent.position, arm),
+        velocity=velocity,
+        spin=spin,
+        spin_world=spin_world,
+        bias=acceleration("bias", parent.bias, ZERO_VECTOR, ZERO_VECTOR),
+        actual=acceleration(
             "true",
             parent.actual,
             w.vector("pushed", turn(base, _texts(m.acceleration for m in slides))),
@@ -194,13 +194,13 @@ def move(
         ),
     )
     freedoms = [
-        Freedom(f"{body}.{n}", body, False, column, ZERO_VECTOR, m)
+        Freedom(name=f"{body}.{n}", body=body, turns=False, axis=column, own_axis=ZERO_VECTOR, moving=m)
         for n, m, column in zip(LENGTHS, slides, transpose(base), strict=True)
         if m.factors
     ]
     world_axes = transpose(rotation) if body_rates else _world_axes(w, base, columns, turns)
     freedoms += [
-        Freedom(f"{body}.{n}", body, True, axis, own_axis, m)
+        Freedom(name=f"{body}.{n}", body=body, turns=True, axis=axis, own_axis=own_axis, moving=m)
         for n, m, axis, own_axis in zip(ANGLES, turns, world_axes, own_axes, strict=True)
         if m.factors
     ]

@@ -82,7 +82,7 @@ def _link(
     )
     loads = tuple(f for f in dict.fromkeys(fixture_of.values()) if f.body == name and f.users)
     chain: tuple[Freedom, ...] = (*(parent.chain if parent else ()), *freedoms)
-    return Linked(name, writer, carrier, parent, chain, loads)
+    return Linked(name=name, writer=writer, carrier=carrier, parent=parent, chain=chain, loads=loads)
 
 
 def _coordinates(name: str, body: RigidBody, net: Network, kin: Kinematics, w: Writer) -> dict[str, Moving]:
@@ -100,16 +100,18 @@ def _coordinates(name: str, body: RigidBody, net: Network, kin: Kinematics, w: W
                 if start
                 else ZERO
             )
-            own[coordinate] = Moving(value, ZERO, ZERO)
+            own[coordinate] = Moving(value=value, speed=ZERO, acceleration=ZERO)
         elif not (body.body_rates and coordinate in ANGLES):
             node = net.node_of[f"{name}.{coordinate}_axis"]
             if not kin.moves(node):
                 value = kin.motion(node, 0) if not node.grounded else ZERO
-                own[coordinate] = Moving(value, ZERO, ZERO)
+                own[coordinate] = Moving(value=value, speed=ZERO, acceleration=ZERO)
                 continue
             motion = kin.of(node)
             position, speed, acceleration = (kin.motion(node, k) for k in range(3))
-            own[coordinate] = Moving(position, speed, acceleration, motion.factors, motion.bias)
+            own[coordinate] = Moving(
+                value=position, speed=speed, acceleration=acceleration, factors=motion.factors, bias=motion.bias
+            )
             label = "a_" + coordinate if coordinate in LENGTHS else f"{coordinate}_acceleration"
             work.output(
                 f"{name}.{label}",
@@ -149,17 +151,19 @@ def _body_rates(name: str, body: RigidBody, w: Writer) -> dict[str, Moving]:
     own: dict[str, Moving] = {}
     for axis, coordinate, angle, speed, rate in zip(LENGTHS, ANGLES, angles, speeds, rates, strict=True):
         (_, start), (_, speed_start) = body.coordinate_states(coordinate)
-        work.states.append(Quantity(f"{name}.{coordinate}", "rad", f"angle {coordinate}", angle, start))
+        work.states.append(Quantity(f"{name}.{coordinate}", "rad", f"angle {coordinate}", angle, value=start))
         work.states.append(
-            Quantity(f"{name}.w_{axis}", "rad/s", "angular velocity, body axis", speed, speed_start)
+            Quantity(f"{name}.w_{axis}", "rad/s", "angular velocity, body axis", speed, value=speed_start)
         )
         work.derivatives[angle] = w.set(f"{coordinate}_rate", rate)
         acceleration = f"{w.base}__alpha_{axis}"
         work.derivatives[speed] = acceleration
         work.output(f"{name}.{coordinate}_rate", "rad/s", f"rate of {coordinate}", work.derivatives[angle])
         work.output(f"{name}.alpha_{axis}", "rad/s**2", "rate of w, body axis", acceleration)
-        work.coordinates.append(Coordinate(speed, f"{name}.w_{axis}", speed, acceleration))
-        own[coordinate] = Moving(angle, speed, acceleration, {speed: "1.0"})
+        work.coordinates.append(
+            Coordinate(key=speed, name=f"{name}.w_{axis}", velocity=speed, acceleration=acceleration)
+        )
+        own[coordinate] = Moving(value=angle, speed=speed, acceleration=acceleration, factors={speed: "1.0"})
     return own
 
 
