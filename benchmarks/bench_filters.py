@@ -12,7 +12,7 @@ import numpy as np
 @functools.lru_cache(maxsize=1)
 def _problem() -> tuple[Any, Any, Any, Any]:
     """Filter of the alignment sensor, a trip, its samples and noise."""
-    from estimation.filters import Noise, Samples
+    from estimation.filters import FilterSamples, Noise
     from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
     from vtsdt.alignment.trips import Trip
     from vtsdt.files.parameters import LiftParameters
@@ -24,7 +24,7 @@ def _problem() -> tuple[Any, Any, Any, Any]:
     names = {name.rpartition(".")[2]: name for name in sensor.system.state_names}
     process = {names[k]: v for k, v in sensor.tuning.process.items() if k != "delta"}
     noise = Noise({**process, DELTA: 1e-3}, {"z_c": 1e-4, "zdd_c": 1e-7}, "density_times_step")
-    samples = Samples(trip.time, trip.tension, np.column_stack([trip.height, trip.acceleration]))
+    samples = FilterSamples(trip.time, trip.tension, np.column_stack([trip.height, trip.acceleration]))
     return sensor, trip, samples, noise
 
 

@@ -1,7 +1,7 @@
 from .files.faults import RecordError
 from .files.read_records import read_record, read_records
 from .files.read_rules import ReadRules
-from .files.record import Record, Signal
+from .files.record import Record, RecordedSignal
 from .fit.calibrate import calibrate, evaluate
 from .fit.calibration import Calibration, Fit, UncertainParameter
 from .response.experiment import Experiment, Response
@@ -23,9 +23,9 @@ __all__ = [
     "ReadRules",
     "Record",
     "RecordError",
+    "RecordedSignal",
     "Response",
     "SensorError",
-    "Signal",
     "SignalError",
     "UncertainParameter",
     "agreement",

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from surrogate.objective import Objective
+from surrogate.objective import CountedObjective
 
 __all__ = ["FireflySettings", "firefly_search"]
 
@@ -72,7 +72,7 @@ class FireflySettings:
             raise ValueError("firefly: " + "; ".join(faults))
 
 
-def firefly_search(objective: Objective, settings: FireflySettings, rng: np.random.Generator) -> None:
+def firefly_search(objective: CountedObjective, settings: FireflySettings, rng: np.random.Generator) -> None:
     """Move the swarm until the iterations are done or the objective refuses further evaluations.
 
     In one iteration every firefly moves towards each one that was brighter when the iteration began, and is

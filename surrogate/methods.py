@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surrogate.firefly import FireflySettings, firefly_search
-from surrogate.objective import Objective
+from surrogate.objective import CountedObjective
 from surrogate.optimisation_result import StopReason
 
 __all__ = ["SEARCHES", "climb", "complete_options"]
 
 Array = NDArray[np.float64]
-Search = Callable[[Objective, dict[str, Any], np.random.Generator], StopReason]
+Search = Callable[[CountedObjective, dict[str, Any], np.random.Generator], StopReason]
 
 
-def climb(objective: Objective, start: Array) -> Array:
+def climb(objective: CountedObjective, start: Array) -> Array:
     """Climb from a point by L-BFGS-B within the bounds; returns where it ended, shape (k,).
 
     With the gradient if the objective has one, else by finite differences, which are counted.
@@ -42,12 +42,14 @@ def climb(objective: Objective, start: Array) -> Array:
     return np.clip(result.x, 0.0, 1.0)
 
 
-def _firefly(objective: Objective, options: dict[str, Any], rng: np.random.Generator) -> StopReason:
+def _firefly(objective: CountedObjective, options: dict[str, Any], rng: np.random.Generator) -> StopReason:
     firefly_search(objective, FireflySettings(**options), rng)
     return StopReason.ITERATIONS
 
 
-def _differential_evolution(objective: Objective, options: dict[str, Any], rng: np.random.Generator) -> StopReason:
+def _differential_evolution(
+    objective: CountedObjective, options: dict[str, Any], rng: np.random.Generator
+) -> StopReason:
     from scipy.optimize import Bounds, differential_evolution
     from scipy.stats import qmc
 
@@ -72,7 +74,7 @@ def _differential_evolution(objective: Objective, options: dict[str, Any], rng: 
             return StopReason.CONVERGED if result.success else StopReason.BUDGET
 
 
-def _direct(objective: Objective, options: dict[str, Any], rng: np.random.Generator) -> StopReason:
+def _direct(objective: CountedObjective, options: dict[str, Any], rng: np.random.Generator) -> StopReason:
     from scipy.optimize import Bounds, direct
 
     k = len(objective.space)
@@ -99,7 +101,7 @@ def _direct(objective: Objective, options: dict[str, Any], rng: np.random.Genera
     return StopReason.BUDGET if full or not result.success else StopReason.CONVERGED
 
 
-def _multistart(objective: Objective, options: dict[str, Any], rng: np.random.Generator) -> StopReason:
+def _multistart(objective: CountedObjective, options: dict[str, Any], rng: np.random.Generator) -> StopReason:
     from scipy.stats import qmc
 
     starts = options["starts"]

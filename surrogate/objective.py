@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from surrogate.evaluation import evaluate
 from surrogate.space import DesignSpace
 
-__all__ = ["BudgetExhausted", "Objective"]
+__all__ = ["BudgetExhausted", "CountedObjective"]
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ class BudgetExhausted(Exception):
     """Raised inside a search when no evaluation is left; never seen by the caller of ``maximise``."""
 
 
-class Objective:
+class CountedObjective:
     """Counts evaluations, refuses those beyond the budget, and keeps every point with its value.
 
     Values are −inf where the function failed.  ``limit`` may be set below the budget while something is to be

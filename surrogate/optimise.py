@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surrogate.methods import SEARCHES, climb, complete_options
-from surrogate.objective import BudgetExhausted, Objective
+from surrogate.objective import BudgetExhausted, CountedObjective
 from surrogate.optimisation_result import OptimisationResult, StopReason
 from surrogate.space import DesignSpace
 
@@ -104,7 +104,7 @@ def maximise(
             f"a budget of {total} evaluations ({reserve} of them for the polish) is less than one generation "
             f"of {swarm} of {method}"
         )
-    objective = Objective(
+    objective = CountedObjective(
         f,
         space,
         int(total),
@@ -173,7 +173,7 @@ def local_maxima(
         raise ValueError(f"at least one start is needed, not {starts}")
     analytic = gradient if gradient is not None else getattr(f, "gradient", None)
     # No limit that matters: 10 000 evaluations a climb is beyond what L-BFGS-B does in 200 iterations.
-    objective = Objective(
+    objective = CountedObjective(
         f,
         space,
         10_000 * starts * (len(space) + 1),
@@ -197,7 +197,7 @@ def local_maxima(
     return frame.assign(value=[value for value, _, _ in places], starts=[count / starts for _, _, count in places])
 
 
-def _polish(objective: Objective, climbs: int) -> None:
+def _polish(objective: CountedObjective, climbs: int) -> None:
     starts = _peaks(objective.points, objective.values, climbs)
     left = objective.budget - objective.evaluations
     for number, start in enumerate(starts):

@@ -71,13 +71,13 @@ class _Pair:
         return self.a.outputs
 
     def _experiment(self, stage: Stage, trip: TripPlan) -> Experiment:
-        from estimation.files.record import Record, Signal
+        from estimation.files.record import Record, RecordedSignal
 
         fit = stage.identify.fits[self.index]
         given = fit.experiment
         inputs = {n: np.asarray(given.record.signals[n].values) for n in given.inputs}
         time, changed = trip.apply(np.asarray(given.record.time), inputs)
-        signals = {n: Signal(u, given.record.signals[n].unit, n, "") for n, u in changed.items()}
+        signals = {n: RecordedSignal(u, given.record.signals[n].unit, n, "") for n, u in changed.items()}
         record = Record(name=f"{given.record.name} {trip.words}", path=given.record.path, time=time, signals=signals)
         start = {n: float(x) for n, x in zip(stage.system.state_names, self._start(stage), strict=True)}
         return replace(given, record=record, outputs=self.outputs, offsets=(), start=start, input_noise={})

@@ -28,7 +28,7 @@ from discrepancy.residual.prescribed_motion import (
 )
 from discrepancy.residual.signal_bandwidth import signal_bandwidth
 from discrepancy.residual.windows import crop
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.response.experiment import Experiment
 from estimation.signals.metrics import noise_floor
 from estimation.signals.preparation import Preparation, edge_time, low_pass
@@ -165,7 +165,7 @@ def _experiment(
         )
     inside = slice(edge, time.size - edge)
     inputs = tuple(n for n in inputs if n in record.signals)
-    signals: dict[str, Signal] = {}
+    signals: dict[str, RecordedSignal] = {}
     for name in (*inputs, *compared):
         raw = record.signals[name]
         signals[name] = replace(raw, values=low_pass(time, raw.values, cutoff)[inside])
@@ -178,12 +178,12 @@ def _experiment(
             first = experiment.start.get(m.states[0], 0.0)
             smooth, rate, second = position + (first if isinstance(first, float | int) else 0.0), smooth, rate
         for name, values, unit in zip(m.quantities, (smooth, rate, second), units, strict=False):
-            signals[name] = Signal(values[inside], unit, record.signals[m.output].column, unit)
+            signals[name] = RecordedSignal(values[inside], unit, record.signals[m.output].column, unit)
         if m.force:
             drive = record.signals[m.force]
             signals[m.force] = replace(drive, values=low_pass(time, drive.values, cutoff)[inside])
         else:
-            signals[m.needed] = Signal(np.zeros(time.size)[inside], units[3], "", units[3])
+            signals[m.needed] = RecordedSignal(np.zeros(time.size)[inside], units[3], "", units[3])
     log = (
         *record.log,
         f"zero-phase low-pass at {cutoff:.4g} Hz, motion differentiated, {edge} samples left out at each end",

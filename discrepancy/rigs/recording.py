@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import UncertainParameter
 
 if TYPE_CHECKING:
@@ -228,7 +228,7 @@ def record_of(
     from multibody.base.units import convert
 
     signals = {
-        c.signal: Signal(
+        c.signal: RecordedSignal(
             convert(columns[c.column], c.measured_unit, c.unit), c.unit, c.column, c.measured_unit
         )
         for c in channels

@@ -16,7 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended_kalman_filter, nees
+from estimation.filters import FilterModel, FilterSamples, Noise, Prior, RandomWalk, extended_kalman_filter, nees
 from vtsdt.alignment.filter import DELTA, GuideFilter
 from vtsdt.alignment.trips import Trip
 from vtsdt.files.parameters import LiftParameters
@@ -53,7 +53,7 @@ def drawn(model: FilterModel, noise: Noise, prior: Prior, times: np.ndarray, inp
         p[at] += z[n:]
         truth.append(z)
         readings.append(system.outputs_at(0.0, z[:n], inputs[k], p)[outputs] + roots[2] * rng.standard_normal(len(r)))
-    return Samples(times, inputs, np.array(readings)), np.array(truth)
+    return FilterSamples(times, inputs, np.array(readings)), np.array(truth)
 
 
 def carriage() -> tuple[FilterModel, Noise, Prior, np.ndarray, np.ndarray]:

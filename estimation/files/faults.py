@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-__all__ = ["Fault", "RecordError", "Rows"]
+__all__ = ["RecordError", "RecordFault", "Rows"]
 
 
 @dataclass(frozen=True)
-class Fault:
+class RecordFault:
     """One fault of a recording.
 
     Attributes

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from estimation.files.faults import RecordError, Rows
-from estimation.files.table import NUMBER, Table, cells_to_numbers, column_faults, notes_on_names, present_columns
+from estimation.files.table import NUMBER, FileTable, cells_to_numbers, column_faults, notes_on_names, present_columns
 
 __all__ = ["read_csv"]
 
@@ -33,7 +33,7 @@ def _decode(name: str, raw: bytes) -> tuple[str, list[str]]:
         return raw.decode("cp1252", errors="replace"), ["not UTF-8: read as Windows-1252"]
 
 
-def read_csv(path: Path, columns: list[str], labels: list[str], optional: Collection[str]) -> Table:
+def read_csv(path: Path, columns: list[str], labels: list[str], optional: Collection[str]) -> FileTable:
     """Read columns of a CSV file; see `estimation.files.read_table.read_table`."""
     name = path.name
     raw = path.read_bytes()
@@ -87,7 +87,7 @@ def read_csv(path: Path, columns: list[str], labels: list[str], optional: Collec
     numbers, label_cells, faults = _parse(name, names, columns, labels, body, delimiter, decimal, rows)
     if faults:
         raise RecordError(faults)
-    return Table(path=path, names=tuple(names), numbers=numbers, labels=label_cells, rows=rows, log=tuple(log))
+    return FileTable(path=path, names=tuple(names), numbers=numbers, labels=label_cells, rows=rows, log=tuple(log))
 
 
 def _delimiter(header: str, first: Sequence[str]) -> str:

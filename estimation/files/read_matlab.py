@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from estimation.files.faults import RecordError
-from estimation.files.table import Table, column_faults, present_columns, table_from_arrays
+from estimation.files.table import FileTable, column_faults, present_columns, table_from_arrays
 
 __all__ = ["load_arrays", "read_matlab"]
 
 
-def read_matlab(path: Path, columns: list[str], labels: list[str], optional: Collection[str]) -> Table:
+def read_matlab(path: Path, columns: list[str], labels: list[str], optional: Collection[str]) -> FileTable:
     """Read columns of a MATLAB file; see `estimation.files.read_table.read_table`."""
     name = path.name
     arrays = load_arrays(path)

@@ -6,12 +6,12 @@ from collections.abc import Collection
 from pathlib import Path
 
 from estimation.files.faults import RecordError
-from estimation.files.table import Table, column_faults, present_columns, table_from_arrays
+from estimation.files.table import FileTable, column_faults, present_columns, table_from_arrays
 
 __all__ = ["read_parquet"]
 
 
-def read_parquet(path: Path, columns: list[str], labels: list[str], optional: Collection[str]) -> Table:
+def read_parquet(path: Path, columns: list[str], labels: list[str], optional: Collection[str]) -> FileTable:
     """Read columns of a Parquet file; see `estimation.files.read_table.read_table`."""
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -9,7 +9,7 @@ from estimation.files.faults import RecordError
 from estimation.files.read_csv import read_csv
 from estimation.files.read_matlab import read_matlab
 from estimation.files.read_parquet import read_parquet
-from estimation.files.table import Table
+from estimation.files.table import FileTable
 from multibody.base.spelling import nearest_or_choices
 
 __all__ = ["READERS", "read_table"]
@@ -20,7 +20,7 @@ READERS = {".csv": read_csv, ".csv.gz": read_csv, ".parquet": read_parquet, ".ma
 
 def read_table(
     path: str | Path, columns: Sequence[str], labels: Sequence[str] = (), optional: Collection[str] = ()
-) -> Table:
+) -> FileTable:
     """Read columns of a file.
 
     Parameters

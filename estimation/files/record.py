@@ -15,11 +15,11 @@ from estimation.files.faults import RecordError
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Record", "Signal"]
+__all__ = ["Record", "RecordedSignal"]
 
 
 @dataclass(frozen=True)
-class Signal:
+class RecordedSignal:
     """One measured channel.
 
     Attributes
@@ -51,7 +51,7 @@ class Record:
         The file.
     time : ndarray, shape (n,), s
         Time stamps, strictly increasing, even within a tenth of a step.
-    signals : mapping of str to Signal
+    signals : mapping of str to RecordedSignal
     log : tuple of str
         Everything that was assumed of the file or done to it, warnings included.
     warnings : tuple of str
@@ -66,7 +66,7 @@ class Record:
     name: str
     path: Path
     time: np.ndarray
-    signals: Mapping[str, Signal]
+    signals: Mapping[str, RecordedSignal]
     log: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 

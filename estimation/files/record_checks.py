@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimation.files.faults import Fault, Rows
+from estimation.files.faults import RecordFault, Rows
 from estimation.files.record import Record
 
 __all__ = [
@@ -28,17 +28,17 @@ GAP_FACTOR = 5.0
 """A step longer than this many median steps is a gap."""
 
 
-def check_finite(file: str, column: str, values: np.ndarray, rows: Rows) -> list[Fault]:
+def check_finite(file: str, column: str, values: np.ndarray, rows: Rows) -> list[RecordFault]:
     """Find values that are missing or infinite."""
     faults = []
     missing, infinite = np.isnan(values), np.isinf(values)
     if missing.all():
-        return [Fault(f"{file}, column '{column}': every value is missing (NaN or empty): name another column")]
+        return [RecordFault(f"{file}, column '{column}': every value is missing (NaN or empty): name another column")]
     for mask, what in ((missing, "NaN or empty"), (infinite, "infinite")):
         if mask.any():
             share = 100.0 * float(mask.mean())
             faults.append(
-                Fault(
+                RecordFault(
                     f"{file}, column '{column}', {rows.say(mask)}: value {what}, {share:.3g} % of the rows: "
                     "repair the file, or leave these rows out with drop_nan = true in [records]"
                 )
@@ -46,14 +46,14 @@ def check_finite(file: str, column: str, values: np.ndarray, rows: Rows) -> list
     return faults
 
 
-def check_time_order(file: str, column: str, time: np.ndarray, rows: Rows) -> list[Fault]:
+def check_time_order(file: str, column: str, time: np.ndarray, rows: Rows) -> list[RecordFault]:
     """Find time stamps that repeat or run backwards."""
     faults = []
     step = np.diff(time)
     if (step == 0.0).any():
         where = np.append(False, step == 0.0)
         faults.append(
-            Fault(
+            RecordFault(
                 f"{file}, column '{column}', {rows.say(where)}: same time stamp as the row before: remove "
                 "them, or keep the first of each with drop_duplicates = true in [records]"
             )
@@ -61,7 +61,7 @@ def check_time_order(file: str, column: str, time: np.ndarray, rows: Rows) -> li
     if (step < 0.0).any():
         where = np.append(False, step < 0.0)
         faults.append(
-            Fault(
+            RecordFault(
                 f"{file}, column '{column}', {rows.say(where)}: time runs backwards: sort the file, or, "
                 "if it holds "
                 'several trips, name the column that tells them apart with trip = "…" in [records]'
@@ -121,11 +121,11 @@ def _clipped(values: np.ndarray) -> tuple[float, np.ndarray] | None:
     return None
 
 
-def check_values(file: str, column: str, values: np.ndarray, rows: Rows) -> list[Fault]:
+def check_values(file: str, column: str, values: np.ndarray, rows: Rows) -> list[RecordFault]:
     """Find channels that are constant or clipped (both warnings)."""
     if len(values) > 1 and np.ptp(values) == 0.0:
         return [
-            Fault(
+            RecordFault(
                 f"{file}, column '{column}': constant at {values[0]:.6g} from {rows.word} "
                 f"{int(rows.numbers[0])} to {int(rows.numbers[-1])}: it says nothing about motion; check "
                 "the sensor or name another column",
@@ -135,7 +135,7 @@ def check_values(file: str, column: str, values: np.ndarray, rows: Rows) -> list
     if (clipped := _clipped(values)) is not None:
         extreme, where = clipped
         return [
-            Fault(
+            RecordFault(
                 f"{file}, column '{column}', {rows.say(where)}: looks clipped at {extreme:.6g}, "
                 f"{100.0 * float(where.mean()):.3g} % of the rows: choose a larger measuring range, or "
                 "leave that time out with start and stop in [records]",
@@ -145,7 +145,7 @@ def check_values(file: str, column: str, values: np.ndarray, rows: Rows) -> list
     return []
 
 
-def check_copies(file: str, signals: Mapping[str, tuple[str, np.ndarray]]) -> list[Fault]:
+def check_copies(file: str, signals: Mapping[str, tuple[str, np.ndarray]]) -> list[RecordFault]:
     """Find different columns that hold exactly the same numbers.
 
     Parameters
@@ -161,7 +161,7 @@ def check_copies(file: str, signals: Mapping[str, tuple[str, np.ndarray]]) -> li
             same = column != other_column and np.array_equal(values, other_values)
             if same and len(values) > 1 and np.ptp(values) > 0.0:
                 faults.append(
-                    Fault(
+                    RecordFault(
                         f"{file}, columns '{column}' and '{other_column}': the same numbers in every row, "
                         f"so that '{name}' and '{other}' cannot both be measured: one is a copy; export "
                         "the right channel"
@@ -174,7 +174,7 @@ def _range(record: Record, name: str) -> float:
     return float(np.max(np.abs(record.signals[name].values), initial=0.0))
 
 
-def check_same_scale(records: Sequence[Record], may_be_constant: Collection[str] = ()) -> list[Fault]:
+def check_same_scale(records: Sequence[Record], may_be_constant: Collection[str] = ()) -> list[RecordFault]:
     """Find faults that show only between files: swapped columns, other scales or rates, channels not recorded.
 
     Parameters
@@ -184,7 +184,7 @@ def check_same_scale(records: Sequence[Record], may_be_constant: Collection[str]
     may_be_constant : collection of str
         Signals that may be constant in every record (model inputs).
     """
-    faults: list[Fault] = []
+    faults: list[RecordFault] = []
     if not records:
         return faults
     first = records[0]
@@ -195,7 +195,7 @@ def check_same_scale(records: Sequence[Record], may_be_constant: Collection[str]
         if name not in may_be_constant and not any(spans) and len(level) == 1:
             files = ", ".join(dict.fromkeys(record.path.name for record in records))
             faults.append(
-                Fault(
+                RecordFault(
                     f"{files}, column '{first.signals[name].column}': constant at {level.pop():.6g} in "
                     f"every record: '{name}' was not recorded; name another column or leave this output out"
                 )
@@ -215,7 +215,7 @@ def check_same_scale(records: Sequence[Record], may_be_constant: Collection[str]
         ]  # fmt: skip
         for p, q in swapped:
             faults.append(
-                Fault(
+                RecordFault(
                     f"{other.path.name}, columns '{other.signals[p].column}' and "
                     f"'{other.signals[q].column}': look swapped: their scales are those of the other one "
                     f"in {first.path.name}; correct the header"
@@ -224,7 +224,7 @@ def check_same_scale(records: Sequence[Record], may_be_constant: Collection[str]
         for name, ratio in off.items():
             if not any(name in pair for pair in swapped):
                 faults.append(
-                    Fault(
+                    RecordFault(
                         f"{other.path.name}, column '{other.signals[name].column}': its largest value is "
                         f"{ratio:.3g} times that in {first.path.name}: check the unit and that the column "
                         "is the same channel",
@@ -237,7 +237,9 @@ def check_same_scale(records: Sequence[Record], may_be_constant: Collection[str]
             rates[record.rate] = record
     if len(rates) > 1:
         listed = ", ".join(f"{record.name} {rate:.6g} Hz" for rate, record in list(rates.items())[:6])
-        faults.append(Fault(f"the records have different sampling rates ({listed}): each keeps its own", "warning"))
+        faults.append(
+            RecordFault(f"the records have different sampling rates ({listed}): each keeps its own", "warning")
+        )
     return faults
 
 

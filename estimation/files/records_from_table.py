@@ -11,7 +11,7 @@ import numpy as np
 from estimation.files.column_names import read_column_name, si_unit_of, to_si
 from estimation.files.faults import RecordError, Rows
 from estimation.files.read_rules import ReadRules
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.files.record_checks import (
     GRID_TOLERANCE,
     check_copies,
@@ -21,7 +21,7 @@ from estimation.files.record_checks import (
     gap_steps,
     grid_deviation,
 )
-from estimation.files.table import Table
+from estimation.files.table import FileTable
 from multibody.base.units import UnitError
 
 __all__ = ["absence_note", "records_from_table"]
@@ -31,7 +31,7 @@ SHORTEST_PART = 10
 
 
 def records_from_table(
-    table: Table,
+    table: FileTable,
     *,
     name: str,
     time: str,
@@ -45,7 +45,7 @@ def records_from_table(
 
     Parameters
     ----------
-    table : Table
+    table : FileTable
         With the columns of time and signals, and the trip column of ``rules`` as a label.
     name : str
         Name of the record; trips and parts are named after it.
@@ -78,7 +78,7 @@ def absence_note(column: str, value: float) -> str:
 class _Conversion:
     """The conversion of one table, with the log, warnings and faults that it collects."""
 
-    table: Table
+    table: FileTable
     name: str
     time: str
     columns: Mapping[str, str]
@@ -104,7 +104,7 @@ class _Conversion:
             values, unit = self._converted(
                 table.numbers[column], column, self.units.get(key), self.measured_units.get(key)
             )
-            signals[key] = Signal(values, self.units.get(key, si_unit_of(unit)), column, unit)
+            signals[key] = RecordedSignal(values, self.units.get(key, si_unit_of(unit)), column, unit)
         rows = table.rows
         if len(time) < 2:
             self.faults.append(
@@ -127,7 +127,7 @@ class _Conversion:
         for key, column in self.columns.items():
             if key not in recorded:
                 unit = self.units.get(key, "")
-                signals[key] = Signal(np.full(len(time), float(self.defaults[key])), unit, column, unit)
+                signals[key] = RecordedSignal(np.full(len(time), float(self.defaults[key])), unit, column, unit)
                 self.log.append(absence_note(column, self.defaults[key]))
         if time_unit != "s":
             self.log.append(f"{self.time}: {time_unit} to s")
@@ -219,7 +219,7 @@ class _Conversion:
         return trips
 
     def _even_parts(
-        self, label: str, time: np.ndarray, signals: Mapping[str, Signal], index: np.ndarray, rows: Rows
+        self, label: str, time: np.ndarray, signals: Mapping[str, RecordedSignal], index: np.ndarray, rows: Rows
     ) -> list[Record]:
         """Cut one trip at its gaps and resample every part evenly, as far as the rules allow it."""
         file = f"{self.file}{', trip ' + label if label else ''}"

@@ -16,7 +16,7 @@ from multibody.base.spelling import nearest_or_choices
 
 __all__ = [
     "NUMBER",
-    "Table",
+    "FileTable",
     "cells_to_numbers",
     "column_faults",
     "notes_on_names",
@@ -29,7 +29,7 @@ _MISSING = {"", "nan", "na", "n/a", "null", "none", "-nan", "+nan", "#n/a"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
+class FileTable:
     """Some columns of a file, with the numbers of the file.
 
     Attributes
@@ -125,7 +125,7 @@ def _as_numbers(name: str, column: str, values: np.ndarray, rows: Rows, log: lis
 
 def table_from_arrays(
     path: Path, names: list[str], columns: list[str], labels: list[str], get: Callable[[str], Any]
-) -> Table:
+) -> FileTable:
     """Return the table of columns that a reader holds as arrays; ``get`` returns the array of a column."""
     arrays = {column: np.asarray(get(column)) for column in [*columns, *labels]}
     count = len(next(iter(arrays.values()))) if arrays else 0
@@ -139,7 +139,7 @@ def table_from_arrays(
     if faults:
         raise RecordError(faults)
     texts = {label: np.array([_label(value) for value in arrays[label].tolist()]) for label in labels}
-    return Table(path=path, names=tuple(names), numbers=numbers, labels=texts, rows=rows, log=tuple(log))
+    return FileTable(path=path, names=tuple(names), numbers=numbers, labels=texts, rows=rows, log=tuple(log))
 
 
 def _label(value: Any) -> str:

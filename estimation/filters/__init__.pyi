@@ -8,19 +8,19 @@ from .model import FilterModel
 from .noise import Noise, Prior
 from .observability_gramian import Observability, observability
 from .run import Estimate, FilterRun, Smoothed
-from .samples import Channel, Samples
+from .samples import FilterSamples, TimeSeries
 from .tuning import Tuned, tune
 from .unscented_kalman import unscented_kalman_filter
 from .virtual import VirtualSensors, virtual_sensors
 
 __all__ = [
-    "Channel",
     "Consistency",
     "Estimate",
     "FilterDivergence",
     "FilterError",
     "FilterModel",
     "FilterRun",
+    "FilterSamples",
     "Latent",
     "LinearModel",
     "Matern32",
@@ -30,8 +30,8 @@ __all__ = [
     "OrnsteinUhlenbeck",
     "Prior",
     "RandomWalk",
-    "Samples",
     "Smoothed",
+    "TimeSeries",
     "Tuned",
     "VirtualSensors",
     "extended_kalman_filter",

@@ -17,7 +17,7 @@ from estimation.filters.kernels.layout import COVARIANCES, EVERYTHING
 from estimation.filters.model import FilterModel
 from estimation.filters.noise import Noise, Prior
 from estimation.filters.run import FilterRun
-from estimation.filters.samples import Samples
+from estimation.filters.samples import FilterSamples
 
 __all__ = ["extended_kalman_filter"]
 
@@ -30,7 +30,7 @@ _KEEP = {"variances": 0, "covariances": 1, "everything": 2}
 
 def extended_kalman_filter(
     model: FilterModel,
-    samples: Samples,
+    samples: FilterSamples,
     noise: Noise,
     prior: Prior | None = None,
     *,
@@ -50,7 +50,7 @@ def extended_kalman_filter(
     Parameters
     ----------
     model : FilterModel
-    samples : Samples
+    samples : FilterSamples
     noise : Noise
     prior : Prior, optional
         Default: the machine's start values, known exactly.

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimation.filters.errors import FilterDivergence, FilterError
 from estimation.filters.model import FilterModel
-from estimation.filters.samples import Samples
+from estimation.filters.samples import FilterSamples
 
 __all__ = ["KernelArguments", "check_shapes", "diverged", "padded"]
 
@@ -80,7 +80,7 @@ class KernelArguments:
         self._functions = tuple(functions.values())
         self._arrays = arrays
 
-    def fewest_substeps(self, substeps: int, samples: Samples) -> int:
+    def fewest_substeps(self, substeps: int, samples: FilterSamples) -> int:
         """Return the steps between two samples, so many that none is longer than the machine's largest step."""
         longest = np.max(np.diff(samples.times), initial=0.0)
         return max(substeps, int(np.ceil(longest / self.largest_step)))
@@ -91,7 +91,7 @@ class KernelArguments:
             function.check()
 
 
-def check_shapes(model: FilterModel, samples: Samples) -> None:
+def check_shapes(model: FilterModel, samples: FilterSamples) -> None:
     """Refuse samples that do not fit a model."""
     faults = []
     if samples.inputs.shape[1] != len(model.system.inputs):
@@ -114,7 +114,7 @@ def padded(matrix: np.ndarray, ld: int) -> np.ndarray:
     return out
 
 
-def diverged(model: FilterModel, samples: Samples, states: np.ndarray) -> FilterDivergence:
+def diverged(model: FilterModel, samples: FilterSamples, states: np.ndarray) -> FilterDivergence:
     """Return the error for a run that ended with numbers that are not finite."""
     k = len(states) - 1
     names = model.state_names

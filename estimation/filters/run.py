@@ -12,7 +12,7 @@ from estimation.filters.consistency import Consistency, innovation_tests
 from estimation.filters.errors import FilterError
 from estimation.filters.model import FilterModel
 from estimation.filters.noise import Noise
-from estimation.filters.samples import Samples
+from estimation.filters.samples import FilterSamples
 from estimation.filters.smoother import backward_pass, smoother_gains
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class Estimate:
     Parameters
     ----------
     model : FilterModel
-    samples : Samples
+    samples : FilterSamples
     states, variances : ndarray, shape (k, n)
         After the readings of their instant.
     covariances : ndarray, shape (k, n, n), optional
@@ -36,7 +36,7 @@ class Estimate:
     """
 
     model: FilterModel = field(repr=False)
-    samples: Samples = field(repr=False)
+    samples: FilterSamples = field(repr=False)
     states: np.ndarray
     variances: np.ndarray
     covariances: np.ndarray | None
@@ -133,7 +133,7 @@ class FilterRun(Estimate):
     def from_rows(
         cls,
         model: FilterModel,
-        samples: Samples,
+        samples: FilterSamples,
         noise: Noise,
         states: np.ndarray,
         innovations: np.ndarray,

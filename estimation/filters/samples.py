@@ -10,12 +10,12 @@ import numpy as np
 
 from estimation.filters.errors import FilterError
 
-__all__ = ["Channel", "Samples"]
+__all__ = ["FilterSamples", "TimeSeries"]
 
 
 @dataclass(frozen=True)
-class Channel:
-    """Readings of one output with their own instants.
+class TimeSeries:
+    """Readings of one output, or values of one input, with their own instants.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class Channel:
     values : ndarray, shape (k,)
         NaN where a reading is missing.
     delay : float, s
-        By how much a reading is late: what is stamped t tells of t − delay.
+        Delay of the values: those stamped t belong to t − delay.
     """
 
     times: np.ndarray
@@ -33,8 +33,8 @@ class Channel:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
-    """What a filter works on: instants, inputs and readings, one row each.
+class FilterSamples:
+    """Instants, inputs and readings for a filter, one row each.
 
     Parameters
     ----------
@@ -94,29 +94,29 @@ class Samples:
     @classmethod
     def merged(
         cls,
-        channels: Mapping[str, Channel],
-        inputs: Mapping[str, Channel] | None = None,
+        channels: Mapping[str, TimeSeries],
+        inputs: Mapping[str, TimeSeries] | None = None,
         *,
         every: float | None = None,
-    ) -> Samples:
-        """Lay channels of different rates and delays on one axis: the union of their instants.
+    ) -> FilterSamples:
+        """Bring channels of different rates and delays onto one time axis: the union of their instants.
 
-        A delayed reading is put where it belongs, at its stamp minus its delay; inputs are interpolated
+        A delayed reading moves to its stamp minus its delay; inputs are interpolated
         linearly.  This is exact for a known, constant delay as long as the record is filtered afterwards, not
         while it is being made.
 
         Parameters
         ----------
-        channels, inputs : mapping of str to Channel
+        channels, inputs : mapping of str to TimeSeries
             In the order of the measured outputs, and of the machine's inputs.
         every : float, s, optional
             Longest step: instants without readings are put in between.
 
         Examples
         --------
-        >>> fast = Channel(np.arange(4) * 0.1, np.zeros(4))
-        >>> slow = Channel(np.array([0.12, 0.32]), np.ones(2), delay=0.02)
-        >>> Samples.merged({"a": fast, "b": slow}).readings.T
+        >>> fast = TimeSeries(np.arange(4) * 0.1, np.zeros(4))
+        >>> slow = TimeSeries(np.array([0.12, 0.32]), np.ones(2), delay=0.02)
+        >>> FilterSamples.merged({"a": fast, "b": slow}).readings.T
         array([[ 0.,  0.,  0.,  0.],
                [nan,  1., nan,  1.]])
         """

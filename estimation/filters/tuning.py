@@ -17,7 +17,7 @@ from estimation.filters.extended_kalman import extended_kalman_filter
 from estimation.filters.model import FilterModel
 from estimation.filters.noise import Noise, Prior
 from estimation.filters.run import FilterRun
-from estimation.filters.samples import Samples
+from estimation.filters.samples import FilterSamples
 
 if TYPE_CHECKING:
     import pandas
@@ -60,7 +60,7 @@ class Tuned:
 
 def tune(
     model: FilterModel,
-    samples: Samples | Sequence[Samples],
+    samples: FilterSamples | Sequence[FilterSamples],
     noise: Noise,
     prior: Prior | None = None,
     *,
@@ -94,7 +94,7 @@ def tune(
     FilterError
         If nothing is free, or a free variance is zero.
     """
-    records = [samples] if isinstance(samples, Samples) else list(samples)
+    records = [samples] if isinstance(samples, FilterSamples) else list(samples)
     q, r = noise.of(model)
     faults = []
     if not process and not measurement:
@@ -137,7 +137,7 @@ def _moved(q: np.ndarray, r: np.ndarray, states: list[int], readings: list[int],
 
 
 def _likelihood(
-    model: FilterModel, records: list[Samples], noise: Noise, q: np.ndarray, r: np.ndarray, states: list[int],
+    model: FilterModel, records: list[FilterSamples], noise: Noise, q: np.ndarray, r: np.ndarray, states: list[int],
     readings: list[int], prior: Prior | None, steps: int, say: Callable[[str], Any], options: dict[str, Any],
 ) -> tuple[Noise, list[float], str]:  # fmt: skip
     from scipy.optimize import minimize
@@ -170,7 +170,7 @@ def _likelihood(
 
 
 def _expectation(
-    model: FilterModel, records: list[Samples], noise: Noise, q: np.ndarray, r: np.ndarray, states: list[int],
+    model: FilterModel, records: list[FilterSamples], noise: Noise, q: np.ndarray, r: np.ndarray, states: list[int],
     readings: list[int], prior: Prior | None, steps: int, say: Callable[[str], Any], options: dict[str, Any],
 ) -> tuple[Noise, list[float], str]:  # fmt: skip
     now, log_likelihoods, message = _with(noise, q, r), [], "the number of steps is used up"

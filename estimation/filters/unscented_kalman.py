@@ -13,14 +13,14 @@ from estimation.filters.kernels import unscented as kernel
 from estimation.filters.model import FilterModel
 from estimation.filters.noise import Noise, Prior
 from estimation.filters.run import FilterRun
-from estimation.filters.samples import Samples
+from estimation.filters.samples import FilterSamples
 
 __all__ = ["unscented_kalman_filter"]
 
 
 def unscented_kalman_filter(
     model: FilterModel,
-    samples: Samples,
+    samples: FilterSamples,
     noise: Noise,
     prior: Prior | None = None,
     *,

@@ -12,7 +12,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.effects.kinds import Kind, KindText, kinds, register
 from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.study.study import Study
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import UncertainParameter
 from multibody import Component, Model, Output, Parameter, Translation
 from multibody.library import Damper, ForceSource, Mass
@@ -65,7 +65,7 @@ def record(name: str, hidden: dict[str, float], seed: int) -> Record:
     push = sum(60.0 * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.4, 1.1, 2.3, 3.1))
     run = oscillator().build().simulate(float(time[-1]), inputs={"push": (time, push)}, parameters=hidden, times=time)
     x = run["body.position"] + 2e-4 * rng.standard_normal(time.size)
-    signals = {"push": Signal(push, "N", "push", "N"), "body.position": Signal(x, "m", "x", "m")}
+    signals = {"push": RecordedSignal(push, "N", "push", "N"), "body.position": RecordedSignal(x, "m", "x", "m")}
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 

@@ -12,7 +12,7 @@ from discrepancy.residual.prepared_problem import PreparedProblem
 from discrepancy.residual.residual_mode import problem_in_windows
 from discrepancy.study.history import restore, save_history
 from discrepancy.study.study import Study
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibration import UncertainParameter
 from multibody import Model
 from multibody.library import Pendulum, RotaryViscousFriction, TorqueSource
@@ -44,7 +44,10 @@ def study_of(offset: float) -> Study:
         given = {"drive.torque": (time, torque + offset)}
         run = driven(0.0115).build().simulate(time[-1], inputs=given, times=time, rtol=1e-10, method="DOP853")
         angle = run["rod.angle"] + 3e-4 * rng.standard_normal(time.size)
-        signals = {"drive.torque": Signal(torque, "N*m", "u", "N*m"), "rod.angle": Signal(angle, "rad", "y", "rad")}
+        signals = {
+            "drive.torque": RecordedSignal(torque, "N*m", "u", "N*m"),
+            "rod.angle": RecordedSignal(angle, "rad", "y", "rad"),
+        }
         records.append(Record(name=f"run{k}", path=Path(f"run{k}.csv"), time=time, signals=signals))
     experiments = make_experiments(model, records, ("drive.torque",), ("rod.angle",))
     uncertain = (UncertainParameter(name="pivot.viscous", value=0.01, std=0.003, min=0.0, unit="N*m*s/rad"),)

@@ -14,7 +14,7 @@ import pytest
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.study.study import Study
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import UncertainParameter
 from multibody import Model
 from multibody.library import (
@@ -39,7 +39,7 @@ def record_of(name, time, signals):
         name=name,
         path=Path(f"{name}.csv"),
         time=time,
-        signals={k: Signal(v, unit, k, unit) for k, (v, unit) in signals.items()},
+        signals={k: RecordedSignal(v, unit, k, unit) for k, (v, unit) in signals.items()},
     )
 
 

@@ -13,7 +13,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.report.write import write_report
 from discrepancy.study.study import Study
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import UncertainParameter
 from multibody import Model
 from multibody.library import Inertia, TorqueSource
@@ -50,10 +50,13 @@ def record(name: str, true: dict[str, float], seed: int) -> Record:
     torque = 0.05 * np.sin(2 * np.pi * rng.uniform(0.5, 1.5) * time + rng.uniform(0, 6))
     given = {"reference": (time, reference), "torque": (time, torque)}
     run = drive().build().simulate(float(time[-1]), inputs=given, parameters=true, times=time, rtol=1e-8, atol=1e-10)
-    signals = {"reference": Signal(reference, "rad/s", "r", "rad/s"), "torque": Signal(torque, "N*m", "t", "N*m")}
+    signals = {
+        "reference": RecordedSignal(reference, "rad/s", "r", "rad/s"),
+        "torque": RecordedSignal(torque, "N*m", "t", "N*m"),
+    }
     for output, unit in zip(OUTPUTS, ("rad/s", "A"), strict=True):
         values = run[output] + NOISE[output] * rng.standard_normal(time.size)
-        signals[output] = Signal(values, unit, output, unit)
+        signals[output] = RecordedSignal(values, unit, output, unit)
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 

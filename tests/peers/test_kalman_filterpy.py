@@ -7,10 +7,10 @@ import pytest
 
 from estimation.filters import (
     FilterModel,
+    FilterSamples,
     Noise,
     Prior,
     RandomWalk,
-    Samples,
     extended_kalman_filter,
     unscented_kalman_filter,
 )
@@ -68,7 +68,7 @@ def test_extended_filter_and_smoother_agree_with_filterpy():
     system = pendulum()
     y = readings(system)
     model = FilterModel(system, ["bob.angle"], [RandomWalk("bearing.viscous", std=0.02)])
-    samples = Samples(np.arange(len(y)) * STEP, np.zeros((len(y), 0)), y)
+    samples = FilterSamples(np.arange(len(y)) * STEP, np.zeros((len(y), 0)), y)
     run = extended_kalman_filter(
         model, samples, Noise(Q, np.array([1e-4]), "per_step"), Prior(X, covariance=P), keep="everything"
     )
@@ -113,7 +113,7 @@ def test_smoother_agrees_with_filterpy():
     y = 0.1 * np.cos(np.sqrt(30.0) * np.arange(300) * STEP)[:, None] + 0.01 * rng.standard_normal((300, 1))
     q, p = np.diag([1e-8, 1e-5]), np.diag([0.01, 0.1])
     run = extended_kalman_filter(
-        FilterModel(system, ["body.position"]), Samples(np.arange(300) * STEP, np.zeros((300, 0)), y),
+        FilterModel(system, ["body.position"]), FilterSamples(np.arange(300) * STEP, np.zeros((300, 0)), y),
         Noise(q, np.array([1e-4]), "per_step"), Prior(np.zeros(2), covariance=p), keep="everything", substeps=10,
     )  # fmt: skip
     from scipy.linalg import expm
@@ -137,7 +137,7 @@ def test_unscented_filter_agrees_with_filterpy():
     system = pendulum()
     y = readings(system)
     model = FilterModel(system, ["bob.angle"], [RandomWalk("bearing.viscous", std=0.02)])
-    samples = Samples(np.arange(len(y)) * STEP, np.zeros((len(y), 0)), y)
+    samples = FilterSamples(np.arange(len(y)) * STEP, np.zeros((len(y), 0)), y)
     run = unscented_kalman_filter(
         model, samples, Noise(Q, np.array([1e-4]), "per_step"), Prior(X, covariance=P), covariances=True, alpha=0.8,
         beta=2.0, kappa=1.0,

@@ -141,7 +141,7 @@ def test_both_rails_need_a_lateral_sensor(trips):
 
 
 def test_extended_and_unscented_agree_where_the_shoes_press(trips):
-    from estimation.filters import Noise, Samples, unscented_kalman_filter
+    from estimation.filters import FilterSamples, Noise, unscented_kalman_filter
 
     sensor = GuideFilter(parameters=LiftParameters.bench(), tuning=TUNINGS["quiet"])
     trip, count = trips[0], 1500
@@ -149,7 +149,7 @@ def test_extended_and_unscented_agree_where_the_shoes_press(trips):
     cut = Trip(name="cut", **parts)
     run = sensor.run(cut, 1.5)
     assert isinstance(run.noise, Noise)
-    samples = Samples(cut.time, cut.tension - 1.5, np.column_stack([cut.height, cut.acceleration]))
+    samples = FilterSamples(cut.time, cut.tension - 1.5, np.column_stack([cut.height, cut.acceleration]))
     peer = unscented_kalman_filter(run.model, samples, run.noise, sensor.prior(cut))
     moving = run["cabin.v_z"] > 0.2
     assert np.sqrt(np.mean((run[DELTA] - peer[DELTA])[moving] ** 2)) < 0.05e-3

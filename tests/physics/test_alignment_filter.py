@@ -9,10 +9,10 @@ import pytest
 
 from estimation.filters import (
     FilterModel,
+    FilterSamples,
     Noise,
     Prior,
     RandomWalk,
-    Samples,
     extended_kalman_filter,
     nees,
     observability,
@@ -73,7 +73,7 @@ def drawn(sensor, prior, seed):
         k_4 = system.rhs(0.0, x + h * k_3, u, p)
         state = np.append(x + h / 6.0 * (k_1 + 2.0 * (k_2 + k_3) + k_4), state[n])
         state += size * rng.standard_normal(n + 1)
-    return Samples(np.arange(COUNT) * STEP, inputs, readings), states
+    return FilterSamples(np.arange(COUNT) * STEP, inputs, readings), states
 
 
 def test_nees_and_nis_of_the_cabins_filter_lie_within_their_bounds(sensor, prior):
@@ -101,7 +101,7 @@ def test_an_error_of_the_tension_cannot_be_told_from_friction_on_one_trip(sensor
     """Why trips up and down are balanced and the tension's zero is not estimated along: a hidden motion."""
     lift = LiftParameters.bench()
     trip = plain_trip(lift, 1)
-    samples = Samples(trip.time, trip.tension, np.column_stack([trip.height, trip.acceleration]))
+    samples = FilterSamples(trip.time, trip.tension, np.column_stack([trip.height, trip.acceleration]))
     walks = [RandomWalk(DELTA, rate=1e-6, std=1e-3), RandomWalk("F_c", rate=1e-2, std=3.0)]
     told = {}
     for count in (1, 2):

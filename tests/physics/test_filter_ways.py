@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimation.filters import FilterModel, Noise, Prior, RandomWalk, Samples, extended_kalman_filter
+from estimation.filters import FilterModel, FilterSamples, Noise, Prior, RandomWalk, extended_kalman_filter
 from vtsdt.alignment.filter import DELTA, TUNINGS, GuideFilter
 from vtsdt.alignment.trips import Trip
 from vtsdt.files.parameters import LiftParameters
@@ -23,7 +23,7 @@ def problem():
     names = {name.rpartition(".")[2]: name for name in sensor.system.state_names}
     process = {names[k]: v for k, v in sensor.tuning.process.items() if k != "delta"}
     noise = Noise({**process, DELTA: 1e-3}, {"z_c": 1e-4, "zdd_c": 1e-7}, "density_times_step")
-    samples = Samples(trip.time, trip.tension, np.column_stack([trip.height, trip.acceleration]))
+    samples = FilterSamples(trip.time, trip.tension, np.column_stack([trip.height, trip.acceleration]))
     return sensor, samples, noise, sensor.prior(trip)
 
 
@@ -73,7 +73,7 @@ def test_outputs_that_are_no_states_are_differentiated_at_once_too(monkeypatch):
     y = 15.0 * (0.1 * np.cos(np.sqrt(30.0) * times)[:, None]) ** 2
     joint = FilterModel(system, ["spring.energy"], [RandomWalk("spring.stiffness", rate=0.1, std=3.0)])
     given = (
-        joint, Samples(times, np.zeros((200, 0)), y), Noise({"body.velocity": 1e-6}, {"spring.energy": 1e-6}),
+        joint, FilterSamples(times, np.zeros((200, 0)), y), Noise({"body.velocity": 1e-6}, {"spring.energy": 1e-6}),
         Prior({"body.position": 0.1}, {"body.position": 0.01, "body.velocity": 0.1}),
     )  # fmt: skip
     fast = extended_kalman_filter(*given)

@@ -7,12 +7,12 @@ import pytest
 
 from estimation.filters import (
     FilterModel,
+    FilterSamples,
     Matern32,
     Noise,
     OrnsteinUhlenbeck,
     Prior,
     RandomWalk,
-    Samples,
     extended_kalman_filter,
     nees,
     observability,
@@ -71,7 +71,7 @@ def stochastic(system, seed: int, count: int = 600, stiffness_rate: float = 0.0)
         truth.append([*x, stiffness - 80.0])
     truth = np.array(truth)
     readings = truth[:, :1] + 1e-4 * rng.standard_normal((count, 1))
-    return Samples(np.arange(count) * STEP, inputs, readings), truth, q
+    return FilterSamples(np.arange(count) * STEP, inputs, readings), truth, q
 
 
 def rk4(system, x, u, p):
@@ -183,7 +183,7 @@ def test_a_force_that_nobody_measures_comes_out(system, latent):
     readings = run["body.position"][:, None] + 2e-5 * rng.standard_normal((times.size, 1))
     model = FilterModel(system, ["body.position"], [latent])
     found = extended_kalman_filter(
-        model, Samples(times, np.column_stack([force, np.zeros(times.size)]), readings),
+        model, FilterSamples(times, np.column_stack([force, np.zeros(times.size)]), readings),
         Noise({"body.velocity": 1e-8}, {"body.position": 4e-10}), Prior(std={"body.velocity": 0.1}), keep="everything",
     )  # fmt: skip
     smoothed = found.smooth()
@@ -236,7 +236,7 @@ def test_gate_keeps_wild_readings_out(system):
     samples, truth, _ = stochastic(system, 2, stiffness_rate=0.04)
     wild = samples.readings.copy()
     wild[::50, 0] += 0.5
-    spoiled = Samples(samples.times, samples.inputs, wild)
+    spoiled = FilterSamples(samples.times, samples.inputs, wild)
     open_, gated = (extended_kalman_filter(model, spoiled, noise, PRIOR, hold=True, gate=g) for g in (None, 5.0))
     assert gated.refused == 12
     away = [np.abs(run["body.position"] - truth[:, 0]).max() for run in (open_, gated)]

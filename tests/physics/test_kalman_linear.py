@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from estimation.filters import (
-    Channel,
     FilterModel,
+    FilterSamples,
     LinearModel,
     Noise,
     Prior,
     RandomWalk,
-    Samples,
+    TimeSeries,
     extended_kalman_filter,
     kalman_filter,
     rauch_tung_striebel,
@@ -59,7 +59,7 @@ def problem(system, measured=("body.position", "body.acceleration")):
     readings[40:55] = np.nan
     readings[100:140, -1] = np.nan
     prior = np.array([0.05, -0.2]), np.array([[0.2, 0.05], [0.05, 0.4]])
-    samples = Samples(np.arange(COUNT) * STEP, force, readings)
+    samples = FilterSamples(np.arange(COUNT) * STEP, force, readings)
     return model, samples, Noise(q, r, "per_step"), prior
 
 
@@ -143,7 +143,7 @@ def test_discretisations_converge_and_the_exponential_is_exact_for_a_linear_mach
     density = np.diag([0.0, 0.3])
     errors = {}
     for step in (0.001, 0.0005):
-        samples = Samples(np.arange(3) * step, np.zeros((3, 1)), np.full((3, 1), np.nan))
+        samples = FilterSamples(np.arange(3) * step, np.zeros((3, 1)), np.full((3, 1), np.nan))
         from scipy.linalg import expm
 
         f, q = expm(a * step), van_loan(a, density, step)
@@ -171,22 +171,24 @@ def test_rates_and_delays_are_undone():
     times, delay = samples.times, 0.004
     model = FilterModel(system, ["body.position", "body.acceleration"])
     slow = slice(3, None, 5)
-    merged = Samples.merged(
+    merged = FilterSamples.merged(
         {
-            "body.position": Channel(times, samples.readings[:, 0]),
-            "body.acceleration": Channel(times[slow] + delay, samples.readings[slow, 1], delay=delay),
+            "body.position": TimeSeries(times, samples.readings[:, 0]),
+            "body.acceleration": TimeSeries(times[slow] + delay, samples.readings[slow, 1], delay=delay),
         },
-        {"force": Channel(times, samples.inputs[:, 0])},
+        {"force": TimeSeries(times, samples.inputs[:, 0])},
     )
     readings = samples.readings.copy()
     skipped = np.ones(COUNT, dtype=bool)
     skipped[slow] = False
     readings[skipped, 1] = np.nan
-    direct = extended_kalman_filter(model, Samples(times, samples.inputs, readings), noise, Prior(x, covariance=p))
+    direct = extended_kalman_filter(
+        model, FilterSamples(times, samples.inputs, readings), noise, Prior(x, covariance=p)
+    )
     assert np.allclose(merged.times, times, atol=1e-12)
     run = extended_kalman_filter(model, merged, noise, Prior(x, covariance=p))
     assert np.allclose(run.states, direct.states, atol=1e-9)
-    late = Samples(times, samples.inputs, np.column_stack([readings[:, 0], np.roll(readings[:, 1], 1)]))
+    late = FilterSamples(times, samples.inputs, np.column_stack([readings[:, 0], np.roll(readings[:, 1], 1)]))
     assert (
         np.abs(extended_kalman_filter(model, late, noise, Prior(x, covariance=p)).states - direct.states).max() > 1e-3
     )
@@ -197,7 +199,7 @@ def test_square_root_keeps_its_sign_where_the_covariance_loses_digits():
     system = oscillator()
     model = FilterModel(system, ["body.position"], [RandomWalk("force", rate=0.0, std=1e6)])
     count = 400
-    samples = Samples(np.arange(count) * 1e-4, np.zeros((count, 1)), np.zeros((count, 1)))
+    samples = FilterSamples(np.arange(count) * 1e-4, np.zeros((count, 1)), np.zeros((count, 1)))
     noise = Noise({}, {"body.position": 1e-20})
     prior = Prior(std={"body.position": 1e3, "body.velocity": 1e3})
     run = extended_kalman_filter(model, samples, noise, prior, square_root=True, keep="covariances")
@@ -211,7 +213,9 @@ def test_covariance_stays_symmetric_and_positive_over_a_long_run():
     model = FilterModel(system, ["body.position"], [RandomWalk("spring.stiffness", rate=1.0, std=20.0)])
     count = 5000
     rng = np.random.default_rng(0)
-    samples = Samples(np.arange(count) * 0.005, rng.standard_normal((count, 1)), 1e-2 * rng.standard_normal((count, 1)))
+    samples = FilterSamples(
+        np.arange(count) * 0.005, rng.standard_normal((count, 1)), 1e-2 * rng.standard_normal((count, 1))
+    )
     run = extended_kalman_filter(model, samples, Noise({}, {"body.position": 1e-6}), keep="covariances")
     assert np.array_equal(run.covariances, np.swapaxes(run.covariances, 1, 2))
     scale = np.sqrt(np.maximum(run.variances, 1e-300))

@@ -56,7 +56,7 @@ def travel(time: np.ndarray, pauses: bool) -> np.ndarray:
 def record_of(name: str, seed: int, pauses: bool, hidden):
     """Return a record of the machine with the hidden effect, and sensor noise."""
     from estimation import Record
-    from estimation.files.record import Signal
+    from estimation.files.record import RecordedSignal
 
     time = np.arange(0.0, 10.0, 0.004)
     reference = travel(time, pauses)
@@ -69,12 +69,12 @@ def record_of(name: str, seed: int, pauses: bool, hidden):
         atol=1e-10,
     )
     rng = np.random.default_rng(seed)
-    signals = {"reference.speed": Signal(reference, "m/s", "v_ref", "m/s")}
+    signals = {"reference.speed": RecordedSignal(reference, "m/s", "v_ref", "m/s")}
     for column, output, unit in (("drive_N", "drive.force", "N"), ("x_m", "carriage.position", "m")):
         values = run.outputs[:, truth.index("output", output)] + NOISE[output] * rng.standard_normal(
             time.size
         )
-        signals[output] = Signal(values, unit, column, unit)
+        signals[output] = RecordedSignal(values, unit, column, unit)
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals, log=("time from column t [s]",))
 
 

@@ -15,7 +15,7 @@ from discrepancy.problem.model import check_names, load_model
 from discrepancy.problem.problem import make_experiments
 from discrepancy.problem.study_file import StudyError, read_study
 from estimation import Record
-from estimation.files.record import Signal
+from estimation.files.record import RecordedSignal
 from multibody import Model
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -126,9 +126,9 @@ def test_a_held_input_keeps_its_value_until_the_next_sample():
     time = np.arange(5) * 1e-3
     steps = np.array([0.0, 0.0, 5.0, 5.0, 0.0])
     signals = {
-        "reference.position": Signal(steps, "m", "r", "m"),
-        "added.pulse": Signal(steps, "V", "p", "V"),
-        "motor.force": Signal(np.arange(5.0), "N", "F", "N"),
+        "reference.position": RecordedSignal(steps, "m", "r", "m"),
+        "added.pulse": RecordedSignal(steps, "V", "p", "V"),
+        "motor.force": RecordedSignal(np.arange(5.0), "N", "F", "N"),
     }
     model = load_model_of("emps/emps.py")
     (experiment,) = make_experiments(

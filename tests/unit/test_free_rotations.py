@@ -11,7 +11,7 @@ from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.residual.free_rotations import free_rotations
 from discrepancy.residual.initial_state import estimate_states
 from discrepancy.residual.residual_mode import prepared_problem
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from multibody import Model
 from multibody import library as lib
 
@@ -61,9 +61,9 @@ def recorded(model: Model, signal: np.ndarray, unit: str):
     outputs = ("rotor.angle", "rotor.speed")
     run = model.build(outputs=outputs).simulate(TIME[-1], inputs={"drive.signal": (TIME, signal)}, times=TIME)
     rng = np.random.default_rng(3)
-    signals = {"drive.signal": Signal(signal, unit, "u", unit)}
+    signals = {"drive.signal": RecordedSignal(signal, unit, "u", unit)}
     for name, unit_of, noise in zip(outputs, ("rad", "rad/s"), (1e-3, 0.1), strict=True):
-        signals[name] = Signal(run[name] + noise * rng.standard_normal(TIME.size), unit_of, name, unit_of)
+        signals[name] = RecordedSignal(run[name] + noise * rng.standard_normal(TIME.size), unit_of, name, unit_of)
     record = Record(name="run", path=Path("run.csv"), time=TIME, signals=signals)
     return make_experiments(model, [record], ("drive.signal",), outputs)
 

@@ -12,7 +12,7 @@ import pytest
 from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.residual.input_noise import MATTERS, reduce_input_noise
 from discrepancy.study.study import Study
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibration import UncertainParameter
 from multibody import Model
 from multibody.base.progress import silent
@@ -43,7 +43,7 @@ def record(name: str, noise: float, seed: int, jitter: float = 0.0) -> Record:
     read = push + noise * rng.standard_normal(time.size)
     return Record(
         name=name, path=Path(f"{name}.csv"), time=stamps,
-        signals={"push": Signal(read, "N", "push", "N"), "body.position": Signal(x, "m", "x", "m")},
+        signals={"push": RecordedSignal(read, "N", "push", "N"), "body.position": RecordedSignal(x, "m", "x", "m")},
     )  # fmt: skip
 
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from estimation.filters import (
-    Channel,
     FilterDivergence,
     FilterError,
     FilterModel,
+    FilterSamples,
     Matern32,
     Noise,
     Prior,
     RandomWalk,
-    Samples,
+    TimeSeries,
     extended_kalman_filter,
     tune,
     unscented_kalman_filter,
@@ -39,7 +39,7 @@ def system():
 
 def samples(count=50):
     times = np.arange(count) * 0.01
-    return Samples(times, np.zeros((count, 1)), 0.01 * np.cos(10.0 * times)[:, None])
+    return FilterSamples(times, np.zeros((count, 1)), 0.01 * np.cos(10.0 * times)[:, None])
 
 
 def test_all_faults_of_a_model_are_told_at_once(system):
@@ -84,15 +84,15 @@ def test_impossible_noise_and_priors_are_refused(system):
 
 def test_impossible_samples_are_refused(system):
     with pytest.raises(FilterError, match=r"from row 1 .* to row 2"):
-        Samples(np.array([0.0, 0.1, 0.1]), np.zeros((3, 1)), np.zeros((3, 1)))
+        FilterSamples(np.array([0.0, 0.1, 0.1]), np.zeros((3, 1)), np.zeros((3, 1)))
     with pytest.raises(FilterError, match="an input is missing in 1 rows, the first row 1"):
-        Samples(np.arange(3.0), np.array([0.0, np.nan, 0.0]), np.zeros(3))
+        FilterSamples(np.arange(3.0), np.array([0.0, np.nan, 0.0]), np.zeros(3))
     model = FilterModel(system, ["body.position", "body.acceleration"])
     with pytest.raises(FilterError, match="1 columns of readings, measured are"):
         extended_kalman_filter(model, samples(), Noise({}, {"body.position": 1.0, "body.acceleration": 1.0}))
-    early, late = Channel(np.arange(3.0), np.zeros(3)), Channel(np.arange(3.0) + 10.0, np.zeros(3))
+    early, late = TimeSeries(np.arange(3.0), np.zeros(3)), TimeSeries(np.arange(3.0) + 10.0, np.zeros(3))
     with pytest.raises(FilterError, match="no time in common"):
-        Samples.merged({"y": early}, {"u": late})
+        FilterSamples.merged({"y": early}, {"u": late})
 
 
 def test_a_filter_that_diverges_says_when_and_what(system):
@@ -140,7 +140,7 @@ def test_measured_outputs_that_are_states_or_rates_cost_no_evaluation(system):
     x = np.array([0.1, -0.3, 0.0])
     run = extended_kalman_filter(
         FilterModel(system, ["body.position", "body.acceleration", "spring.energy"], [RandomWalk("force")]),
-        Samples(np.zeros(1), np.array([[2.0]]), np.zeros((1, 3))),
+        FilterSamples(np.zeros(1), np.array([[2.0]]), np.zeros((1, 3))),
         Noise({}, np.ones(3)), Prior(x[:2]), keep="everything",
     )  # fmt: skip
     y = system.outputs_at(0.0, x[:2], np.array([2.0]))

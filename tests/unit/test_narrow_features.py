@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from estimation.files.record import Record, Signal
-from estimation.filters import FilterModel, Noise, Samples, extended_kalman_filter, unscented_kalman_filter
+from estimation.files.record import Record, RecordedSignal
+from estimation.filters import FilterModel, FilterSamples, Noise, extended_kalman_filter, unscented_kalman_filter
 from estimation.response.experiment import Experiment
 from estimation.response.perturbations import PerturbationResponse
 from multibody import Component, Model, Output, Parameter, Translation
@@ -84,7 +84,7 @@ def test_a_batch_goes_past_what_its_own_parameters_say(system, exact, method):
 
 
 def test_a_fit_sees_it_and_its_derivatives(system, exact):
-    signals = {"body.velocity": Signal(exact(50.0)[:, 1], "m/s", "v", "m/s")}
+    signals = {"body.velocity": RecordedSignal(exact(50.0)[:, 1], "m/s", "v", "m/s")}
     experiment = Experiment(
         record=Record(name="trip", path=Path("trip.csv"), time=TIMES, signals=signals),
         inputs=(),
@@ -99,7 +99,7 @@ def test_a_fit_sees_it_and_its_derivatives(system, exact):
 
 
 def test_transitions_from_sample_to_sample_go_past_it(system, exact):
-    signals = {"body.velocity": Signal(exact(50.0)[:, 1], "m/s", "v", "m/s")}
+    signals = {"body.velocity": RecordedSignal(exact(50.0)[:, 1], "m/s", "v", "m/s")}
     experiment = Experiment(
         record=Record(name="trip", path=Path("trip.csv"), time=TIMES, signals=signals),
         inputs=(),
@@ -116,7 +116,7 @@ def test_transitions_from_sample_to_sample_go_past_it(system, exact):
 
 @pytest.mark.parametrize("kalman", [extended_kalman_filter, unscented_kalman_filter])
 def test_a_filter_carries_its_states_past_it(system, exact, kalman):
-    samples = Samples(TIMES, np.zeros((TIMES.size, len(system.inputs))), np.full((TIMES.size, 1), np.nan))
+    samples = FilterSamples(TIMES, np.zeros((TIMES.size, len(system.inputs))), np.full((TIMES.size, 1), np.nan))
     model = FilterModel(system, ["body.position"])
     run = kalman(model, samples, Noise(1e-12 * np.eye(2), np.ones(1)))
     np.testing.assert_allclose(run.states[-1], exact(50.0)[-1], rtol=2e-2)

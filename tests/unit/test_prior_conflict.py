@@ -10,7 +10,7 @@ import numpy as np
 from discrepancy.problem.problem import Problem, make_experiments
 from discrepancy.search.moves import require_presence
 from discrepancy.study.study import Study
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import UncertainParameter
 from multibody import Model
 from multibody.library import ForceSource, Mass, Spring, ViscousFriction
@@ -37,7 +37,10 @@ def study_of(true_mass: float, std: float) -> Study:
             .simulate((0.0, time[-1]), inputs={"drive.force": (time, force)}, times=time, rtol=1e-8)
         )
         position = run["carriage.position"] + 2e-4 * rng.standard_normal(time.size)
-        signals = {"drive.force": Signal(force, "N", "f", "N"), "carriage.position": Signal(position, "m", "x", "m")}
+        signals = {
+            "drive.force": RecordedSignal(force, "N", "f", "N"),
+            "carriage.position": RecordedSignal(position, "m", "x", "m"),
+        }
         records.append(Record(name=f"run{k}", path=Path(f"run{k}.csv"), time=time, signals=signals))
     experiments = make_experiments(model, records, ("drive.force",), ("carriage.position",))
     uncertain = (UncertainParameter(name="carriage.m", value=20.0, std=std, min=1.0, unit="kg"),)

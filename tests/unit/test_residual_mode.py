@@ -17,7 +17,7 @@ from discrepancy.residual.inverse import derivatives, inverse_problem
 from discrepancy.residual.residual_mode import prepared_problem, problem_in_windows
 from discrepancy.residual.signal_bandwidth import signal_bandwidth
 from discrepancy.residual.windows import WINDOW_FACTOR, cut_windows, error_growth
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import UncertainParameter
 from estimation.response.perturbations import InputPerturbation
 from estimation.signals.preparation import Preparation, low_pass
@@ -37,7 +37,7 @@ DT = 0.005
 
 
 def record_of(name, time, **columns):
-    signals = {k.replace("__", "."): Signal(v, unit, k, unit) for k, (v, unit) in columns.items()}
+    signals = {k.replace("__", "."): RecordedSignal(v, unit, k, unit) for k, (v, unit) in columns.items()}
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 

@@ -15,7 +15,7 @@ from discrepancy.problem.study_file import StudyError
 from discrepancy.report.write import write_report
 from discrepancy.study.history import restore, save_history
 from discrepancy.study.study import Study
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import UncertainParameter
 from multibody import Model
 from multibody.base.errors import SimulationError
@@ -48,8 +48,8 @@ def problem_of(dry: float = 6.0, offset: float = 0.0) -> Problem:
         run = truth.build().simulate((0.0, time[-1]), inputs={"drive.force": (time, force)}, times=time, rtol=1e-8)
         position = run["carriage.position"] + offset + 2e-4 * rng.standard_normal(time.size)
         signals = {
-            "drive.force": Signal(force, "N", "f", "N"),
-            "carriage.position": Signal(position, "m", "x", "m"),
+            "drive.force": RecordedSignal(force, "N", "f", "N"),
+            "carriage.position": RecordedSignal(position, "m", "x", "m"),
         }
         records.append(Record(name=f"run{k}", path=Path(f"run{k}.csv"), time=time, signals=signals))
     experiments = make_experiments(

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import expm
 
 import multibody.base.parallel as threads
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.response.experiment import Experiment
 from estimation.response.perturbations import PerturbationResponse
 from multibody.inputs.table import InputTable
@@ -180,8 +180,8 @@ def test_a_machine_with_friction_agrees_with_its_integrated_derivatives():
     given = {"omega_ref": 3.0 * np.sin(25.0 * TICKS), "tau_L": np.zeros(76), "friction_c": 5.0, "friction_cw": 4.0}
     names = list(system.input_names)
     values = {name: given.get(name, 0.0) for name in names}
-    signals = {name: Signal(np.broadcast_to(v, 76).astype(float), "", name, "") for name, v in values.items()}
-    signals["F_c"] = Signal(np.zeros(76), "N", "F_c", "N")
+    signals = {name: RecordedSignal(np.broadcast_to(v, 76).astype(float), "", name, "") for name, v in values.items()}
+    signals["F_c"] = RecordedSignal(np.zeros(76), "N", "F_c", "N")
     experiment = Experiment(
         record=Record(name="trip", path=Path("trip.csv"), time=TICKS, signals=signals),
         inputs=tuple(names),

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import UncertainParameter
 from estimation.fit.fit_problem import FitProblem
 from estimation.fit.weights import weights_of
@@ -50,9 +50,9 @@ def problem() -> FitProblem:
     place = run["mass.position"] + drifting(rng, 0.5, 2e-4)
     speed = run["mass.velocity"] + drifting(rng, 0.02, 2e-3)
     signals = {
-        "drive.force": Signal(force, "N", "f", "N"),
-        "mass.position": Signal(place, "m", "x", "m"),
-        "mass.velocity": Signal(speed, "m/s", "v", "m/s"),
+        "drive.force": RecordedSignal(force, "N", "f", "N"),
+        "mass.position": RecordedSignal(place, "m", "x", "m"),
+        "mass.velocity": RecordedSignal(speed, "m/s", "v", "m/s"),
     }
     record = Record(name="run", path=Path("run.csv"), time=TIME, signals=signals)
     experiment = Experiment(

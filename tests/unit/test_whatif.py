@@ -258,7 +258,7 @@ def test_all_faults_of_settings_are_reported(tmp_path: Path) -> None:
 
 
 def test_masses_from_tensions_at_rest() -> None:
-    from estimation.files.record import Record, Signal
+    from estimation.files.record import Record, RecordedSignal
 
     def record(load: float, friction: float) -> Record:
         t = np.arange(1000) / 500.0
@@ -268,7 +268,11 @@ def test_masses_from_tensions_at_rest() -> None:
             "F_c": (33.0 + load) * 9.80665 + friction + 5.0 * moving,
             "F_cw": np.full(1000, 34.0 * 9.80665)}  # fmt: skip
         return Record(
-            name="r", path=Path("r"), time=t, signals={n: Signal(v, "", n, "") for n, v in values.items()}, log=()
+            name="r",
+            path=Path("r"),
+            time=t,
+            signals={n: RecordedSignal(v, "", n, "") for n, v in values.items()},
+            log=(),
         )
 
     found = with_measured_masses(LiftParameters.bench(), [record(0.0, 3.0), record(2.0, 0.0), record(4.0, -3.0)])

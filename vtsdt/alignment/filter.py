@@ -192,10 +192,12 @@ class GuideFilter:
         """
         from estimation.filters.errors import FilterDivergence
         from estimation.filters.extended_kalman import extended_kalman_filter
-        from estimation.filters.samples import Samples
+        from estimation.filters.samples import FilterSamples
 
         model, noise = self.model(trip.payload), self.noise()
-        samples = Samples(trip.time, trip.tension - tension_error, np.column_stack([trip.height, trip.acceleration]))
+        samples = FilterSamples(
+            trip.time, trip.tension - tension_error, np.column_stack([trip.height, trip.acceleration])
+        )
         try:
             run = extended_kalman_filter(
                 model, samples, noise, self.prior(trip), **{"once": True, **self.options, **options}

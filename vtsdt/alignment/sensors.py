@@ -95,7 +95,7 @@ def sensor_table(
     from estimation.filters.model import FilterModel
     from estimation.filters.noise import Noise, Prior
     from estimation.filters.observability_gramian import observability
-    from estimation.filters.samples import Samples
+    from estimation.filters.samples import FilterSamples
 
     given = parameters if parameters is not None else LiftParameters.bench()
     sets = sensors if sensors is not None else SENSORS
@@ -128,7 +128,7 @@ def sensor_table(
         # Sensors that do not exist read what the model expects: they shift no estimate, only the covariances.
         noise = Noise(process, {"z_c": 1e-8, "zdd_c": 1e-2, **{n: s**2 for n, s in further.items()}})
         run = extended_kalman_filter(
-            model, Samples(trip.time, trip.tension, _expected(model, trip, rest)), noise,
+            model, FilterSamples(trip.time, trip.tension, _expected(model, trip, rest)), noise,
             Prior(rest, {**dict.fromkeys(rest, 1e-4)}), keep="everything", once=True,
         )  # fmt: skip
         observed = observability(run, window=400, instants=30)

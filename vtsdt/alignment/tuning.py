@@ -26,7 +26,7 @@ from vtsdt.files.parameters import LiftParameters
 
 if TYPE_CHECKING:
     from estimation.filters.run import FilterRun
-    from estimation.filters.samples import Samples
+    from estimation.filters.samples import FilterSamples
     from estimation.filters.tuning import Tuned
 
 __all__ = ["TunedTrips", "TuningFit", "fit_tuning", "maximum_likelihood", "page_text", "recorded", "table_text"]
@@ -46,13 +46,13 @@ class TunedTrips:
         Nominal ones.
     smooth : sequence of Trip
         Low-passed.
-    raw : sequence of Samples
+    raw : sequence of FilterSamples
         As sampled, without the offset of the accelerometer and the error of the tension.
     """
 
     lift: LiftParameters
     smooth: Sequence[Trip]
-    raw: Sequence[Samples]
+    raw: Sequence[FilterSamples]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,13 +88,13 @@ def recorded(seed: int = 41, trips: int = 2, progress: Progress = silent) -> Tun
         Two or more, up and down alternately.
     progress : callable
     """
-    from estimation.filters.samples import Samples
+    from estimation.filters.samples import FilterSamples
 
     records = visit(seed, 0, trips, progress=progress).records
     smooth, lift = prepared(records), LiftParameters.bench()
     error = balance(smooth, lift, np.linspace(0.1, lift.hoistway.travel - 0.1, 100)) or 0.0
     raw = [
-        Samples(r["time"], r["tension"] - error, np.column_stack([r["height"], r["acceleration"] - t.offset]))
+        FilterSamples(r["time"], r["tension"] - error, np.column_stack([r["height"], r["acceleration"] - t.offset]))
         for r, t in zip(records, smooth, strict=True)
     ]
     taken = [dataclasses.replace(trip, tension=trip.tension - error) for trip in smooth]

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from discrepancy.rigs.recording import Logger, RigDisturbance, perturb
-from estimation.files.record import Record, Signal
+from estimation.files.record import Record, RecordedSignal
 from multibody.base.progress import Progress, silent
 from vtsdt.alignment.estimate import align, calibrated
 from vtsdt.alignment.filter import DEFAULT, Tuning
@@ -192,7 +192,7 @@ def prepared(records: Sequence[dict[str, np.ndarray]]) -> list[Trip]:
     units = {"tension": "N", "height": "m", "acceleration": "m/s**2"}
     trips = []
     for k, record in enumerate(records):
-        signals = {name: Signal(record[name], unit, name, unit) for name, unit in units.items()}
+        signals = {name: RecordedSignal(record[name], unit, name, unit) for name, unit in units.items()}
         trips.append(
             prepare(Record(name=f"trip {k + 1}", path=Path(f"trip_{k + 1}"), time=record["time"], signals=signals))
         )

@@ -51,7 +51,7 @@ from multibody.compile.calls import entry, floats, independent, inner, pointer, 
 # Settings by index: discretisation, kind of process noise, what is kept, square root, one linearisation a step, held
 # inputs, substeps.
 DISCRETISATION, NOISE, KEEP, ROOT, ONCE, HOLD, SUBSTEPS = range(7)
-#: Samples after which the sizes that balance the Jacobian are updated.
+#: FilterSamples after which the sizes that balance the Jacobian are updated.
 REBALANCE = 64
 
 
