@@ -1,4 +1,4 @@
-"""The loop of a search: add effects, remove redundant ones, exchange, try curves, until nothing significant is left."""
+"""The search: one step, and the loop of adding, removing, exchanging and trying curves until nothing is significant."""
 
 from __future__ import annotations
 
@@ -10,14 +10,18 @@ from functools import partial
 from discrepancy.effects.effect import Effect
 from discrepancy.search import moves
 from discrepancy.search.model_comparison import bic_difference
+from discrepancy.search.moves import Decision
 from discrepancy.search.omnibus import omnibus_of_stage
 from discrepancy.search.prior_conflict_test import find_prior_conflict
 from discrepancy.search.state import SearchState
 from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.statistics.thresholds import DECISIVE_BIC, LEVEL_SHARES
+from multibody.base.errors import SimulationError
 
 __all__ = ["Search"]
+
+START_SHARES = (1.0, 0.3, 0.1, 0.01)  # of the strengths given, at which the fit of an effect added by hand begins
 
 
 @dataclass
@@ -36,7 +40,7 @@ class Search:
         """Continue from the latest stage."""
         state = self.state
         if state.stage.half_of_masking_pair:
-            state.undo()  # interrupted between the two effects of a masking pair, which are added together
+            self.undo()  # interrupted between the two effects of a masking pair, which are added together
         if state.elimination_pending:
             self.eliminate()
         self._add_significant()
@@ -52,16 +56,71 @@ class Search:
             self._add_significant()
         state.if_simulated("whether parameters alone explain as much", self._test_prior_conflict)
 
+    # ---------------------------------------------------------------- one step
+
+    def explain(self) -> Decision:
+        """Score every candidate on the latest stage and refit the best; nothing is added yet."""
+        state, stage = self.state, self.state.stage  # the first use makes stages
+        settings = self._scan_settings(len(state.stages))
+        decision = moves.propose_effect(stage, state.effect_on_trial, **settings)
+        if state.problem.max_effects - len(stage.effects) > 1:
+            decision = moves.propose_pair(decision, stage, state.on_trial, **settings)
+        decision = moves.require_presence(decision, stage, lambda t: state.fitted(t.name, t.effects, t, t.noise))
+        state.decisions.append(decision)
+        state.stages[-1] = replace(stage, scan=decision.scan)
+        return decision
+
+    def _scan_settings(self, count: int) -> moves.ScanSettings:
+        """Return how candidates are scored on the last of so many stages."""
+        given = self.state.problem
+        return {
+            "include": given.include, "exclude": given.exclude, "level": given.level, "seed": given.seed + count,
+            "progress": self.state.progress,
+        }  # fmt: skip
+
+    def add(self, effect: Effect) -> Stage:
+        """Add an effect to the model, fit again, and make that the latest stage.
+
+        Where the machine cannot be simulated with the strengths given, the fit begins at smaller ones.
+
+        Raises
+        ------
+        SimulationError
+            If the machine cannot be simulated with a hundredth of them either.
+        """
+        stage = None
+        for share in START_SHARES:
+            smaller = replace(effect, strengths={k: share * v for k, v in effect.strengths.items()})
+            try:
+                stage = self.state.with_effect(smaller)
+                break
+            except SimulationError as error:
+                reason = error
+                self.state.progress(f"{effect} with {share:g} of its strengths could not be simulated")
+        if stage is None:
+            strengths = ", ".join(f"{k} = {v:g}" for k, v in effect.strengths.items())
+            raise SimulationError(
+                f"{effect} cannot be added: the machine cannot be simulated from its start values, not even with "
+                f"{START_SHARES[-1]:g} of the strengths ({strengths}); "
+                f"give smaller ones, or other values of {', '.join(effect.shape) or 'the model'}. {reason}"
+            ) from reason
+        self.state.stages.append(stage)
+        self.state.save()
+        return stage
+
+    def undo(self) -> Stage:
+        """Remove the latest effect."""
+        if len(self.state.stages) > 2:
+            self.state.stages.pop()
+        return self.state.stage
+
     # ---------------------------------------------------------------- adding
 
     def _add_significant(self) -> None:
         """Explain and add, as long as there is something significant and room for it."""
         state = self.state
         while len(state.stage.effects) < state.problem.max_effects:
-            if state.decisions:
-                decision = state.if_simulated("what is still missing", state.explain)
-            else:
-                decision = state.explain()
+            decision = state.if_simulated("what is still missing", self.explain) if state.decisions else self.explain()
             if decision is None or decision.accepted is None or decision.stage is None:
                 return
             if self._recalibrated_from(decision.stage):
@@ -194,7 +253,7 @@ class Search:
         """Replace an effect found before by one that is better beside the later ones; tell whether there is one."""
         state = self.state
         if len(state.stage.effects) > 1:
-            state.scan_again()
+            self._scan_again()
         exchange = moves.propose_exchange(state.stages, state.on_trial, state.progress)
         if exchange is None:
             return False
@@ -214,6 +273,18 @@ class Search:
             state.stages[:] = before
         state.save()
         return better
+
+    def _scan_again(self) -> None:
+        """Score the candidates again at the stages whose scan is not known any more.
+
+        A history holds the stages of an interrupted search without their scans.
+        """
+        stages = self.state.stages
+        for k, after in enumerate(stages[1:], 1):
+            before = stages[k - 1]
+            if after.accepted is not None and before.scan is None:
+                scans, *_ = moves.score_candidates(before, **self._scan_settings(k))
+                stages[k - 1] = replace(before, scan=scans[0])
 
     def _make_again(self, stage: Stage, exchange: moves.Exchange) -> None:
         """Make a stage again with one effect exchanged."""

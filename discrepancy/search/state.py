@@ -15,16 +15,9 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.problem import Problem, noise_floors
-from discrepancy.search.moves import (
-    Decision,
-    ScanSettings,
-    propose_effect,
-    propose_pair,
-    require_presence,
-    score_candidates,
-)
+from discrepancy.search.moves import Decision
 from discrepancy.stages.fit_stage import FittedValues, fitted_stage
-from discrepancy.stages.stage import AcceptedEffect, Stage
+from discrepancy.stages.stage import Stage
 from multibody.base.progress import silent
 
 if TYPE_CHECKING:
@@ -36,8 +29,6 @@ if TYPE_CHECKING:
 __all__ = ["SearchState"]
 
 Answer = TypeVar("Answer")
-
-SHARES = (1.0, 0.3, 0.1, 0.01)  # of the strengths given, with which an effect that is added by hand is fitted
 
 
 @dataclass
@@ -220,73 +211,3 @@ class SearchState:
         return fitted_stage(
             problem, self.given.model, start.name, start.effects, start, start.noise, trial=True, progress=self.progress
         )
-
-    # ---------------------------------------------------------------- one step
-
-    def add(self, effect: Effect, accepted: AcceptedEffect | None = None) -> Stage:
-        """Add an effect to the model, fit again, and make that the latest stage.
-
-        Where the machine cannot be simulated with the strengths given, the fit begins at smaller ones.
-
-        Raises
-        ------
-        SimulationError
-            If the machine cannot be simulated with a hundredth of them either.
-        """
-        from multibody.base.errors import SimulationError
-
-        stage = None
-        for share in SHARES:
-            smaller = replace(effect, strengths={k: share * v for k, v in effect.strengths.items()})
-            try:
-                stage = self.with_effect(smaller)
-                break
-            except SimulationError as error:
-                reason = error
-                self.progress(f"{effect} with {share:g} of its strengths could not be simulated")
-        if stage is None:
-            raise SimulationError(
-                f"{effect} cannot be added: the machine cannot be simulated from its start values, not even with "
-                f"{SHARES[-1]:g} of the strengths ({', '.join(f'{k} = {v:g}' for k, v in effect.strengths.items())}); "
-                f"give smaller ones, or other values of {', '.join(effect.shape) or 'the model'}. {reason}"
-            ) from reason
-        self.stages.append(replace(stage, accepted=accepted))
-        self.save()
-        return self.stages[-1]
-
-    def undo(self) -> Stage:
-        """Remove the latest effect."""
-        if len(self.stages) > 2:
-            self.stages.pop()
-        return self.stage
-
-    def explain(self) -> Decision:
-        """Score every candidate on the latest stage and refit the best; nothing is added yet."""
-        stage = self.stage  # the first call makes stages
-        settings = self._scan_settings(len(self.stages))
-        decision = propose_effect(stage, self.effect_on_trial, **settings)
-        if self.problem.max_effects - len(stage.effects) > 1:
-            decision = propose_pair(decision, stage, self.on_trial, **settings)
-        decision = require_presence(decision, stage, lambda t: self.fitted(t.name, t.effects, t, t.noise))
-        self.decisions.append(decision)
-        self.stages[-1] = replace(stage, scan=decision.scan)
-        return decision
-
-    def _scan_settings(self, count: int) -> ScanSettings:
-        """Return how candidates are scored on the last of so many stages."""
-        given = self.problem
-        return {
-            "include": given.include, "exclude": given.exclude, "level": given.level, "seed": given.seed + count,
-            "progress": self.progress,
-        }  # fmt: skip
-
-    def scan_again(self) -> None:
-        """Score the candidates again at the stages whose scan is not known any more.
-
-        A history holds the stages of an interrupted search without their scans.
-        """
-        for k, after in enumerate(self.stages[1:], 1):
-            before = self.stages[k - 1]
-            if after.accepted is not None and before.scan is None:
-                scans, *_ = score_candidates(before, **self._scan_settings(k))
-                self.stages[k - 1] = replace(before, scan=scans[0])

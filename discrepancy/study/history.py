@@ -101,7 +101,7 @@ def read_history(path: str | Path) -> dict[str, Any]:
         raise StudyError([f"{path}: this is not the history of a study: {error}"]) from error
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         schema = content.get("schema") if isinstance(content, dict) else None
-        raise StudyError([f"{path}: a history of schema {SCHEMA} is needed, this one has {schema!r}"])
+        raise StudyError([f"{path}: the schema of this history is {schema!r}, and schema {SCHEMA} is needed"])
     missing = [k for k in ("fingerprint", "settled", "stages") if k not in content]
     if missing:
         raise StudyError([f"{path}: the entry '{k}' is missing" for k in missing])

@@ -11,11 +11,14 @@ import numpy as np
 
 from discrepancy.conclusion.conclude import conclude
 from discrepancy.conclusion.conclusion import Conclusion
+from discrepancy.effects.effect import Effect
 from discrepancy.problem.problem import read_problem
 from discrepancy.questions.compare import Comparison, compare
 from discrepancy.questions.locate import WhereItFails, locate
 from discrepancy.search.loop import Search
+from discrepancy.search.moves import Decision
 from discrepancy.search.state import SearchState
+from discrepancy.stages.stage import Stage
 from multibody.base.progress import silent
 
 if TYPE_CHECKING:
@@ -51,6 +54,26 @@ class Study(SearchState):
     def locate(self) -> WhereItFails:
         """Locate the error of the latest stage: signals, regimes, frequencies, connections."""
         return locate(self.stage)
+
+    def explain(self) -> Decision:
+        """Score every candidate on the latest stage and refit the best; nothing is added yet."""
+        return Search(self).explain()
+
+    def add(self, effect: Effect) -> Stage:
+        """Add an effect to the model, fit again, and make that the latest stage.
+
+        Where the machine cannot be simulated with the strengths given, the fit begins at smaller ones.
+
+        Raises
+        ------
+        SimulationError
+            If the machine cannot be simulated with a hundredth of them either.
+        """
+        return Search(self).add(effect)
+
+    def undo(self) -> Stage:
+        """Remove the latest effect."""
+        return Search(self).undo()
 
     def diagnose(self) -> Conclusion:
         """Explain and add until nothing significant is left; then conclude."""

@@ -51,9 +51,9 @@ def test_the_conclusion_says_that_they_mask_each_other(study):
 
 def test_one_step_at_a_time_names_something_else(problem, monkeypatch):
     """What the look-ahead is for: without it the search of this case ends with effects that are not there."""
-    from discrepancy.search import state
+    from discrepancy.search import moves
 
-    monkeypatch.setattr(state, "propose_pair", lambda decision, *args, **settings: decision)
+    monkeypatch.setattr(moves, "propose_pair", lambda decision, *args, **settings: decision)
     alone = Study(problem)
     alone.diagnose()
     assert not {str(e) for e in alone.stage.effects} & set(HIDDEN)
