@@ -144,20 +144,20 @@ def reduce_input_noise(problem: Problem, progress: Callable[[str], None]) -> tup
         return problem, ()
     removed = {n: np.sqrt(np.maximum(made[n] ** 2 - left[n] ** 2, 0.0)) / floors for n in noise}
     cutoffs = {n: all_cutoffs[n] for n in noise if np.max(removed[n]) > MATTERS}
-    weighed = {n: noise[n] for n in noise if np.max(left[n] / floors) > MATTERS}
-    if not cutoffs and not weighed:
+    weighted = {n: noise[n] for n in noise if np.max(left[n] / floors) > MATTERS}
+    if not cutoffs and not weighted:
         return problem, ()
-    progress(f"noise of recorded inputs matters: {', '.join(dict.fromkeys((*cutoffs, *weighed)))}")
-    band = max((all_cutoffs[n] for n in weighed), default=0.0)
+    progress(f"noise of recorded inputs matters: {', '.join(dict.fromkeys((*cutoffs, *weighted)))}")
+    band = max((all_cutoffs[n] for n in weighted), default=0.0)
 
     def used(experiments: Sequence[Experiment]) -> tuple[Experiment, ...]:
         quiet = (_low_passed(e, cutoffs) for e in experiments)
-        return tuple(replace(e, input_noise=weighed, noise_band=band) for e in quiet)
+        return tuple(replace(e, input_noise=weighted, noise_band=band) for e in quiet)
 
     quiet = replace(problem, identify=used(problem.identify), validate=used(problem.validate))
     before, after = (_errors(q.validate or q.identify, system, p) for q in (problem, quiet))
     noisy = []
-    for n in dict.fromkeys((*cutoffs, *weighed)):
+    for n in dict.fromkeys((*cutoffs, *weighted)):
         c = int(np.argmax(removed[n] if n in cutoffs else left[n] / floors))
         output = problem.identify[0].outputs[c]
         noisy.append(
@@ -167,7 +167,7 @@ def reduce_input_noise(problem: Problem, progress: Callable[[str], None]) -> tup
                 input_unit=problem.identify[0].record.signals[n].unit,
                 cutoff=all_cutoffs[n],
                 low_passed=n in cutoffs,
-                weighed=n in weighed,
+                weighed=n in weighted,
                 output=output,
                 made=float(made[n][c]),
                 left=float(left[n][c]),
@@ -245,7 +245,7 @@ def _noise_share(problem: Problem, system: System, p: np.ndarray, cutoffs: Mappi
 
     records = parallel_map(above, problem.identify)
     scale = np.sqrt(np.mean(np.concatenate([shared[:, :, 0] for shared, _ in records]) ** 2, axis=0))
-    for _ in range(ROUNDS):  # each output is weighed by what is left of it
+    for _ in range(ROUNDS):  # each output is weighted by its remaining error
         scale = np.maximum(scale, 1e-300)
         free = [_without_own(shared / scale[:, None], own / scale[:, None]) for shared, own in records]
         whole = np.concatenate(free).reshape(-1, free[0].shape[2])

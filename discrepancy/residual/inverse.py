@@ -71,15 +71,12 @@ def inverse_problem(problem: Problem, bandwidth: float | None = None) -> Prepare
     shown = outputs_of_motion(system, outputs, motions)
     copy = with_prescribed_motion(model, motions)
     if bandwidth is None:
-        asked = first.preparation.low_pass_hz
-        bandwidth = (
-            asked
-            if asked is not None
-            else max(
-                signal_bandwidth(e.record.time, e.record.values(m.output)[:, 0])
-                for e in problem.identify
-                for m in motions
-            )
+        bandwidth = first.preparation.low_pass_hz
+    if bandwidth is None:
+        bandwidth = max(
+            signal_bandwidth(e.record.time, e.record.values(m.output)[:, 0])
+            for e in problem.identify
+            for m in motions
         )
     compared = tuple(n for n in outputs if n not in shown)
     built = copy.build(outputs=(*(m.compared for m in motions), *compared))
@@ -188,13 +185,13 @@ def _experiment(
         *record.log,
         f"zero-phase low-pass at {cutoff:.4g} Hz, motion differentiated, {edge} samples left out at each end",
     )
-    left = Record(
+    inner = Record(
         name=record.name, path=record.path, time=time[inside], signals=signals, log=log, warnings=record.warnings
     )
     factor = max(1, int(record.rate / (5.0 * cutoff)))
-    factor = max(1, min(factor, left.time.size // 200))
-    asked = experiment.preparation
-    factor = max(factor, asked.decimate if asked.decimate * 200 <= left.time.size else 1)
+    factor = max(1, min(factor, inner.time.size // 200))
+    decimate = experiment.preparation.decimate
+    factor = max(factor, decimate if decimate * 200 <= inner.time.size else 1)
     free = tuple(n for n in system.state_names if not n.startswith("energy."))
     start: dict[str, float] = {}
     if free:
@@ -202,7 +199,7 @@ def _experiment(
         start = {n: float(x[whole.index("state", n)]) for n in free if n in whole.state_names}
     return replace(
         experiment,
-        record=left,
+        record=inner,
         inputs=(*inputs, *(q for m in motions for q in m.quantities)),
         outputs=(*(m.compared for m in motions), *compared),
         preparation=Preparation(decimate=factor),

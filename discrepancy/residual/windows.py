@@ -284,7 +284,7 @@ def cut_windows(
         reach = min(growth.until(WINDOW_FACTOR, WINDOW_NOISE), float(growth.time[-1]))
         bounds.append(int(np.clip(bounds[-1] + reach * rate, bounds[-1] + least, last)))
     if len(bounds) > 1 and n - 1 - bounds[-1] < least:
-        bounds.pop()  # what is left is too short for a window of its own
+        bounds.pop()  # the remainder is too short for a window
     bounds.append(n - 1)
     all_states = tuple(s for s in system.state_names if not s.startswith("energy."))
     noise = dict(zip(experiment.inputs, states.input_noise, strict=True))

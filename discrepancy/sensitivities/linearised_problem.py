@@ -1,4 +1,4 @@
-"""The linearised problem of a fitted model: residual, sensitivities, and what else a search asks of it repeatedly."""
+"""The linearised problem of a fitted model: residual, sensitivities, motions and free curves."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class LinearisedProblem:
         return x
 
     def simulate(self) -> None:
-        """Simulate all experiments in parallel: the nominal outputs and the residual are at hand afterwards."""
+        """Simulate all experiments in parallel, for the nominal outputs and the residual."""
         runs: list[Callable[[], object]] = [partial(self.nominal_outputs, i) for i in range(len(self.experiments))]
         parallel_map(lambda run: run(), [self.residual, *runs])
 

@@ -230,7 +230,7 @@ class Stage:
 
     @property
     def disturbance(self) -> DisturbanceForce | None:
-        """The disturbance that `weighted_problem` was weighted for; None where there is none or nothing has asked."""
+        """The disturbance that `weighted_problem` was weighted for; None where there is none or it was not computed."""
         return self._results.get("disturbance")
 
     def weighted_residuals(self, disturbance: DisturbanceForce) -> list[np.ndarray]:

@@ -114,7 +114,7 @@ def test_friction_of_a_free_slide_is_found_in_windows():
     # 0.5 % of gain error and the noise: 5 % are allowed
     assert all(v == pytest.approx(1.0, rel=0.05) for v in effects[0].strengths.values())
     after = study.stage.rmse("validate")["carriage.position"]
-    assert after == pytest.approx(1e-4, rel=0.3), "what is left on held-out windows is the sensor's noise"
+    assert after == pytest.approx(1e-4, rel=0.3), "the residual on held-out windows is the sensor's noise"
     assert conclusion.verdict in ("effect found", "ambiguous")
 
 

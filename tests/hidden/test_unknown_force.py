@@ -38,14 +38,14 @@ def test_force_over_time_is_the_true_one(found):
     assert np.all(estimate.std > 0.0)
 
 
-def test_what_is_said_of_it(found):
+def test_its_entry_names_position_and_simple_laws(found):
     _, _, conclusion = found
-    told = conclusion.extra["unknown"]
+    entry = conclusion.extra["unknown"]
     assert conclusion.verdict == "unknown effect"
-    assert (told["depends_on"], told["turns_with_direction"]) == ("position", False)
-    assert told["reconstructable"]
+    assert (entry["depends_on"], entry["turns_with_direction"]) == ("position", False)
+    assert entry["reconstructable"]
     assert "a function of position" in conclusion.unknown.statement
-    errors = [law["error"] for law in told["laws"]]
+    errors = [law["error"] for law in entry["laws"]]
     assert errors == sorted(errors)
     assert len(errors) >= 3
 

@@ -246,7 +246,7 @@ def test_inverse_without_a_drive_force_is_compared_with_zero():
     system = found.problem.model.build(outputs=e.outputs)
     assert e.outputs == ("needed.bearing.torque",)
     assert not np.any(e.measured)
-    # exact data: what is left is the five-point formula and the filter's edge, far below the 0.1 N·m that act
+    # exact data: the residual is the error of the five-point formula and the filter's edge, far below 0.1 N·m
     assert np.max(np.abs(e.simulate(system, system.p))) < 1e-4
 
 

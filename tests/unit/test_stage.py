@@ -35,7 +35,7 @@ def test_a_trial_fit_is_done_once_for_effects_that_agree_to_nine_digits(stage, s
 
 
 def test_a_machine_that_is_held_has_no_accumulating_disturbance(stage, small_study):
-    assert stage.disturbance is None  # nothing has asked
+    assert stage.disturbance is None  # not computed yet
     assert stage.weighted_problem() is stage.linearised_problem()
     assert stage.disturbance is None
     one, other = comparable_residuals(stage, small_study.stages[2])
