@@ -24,7 +24,7 @@ def test_ride_up_a_skyscraper(measured_data: Path) -> None:
     assert ride.a95_acceleration == pytest.approx(0.81, rel=0.06)
     assert ride.a95_deceleration == pytest.approx(0.83, rel=0.06)
     # the abrupt end of the deceleration is the worst of the ride, far above the hum at constant speed
-    s = ride._signals
+    s = ride.signals
     assert s["time"][np.argmax(np.abs(s["weighted"]))] == pytest.approx(33.0, abs=0.5)
     assert ride.z.largest > 2.0 * ride.z.steady_largest
     assert any("uneven" in n for n in ride.notes)

@@ -53,7 +53,11 @@ def test_state_counts_of_the_table():
 @pytest.mark.parametrize(("vertical", "inclination"), [(True, True), (True, False), (False, False)])
 def test_structures_between_the_models_assemble(lateral, rotation, vertical, inclination):
     other, turning = rotation, not lateral  # the counterweight has another structure than the cabin
-    system = Lift(structure=Structure(lateral, rotation, other, turning, vertical, inclination)).system
+    structure = Structure(
+        cabin_lateral=lateral, cabin_rotation=rotation, counterweight_lateral=other, counterweight_rotation=turning,
+        support_vertical=vertical, support_inclination=inclination,
+    )  # fmt: skip
+    system = Lift(structure=structure).system
     bodies = sum(2 + 4 * a + 6 * b for a, b in ((lateral, rotation), (other, turning)))
     assert len(system.states) == bodies + 7 + 2 * vertical + 4 * inclination
 

@@ -1,8 +1,8 @@
 """Ride comfort after ISO 18738-1: peak-to-peak vibration, A95, acceleration and jerk of a ride.
 
 Vibration is weighted (W_k along z, W_d across, ISO 2631-1 and ISO 8041); acceleration and jerk are those of the
-signal below 10 Hz.  These are the definitions as this project states them below; a ride that is to be judged under the
-standard needs an instrument that fulfils ISO 8041.
+signal below 10 Hz.  The definitions are this project's reading of the standard; an assessment under the standard needs
+an instrument that fulfils ISO 8041.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ if TYPE_CHECKING:
 
 __all__ = ["ComfortError", "RideComfort", "Vibration", "peak_to_peak", "ride_comfort"]
 
-#: Low-pass for acceleration and jerk, Hz, and the length over which a line is laid for the jerk, s.
+#: Low-pass for acceleration and jerk, Hz, and length of the line fitted for the jerk, s.
 LOW_PASS, JERK_LENGTH = 10.0, 0.5
-#: Share of the largest speed above which the lift counts as moving, and within which as being at constant speed.
+#: Share of the largest speed above which the lift counts as moving, and tolerance of a constant speed.
 MOVING, CONSTANT = 0.02, 0.05
-#: Time in which the weighting's high-pass at 0.4 Hz forgets the end of an acceleration, s.
-FORGETS = 1.5
-#: Weighted vibration below this is not counted, m/s².
+#: Settling time of the weighting's high-pass at 0.4 Hz after an acceleration ends, s.
+SETTLING = 1.5
+#: Weighted vibration below this does not count, m/s².
 FLOOR = 2e-3
 
 
 class ComfortError(ValueError):
-    """A ride cannot be judged; the message says why."""
+    """The comfort of a ride cannot be evaluated; the message gives the reason."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Vibration:
     """Weighted vibration along one axis.
 
@@ -43,10 +43,9 @@ class Vibration:
     largest : float, m/s²
         Largest peak-to-peak value of the ride.
     a95 : float, m/s²
-        Value that 95 % of the peak-to-peak values stay under.
+        95 % quantile of the peak-to-peak values.
     steady_largest, steady_a95 : float, m/s²
-        The same while the speed is constant, from 1.5 s after it became so to 0.5 s before it ends; NaN without such
-        time.
+        The same at constant speed, from 1.5 s after it is reached to 0.5 s before it ends; NaN without such time.
     rms : float, m/s²
         Root mean square of the ride.
     """
@@ -58,9 +57,9 @@ class Vibration:
     rms: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RideComfort:
-    """Indicators of one ride.
+    """Comfort indicators of one ride.
 
     Parameters
     ----------
@@ -72,13 +71,15 @@ class RideComfort:
     acceleration, deceleration : float, m/s²
         Largest, below 10 Hz.
     a95_acceleration, a95_deceleration : float, m/s²
-        Values that 95 % of the samples stay under, between 5 and 95 % of the largest speed.
+        95 % quantiles between 5 and 95 % of the largest speed.
     jerk : float, m/s³
-        Largest slope of a line laid through half a second of the acceleration below 10 Hz.
+        Largest slope of a line fitted to half a second of the acceleration below 10 Hz.
     speed, distance : float, m/s and m
-        Largest speed and way, by integration.
+        Largest speed and distance, by integration.
     notes : tuple of str
-        What the record does not allow, or what was done to it.
+        Limits of the record, and what was done to it.
+    signals : dict of ndarray
+        Of the evaluated ride by name: time, speed, slow (acceleration below 10 Hz), weighted, steady.
     """
 
     name: str
@@ -93,15 +94,15 @@ class RideComfort:
     speed: float
     distance: float
     notes: tuple[str, ...] = ()
-    _signals: dict[str, np.ndarray] = field(default_factory=dict, repr=False)
+    signals: dict[str, np.ndarray] = field(default_factory=dict, repr=False)
 
     def rows(self) -> list[tuple[str, float, str]]:
         """Return indicator, value and unit."""
-        found: list[tuple[str, float, str]] = []
+        vibration: list[tuple[str, float, str]] = []
         for axis in ("z", "x", "y"):
             v: Vibration | None = getattr(self, axis)
             if v is not None:
-                found += [
+                vibration += [
                     (f"{axis}: largest peak-to-peak", v.largest, "m/s²"),
                     (f"{axis}: A95 peak-to-peak", v.a95, "m/s²"),
                     (f"{axis}: largest peak-to-peak at constant speed", v.steady_largest, "m/s²"),
@@ -109,7 +110,7 @@ class RideComfort:
                     (f"{axis}: weighted root mean square", v.rms, "m/s²"),
                 ]
         return [
-            *found,
+            *vibration,
             ("largest acceleration", self.acceleration, "m/s²"),
             ("largest deceleration", self.deceleration, "m/s²"),
             ("A95 acceleration", self.a95_acceleration, "m/s²"),
@@ -126,7 +127,7 @@ class RideComfort:
         return pandas.DataFrame(self.rows(), columns=["indicator", "value", "unit"])
 
     def to_json(self) -> dict[str, Any]:
-        """Return the indicators by name; what does not exist is None."""
+        """Return the indicators by name; undefined ones are None."""
         values = {n: {"value": v if np.isfinite(v) else None, "unit": u} for n, v, u in self.rows()}
         return {"name": self.name, "indicators": values, "notes": list(self.notes)}
 
@@ -134,7 +135,7 @@ class RideComfort:
         """Draw speed, acceleration below 10 Hz and weighted vibration over time; returns the figure."""
         from matplotlib.figure import Figure
 
-        s = self._signals
+        s = self.signals
         figure = Figure(figsize=(7.2, 5.6), layout="constrained")
         rows = figure.subplots(3, 1, sharex=True)
         rows[0].plot(s["time"], s["speed"], color="#0072B2", linewidth=1.2)
@@ -174,10 +175,9 @@ def ride_comfort(
     Parameters
     ----------
     time : ndarray, shape (n,), s
-        Increasing; an uneven grid is brought onto an even one of the median spacing, in straight lines.
+        Increasing; an uneven grid is resampled linearly to an even one of the median spacing.
     a_z : ndarray, shape (n,), m/s²
-        Acceleration along the travel, with or without gravity: what it reads on average, with rest at both ends, is
-        taken off.
+        Acceleration along the travel, with or without gravity: the reading at rest is subtracted.
     a_x, a_y : ndarray, optional
         Across it.
     name : str
@@ -197,48 +197,48 @@ def ride_comfort(
         raise ComfortError(
             f"'{name}': the lift does not move in this record, or does not come back to rest: give one whole ride"
         )
-    way = 1.0 if abs(speed.max()) >= abs(speed.min()) else -1.0
-    moving = _spread(np.abs(speed) > MOVING * top, int(0.5 * rate))
+    direction = 1.0 if abs(speed.max()) >= abs(speed.min()) else -1.0
+    moving = _widened(np.abs(speed) > MOVING * top, int(0.5 * rate))
     steady = np.abs(speed) > (1.0 - CONSTANT) * top
     steady &= np.abs(slow) < max(0.15 * float(np.abs(slow).max()), 1e-12)
-    steady = _settled(steady, int(FORGETS * rate), int(0.5 * rate))
-    along = way * slow
+    steady = _shortened(steady, int(SETTLING * rate), int(0.5 * rate))
+    along = direction * slow
     ramp = (np.abs(speed) > 0.05 * top) & (np.abs(speed) < 0.95 * top)
     axes = {"z": _vibration(weighted(a, rate, "Wk"), moving, steady, rate)}
-    for axis, given in (("x", a_x), ("y", a_y)):
-        if given is not None:
-            across = np.interp(t, time, np.asarray(given, dtype=float))
+    for axis, values in (("x", a_x), ("y", a_y)):
+        if values is not None:
+            across = np.interp(t, time, np.asarray(values, dtype=float))
             axes[axis] = _vibration(weighted(across - np.median(across), rate, "Wd"), moving, steady, rate)
     if rate < 200.0:
         notes.append(
-            f"{rate:.3g} samples a second: vibration above {0.4 * rate:.3g} Hz is not in the record, "
+            f"{rate:.3g} samples a second: the record has no vibration above {0.4 * rate:.3g} Hz, "
             "ISO 8041 asks for a band up to 80 Hz"
         )
     if not np.any(steady):
-        notes.append(f"the speed is never constant for longer than {FORGETS + 0.5:g} s")
+        notes.append(f"the speed is never constant for longer than {SETTLING + 0.5:g} s")
     up, down = along[ramp & (along > 0)], -along[ramp & (along < 0)]
     signals = {"time": t, "speed": speed, "slow": slow, "weighted": weighted(a, rate, "Wk"), "steady": steady}
     return RideComfort(
-        name,
-        axes["z"],
-        axes.get("x"),
-        axes.get("y"),
-        float(np.max(along, initial=0.0)),
-        float(np.max(-along, initial=0.0)),
-        float(np.quantile(up, 0.95)) if up.size else float("nan"),
-        float(np.quantile(down, 0.95)) if down.size else float("nan"),
-        _jerk(slow, rate),
-        top,
-        float(abs(np.trapezoid(speed, t))),
-        tuple(notes),
-        signals,
+        name=name,
+        z=axes["z"],
+        x=axes.get("x"),
+        y=axes.get("y"),
+        acceleration=float(np.max(along, initial=0.0)),
+        deceleration=float(np.max(-along, initial=0.0)),
+        a95_acceleration=float(np.quantile(up, 0.95)) if up.size else float("nan"),
+        a95_deceleration=float(np.quantile(down, 0.95)) if down.size else float("nan"),
+        jerk=_jerk(slow, rate),
+        speed=top,
+        distance=float(abs(np.trapezoid(speed, t))),
+        notes=tuple(notes),
+        signals=signals,
     )
 
 
 def peak_to_peak(values: np.ndarray, floor: float = FLOOR) -> np.ndarray:
-    """Return the peak-to-peak values of a signal: from each extreme to the next of other sign, one zero between them.
+    """Return the peak-to-peak values of a signal: the distances of neighbouring extremes of opposite sign.
 
-    What stays within ``floor`` of zero is no vibration: else the stillness of a ride would make its A95 small.
+    Values within ``floor`` of zero do not count as vibration; otherwise quiet parts of a ride would reduce its A95.
 
     Examples
     --------
@@ -257,14 +257,14 @@ def peak_to_peak(values: np.ndarray, floor: float = FLOOR) -> np.ndarray:
 def _vibration(values: np.ndarray, moving: np.ndarray, steady: np.ndarray, rate: float) -> Vibration:
     ride = values[moving]
     whole = peak_to_peak(ride)
-    calm = peak_to_peak(values[steady]) if np.count_nonzero(steady) > rate else np.zeros(0)
+    constant = peak_to_peak(values[steady]) if np.count_nonzero(steady) > rate else np.zeros(0)
     nan = float("nan")
     return Vibration(
-        float(whole.max()) if whole.size else nan,
-        float(np.quantile(whole, 0.95)) if whole.size else nan,
-        float(calm.max()) if calm.size else nan,
-        float(np.quantile(calm, 0.95)) if calm.size else nan,
-        float(np.sqrt(np.mean(ride**2))),
+        largest=float(whole.max()) if whole.size else nan,
+        a95=float(np.quantile(whole, 0.95)) if whole.size else nan,
+        steady_largest=float(constant.max()) if constant.size else nan,
+        steady_a95=float(np.quantile(constant, 0.95)) if constant.size else nan,
+        rms=float(np.sqrt(np.mean(ride**2))),
     )
 
 
@@ -280,13 +280,13 @@ def _even(time: np.ndarray) -> tuple[np.ndarray, float, list[str]]:
         )
     notes = []
     if steps.max() > 1.5 * usual:
-        notes.append(f"uneven sampling (longest step {1e3 * steps.max():.0f} ms) brought onto {1e3 * usual:.0f} ms")
+        notes.append(f"uneven sampling (longest step {1e3 * steps.max():.0f} ms) resampled to {1e3 * usual:.0f} ms")
     count = int(np.floor((time[-1] - time[0]) / usual + 1e-6)) + 1
     return time[0] + usual * np.arange(count), 1.0 / usual, notes
 
 
 def _resting(a: np.ndarray, rate: float) -> float:
-    """Return what the sensor reads at rest: the median of the quieter end."""
+    """Return the sensor's reading at rest: the median of the quieter end."""
     size = max(int(0.3 * rate), 5)
     ends = (a[:size], a[-size:])
     return float(np.median(min(ends, key=np.std)))
@@ -297,7 +297,7 @@ def _low_pass(a: np.ndarray, rate: float) -> np.ndarray:
 
     if rate <= 2.2 * LOW_PASS:
         return a
-    # two poles each way would cut twice: the corner is moved so that both together are 3 dB down at 10 Hz
+    # forwards and backwards the filter acts twice: the corner is shifted so that both together are 3 dB down at 10 Hz
     corner = LOW_PASS / (np.sqrt(2.0) - 1.0) ** 0.25
     if corner >= 0.45 * rate:
         return a
@@ -305,13 +305,13 @@ def _low_pass(a: np.ndarray, rate: float) -> np.ndarray:
 
 
 def _speed(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the speed, at rest at both ends, and what had to be taken off at the end for that."""
+    """Return the speed, zero at both ends, and the drift that was removed for that."""
     v = np.concatenate([[0.0], np.cumsum(0.5 * (a[1:] + a[:-1]) * np.diff(t))])
     return v - v[-1] * (t - t[0]) / (t[-1] - t[0]), float(v[-1])
 
 
-def _settled(flags: np.ndarray, after: int, before: int) -> np.ndarray:
-    """Return where flags have been set for a number of samples, and will be for another."""
+def _shortened(flags: np.ndarray, after: int, before: int) -> np.ndarray:
+    """Return flags that have been set for a number of samples and stay set for another number."""
     kept = flags.copy()
     edges = np.diff(flags.astype(int), prepend=0, append=0)
     for begin, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
@@ -320,7 +320,7 @@ def _settled(flags: np.ndarray, after: int, before: int) -> np.ndarray:
     return kept
 
 
-def _spread(flags: np.ndarray, by: int) -> np.ndarray:
+def _widened(flags: np.ndarray, by: int) -> np.ndarray:
     wide = np.convolve(flags.astype(float), np.ones(2 * by + 1), mode="same")
     return np.asarray(wide > 0.5)
 

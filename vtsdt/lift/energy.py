@@ -1,4 +1,4 @@
-"""Where the energy of a trip goes: balance by component, and the figures of González et al. 2020, Table 4."""
+"""Energy balance of a trip by component, and the energies of González et al. 2020, Table 4."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["EnergyBalance", "TripEnergy", "corrective_actions", "energy_balance"
 
 @dataclass(frozen=True)
 class TripEnergy:
-    """The figures of Table 4.
+    """The energies of Table 4.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class TripEnergy:
     E_cb : float, J
         Potential energy that cabin and counterweight give up (positive) or gain.
     E_m : float, J
-        Taken up by the machine at its shaft (positive: it brakes).
+        Absorbed by the machine at its shaft (positive: it brakes).
     """
 
     E_c: float
@@ -41,7 +41,7 @@ class TripEnergy:
 
     @property
     def eta_t(self) -> float:
-        """Overall efficiency (E_cb - E_c - E_cw) / E_cb: what the paper's six values follow to 0.01 points."""
+        """Overall efficiency (E_cb - E_c - E_cw) / E_cb; the paper's six values follow it to 0.01 points."""
         return (self.E_cb - self.E_c - self.E_cw) / self.E_cb
 
 
@@ -52,7 +52,7 @@ class EnergyBalance:
     Parameters
     ----------
     run : Trajectory
-        With the energies integrated beside the motion.
+        With the energies integrated along with the motion.
     rows : tuple of (component, quantity, kind, J)
         Kind is stored, lost or supplied.
     """
@@ -63,7 +63,7 @@ class EnergyBalance:
 
     @property
     def residual(self) -> np.ndarray:
-        """Stored plus lost minus supplied since the start, J, over time; zero but for rounding and tolerances."""
+        """Stored plus lost minus supplied since the start, J, over time; zero except for rounding and tolerances."""
         total = self.run["energy.stored"] + self.run["energy.lost"] - self.run["energy.supplied"]
         return total - total[0]
 
@@ -79,9 +79,9 @@ class EnergyBalance:
         return pandas.DataFrame(self.rows, columns=["component", "quantity", "kind", "energy [J]"])
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw what was stored, lost and supplied by component as bars; returns the figure.
+        """Draw stored, lost and supplied energy by component as bars; returns the figure.
 
-        Cabin and counterweight stand together: each alone is an order of magnitude above the rest.
+        Cabin and counterweight share a bar: each alone is an order of magnitude larger than the rest.
         """
         import matplotlib.pyplot as plt
         from matplotlib.patches import Patch
@@ -100,19 +100,19 @@ class EnergyBalance:
 
 
 def energy_balance(lift: Lift, direction: str = "up", **options: Any) -> EnergyBalance:
-    """Simulate a trip and account for its energy.
+    """Simulate a trip and return its energy balance.
 
     Parameters
     ----------
     lift : Lift
-        With drive; a model with a given friction counts that friction as lost.
+        With drive; friction that is an input counts as lost.
     direction : {"up", "down"}
     options
         Further arguments of `vtsdt.lift.trip.simulate_trip`.
     """
     system = lift.build(energy=True)
-    found = lift.trip(direction, system=system, **{"rtol": 1e-8, "atol": 1e-11, **options})
-    t = found.times
+    run = lift.trip(direction, system=system, **{"rtol": 1e-8, "atol": 1e-11, **options})
+    t = run.times
     rows: list[tuple[str, str, str, float]] = []
     for name in system.output_names:
         owner, _, quantity = name.rpartition(".")
@@ -122,16 +122,16 @@ def energy_balance(lift: Lift, direction: str = "up", **options: Any) -> EnergyB
         item = component.declarations.get(quantity)
         if isinstance(item, Power):
             kind = "lost" if item.kind == "loss" else "supplied"
-            rows.append((owner, quantity, kind, float(np.trapezoid(found[name], t))))
+            rows.append((owner, quantity, kind, float(np.trapezoid(run[name], t))))
         elif quantity.endswith("energy"):
-            entry = (owner, quantity, "stored", float(found[name][-1] - found[name][0]))
+            entry = (owner, quantity, "stored", float(run[name][-1] - run[name][0]))
             if entry not in rows:
                 rows.append(entry)
     bodies = [f"{b}.potential_energy" for b in ("cabin", "counterweight", "payload") if b in lift.components]
-    given_up = -sum(float(found[n][-1] - found[n][0]) for n in bodies)
-    losses = [float(np.trapezoid(found[f"{b}_guide.friction_loss"], t)) for b in ("cabin", "counterweight")]
-    braked = -float(np.trapezoid(found["machine.torque"] * found["pulley.speed"], t))
-    return EnergyBalance(found, tuple(rows), TripEnergy(losses[0], losses[1], given_up, braked))
+    potential = -sum(float(run[n][-1] - run[n][0]) for n in bodies)
+    losses = [float(np.trapezoid(run[f"{b}_guide.friction_loss"], t)) for b in ("cabin", "counterweight")]
+    machine = -float(np.trapezoid(run["machine.torque"] * run["pulley.speed"], t))
+    return EnergyBalance(run, tuple(rows), TripEnergy(losses[0], losses[1], potential, machine))
 
 
 def corrective_actions(
@@ -139,19 +139,19 @@ def corrective_actions(
 ) -> dict[str, TripEnergy]:
     """Return the energies of a trip up as it is, with straightened rails, with lubrication, and with both.
 
-    González et al. 2020, Table 4, simulated columns.  With the shipped bench four of the original column's
-    figures are fitted, the other columns follow.
+    González et al. 2020, Table 4, simulated columns.  With the shipped bench the original column is fitted in four
+    numbers; the other columns follow from the model.
 
     Parameters
     ----------
     threshold : float, m
-        Deviations above it are corrected to it.
+        Deviations above it are reduced to it.
     lubrication : float
         Factor on both friction coefficients.
     """
     as_is = parameters if parameters is not None else LiftParameters.bench()
     straight = as_is.straightened(threshold)
-    # tables of the same size make one structure of all four cases, which is compiled once
+    # with tables of the same size all four cases have one structure, which is compiled once
     as_is = dataclasses.replace(
         as_is, cabin_guide=as_is.cabin_guide.resampled_as(straight.cabin_guide),
         counterweight_guide=as_is.counterweight_guide.resampled_as(straight.counterweight_guide))

@@ -26,7 +26,7 @@ _LATERAL = ("x", "y")
 _ROTATIONS = ("roll", "pitch", "yaw")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Structure:
     """Which motions of a lift are free, and where its inputs come from.
 
@@ -35,16 +35,16 @@ class Structure:
     cabin_lateral, cabin_rotation : bool
         x and y, and the three rotations of the cabin.
     counterweight_lateral, counterweight_rotation : bool
-        The same of the counterweight.
+        The same for the counterweight.
     support_vertical, support_inclination : bool
         Motion of the machine's support; inclination needs the vertical motion.
     drive : bool
-        False leaves the cabin and its guides alone, with the rope's tension as input.
+        False leaves only the cabin and its guides, with the rope's tension as input.
     profile : bool
-        True makes the trip's speed reference inside the model instead of taking it as input.
+        True generates the trip's speed reference inside the model; otherwise it is an input.
     sensors : bool
-        True adds measuring chains with a gain and an offset: outputs ``sensor_omega.output`` (encoder),
-        ``sensor_i_q.output``, ``sensor_F_c.output``, ``sensor_F_cw.output``.  The accelerometer is always there.
+        True adds sensors with a gain and an offset: outputs ``sensor_omega.output`` (encoder),
+        ``sensor_i_q.output``, ``sensor_F_c.output``, ``sensor_F_cw.output``.  The accelerometer is always present.
     """
 
     cabin_lateral: bool = True
@@ -58,7 +58,7 @@ class Structure:
     sensors: bool = False
 
     def faults(self) -> list[str]:
-        """Return what does not fit together."""
+        """Return contradictions between the options."""
         if self.drive and self.support_inclination and not self.support_vertical:
             return ["support_inclination needs support_vertical: a support has three, one or no degree of freedom"]
         return []

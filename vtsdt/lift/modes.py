@@ -1,4 +1,4 @@
-"""Natural frequencies of a lift along its trip, the vertical modes told from the others by participation.
+"""Natural frequencies of a lift along its trip; vertical modes are identified by participation factors.
 
 González et al. 2020, Eq. 19 and Fig. 6.
 """
@@ -22,7 +22,7 @@ _VERTICAL = ("z", "v_z")
 _BODIES = ("cabin", "counterweight")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Modes:
     """The oscillating modes of a linearised lift, by rising frequency.
 
@@ -53,7 +53,7 @@ class Modes:
 
     @property
     def vertical(self) -> np.ndarray:
-        """True for the modes in which vertical motion takes more than half, shape (m,)."""
+        """True for modes with more than half of their participation in vertical motion, shape (m,)."""
         return self.vertical_share > 0.5
 
     def to_frame(self) -> pandas.DataFrame:
@@ -80,7 +80,7 @@ def modes_of(matrix: np.ndarray, states: tuple[str, ...], least: float = 0.5) ->
     matrix : ndarray, shape (n, n), 1/s
     states : tuple of str
     least : float, Hz
-        Slower ones are left out: they belong to the control, not to the mechanics.
+        Slower ones are left out: they belong to the control and not to the mechanics.
     """
     values, right = np.linalg.eig(matrix)
     left = np.linalg.inv(right)
@@ -88,11 +88,14 @@ def modes_of(matrix: np.ndarray, states: tuple[str, ...], least: float = 0.5) ->
     share = np.abs(right * left.T)[:, chosen].T
     mechanical = [k for k, n in enumerate(states) if n.partition(".")[0] in (*_BODIES, "pulley", "support")]
     share = share / share.sum(axis=1, keepdims=True)
-    swinging = share[:, mechanical].sum(axis=1) > 0.5
-    chosen = [k for k, keep in zip(chosen, swinging, strict=True) if keep]
-    picked = values[chosen]
-    size = np.abs(picked)
-    return Modes(size / (2 * np.pi), -picked.real / size, share[swinging], right[:, chosen].T, states)
+    is_mechanical = share[:, mechanical].sum(axis=1) > 0.5
+    chosen = [k for k, keep in zip(chosen, is_mechanical, strict=True) if keep]
+    poles = values[chosen]
+    size = np.abs(poles)
+    return Modes(
+        frequency=size / (2 * np.pi), damping=-poles.real / size, participation=share[is_mechanical],
+        shapes=right[:, chosen].T, states=states,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +126,7 @@ class ModesAlong:
     def plot(self, axes: Any = None, *, largest: float = 60.0) -> Any:
         """Draw all modes against the cable's length; returns the figure.
 
-        In axes that are given, for a second model, markers are hollow.
+        In given axes, for a second model, the markers are hollow.
         """
         import matplotlib.pyplot as plt
 
@@ -148,19 +151,19 @@ class ModesAlong:
 def modes_along_trip(lift: Lift, heights: np.ndarray | None = None) -> ModesAlong:
     """Return the modes about the state at rest at several heights (default: ten over the travel).
 
-    At rest the regularised friction is a strong damper at the shoes; `modes_along_run` takes a moving cabin.
+    At rest the regularised friction is a strong damper at the shoes; `modes_along_run` is for a moving cabin.
     """
     if heights is None:
         heights = np.linspace(0.0, lift.parameters.hoistway.travel, 10)
     heights = np.asarray(heights, dtype=float)
-    found, guess = [], None
+    modes, guess = [], None
     system = lift.system
     for h in heights:
         rest = lift.equilibrium(float(h), guess=guess or {})
-        found.append(modes_of(system.jacobian("x", 0.0, rest.state), system.state_names))
+        modes.append(modes_of(system.jacobian("x", 0.0, rest.state), system.state_names))
         lateral = [n for n in system.state_names if n.rpartition(".")[2] in ("x", "y", "roll", "pitch", "yaw")]
         guess = {n: rest[n] for n in lateral}
-    return ModesAlong(lift.name, heights, lift.parameters.ropes.L_0_c - heights, tuple(found))
+    return ModesAlong(lift.name, heights, lift.parameters.ropes.L_0_c - heights, tuple(modes))
 
 
 def modes_along_run(lift: Lift, run: Trajectory, times: np.ndarray) -> ModesAlong:

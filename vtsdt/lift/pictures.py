@@ -1,4 +1,4 @@
-"""Pictures of a lift: its graph as a diagram, a trip as a strip of plots and as an animation, mode shapes."""
+"""Pictures of a lift: diagram of its components, plots and animation of a trip, mode shapes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vtsdt.lift.modes import modes_along_trip
 from vtsdt.lift.schematic import Schematic
 
 if TYPE_CHECKING:
@@ -51,14 +52,14 @@ def diagram(model: Model, axes: Any = None) -> Any:
             axes.plot([x0 + shift, x1 + shift], [y0 + shift, y1 + shift], line, color=colour, label=label, zorder=1)
     for name in names:
         kind = type(model.components[name]).__name__ if name in model.components else ""
-        told = f"{name}\n({kind})" if kind else name
-        axes.text(*at[name], told, ha="center", va="center", fontsize=8, zorder=2,
+        label = f"{name}\n({kind})" if kind else name
+        axes.text(*at[name], label, ha="center", va="center", fontsize=8, zorder=2,
                   bbox={"boxstyle": "round", "facecolor": "white", "edgecolor": "black"})
     for name, entry in model.inputs.items():
         for target in entry.targets:
-            found = model.find(target)
-            if found is not None:
-                x, y = at[found[0]]
+            owner = model.find(target)
+            if owner is not None:
+                x, y = at[owner[0]]
                 axes.annotate(name, (x, y), (x - 0.45, y - 0.42), fontsize=8, color="dimgray",
                               arrowprops={"arrowstyle": "->", "color": "dimgray"}, zorder=1)
     axes.margins(0.15)
@@ -74,10 +75,10 @@ def _edges(model: Model) -> dict[tuple[str, str], set[str]]:
         owners = []
         domain = "signal"
         for end in connection:
-            found = model.find(end)
-            owners.append(found[0] if found else "ground")
-            if found is not None:
-                domain = getattr(found[1].declarations.get(found[2]), "domain", domain) or domain
+            port = model.find(end)
+            owners.append(port[0] if port else "ground")
+            if port is not None:
+                domain = getattr(port[1].declarations.get(port[2]), "domain", domain) or domain
         for other in owners[1:]:
             if other != owners[0]:
                 edges.setdefault((owners[0], other), set()).add(domain)
@@ -85,7 +86,7 @@ def _edges(model: Model) -> dict[tuple[str, str], set[str]]:
 
 
 def _positions(names: list[str]) -> dict[str, tuple[float, float]]:
-    """Return places: the lift's own where they are known, others on a circle around."""
+    """Return positions: those of the lift's components are fixed, others lie on a circle around them."""
     unknown = [n for n in names if n not in _PLACES]
     angles = np.linspace(0.0, 2.0 * np.pi, max(len(unknown), 1), endpoint=False)
     circle = [(2.0 + 3.2 * float(np.cos(a)), 2.0 + 2.6 * float(np.sin(a))) for a in angles]
@@ -112,13 +113,11 @@ def trip_strip(run: Trajectory) -> Any:
 
 
 def mode_shapes(lift: Lift, height: float = 0.0, *, vertical: bool = True, size: float = 0.08) -> Any:
-    """Draw mode shapes about the state at rest, seen from the front, the largest motion ``size`` m.
+    """Draw mode shapes about the state at rest in front view, the largest motion ``size`` m.
 
-    Motion along y and tilt about x (phi_A, roll) do not show from the front; the title names the strongest state.
+    Motion along y and tilt about x (phi_A, roll) are not visible in front view; the title names the strongest state.
     """
     import matplotlib.pyplot as plt
-
-    from vtsdt.lift.modes import modes_along_trip
 
     modes = modes_along_trip(lift, np.array([height])).modes[0]
     rest = lift.equilibrium(height)
@@ -129,7 +128,7 @@ def mode_shapes(lift: Lift, height: float = 0.0, *, vertical: bool = True, size:
         shape = modes.shapes[k]
         lengths = [shape[j] * _DRAWN[n] for n, j in moving.items()]
         largest = max(lengths, key=abs)
-        # turned so that the largest motion is real: the shape at its greatest amplitude
+        # rotated so that the largest motion is real: the shape at its greatest amplitude
         scaled = {n: float((shape[j] / largest).real) * size for n, j in moving.items()}
         drawing = Schematic(lift, axes, exaggeration=1.0)
         height_of = {n: rest[n] if n.endswith(".z") else 0.0 for n in moving}
@@ -140,7 +139,7 @@ def mode_shapes(lift: Lift, height: float = 0.0, *, vertical: bool = True, size:
     return figure
 
 
-#: states that are drawn, with the length in m that one unit of them moves
+#: States that are drawn, and the length in m that one unit of each moves.
 _DRAWN = {
     "cabin.x": 1.0, "cabin.z": 1.0, "cabin.pitch": 0.3, "counterweight.x": 1.0, "counterweight.z": 1.0,
     "counterweight.pitch": 0.3, "pulley.angle": 0.1, "support.plate_position": 1.0, "support.position": 1.0,
@@ -151,7 +150,7 @@ _DRAWN = {
 def animate_trip(
     lift: Lift, run: Trajectory, path: str | Path | None = None, *, frames: int = 120, exaggeration: float = 20.0
 ) -> Any:
-    """Animate a trip; with a path it is written (``.gif`` with Pillow, ``.mp4`` where ffmpeg is).
+    """Animate a trip; with a path the animation is written (``.gif`` by Pillow, ``.mp4`` by ffmpeg).
 
     Returns
     -------

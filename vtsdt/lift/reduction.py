@@ -1,4 +1,4 @@
-"""How well the reduced models follow the reference (González et al. 2020, section III-A, Fig. 5)."""
+"""The reduced models compared with the reference (González et al. 2020, section III-A, Fig. 5)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Reduction", "cabin_against_reference", "one_dimensional_against_refe
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """A reduced model beside the reference on one trip.
+    """A reduced model compared with the reference on one trip.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def _errors(reference: Trajectory, reduced: Trajectory, names: tuple[str, ...]) 
 def one_dimensional_against_reference(
     parameters: LiftParameters | None = None, direction: str = "up", **options: Any
 ) -> Reduction:
-    """Run the reference and the 1D model on the same trip, the reference's friction given to the 1D model."""
+    """Simulate the same trip with the reference and the 1D model; the reference's friction is input of the 1D model."""
     options = {"rtol": 1e-8, "atol": 1e-11, **options}
     start = 0.0 if direction == "up" else (parameters or LiftParameters.bench()).hoistway.travel
     full = Lift.reference(parameters, start=start, profile=True).trip(direction, **options)
@@ -74,9 +74,9 @@ def one_dimensional_against_reference(
 def cabin_against_reference(
     parameters: LiftParameters | None = None, direction: str = "up", **options: Any
 ) -> Reduction:
-    """Run the reference and the cabin model on the same trip, the reference's tension given to the cabin.
+    """Simulate the same trip with the reference and the cabin model; the reference's tension is input of the cabin.
 
-    The cabin alone is a free integrator: an error of 0.1 % in the tension drifts by about 0.17 m in 6 s.
+    The cabin alone is a free integrator: an error of 0.1 % in the tension makes it drift by about 0.17 m in 6 s.
     """
     options = {"rtol": 1e-8, "atol": 1e-11, **options}
     start = 0.0 if direction == "up" else (parameters or LiftParameters.bench()).hoistway.travel

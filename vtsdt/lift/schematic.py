@@ -51,17 +51,17 @@ class Schematic:
         axes.set_ylim(p.hoistway.rail_bottom - 0.1, self.top + 0.4)
 
     def _rails(self, centre: float, body: BodyParameters, guide: GuideParameters) -> None:
-        way = self.lift.parameters.hoistway
-        heights = np.linspace(way.rail_bottom, way.rail_top, 200)
+        hoistway = self.lift.parameters.hoistway
+        heights = np.linspace(hoistway.rail_bottom, hoistway.rail_top, 200)
         for sign, profile in ((-1.0, guide.left_x), (1.0, guide.right_x)):
             deviation = np.array([profile.at(h) for h in heights]) if profile else np.zeros(heights.size)
             at = centre + sign * (body.shoe_x + 0.02) - sign * self.factor * deviation
             self.axes.plot(at, heights, color="gray", linewidth=2.0)
 
     def show(self, state: Mapping[str, float], angle: float | None = None) -> list[Any]:
-        """Draw a state (by name); what the model does not have stands still.  Returns the artists."""
+        """Draw a state (by name); parts without a state in the model do not move.  Returns the artists."""
         p = self.lift.parameters
-        sunk = state.get("support.plate_position", state.get("support.position", 0.0))
+        sag = state.get("support.plate_position", state.get("support.position", 0.0))
         tilt = state.get("support.tilt_B_angle", 0.0)
         ends = []
         for side in self.sides:
@@ -75,15 +75,15 @@ class Schematic:
             corners = np.array([(-half, 0.0), (half, 0.0), (half, high), (-half, high), (0.0, body.hitch)])
             *box, hitch = np.array([x, z]) + corners @ np.array([[c, -s], [s, c]])
             self.boxes[side].set_xy(box)
-            upper = (self.centre[side], self.top + self.factor * sunk)
+            upper = (self.centre[side], self.top + self.factor * sag)
             self.ropes[side].set_data(*zip(hitch, upper, strict=True))
             ends.append(upper[0])
         middle, half = 0.5 * (min(ends) + max(ends)), 0.5 * (max(ends) - min(ends)) + 0.15
         rise = math.tan(self.factor * tilt) * half
-        height = self.top + self.factor * sunk + 0.05
+        height = self.top + self.factor * sag + 0.05
         self.plate.set_data([middle - half, middle + half], [height + rise, height - rise])
-        turned = -state.get("pulley.angle", 0.0) if angle is None else angle
+        turn = -state.get("pulley.angle", 0.0) if angle is None else angle
         self.spoke.set_data(
-            [middle, middle + p.pulley.R_p * math.sin(turned)],
-            [height + 0.1, height + 0.1 + p.pulley.R_p * math.cos(turned)])
+            [middle, middle + p.pulley.R_p * math.sin(turn)],
+            [height + 0.1, height + 0.1 + p.pulley.R_p * math.cos(turn)])
         return [*self.boxes.values(), *self.ropes.values(), self.plate, self.spoke]

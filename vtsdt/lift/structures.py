@@ -1,4 +1,4 @@
-"""Which structures a lift can have and how many states each has; ``python -m vtsdt.lift.structures`` prints them."""
+"""Structures of a lift with their numbers of states; ``python -m vtsdt.lift.structures`` prints them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["StructureRow", "structure_table", "table_text"]
 
 @dataclass(frozen=True)
 class StructureRow:
-    """A structure: how it is made, its number of states and its inputs."""
+    """A structure: the call that makes it, its number of states and its inputs."""
 
     name: str
     made_by: str
@@ -38,12 +38,12 @@ _CASES: tuple[tuple[str, str, dict[str, bool]], ...] = (
 
 
 def structure_table() -> list[StructureRow]:
-    """Return the structures with their state counts, each from the assembled model."""
+    """Return the structures with their numbers of states, from the assembled models."""
     rows = []
     for name, method, options in _CASES:
         system = getattr(Lift, method)(**options).system
-        told = ", ".join(f"{k}={v}" for k, v in options.items())
-        rows.append(StructureRow(name, f"Lift.{method}({told})", len(system.states), tuple(system.input_names)))
+        arguments = ", ".join(f"{k}={v}" for k, v in options.items())
+        rows.append(StructureRow(name, f"Lift.{method}({arguments})", len(system.states), tuple(system.input_names)))
     return rows
 
 

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 __all__ = ["check_reference", "simulate_trip", "state_at_rest"]
 
 _G = 9.80665
-_SETTLING, _SETTLINGS = 2.0, 3  # s of standstill, and how often, in which shoes find their place between the rails
-_SLACK = 0.02  # m by which a reference may pass the ends of the travel
+#: Simulated standstill in which the shoes settle between the rails, s, and how often it is tried.
+_SETTLING, _TRIES = 2.0, 3
+_MARGIN = 0.02  # m by which a reference may exceed the ends of the travel
 
 
 def state_at_rest(
@@ -33,10 +34,9 @@ def state_at_rest(
 ) -> Equilibrium:
     """Return the state at rest with the cabin at a height.
 
-    Every model starts from its own equilibrium: the brake's place is that of the pulley, whose angle is held;
-    the motor current that keeps it there is found with the rest.  Shoes that have play between bent rails can leave
-    Newton's method without a way; the lift is then simulated at a standstill until it hangs still, and the search
-    goes on from there.
+    Every model starts from its own equilibrium: the pulley's angle is held, and the motor current that holds it is
+    solved for with the other states.  With shoes that have play between bent rails Newton's method can fail; the lift
+    is then simulated at standstill until it is at rest, and the search starts again from there.
 
     Parameters
     ----------
@@ -47,44 +47,44 @@ def state_at_rest(
         The lift built with other options; default: ``lift.system``.
     hold : sequence of str
         Further states that keep their guess, such as the deflection of a friction with elastic displacement: any value
-        of it is one at rest, and the motor's current shall balance the lift.
+        of it is an equilibrium, and the motor's current is to balance the lift.
     options
         Further arguments of `multibody.system.equilibrium.equilibrium`, such as ``parameters``.
 
     Raises
     ------
     SimulationError
-        If there is none near.
+        If there is none close to the guess.
     """
     height = lift.start if height is None else float(height)
     p, system = lift.parameters, system or lift.system
     guess = dict(options.pop("guess", {}))
     inputs = dict(options.pop("inputs", {}))
     load = (lift.payload[0] if lift.payload else 0.0) + p.cabin.mass
-    whole = p.ropes.EA * p.ropes.n
-    moved = height - lift.start
-    drop_c = load * _G * (p.ropes.L_0_c - height) / whole
-    drop_cw = p.counterweight.mass * _G * (p.ropes.L_0_cw + height) / whole
-    sunk = (load + p.counterweight.mass + p.support.mass) * _G / (4.0 * p.support.stiffness)
+    stiffness = p.ropes.EA * p.ropes.n
+    distance = height - lift.start
+    drop_c = load * _G * (p.ropes.L_0_c - height) / stiffness
+    drop_cw = p.counterweight.mass * _G * (p.ropes.L_0_cw + height) / stiffness
+    sag = (load + p.counterweight.mass + p.support.mass) * _G / (4.0 * p.support.stiffness)
     if not lift.structure.drive:
-        # a tension that is a little off must not be balanced by tilting the cabin: its fall is left free
+        # a slightly wrong tension must not be balanced by tilting the cabin: its vertical acceleration is left free
         inputs.setdefault("F_c", load * _G)
-        guess.setdefault("cabin.z", height - drop_c - sunk)
-        return _still(system, guess, inputs, ("cabin.z", "cabin.v_z", *hold), options)
+        guess.setdefault("cabin.z", height - drop_c - sag)
+        return _settled(system, guess, inputs, ("cabin.z", "cabin.v_z", *hold), options)
     guesses = {
-        "cabin.z": height - drop_c - sunk, "counterweight.z": p.hoistway.travel - height - drop_cw - sunk,
-        "pulley.angle": -moved / p.pulley.R_p, "support.plate_position": -sunk, "support.position": -sunk,
+        "cabin.z": height - drop_c - sag, "counterweight.z": p.hoistway.travel - height - drop_cw - sag,
+        "pulley.angle": -distance / p.pulley.R_p, "support.plate_position": -sag, "support.position": -sag,
     }
     guess = {**{k: v for k, v in guesses.items() if k in system.state_names}, **guess}
-    return _still(system, guess, inputs, ("pulley.angle", *hold), options)
+    return _settled(system, guess, inputs, ("pulley.angle", *hold), options)
 
 
-def _still(
+def _settled(
     system: System, guess: Mapping[str, float], inputs: Mapping[str, float], hold: tuple[str, ...], options: Any
 ) -> Equilibrium:
-    """Return the state at rest, by simulating until all hangs still where the guess alone does not lead to it."""
+    """Return the state at rest; where the guess does not lead to it, simulate a standstill first."""
     known = dict(guess)
-    for _ in range(_SETTLINGS):
+    for _ in range(_TRIES):
         try:
             return system.equilibrium(guess=known, inputs=inputs, hold=hold, **options)
         except SimulationError:
@@ -97,13 +97,13 @@ def _still(
 
 
 def check_reference(lift: LiftModel, times: np.ndarray, omega: np.ndarray, height: float) -> None:
-    """Refuse a speed reference that leaves the hoistway or uses up the rope.
+    """Refuse a speed reference that leaves the hoistway or needs more rope than there is.
 
     Parameters
     ----------
     times, omega : ndarray, s and rad/s
     height : float, m
-        Where the cabin starts.
+        Start of the cabin.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def check_reference(lift: LiftModel, times: np.ndarray, omega: np.ndarray, heigh
             faults.append(
                 f"the rope on the {side}'s side has no length left at {times[np.argmax(short)]:.3f} s, where the "
                 f"reference takes the cabin to {at[np.argmax(short)]:.3f} m")
-    for name, outside in (("top", at > p.hoistway.travel + _SLACK), ("bottom", at < -_SLACK)):
+    for name, outside in (("top", at > p.hoistway.travel + _MARGIN), ("bottom", at < -_MARGIN)):
         if np.any(outside):
             k = int(np.argmax(outside))
             end = p.hoistway.travel if name == "top" else 0.0
@@ -143,18 +143,18 @@ def simulate_trip(
     ----------
     lift : LiftModel
     direction : {"up", "down"}
-        Way of the reference that is made when ``inputs`` has no omega_ref.
+        Of the speed reference that is used if ``inputs`` has no omega_ref.
     inputs : mapping, optional
         Model inputs by name, as for `multibody.system.simulate.simulate`: omega_ref, tau_L, friction_c, friction_cw,
         F_c.
     step : float, s
         Of the record.
     height : float, m, optional
-        Where the cabin starts; default: at the end from which the direction leads away.
+        Start of the cabin; default: the end of the hoistway from which the trip leads away.
     guess : mapping, optional
-        States from which the state at rest is sought; the cabin model keeps the ``cabin.z`` given here.
+        Initial guess of the state at rest; the cabin model keeps its ``cabin.z``.
     system : System, optional
-        What is simulated; default: ``lift.system``.  With ``lift.build(energy=True)`` losses are integrated.
+        The compiled lift; default: ``lift.system``.  With ``lift.build(energy=True)`` losses are integrated.
     options
         Further arguments of `multibody.system.simulate.simulate`.
 
@@ -189,7 +189,7 @@ def _first(value: Any) -> float:
 
 
 def _sampled(omega: Any, until: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a reference given as number, function or samples on a grid fine enough to say when something happens."""
+    """Return a reference, given as number, function or samples, on a grid of 1 ms."""
     times = np.arange(int(until / 1e-3) + 2) * 1e-3
     if callable(omega):
         return times, np.array([omega(t) for t in times])
@@ -197,5 +197,5 @@ def _sampled(omega: Any, until: float) -> tuple[np.ndarray, np.ndarray]:
         return times, np.full(times.size, float(omega))
     given, values = (np.asarray(part, dtype=float) for part in omega)
     if given.ndim != 1 or given.shape != values.shape or given.size == 0 or np.any(np.diff(given) <= 0):
-        return times, np.zeros(times.size)  # refused with its reason when the simulation takes the input
+        return times, np.zeros(times.size)  # the simulation refuses it with the reason
     return times, np.interp(times, given, values)

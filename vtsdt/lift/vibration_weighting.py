@@ -24,7 +24,7 @@ class Weighting:
     f_3, f_4, q_4 : float
         Transition from acceleration to velocity.
     f_5, q_5, f_6, q_6 : float
-        Upward step; infinite frequencies leave it out.
+        Upward step; left out with infinite frequencies.
     """
 
     f_1: float
@@ -64,10 +64,10 @@ WEIGHTINGS = {
 
 
 def weighted(values: np.ndarray, rate: float, weighting: str = "Wk") -> np.ndarray:
-    """Return a signal as the weighting lets it through.
+    """Return the weighted signal.
 
-    The response of ISO 8041 is applied exactly, phase included, by Fourier transform; the signal counts as being at
-    its first value before it begins.
+    The response of ISO 8041 is applied exactly, including phase, by Fourier transform; before its start the signal is
+    assumed to have its first value.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def weighted(values: np.ndarray, rate: float, weighting: str = "Wk") -> np.ndarr
     1.04
     """
     x = np.asarray(values, dtype=float)
-    pad = max(int(10.0 * rate), 16)  # the high-pass at 0.4 Hz forgets within this time
+    pad = max(int(10.0 * rate), 16)  # the high-pass at 0.4 Hz settles within this time
     whole = np.concatenate([np.full(pad, x[0]), x, np.full(pad, x[-1])]) - x[0]
     frequency = np.fft.rfftfreq(whole.size, 1.0 / rate)
     response = WEIGHTINGS[weighting].response(frequency)
