@@ -1,4 +1,4 @@
-"""The virtual lift: repeatable files, what is hidden and not told, and models that the studies build."""
+"""The virtual lift: reproducible files, hidden effects that stay hidden, and models that the studies build."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ def test_same_seed_same_bytes_and_another_seed_others(plain: Path, tmp_path: Pat
     assert {n for n in here if here[n] == other[n]} == {"study.toml"}
 
 
-def test_study_and_readme_do_not_tell_what_is_hidden(plain: Path, hidden: Path) -> None:
+def test_study_and_readme_do_not_reveal_what_is_hidden(plain: Path, hidden: Path) -> None:
     here, there = _files(plain.parent), _files(hidden.parent)
     assert {n for n in here if here[n] == there[n]} == {"study.toml", "README.md"}
-    told = (here["README.md"] + here["study.toml"]).decode().lower()
-    assert not [kind for kind in kinds() if kind in told]
-    assert "these data are synthetic" in told
+    text = (here["README.md"] + here["study.toml"]).decode().lower()
+    assert not [kind for kind in kinds() if kind in text]
+    assert "these data are synthetic" in text
 
 
 def test_truth_holds_effects_rails_and_parameters(hidden: Path) -> None:
@@ -172,10 +172,10 @@ def test_trips_stay_in_the_hoistway_and_come_to_rest() -> None:
     assert down.height - p.pulley.R_p * down.angle[-1] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_bad_settings_are_told_together() -> None:
-    with pytest.raises(BenchError) as told:
+def test_faults_of_settings_are_reported_together() -> None:
+    with pytest.raises(BenchError) as refused:
         LiftRig(under_test="cabins", loads=(50.0,), trips=1, duration=4.0)
-    assert len(told.value.faults) == 5
+    assert len(refused.value.faults) == 5
     with pytest.raises(BenchError, match="only the 1D model takes a load"):
         LiftRig(under_test="reference", loads=(2.0,))
     with pytest.raises(ParameterError, match=r"no rail 'cabin\.top'"):

@@ -1,4 +1,4 @@
-"""Cabin and counterweight: a rigid body with four guide shoes, a rope hitch, and places for load and sensors."""
+"""Cabin and counterweight: a rigid body with four guide shoes, a rope hitch, and frames for load and sensors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Car(RigidBody):
 
 
 class Accelerometer(Component):
-    """A vertical accelerometer on the cabin's floor: it feels tilt, and has a gain and an offset.
+    """A vertical accelerometer on the cabin's floor: sensitive to tilt, with a gain and an offset.
 
     Its mounting angles are the body's parameters ``accelerometer_roll`` and ``accelerometer_pitch``.
     """
@@ -33,15 +33,15 @@ class Accelerometer(Component):
     frame = Frame("where it sits")
     gain = Parameter(1.0, "", "factor; 1 is right")
     offset = Parameter(0.0, "m/s**2", "reading at rest")
-    reading = Output("m/s**2", "acceleration along its own axis, gravity taken off")
+    reading = Output("m/s**2", "acceleration along its own axis, without gravity")
 
     def equations(self):
-        felt = (
+        specific_force = (
             self.frame.r13 * (self.frame.ax - self.frame.gx)
             + self.frame.r23 * (self.frame.ay - self.frame.gy)
             + self.frame.r33 * (self.frame.az - self.frame.gz)
         )
-        self.reading = self.gain * (felt + self.frame.gz) + self.offset
+        self.reading = self.gain * (specific_force + self.frame.gz) + self.offset
 
 
 class Hoist(Component):

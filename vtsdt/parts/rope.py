@@ -86,23 +86,23 @@ class Ropes(Component):
         rate = self.R_p * self.axis.speed
         self.L_c = self.L_0_c + paid_out
         self.L_cw = self.L_0_cw - paid_out
-        whole = self.EA * self.n
-        self.K_c = whole / self.L_c
-        self.K_cw = whole / self.L_cw
+        stiffness = self.EA * self.n
+        self.K_c = stiffness / self.L_c
+        self.K_cw = stiffness / self.L_cw
         self.m_c = self.lambda_m * self.L_c
         self.m_cw = self.lambda_m * self.L_cw
         self.cabin.fx, self.cabin.fy, self.cabin.fz, self.F_c, e_c, heat_c = rope(
             self.cabin.px, self.cabin.py, self.cabin.pz, self.cabin.vx, self.cabin.vy, self.cabin.vz,
-            self.H_c + self.rim.position, self.rim.velocity, self.L_c, rate, whole, self.damping)
+            self.H_c + self.rim.position, self.rim.velocity, self.L_c, rate, stiffness, self.damping)
         self.counterweight.fx, self.counterweight.fy, self.counterweight.fz, self.F_cw, e_cw, heat_cw = rope(
             self.counterweight.px, self.counterweight.py, self.counterweight.pz,
             self.counterweight.vx, self.counterweight.vy, self.counterweight.vz,
-            self.H_cw + self.rim.position, self.rim.velocity, self.L_cw, -rate, whole, self.damping)
+            self.H_cw + self.rim.position, self.rim.velocity, self.L_cw, -rate, stiffness, self.damping)
         fall = -self.cabin.gz
         self.F_c_pulley = self.F_c + self.m_c * fall
         self.F_cw_pulley = self.F_cw + self.m_cw * fall
         self.axis.torque = self.R_p * (self.F_c_pulley - self.F_cw_pulley)
-        # of a slightly inclined rope only the vertical part moves the support
+        # of a slightly inclined rope only the vertical component acts on the support
         self.rim.force = -(self.cabin.fz + self.counterweight.fz + (self.m_c + self.m_cw) * fall)
         self.energy = e_c + e_cw
         self.weight_energy = fall * (

@@ -1,6 +1,6 @@
 """The models under test of the virtual lift: a lift at rest whose payload is a recorded signal.
 
-A study file names `build` as ``build = "vtsdt.rig.models:build"``.
+A study file refers to `build` as ``build = "vtsdt.rig.models:build"``.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from vtsdt.files.parameters import LiftParameters, ParameterError
 from vtsdt.files.rail_profile import RailProfile
 from vtsdt.lift.lift import Lift
 
-__all__ = ["MODELS", "WeighedLoad", "build", "weigh", "with_rails"]
+__all__ = ["MODELS", "WeighedLoad", "add_weighed_load", "build", "with_rails"]
 
-#: What ``vtsdt bench lift --model`` can put under test.
+#: Models that ``vtsdt bench lift --model`` offers.
 MODELS = ("one_dimensional", "reference", "cabin")
 
 
 class WeighedLoad(Component):
-    """A payload in the middle of the floor whose mass is a signal, as a weighing floor reports it."""
+    """A payload in the middle of the floor whose mass is a signal, as a weighing floor measures it."""
 
     g = Parameter(9.80665, "m/s**2", "acceleration of free fall")
     mass = Input("kg", "mass of the load", default=0.0)
@@ -50,27 +50,27 @@ def with_rails(parameters: LiftParameters, rails: Mapping[str, Mapping[str, Sequ
     Raises
     ------
     ParameterError
-        With every rail that does not exist or whose table does not fit.
+        With every rail that does not exist and every invalid table.
     """
     names = ("left_x", "right_x", "left_y", "right_y")
     faults: list[str] = []
-    found: dict[str, dict[str, Any]] = {s: dict.fromkeys(names) for s in ("cabin", "counterweight")}
+    profiles: dict[str, dict[str, Any]] = {s: dict.fromkeys(names) for s in ("cabin", "counterweight")}
     for key, table in rails.items():
         side, _, name = key.partition(".")
-        if side not in found or name not in names:
+        if side not in profiles or name not in names:
             faults.append(f"there is no rail '{key}': name one such as 'cabin.right_x' or 'counterweight.left_y'")
             continue
         height, delta = list(table.get("height_m", ())), list(table.get("delta_mm", ()))
         if len(height) < 2 or len(height) != len(delta):
             faults.append(f"rail '{key}': needs height_m and delta_mm, two lists of one length, two points or more")
             continue
-        found[side][name] = RailProfile(tuple(map(float, height)), tuple(1e-3 * float(d) for d in delta))
+        profiles[side][name] = RailProfile(tuple(map(float, height)), tuple(1e-3 * float(d) for d in delta))
     if faults:
         raise ParameterError("rails", faults)
     return dataclasses.replace(
         parameters,
-        cabin_guide=dataclasses.replace(parameters.cabin_guide, **found["cabin"]),
-        counterweight_guide=dataclasses.replace(parameters.counterweight_guide, **found["counterweight"]),
+        cabin_guide=dataclasses.replace(parameters.cabin_guide, **profiles["cabin"]),
+        counterweight_guide=dataclasses.replace(parameters.counterweight_guide, **profiles["counterweight"]),
     )
 
 
@@ -84,16 +84,16 @@ def build(
     Parameters
     ----------
     model : {"one_dimensional", "reference", "cabin"}
-        The 1D model takes payload and guide friction as recorded signals; the others know their rails.
+        The 1D model takes payload and guide friction as recorded signals; the others have rail profiles.
     parameters : str, optional
         Parameter file of the lift; default: the shipped bench.
     rails : mapping, optional
-        As surveyed; see `with_rails`.
+        Surveyed profiles; see `with_rails`.
 
     Raises
     ------
     ParameterError
-        If there is no such model or a rail does not fit.
+        If there is no such model, or a rail is invalid.
 
     Examples
     --------
@@ -113,12 +113,12 @@ def build(
     lift = make[model](given)
     resting = lift.at_rest()
     if model == "one_dimensional":
-        weigh(resting)
+        add_weighed_load(resting)
     return resting
 
 
-def weigh(lift: Model) -> None:
-    """Give a lift a payload whose mass is the input ``payload``."""
+def add_weighed_load(lift: Model) -> None:
+    """Add a payload whose mass is the input ``payload``."""
     load = lift.add("payload", WeighedLoad())
     lift.connect(load.floor, "cabin.z_axis")
     lift.input("payload", load.mass, default=0.0)

@@ -1,4 +1,4 @@
-"""Parts that the virtual lift has and no model under test: the loss torque of its gear, and what disturbs it."""
+"""What the virtual lift has and no model under test: the loss torque of its gear, and a disturbing force."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from multibody.declare.component import Component
 from multibody.declare.declarations import Output, Parameter, Power, Rotation
 from multibody.machine.model import Model
 
-__all__ = ["GearLoss", "disturbed", "dressed"]
+__all__ = ["GearLoss", "with_disturbance", "with_gear_loss"]
 
 
 class GearLoss(Component):
@@ -38,8 +38,8 @@ class GearLoss(Component):
         self.loss = -self.torque * speed
 
 
-def disturbed(model: Model) -> Model:
-    """Return a lift with a force on the cabin that no model knows."""
+def with_disturbance(model: Model) -> Model:
+    """Return a lift with a disturbing force on the cabin."""
     from multibody.library import ForceSource
 
     rig = model.copy()
@@ -49,13 +49,13 @@ def disturbed(model: Model) -> Model:
     return rig
 
 
-def dressed(model: Model, regularisation: float) -> Model:
-    """Return the true lift with what only the rig has: loss of the gear, a force that disturbs."""
-    rig = disturbed(model)
+def with_gear_loss(model: Model, regularisation: float) -> Model:
+    """Return the true lift with the losses of the gear and a disturbing force."""
+    rig = with_disturbance(model)
     loss = rig.add("gear_loss", GearLoss())
     rig.connect(loss.axis, "pulley.axis")
     rig.connect(loss.support, "pulley.support")
-    fades = {
+    fading_speeds = {
         f"{g}.v_s": regularisation * rig.components[g].values["v_s"] for g in ("cabin_guide", "counterweight_guide")
     }
-    return rig.with_values(fades)
+    return rig.with_values(fading_speeds)

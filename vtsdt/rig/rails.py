@@ -14,7 +14,7 @@ __all__ = ["RailSpectrum", "draw_rails", "rail_tables"]
 
 @dataclass(frozen=True)
 class RailSpectrum:
-    """How far rails deviate from straight, and over which length.
+    """Spectrum of the deviation of rails from straight.
 
     The deviation is a stationary Gaussian process over height with the spectrum of Matérn's class at ν = 3/2, flat
     below the wave number √3/length and falling with the fourth power above it, sampled every ``step``.
@@ -22,9 +22,9 @@ class RailSpectrum:
     Parameters
     ----------
     mean : float, m
-        Mean deviation of the right rails towards the body: with less than twice the clearance the shoes hardly press.
+        Mean deviation of the right rails towards the body; below twice the clearance the shoes hardly press.
     rms_x, rms_y : float, m
-        Root mean square about the mean, in the rails' plane and across it.
+        Root mean square about the mean, in the plane of the rails and perpendicular to it.
     length : float, m
         Correlation length.
     step : float, m
@@ -41,32 +41,32 @@ class RailSpectrum:
 def draw_rails(parameters: LiftParameters, spectrum: RailSpectrum, rng: np.random.Generator) -> dict[str, RailProfile]:
     """Return a profile for each rail and direction, by ``"cabin.right_x"`` and so on.
 
-    Deviations are cut at 0.8 times the depth of the shoe's slot.
+    Deviations are clipped at 0.8 times the depth of the shoe's slot.
 
     Parameters
     ----------
     parameters : LiftParameters
-        Says how high the rails are and how deep the slots.
+        Height of the rails and depth of the slots.
     spectrum : RailSpectrum
     rng : Generator
     """
     way = parameters.hoistway
     count = int(np.ceil((way.rail_top - way.rail_bottom) / spectrum.step)) + 1
     heights = np.linspace(way.rail_bottom, way.rail_top, count)
-    apart = np.abs(heights[:, None] - heights[None, :]) * np.sqrt(3.0) / spectrum.length
-    factor = np.linalg.cholesky((1.0 + apart) * np.exp(-apart) + 1e-9 * np.eye(count))
-    found = {}
+    distance = np.abs(heights[:, None] - heights[None, :]) * np.sqrt(3.0) / spectrum.length
+    factor = np.linalg.cholesky((1.0 + distance) * np.exp(-distance) + 1e-9 * np.eye(count))
+    profiles = {}
     for side in ("cabin", "counterweight"):
         gap = 0.8 * (parameters.cabin_guide if side == "cabin" else parameters.counterweight_guide).gap
         for name in ("left_x", "right_x", "left_y", "right_y"):
             size = spectrum.rms_x if name.endswith("x") else spectrum.rms_y
             mean = spectrum.mean if name == "right_x" else 0.0
             drawn = mean + size * (factor @ rng.standard_normal(count))
-            found[f"{side}.{name}"] = RailProfile(
+            profiles[f"{side}.{name}"] = RailProfile(
                 tuple(map(float, np.round(heights, 6))),
                 tuple(map(float, np.round(np.clip(drawn, -gap, gap), 8))),
             )
-    return found
+    return profiles
 
 
 def rail_tables(profiles: dict[str, RailProfile]) -> dict[str, dict[str, list[float]]]:

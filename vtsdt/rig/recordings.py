@@ -41,11 +41,11 @@ def make_lift(
     hide : sequence of str
         ``KIND`` or ``KIND@WHERE``.
     rig : LiftRig, optional
-        All settings at once; otherwise ``settings`` go to `LiftRig`.
+        The rig; otherwise it is made from ``settings``.
     parameter_file : str, optional
-        A lift of one's own; default: the shipped bench.
+        Parameters of another lift; default: the shipped bench.
     command : str
-        Said in the README.
+        For the README.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def make_lift(
     Raises
     ------
     BenchError
-        With everything that is not possible.
+        With every impossible setting.
     """
     if Path(out).is_file():
         check_folder(out)
@@ -78,7 +78,7 @@ def make_lift(
 
 
 def drawn_spectrum(rig: LiftRig) -> RailSpectrum:
-    """Return how badly the guides of a configuration are set: mean 1.4 to 2.6 mm, unevenness 0.2 to 0.6 mm."""
+    """Return the spectrum of a configuration's guides: mean 1.4 to 2.6 mm, unevenness 0.2 to 0.6 mm."""
     rng = rig.stream(4)
     return RailSpectrum(mean=float(rng.uniform(1.4e-3, 2.6e-3)), rms_x=float(rng.uniform(0.2e-3, 0.6e-3)))
 
@@ -93,7 +93,7 @@ def make_configurations(
     command: str = "",
     progress: Progress = silent,
 ) -> list[Path]:
-    """Write recordings of one lift whose guides were set several times, each in a folder of its own.
+    """Write recordings of one lift with several settings of its guides, each in its own folder.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def make_configurations(
     count : int
         Configurations; the paper has 14.
     rig : LiftRig, optional
-        Settings of all; default: ten trips from end to end at 1 kHz.
+        Settings of all configurations; default: ten trips from end to end at 1 kHz.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """The virtual lift: a rig of the scaled lift bench with 37 states, richer than any model under test.
 
-Its guides are misaligned, its gear loses torque, its load changes from trip to trip, its parameters are not the nominal
-ones, a force disturbs it, and what is recorded went through sensors and a logger.
+Its guides are misaligned, its gear has losses, its load changes from trip to trip, its parameters differ from the
+nominal ones, a force disturbs it, and the recordings pass through sensors and a logger.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from multibody.machine.model import Model, System
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.lift import Lift
 from vtsdt.rig.models import MODELS, build, with_rails
-from vtsdt.rig.parts import dressed
+from vtsdt.rig.parts import with_gear_loss
 from vtsdt.rig.rails import RailSpectrum, draw_rails, rail_tables
 from vtsdt.rig.trips import CYCLE, ReferenceTrip, draw_trip, express
 
@@ -35,7 +35,7 @@ __all__ = ["BEFORE", "SENSED", "LiftRig", "seen_by", "sources"]
 
 #: Time under control before a record, s.
 BEFORE = 1.0
-#: Standard deviation of the accelerometer's offset, m/s²; every model under test knows that it has one.
+#: Standard deviation of the accelerometer's offset, m/s²; every study estimates it.
 ACCELEROMETER_OFFSET = 0.03
 
 #: Streams of random numbers.
@@ -75,8 +75,8 @@ _FREE = {
     ),
     "cabin": ("cabin.z", *(f"cabin.{n}" for n in _BODY)),
 }  # fmt: skip
-# Across the rails cabin and counterweight start where they rest.  As free starts these ten hide in dry friction that
-# sticks: fits then took three times as long and ended higher.
+# Laterally, cabin and counterweight start at rest.  As free initial states these ten are hidden by sticking friction:
+# fits then took three times as long and ended with a larger misfit.
 _FREE["reference"] = _FREE["one_dimensional"]
 #: Parameter, its standard deviation as a share of its nominal value, smallest value, unit.
 _ONE = (
@@ -89,7 +89,7 @@ _ONE = (
     ("machine.K_T", 0.013, 0.1, "N*m/A"),
 )
 _GUIDES = (("cabin_guide.mu", 0.07, 0.0, ""), ("cabin_guide.stiffness", 0.04, 1e3, "N/m"))
-# Nobody knows the speed at which friction fades: the rig's is `regularisation` times the model's.
+# The speed at which friction fades is unknown: the rig's is `regularisation` times the model's.
 _FADES = (("cabin_guide.v_s", 0.25, 1e-3, "m/s"), ("counterweight_guide.v_s", 0.25, 1e-3, "m/s"))
 _UNCERTAIN = {
     "one_dimensional": _ONE,
@@ -100,24 +100,24 @@ _UNCERTAIN = {
 
 @dataclass(frozen=True)
 class LiftRig(Rig):
-    """How the rig of the lift is run; see `discrepancy.rigs.rig.Rig` for the other settings.
+    """Settings of the lift's rig; see `discrepancy.rigs.rig.Rig` for the other settings.
 
     Parameters
     ----------
     under_test : {"one_dimensional", "reference", "cabin"}
-        Model that the study builds; the rig itself always has all 37 states.
+        Model of the study; the rig itself always has 37 states.
     parameters : LiftParameters
-        Nominal; rails that it has as tables are used where ``rails`` is None.
+        Nominal; their rail profiles are used where ``rails`` is None.
     rails : RailSpectrum or None
-        From what the rails are drawn; None: as ``parameters`` has them.
+        Spectrum from which the rails are drawn; None: the rails of ``parameters``.
     loads : tuple of float, kg
-        Payloads that come in turn; only the 1D model takes a load as a signal.
+        Payloads, used in turn; only the 1D model has the load as a signal.
     only_express : bool
-        All trips from end to end, up and down in turn, as on the paper's bench.
+        All trips from end to end, up and down alternately, as on the paper's bench.
     sensor_noise : mapping of str to float
-        Standard deviation in place of the usual one, SI, by signal (`SENSED`).
+        Standard deviation instead of the usual one, SI, by signal (`SENSED`).
     configuration : int
-        Of the guides: another number is the same lift with other guides, other trips and other disturbances.
+        Of the guides; another number is the same lift with other guides, trips and disturbances.
     """
 
     trips: int = 10
@@ -135,7 +135,7 @@ class LiftRig(Rig):
     machine: ClassVar[str] = "lift"
     prefer: ClassVar[tuple[str, ...]] = ("cabin.z", "F_c", "omega_ref")
     at: ClassVar[str] = "cabin.z"
-    #: Shows clearly beside a disturbance of 1 N.
+    #: Clearly visible with a disturbance of 1 N.
     force: ClassVar[float] = 6.0
     visible: ClassVar[Mapping[str, float]] = {
         "omega_ref": 0.02, "tau_L": 0.1, "friction_c": 2.0, "friction_cw": 2.0, "payload": 0.2, "omega": 0.02,
@@ -144,24 +144,24 @@ class LiftRig(Rig):
     }  # fmt: skip
 
     def faults(self) -> list[str]:
-        """Return what is wrong with the settings."""
-        found = super().faults()
+        """Return the faults of the settings."""
+        faults = super().faults()
         if self.under_test not in MODELS:
-            found.append(f"--model {self.under_test}: give one of {', '.join(MODELS)}")
+            faults.append(f"--model {self.under_test}: give one of {', '.join(MODELS)}")
         if any(not (np.isfinite(m) and 0.0 <= m <= 20.0) for m in self.loads):
-            found.append(f"loads are {', '.join(f'{m:g}' for m in self.loads)} kg: give 0 to 20 kg")
+            faults.append(f"loads are {', '.join(f'{m:g}' for m in self.loads)} kg: give 0 to 20 kg")
         if self.under_test != "one_dimensional" and any(self.loads):
-            found.append(
+            faults.append(
                 f"loads of {', '.join(f'{m:g}' for m in self.loads)} kg: only the 1D model takes a load as a signal; "
                 "leave --loads out"
             )
         if unknown := [n for n in self.sensor_noise if n not in _CHANNELS]:
-            found.append(f"sensor_noise names {', '.join(unknown)}: there are {', '.join(_CHANNELS)}")
+            faults.append(f"sensor_noise names {', '.join(unknown)}: there are {', '.join(_CHANNELS)}")
         if self.duration < self.parameters.trip.duration - 0.5:
-            found.append(
+            faults.append(
                 f"duration is {self.duration:g} s: a trip from end to end takes {self.parameters.trip.duration:g} s"
             )
-        return found
+        return faults
 
     def stream(self, number: int) -> np.random.Generator:
         """Return random numbers for one purpose; true parameters and sensors are the same in all configurations."""
@@ -173,12 +173,12 @@ class LiftRig(Rig):
 
     @property
     def model(self) -> Model:
-        """The model under test; the reference and the cabin know the rails as they are."""
+        """The model under test; reference and cabin model have the true rails."""
         return build(self.under_test, **self.model_arguments)
 
     @property
     def model_arguments(self) -> dict[str, Any]:
-        """Arguments of `vtsdt.rig.models.build` beside the model's name."""
+        """Arguments of `vtsdt.rig.models.build` besides the model's name."""
         return {} if self.under_test == "one_dimensional" else {"rails": rail_tables(self.profiles)}
 
     @cached_property
@@ -192,7 +192,7 @@ class LiftRig(Rig):
 
     @property
     def payloads(self) -> tuple[float, ...]:
-        """Payloads in turn, kg."""
+        """Payloads, used in turn, kg."""
         return self.loads or ((0.0, 2.0, 4.0) if self.under_test == "one_dimensional" else (0.0,))
 
     @property
@@ -209,22 +209,24 @@ class LiftRig(Rig):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """What is recorded: everything, whatever the model under test takes of it."""
+        """All recorded channels, independent of the model under test."""
         return tuple(dataclasses.replace(c, noise=self.sensor_noise.get(n, c.noise)) for n, c in _CHANNELS.items())
 
     @property
     def uncertain(self) -> tuple[UncertainParameter, ...]:
-        """What calibration may move, with the priors from which the true values are drawn."""
-        found = []
+        """Parameters that calibration may change, with the priors from which the true values are drawn."""
+        parameters = []
         for name, share, low, unit in _UNCERTAIN[self.under_test]:
             section, key = _section(name)
             value = float(getattr(getattr(self.parameters, section), key))
-            found.append(UncertainParameter(name=name, value=value, std=share * value, min=low, max=np.inf, unit=unit))
-        return tuple(found)
+            parameters.append(
+                UncertainParameter(name=name, value=value, std=share * value, min=low, max=np.inf, unit=unit)
+            )
+        return tuple(parameters)
 
     @property
     def starts(self) -> tuple[str, ...]:
-        """States of the model under test that start at an unknown value."""
+        """States of the model under test with an unknown initial value."""
         return _FREE[self.under_test]
 
     # ---------------------------------------------------------------- trips
@@ -237,11 +239,11 @@ class LiftRig(Rig):
         return draw_trip(self.parameters, number, self.stream(100 + number), self.duration, self.payloads)
 
     def nominal_runs(self, system: System, stamps: np.ndarray) -> list[Trajectory]:
-        """Return a trip up of the nominal model under test, with the usual friction where it comes as a signal."""
+        """Return a trip up of the nominal model under test, with the usual friction where it is an input."""
         trip = express(self.parameters, True, float(stamps[-1]))
-        known: dict[str, Any] = {"omega_ref": (trip.time, trip.omega), "payload": 2.0}
+        inputs: dict[str, Any] = {"omega_ref": (trip.time, trip.omega), "payload": 2.0}
         moving = np.tanh(trip.omega / 0.1)
-        known |= {
+        inputs |= {
             "tau_L": (trip.time, -0.6 * moving),
             "friction_c": (trip.time, 7.0 * moving),
             "friction_cw": (trip.time, -4.0 * moving),
@@ -250,17 +252,17 @@ class LiftRig(Rig):
             full = Lift.reference(with_rails(self.parameters, rail_tables(self.profiles))).trip(
                 "up", until=self.duration
             )
-            known["F_c"] = (full.times, full["F_c"])
+            inputs["F_c"] = (full.times, full["F_c"])
         return [
             system.simulate(
-                float(stamps[-1]), inputs={n: known[n] for n in self.inputs}, times=stamps, rtol=1e-6, atol=1e-9
+                float(stamps[-1]), inputs={n: inputs[n] for n in self.inputs}, times=stamps, rtol=1e-6, atol=1e-9
             )
         ]
 
     # ---------------------------------------------------------------- the rig itself
 
     def true_parameters(self, perturbed: Mapping[str, float]) -> LiftParameters:
-        """Return the numbers of the rig's lift: its rails and its true parameters."""
+        """Return the true parameters and rails of the rig's lift."""
         given = with_rails(self.parameters, rail_tables(self.profiles))
         parts: dict[str, dict[str, float]] = {}
         for name, value in perturbed.items():
@@ -277,54 +279,54 @@ class LiftRig(Rig):
         names: Sequence[str],
         progress: Progress,
     ) -> tuple[Model, list[Run]]:
-        """Return the true lift, and a run of it for each name."""
+        """Return the true lift and one run for each name."""
         lift = Lift.reference(self.true_parameters(perturbed), payload=(0.0, 0.0, 0.0, 0.0))
         true_model, recorded = self._hiding(lift.copy(), hidden, errors)
-        rig = dressed(true_model, self.regularisation)
+        rig = with_gear_loss(true_model, self.regularisation)
         system = rig.build(outputs=sources())
         stamps, fine = self.logger.stamps(self.duration), self.logger.fine_grid(self.duration, BEFORE)
-        found: list[Run] = []
+        runs: list[Run] = []
         for k, name in enumerate(names):
             progress(f"trip {k + 1} of {len(names)}")
             run = self._run(lift, system, k, fine, hidden)
-            found.append((name, stamps, self._logged(k, stamps, fine, seen_by(run), recorded)))
-        return true_model, found
+            runs.append((name, stamps, self._logged(k, stamps, fine, seen_by(run), recorded)))
+        return true_model, runs
 
     def _hiding(
         self, model: Model, hidden: Sequence[Hidden], errors: Sequence[SensorError]
     ) -> tuple[Model, list[SensorError]]:
-        """Return the true machine with what is hidden in it, and the errors of all sensors."""
+        """Return the true machine with the hidden effects, and the errors of all sensors."""
         recorded = list(errors)
-        for each in hidden:
-            effect = each.effect
+        for one in hidden:
+            effect = one.effect
             if effect is not None and effect.definition.at == "input" and effect.where != "omega_ref":
                 recorded += _as_sensor(effect)
             else:
-                model = each.added_to(model)
+                model = one.added_to(model)
         recorded.append(
             SensorError("a_c", "offset", ACCELEROMETER_OFFSET * float(self.stream(_SENSORS).standard_normal()))
         )
         return model, recorded
 
-    def _pushed(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return times and values of the force that disturbs a trip."""
+    def _disturbance_of(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return times and values of the disturbing force of a trip."""
         times = np.arange(-round(BEFORE / CYCLE), self.trip(number).time.size) * CYCLE
         return times, self.disturbance.draw(times.size, CYCLE, self.stream(200 + number))
 
     def _run(
         self, lift: Lift, system: System, number: int, fine: np.ndarray, hidden: Sequence[Hidden] = (), **inputs: Any
     ) -> Trajectory:
-        """Run a lift once from rest; inputs that it needs beside the usual ones as (times, values)."""
+        """Simulate a lift from rest; further inputs are (times, values)."""
         trip = self.trip(number)
         p = {} if "payload" in inputs else {"payload.mass": trip.load}
         lift.payload = (trip.load, 0.0, 0.0, 0.0)
         resting = {"omega_ref": _standstill(hidden), "disturbance.force": 0.0}
         resting |= {n: float(v[1][0]) for n, v in inputs.items()}
-        memory = [n for h in hidden for n in h.memory]
-        start = lift.equilibrium(trip.height, system=system, inputs=resting, parameters=p, hold=memory)
+        held = [n for h in hidden for n in h.memory]
+        start = lift.equilibrium(trip.height, system=system, inputs=resting, parameters=p, hold=held)
         return system.simulate(
             (float(fine[0]), float(fine[-1])),
-            inputs={"omega_ref": (trip.time, trip.omega), "disturbance.force": self._pushed(number), **inputs},
+            inputs={"omega_ref": (trip.time, trip.omega), "disturbance.force": self._disturbance_of(number), **inputs},
             initial=start.state,
             parameters=p,
             times=fine,
@@ -341,7 +343,7 @@ class LiftRig(Rig):
         seen: Mapping[str, np.ndarray],
         errors: Sequence[SensorError],
     ) -> dict[str, np.ndarray]:
-        """Return the columns of a trip as they are written."""
+        """Return the columns of a trip's recording."""
         trip, rng = self.trip(number), self.stream(300 + number)
         columns = {}
         given = {"omega_ref": np.interp(fine, trip.time, trip.omega), "payload": np.full_like(fine, trip.load)}
@@ -361,32 +363,33 @@ class LiftRig(Rig):
 
 
 def _section(name: str) -> tuple[str, str]:
-    """Return where the parameter file has a parameter of the model: section and key."""
+    """Return section and key of a model parameter in the parameter file."""
     owner, _, key = name.partition(".")
     return ("motor" if owner == "machine" else owner), key
 
 
 def _standstill(hidden: Sequence[Hidden]) -> float:
-    """Return the speed, rad/s, that must be asked for so that the drive stands still: what is hidden may offset it."""
+    """Return the speed reference, rad/s, at which the drive stands still: a hidden effect may offset it."""
     effects = [h.effect for h in hidden if h.effect is not None and h.effect.where == "omega_ref"]
     strengths = {n: v for e in effects if e.definition.at == "input" for n, v in e.strengths.items()}
     return -float(strengths.get("offset", 0.0)) / (1.0 + float(strengths.get("gain", 0.0)))
 
 
 def seen_by(run: Trajectory, names: Sequence[str] = SENSED) -> dict[str, np.ndarray]:
-    """Return what the sensors of some channels are given by a run."""
+    """Return the signals of a run that the sensors of some channels measure."""
     return {n: run[_SOURCES.get(n, n)] for n in names}
 
 
 def sources(names: Sequence[str] = SENSED) -> list[str]:
-    """Return the outputs of the rig that some channels record."""
+    """Return the outputs of the rig for some channels."""
     return [_SOURCES.get(n, n) for n in names]
 
 
 def _as_sensor(effect: Any) -> list[SensorError]:
-    """Return the error of an input's sensor that the effect undoes: the model corrects what it is told.
+    """Return the error of an input's sensor that the effect compensates.
 
-    The model takes (1 + gain)·u(t − delay) + offset; so the recording has to be u(t + delay)/(1 + gain) − …
+    With the effect the model has the input (1 + gain)·u(t − delay) + offset, so the recording has to be
+    u(t + delay)/(1 + gain) − …
     """
     name = effect.definition.strengths[0]
     size = float(effect.strengths[name])

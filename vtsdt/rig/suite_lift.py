@@ -1,4 +1,4 @@
-"""The virtual lift as the suites run it: the 1D model under test on trips of the lift with 37 states."""
+"""The virtual lift of the suites: the 1D model under test on trips of the lift with 37 states."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ UNKNOWN = "unknown_force@cabin.z"
 
 def case(seed: int, hidden: Sequence[str] = (), rig: type[LiftRig] = LiftRig, **settings: Any) -> Case:
     """Return recordings of the lift with something hidden, and the model under test."""
-    found = rig(seed=seed, **{"trips": TRIPS, **settings}).case(hidden)
-    return replace(found, offsets=("a_c",))
+    recorded = rig(seed=seed, **{"trips": TRIPS, **settings}).case(hidden)
+    return replace(recorded, offsets=("a_c",))
 
 
 def sizes(seed: int, hidden: Sequence[str], under_test: str = "one_dimensional") -> list[dict[str, Any]]:
-    """Return the effects as they are hidden at their usual size; nothing is simulated for it."""
+    """Return the hidden effects at their usual size, without a simulation."""
     rig = LiftRig(seed=seed, trips=TRIPS, under_test=under_test)
     return [h.truth(rig.units) for h in rig.hidden(hidden)]
 

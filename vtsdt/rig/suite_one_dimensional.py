@@ -1,4 +1,4 @@
-"""The one-dimensional virtual lift as the suites run it: the 1D model under test lacks nothing but what is hidden."""
+"""The one-dimensional virtual lift of the suites: the 1D model under test lacks only what is hidden."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The virtual lift with the reference model under test: both have 37 states, and the model knows the rails."""
+"""The virtual lift with the reference model under test: both have 37 states and the same rails."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vtsdt.rig.suite_lift import UNKNOWN
 
 __all__ = ["TRIALS", "UNKNOWN", "case", "names", "sizes"]
 
-#: Seeds of a suite unless told otherwise: a trial is some minutes of processor time.
+#: Default number of seeds of a suite: a trial takes some minutes of processor time.
 TRIALS = 10
 
 
@@ -21,7 +21,7 @@ def case(seed: int, hidden: Sequence[str] = (), **settings: Any) -> Case:
 
 
 def sizes(seed: int, hidden: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the effects as they are hidden at their usual size; nothing is simulated for it."""
+    """Return the hidden effects at their usual size, without a simulation."""
     return suite_lift.sizes(seed, hidden, "reference")
 
 

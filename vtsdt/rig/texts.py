@@ -1,4 +1,4 @@
-"""The texts that stand beside recordings of the virtual lift: study file, builder and README."""
+"""Texts that are written with recordings of the virtual lift: study file, builder and README."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["BUILDER", "configurations_readme", "readme", "study"]
 
-#: Written beside the recordings of a lift that has a parameter file of its own.
+#: Written with the recordings of a lift that has its own parameter file.
 BUILDER = '''"""The model under test: a lift with the parameters in lift.toml."""
 
 from pathlib import Path
@@ -30,13 +30,13 @@ _STATES = {"one_dimensional": 17, "reference": 37, "cabin": 12}
 
 
 def study(rig: LiftRig, case: Case, own: bool = False) -> str:
-    """Return the study file of a case; ``own`` says that the lift has a parameter file of its own beside it."""
+    """Return the study file of a case; ``own``: the lift has its own parameter file in the same folder."""
     lines = ["", "[model.arguments]", f'model = "{rig.under_test}"']
     for name, table in rig.model_arguments.get("rails", {}).items():
         lines += [f'[model.arguments.rails."{name}"]']
         lines += [f"{key} = {values}" for key, values in table.items()]
     build = "lift.py:build" if own else "vtsdt.rig.models:build"
-    note = ["the control has settled before a record begins; where exactly the masses hang is not known"]
+    note = ["the control has settled before a record begins; the exact positions of the masses are unknown"]
     return rig_texts.study(case, "a lift", build, lines, start=note, offsets=("a_c",))
 
 
@@ -45,7 +45,7 @@ def readme(rig: LiftRig, case: Case, command: str) -> str:
     loss = GearLoss().values
     loads = ", ".join(f"{m:g}" for m in rig.payloads)
     if rig.rails is None:
-        rails = "as its parameter file has them"
+        rails = "those of its parameter file"
     else:
         r = rig.rails
         rails = (
@@ -54,15 +54,15 @@ def readme(rig: LiftRig, case: Case, command: str) -> str:
             f"{1e3 * r.rms_x:.2g} mm; across ± {1e3 * r.rms_y:.2g} mm (root mean square)"
         )
     knows = {
-        "one_dimensional": "It is told the friction of the guides, which force cells under the shoes measure, the loss "
-        "torque of the gear and the payload.",
-        "reference": "It is told the loss torque of the gear, and knows the rails from a survey.",
-        "cabin": "It is told the tension of the rope, and knows the rails from a survey.",
+        "one_dimensional": "Its inputs are the friction of the guides, which force cells under the shoes measure, the "
+        "loss torque of the gear and the payload.",
+        "reference": "Its input is the loss torque of the gear; it has the rails from a survey.",
+        "cabin": "Its input is the tension of the rope; it has the rails from a survey.",
     }[rig.under_test]
     trips = (
-        "All trips go from end to end, up and down in turn."
+        "All trips go from end to end, up and down alternately."
         if rig.only_express
-        else "Up and down in turn; every third goes from end to end, the others stop between."
+        else "Up and down alternately; every third trip goes from end to end, the others have stops."
     )
     return f"""# Recordings of a virtual lift
 
@@ -74,24 +74,24 @@ the pulley, over which ropes carry cabin and counterweight, each between two gui
 current loops follows a speed reference. The rig has 37 states; the model under test (`{rig.under_test}`) has
 {_STATES[rig.under_test]}. {knows}
 
-| file | what it is |
+| file | content |
 | --- | --- |
 | `identify_*.csv.gz` | {len(case.identify)} trips for fitting and choosing |
-| `validate_*.csv.gz` | {len(case.validate)} trips that are held back |
+| `validate_*.csv.gz` | {len(case.validate)} trips that are held out |
 | `study.toml` | the study: `vtsdt diagnose study.toml --out diagnosis` |
-| `truth.json` | what was done to the rig, for comparing afterwards; the study does not read it |
+| `truth.json` | what was done to the rig, for comparison afterwards; the study does not read it |
 
-Each record lasts {rig.duration:g} s. {trips} Payloads in turn: {loads} kg.
+Each record lasts {rig.duration:g} s. {trips} Payloads, used in turn: {loads} kg.
 Before a record the control has held the cabin for {BEFORE:g} s.
 
 ## How the rig differs from the model
 
-- It may have effects that the model lacks, or none; `truth.json` says which.
+- It may have effects that the model lacks, or none; they are in `truth.json`.
 - Guides: {rails}.
 - The gear loses {loss["dry"]:g} N m and {loss["viscous"]:g} N m s/rad, with a ripple of {loss["ripple"]:g} N m over
   {loss["order"]:g} waves in one radian of the pulley; a torque sensor measures the loss.
-- The accelerometer has an offset, drawn with a standard deviation of {ACCELEROMETER_OFFSET:g} m/s²; the study knows
-  that there is one.
+- The accelerometer has an offset, drawn with a standard deviation of {ACCELEROMETER_OFFSET:g} m/s²; the study
+  estimates it.
 - Its parameters were drawn from the priors in the study:
 
 {rig_texts.prior_table(case.uncertain)}
@@ -109,10 +109,10 @@ def configurations_readme(names: list[str], command: str) -> str:
 **These data are synthetic.** They come from simulations and not from a lift. They were made by
 `{command}`; the same command gives the same files.
 
-One and the same lift whose guides were set {len(names)} times: mean and unevenness of the rails' deviation are drawn
-anew for each. What was drawn is in `truth.json`, which nothing reads.
+The same lift with {len(names)} settings of its guides: mean and unevenness of the rails' deviation are drawn for
+each. The drawn values are in `truth.json`, which no command reads.
 
-| folder | what it is |
+| folder | content |
 | --- | --- |
 {rows}
 """
