@@ -13,7 +13,8 @@ import math
 from gearbox.parts.contact_laws import friction_coefficient, friction_coefficients, impact, near_powers, signed_force
 
 # fmt: off
-__all__ = ["bell", "closeness", "extent", "four", "held", "let_go", "line", "patch", "pitted", "relieved", "tip"]
+__all__ = ["bell", "closeness", "extent", "four", "held", "let_go", "line", "patch", "pitted", "relieved",
+           "summed", "tip"]
 
 #: Abscissas of the Gauss-Legendre rule with four points on [-1, 1], the difference of their squares, half weights.
 INNER, OUTER, BETWEEN = 0.3399810435848563, 0.8611363115940526, 0.6259686373402064
@@ -214,6 +215,13 @@ def held(z0, z1, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31,
     return n, n_z, n_1, n_2, t, t_z, energy, power - gain, rubbing
 
 
+def summed(share, n, n_z, n_1, n_2, t, t_z, energy, loss, rubbing, d_n, d_nz, d_n1, d_n2, d_t, d_tz, d_e, d_l, d_r):
+    """Return the nine integrals of a line after those of one more piece, times ``share``, are added."""
+    return (
+        n + share * d_n, n_z + share * d_nz, n_1 + share * d_n1, n_2 + share * d_n2, t + share * d_t,
+        t_z + share * d_tz, energy + share * d_e, loss + share * d_l, rubbing + share * d_r)
+
+
 def pitted(begin, finish, sense, steep, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
            start1, edge2, c22, c32, relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1,
            u2, mu_s, v_s, mu_d, v_d):
@@ -240,15 +248,9 @@ def pitted(begin, finish, sense, steep, p1, p2, slope, a, b, c, q, da, db, dc, v
                 sense * first, sense * last, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
                 start1, edge2, c22, c32, relief2, start2, deep, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0,
                 u1, u2, mu_s, v_s, mu_d, v_d)
-            n += share * d_n
-            n_z += share * d_nz
-            n_1 += share * d_n1
-            n_2 += share * d_n2
-            t += share * d_t
-            t_z += share * d_tz
-            energy += share * d_e
-            loss += share * (d_p - d_g)
-            rubbing += share * d_r
+            n, n_z, n_1, n_2, t, t_z, energy, loss, rubbing = summed(
+                share, n, n_z, n_1, n_2, t, t_z, energy, loss, rubbing, d_n, d_nz, d_n1, d_n2, d_t, d_tz, d_e,
+                d_p - d_g, d_r)
     return n, n_z, n_1, n_2, t, t_z, energy, loss, rubbing
 
 
@@ -315,27 +317,13 @@ def line(z_low, z_high, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c2
             d_n, d_nz, d_n1, d_n2, d_t, d_tz, d_e, d_l, d_r = held(
                 sense * first, sense * last, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
                 start1, edge2, c22, c32, relief2, start2, K, e, C_D, D_P, u0, u1, u2, mu_s, v_s, mu_d, v_d)
-            n += sense * d_n
-            n_z += sense * d_nz
-            n_1 += sense * d_n1
-            n_2 += sense * d_n2
-            t += sense * d_t
-            t_z += sense * d_tz
-            energy += sense * d_e
-            loss += sense * d_l
-            rubbing += sense * d_r
+            n, n_z, n_1, n_2, t, t_z, energy, loss, rubbing = summed(
+                sense, n, n_z, n_1, n_2, t, t_z, energy, loss, rubbing, d_n, d_nz, d_n1, d_n2, d_t, d_tz, d_e, d_l, d_r)
     if pit_half > 0.0:
         d_n, d_nz, d_n1, d_n2, d_t, d_tz, d_e, d_l, d_r = pitted(
             begin, finish, sense, steep, p1, p2, slope, a, b, c, q, da, db, dc, v1, v2, edge1, c21, c31, relief1,
             start1, edge2, c22, c32, relief2, start2, pit, pit_s, pit_half, pit_z, pit_width, K, e, C_D, D_P, u0, u1,
             u2, mu_s, v_s, mu_d, v_d)
-        n += d_n
-        n_z += d_nz
-        n_1 += d_n1
-        n_2 += d_n2
-        t += d_t
-        t_z += d_tz
-        energy += d_e
-        loss += d_l
-        rubbing += d_r
+        n, n_z, n_1, n_2, t, t_z, energy, loss, rubbing = summed(
+            1.0, n, n_z, n_1, n_2, t, t_z, energy, loss, rubbing, d_n, d_nz, d_n1, d_n2, d_t, d_tz, d_e, d_l, d_r)
     return n, p1 * n + slope * n_z, n_z, n_1, n_2, t, p1 * t + slope * t_z, t_z, energy, loss, rubbing

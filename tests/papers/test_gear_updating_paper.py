@@ -9,7 +9,7 @@ import pytest
 
 from discrepancy.validation.published import AGREES, DIFFERS
 from gearbox.papers import gearbox as papers
-from gearbox.papers.chain import LOADS, SENSORS, chain_on_rig, one_load, rig_recordings, success
+from gearbox.papers.chain import LOADS, SENSORS, Success, chain_on_rig, one_load, rig_recordings, success
 from gearbox.papers.surface import eq_18_chapter, figs_9_10
 from gearbox.signals.main_components import main_components
 from gearbox.stage.stage import build
@@ -98,25 +98,38 @@ def test_figs_9_and_10(recordings, gear_runs) -> None:
     assert any("lost" in r.ours for r in rows)
 
 
+def _held_out_improve(outcome: Success) -> list[bool]:
+    """Whether every design raises the similarity, for each of conditions 1 to 3."""
+    return [
+        min(after) > before
+        for after, before in zip(zip(*outcome.others, strict=True), outcome.others_start, strict=True)
+    ]
+
+
 @pytest.mark.slow
 def test_true_similarity_rises_where_the_truth_lies_inside_the_model(recordings, gear_runs) -> None:
     """At least 9 of 10 designs, and above 0.7 under the three other conditions."""
-    found = success("rigid", recordings["rigid"], silent, gear_runs / "gear-rigid.jsonl", range(DESIGNS))
-    assert min(found.taken) >= found.start
-    assert found.rises >= 9
-    assert found.above >= 9
+    outcome = success("rigid", recordings["rigid"], silent, gear_runs / "gear-rigid.jsonl", range(DESIGNS))
+    assert outcome.rises >= 9
+    assert outcome.above >= 9
+    assert _held_out_improve(outcome) == [True, True, True]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("objective", ["similarity", "amplitudes"])
-def test_with_manufacturing_errors_no_design_makes_the_model_worse(objective, gear_runs, record_property) -> None:
-    """The success rate is reported, not asserted: only that what is no better is refused."""
+def test_with_manufacturing_errors_three_loads_improve_every_condition_held_out(
+    objective, gear_runs, record_property
+) -> None:
+    """One recording improves those at higher loads and makes condition 1, at 50 N m, worse; the page has the values.
+
+    The success rate is reported, not asserted.
+    """
     made = rig_recordings("rigid", silent, manufacturing=1.0)
     kept, seeds = gear_runs / "gear-rigid.jsonl", range(3)
     if objective == "similarity":
-        found = success("rigid", one_load(made), silent, kept, seeds)
+        outcome = success("rigid", one_load(made), silent, kept, seeds)
     else:
-        found = success("rigid", made, silent, kept, seeds, used=LOADS, objective=objective, sensors=SENSORS)
-    assert min(found.taken) >= found.start
-    assert max(found.bounds) < 1.0
-    record_property("accepted", f"{found.rises} of {found.designs}: {found.start:.3f} to {found.optimum}")
+        outcome = success("rigid", made, silent, kept, seeds, used=LOADS, objective=objective, sensors=SENSORS)
+    assert _held_out_improve(outcome) == [objective == "amplitudes", True, True]
+    assert max(outcome.bounds) < 1.0
+    record_property("accepted", f"{outcome.rises} of {outcome.designs}: {outcome.start:.3f} to {outcome.optimum}")
