@@ -52,7 +52,7 @@ def assemble(
     Raises
     ------
     ModelError
-        With every fault found.
+        With every fault.
     """
     net, work, kinematics = _resolved(model)
     if probes:

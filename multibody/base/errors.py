@@ -1,4 +1,4 @@
-"""The errors of the modelling core: each carries every fault that was found, not only the first."""
+"""The errors of the modelling core: each lists every fault, not only the first."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class ModelError(ValueError):
 
 
 class EquationError(ValueError):
-    """An equation steps outside the subset of Python in which equations are written."""
+    """An equation is outside the subset of Python in which equations are written."""
 
 
 class SimulationError(RuntimeError):
-    """A simulation or an equilibrium could not be carried through; the message says when and where."""
+    """A simulation or a search for an equilibrium failed; the message names time and state."""

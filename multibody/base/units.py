@@ -1,7 +1,7 @@
-"""Units at the door: quantities become SI numbers here, and nowhere else.
+"""Conversion of quantities to SI numbers.
 
-Inside the package every number is SI.  Pint does the work and is imported only when a unit really has to be
-converted, because importing it costs a noticeable part of the start-up time.
+Inside the package every number is SI.  Pint is imported only where a unit has to be converted, because its import takes
+a noticeable part of the start-up time.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _USUAL = {
 
 
 class UnitError(ValueError):
-    """A unit is unknown, or does not measure the quantity that is asked for."""
+    """A unit is unknown, or measures another quantity than the required one."""
 
 
 @lru_cache(maxsize=1)

@@ -106,8 +106,8 @@ class DocstringOfDeclarations:
 
 def written_docstring(cls: type[Declaring]) -> str:
     """Return the docstring of a component class as it is written, without the sections made from declarations."""
-    found = vars(cls)["__doc__"]
-    return found.text if isinstance(found, DocstringOfDeclarations) else found
+    docstring = vars(cls)["__doc__"]
+    return docstring.text if isinstance(docstring, DocstringOfDeclarations) else docstring
 
 
 def _is_connectable(item: Declaration) -> bool:

@@ -1,6 +1,4 @@
-"""Derivative rules of the functions that equations can call, and the few operations on expressions they
-need.
-"""
+"""Derivative rules of the functions that equations can call, and operations on expressions for them."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Exact directional derivatives of equations, from their text (forward mode).
 
 For every active name ``a`` the derived text carries ``d_a``.  Each operation contributes its own rule, so
-that the result is exact to rounding; branches are differentiated along the path that is taken.  Where a slope
-is infinite (a root at zero) or has no direction (``hypot`` at the origin), it counts as zero, so that it does
-not spoil the derivatives with respect to everything else.
+that the result is exact to rounding; branches are differentiated along the path of the values.  Where a slope
+is infinite (a root at zero) or has no direction (``hypot`` at the origin), it is set to zero, so that the
+derivatives with respect to everything else stay finite.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Differentiator:
         return d(name, self.mark)
 
     def statements(self, nodes: Iterable[ast.stmt]) -> list[ast.stmt]:
-        """Return the statements with their tangents beside them."""
+        """Return the statements, each with its tangent."""
         out: list[ast.stmt] = []
         for node in nodes:
             out += self._statement(node)
@@ -168,7 +168,7 @@ class Differentiator:
         return f"_w{self.mark}{next(self._count)}"
 
     def _hold(self, pre: list[ast.stmt], value: Expr) -> Expr:
-        """Keep a value under a name of its own, unless it already has one."""
+        """Assign a value to a variable, unless it is one already."""
         if isinstance(value, ast.Name | ast.Constant):
             return value
         name = self._temporary()

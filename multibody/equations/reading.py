@@ -2,7 +2,7 @@
 
 A component writes ``self.a.force = self.stiffness * (...)``.  Here that text becomes an assignment between
 global variable names (``spring__a__force``), with options folded to constants and dead branches removed.
-What lies outside the subset (see the docs page "Writing a component") is refused with file and line.
+Constructs outside the subset (see the docs page "Writing a component") are refused with file and line.
 """
 
 from __future__ import annotations
@@ -90,17 +90,17 @@ def _statements_of(scope: Scope, method: str, owners: list[type], faults: list[s
     rewriter = Rewriter(
         scope, function, names_written(node), file, first, f"{kind}{len(owners)}", method != "equations"
     )
-    found: list[Statement] = []
+    statements: list[Statement] = []
     for item in node.body:
         if _is_super_call(item, method):
-            found += _statements_of(scope, method, owners[1:], faults) if len(owners) > 1 else []
+            statements += _statements_of(scope, method, owners[1:], faults) if len(owners) > 1 else []
             continue
         origin = rewriter.where(item)
         try:
-            found += [Statement.of([out], origin) for out in rewriter.statement(item)]
+            statements += [Statement.of([out], origin) for out in rewriter.statement(item)]
         except EquationError as error:
             faults.append(str(error))
-    return found
+    return statements
 
 
 def _unassigned(scope: Scope, statements: list[Statement]) -> list[str]:
@@ -113,8 +113,7 @@ def _unassigned(scope: Scope, statements: list[Statement]) -> list[str]:
                 continue
             shown = readable(name) if "___local" in name else "self" + readable(name).removeprefix(scope.name)
             faults.append(
-                f"{statement.origin}: '{shown}' is assigned in one branch only: give it a value in every "
-                "branch, "
+                f"{statement.origin}: '{shown}' is assigned in one branch only: give it a value in every branch, "
                 "or one before the branches"
             )
         for name in sorted(

@@ -1,4 +1,4 @@
-"""The subset of Python in which equations are written: each construct taken over, or refused with its line."""
+"""The subset of Python in which equations are written: each construct is accepted, or refused with its line."""
 
 from __future__ import annotations
 
@@ -117,16 +117,16 @@ class Rewriter(ast.NodeTransformer):
             path.insert(0, inner.attr)
             inner = inner.value
         if isinstance(inner, ast.Name) and inner.id == "self":
-            found = self.scope.attribute(path, self.where(node))
+            value = self.scope.attribute(path, self.where(node))
             if isinstance(node.ctx, ast.Store):
                 why = self.scope.why_not_assigned(path, self.coupling)
                 if why:
                     raise self.refuse(node, why)
-            return ast.Name(found.id, node.ctx) if isinstance(found, ast.Name) else found
+            return ast.Name(value.id, node.ctx) if isinstance(value, ast.Name) else value
         if isinstance(inner, ast.Name) and inner.id == "math" and len(path) == 1 and hasattr(math, path[0]):
-            value = getattr(math, path[0])
-            if isinstance(value, float) and value == value:
-                return constant(value)
+            number = getattr(math, path[0])
+            if isinstance(number, float) and number == number:
+                return constant(number)
         raise self.refuse(node, "only attributes of self and of math can be used in equations")
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
@@ -199,19 +199,19 @@ class Rewriter(ast.NodeTransformer):
         """Return the name of a called function in the generated source; different functions get different names."""
         file = kernel.__code__.co_filename.replace("\\", "/").rpartition("/")[2].removesuffix(".py")
         base = f"f_{re.sub(r'[^0-9a-zA-Z]', '_', file)}_{name}"
-        found, count = base, 1
-        while self.scope.kernels.get(found, kernel) is not kernel:
+        unique, count = base, 1
+        while self.scope.kernels.get(unique, kernel) is not kernel:
             count += 1
-            found = f"{base}_{count}"
-        self.scope.kernels[found] = kernel
-        return found
+            unique = f"{base}_{count}"
+        self.scope.kernels[unique] = kernel
+        return unique
 
     def _curve(self, node: ast.expr) -> Table | None:
         """Return the table that ``self.<name>`` is, if it is one."""
         if not (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "self"):
             return None
-        found = self.scope.component.declarations.get(node.attr)
-        return found if isinstance(found, Table) else None
+        item = self.scope.component.declarations.get(node.attr)
+        return item if isinstance(item, Table) else None
 
     def table_call(self, name: str, table: Table, argument: ast.expr, slope: bool = False) -> ast.expr:
         """Return the call that evaluates a table, or its slope."""
@@ -331,7 +331,7 @@ class _Real(ast.NodeTransformer):
 
 
 def as_list(item: Any) -> list[Any]:
-    """Return a visitor's answer as a list of statements."""
+    """Return what a visitor returned as a list of statements."""
     if item is None or isinstance(item, ast.Pass):
         return []
     return item if isinstance(item, list) else [item]
@@ -351,7 +351,7 @@ def _is_condition(node: ast.expr) -> bool:
 
 
 def simplified(test: ast.expr) -> ast.expr:
-    """Return a condition with what is known before the simulation (options) taken out.
+    """Return a condition without the parts that options decide before the simulation.
 
     Examples
     --------
@@ -362,7 +362,7 @@ def simplified(test: ast.expr) -> ast.expr:
         inner = simplified(test.operand)
         return ast.Constant(not inner.value) if isinstance(inner, ast.Constant) else ast.UnaryOp(test.op, inner)
     if isinstance(test, ast.BoolOp):
-        decides = isinstance(test.op, ast.Or)  # the value that settles the whole
+        decides = isinstance(test.op, ast.Or)  # the value that decides the whole
         left: list[ast.expr] = []
         for value in map(simplified, test.values):
             if not isinstance(value, ast.Constant):

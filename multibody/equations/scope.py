@@ -18,7 +18,7 @@ __all__ = ["Scope"]
 
 @dataclass
 class Scope:
-    """What the names in one component's equations stand for, and what was met while reading them.
+    """The variables behind the names in one component's equations, and the functions that they call.
 
     Parameters
     ----------
@@ -71,9 +71,7 @@ class Scope:
         raise EquationError(f"{where}: 'self.{'.'.join(path)}' is not declared{nearest(head, known)}")
 
     def _own_names(self, path: list[str]) -> list[str]:
-        """Return a path in which a port's quantity has the name of the port's domain, for laws of both
-        domains.
-        """
+        """Return a path with the name of a port's quantity in its own domain, for laws of both domains."""
         item = self.component.declarations.get(path[0])
         return (
             [path[0], item.generic.get(path[1], path[1])]

@@ -29,7 +29,7 @@ def variable(*parts: str) -> str:
     """Return the global variable name of a dotted name, as used in the generated source.
 
     Names of components and declarations have no underscore at either end and no two in a row, so two
-    different dotted names never share a variable.  Parts that only the assembly makes begin with an
+    different dotted names never share a variable.  Parts that only the assembly adds begin with an
     underscore.
 
     Examples
@@ -41,7 +41,7 @@ def variable(*parts: str) -> str:
 
 
 def local_variable(owner: str, scope: str, name: str) -> str:
-    """Return the global variable of a name that a component's method uses only for itself."""
+    """Return the global variable of a local name in a component's method."""
     return f"{variable(owner)}___local{scope}__{name}"
 
 
@@ -59,7 +59,7 @@ def readable(name: str) -> str:
 
 
 def constant(value: Any) -> ast.expr:
-    """Return a number as an expression; a negative one keeps its sign apart, as Python's grammar does."""
+    """Return a number as an expression; a negative one is a minus before a number, as in Python's grammar."""
     if isinstance(value, bool | str):
         return ast.Constant(value)
     plain: int | float = int(value) if isinstance(value, numbers.Integral) else float(value)
@@ -94,7 +94,7 @@ def _names(node: ast.AST) -> tuple[set[str], set[str]]:
         for name in one._fields:
             value = getattr(one, name, None)
             if value.__class__ is list:
-                waiting += [each for each in value if isinstance(each, ast.AST)]
+                waiting += [item for item in value if isinstance(item, ast.AST)]
             elif isinstance(value, ast.AST) and value._fields and not (value is called and isinstance(value, ast.Name)):
                 waiting.append(value)
     reads.discard("math")
@@ -170,7 +170,7 @@ def _loop(node: ast.For) -> Flow:
 
 
 def _runs(count: ast.expr) -> bool:
-    """Tell whether ``range(...)`` of constants gives at least one turn."""
+    """Tell whether ``range(...)`` of constants has at least one element."""
     if not isinstance(count, ast.Call):
         return False
     try:
@@ -201,8 +201,8 @@ class Statement:
     @classmethod
     def parsed(cls, nodes: list[ast.stmt], origin: str) -> Statement:
         """Return nodes that come from a text, and have their places in it, as a statement."""
-        found = flow(nodes)
-        return cls(nodes, set(found.reads), set(found.maybe), origin)
+        paths = flow(nodes)
+        return cls(nodes, set(paths.reads), set(paths.maybe), origin)
 
     @property
     def text(self) -> str:
@@ -212,8 +212,8 @@ class Statement:
     @property
     def unsure(self) -> set[str]:
         """Names that only some paths assign."""
-        found = flow(self.nodes)
-        return set(found.maybe - found.sure)
+        paths = flow(self.nodes)
+        return set(paths.maybe - paths.sure)
 
 
 def merge_repeated(statements: list[Statement]) -> list[Statement]:

@@ -2,7 +2,7 @@
 
 The points live in the parameter vector ``p`` from index ``start``: first the ``size`` arguments, then the ``size``
 values and, for the cubic, the ``size`` slopes.  Outside its points a curve is constant.  The functions are kernels:
-they are written in the subset for equations, and each has its exact directional derivative beside it.
+they are written in the subset for equations, and each is followed by its exact directional derivative.
 """
 
 from __future__ import annotations
@@ -266,5 +266,5 @@ def _end_slope(h0: float, h1: float, s0: float, s1: float) -> float:
 
 
 def packed(x: np.ndarray, y: np.ndarray, interpolation: str) -> np.ndarray:
-    """Return a curve's points as they stand in the parameter vector."""
+    """Return a curve's points as a part of the parameter vector."""
     return np.concatenate([x, y, pchip_slopes(x, y)] if interpolation == "cubic" else [x, y])

@@ -1,4 +1,4 @@
-"""Inputs over time as a table, and the instants at which a step has to end for them.
+"""Inputs over time as a table, and the instants at which a step has to end because of them.
 
-Takes from nobody.
+To import from here: `InputTable` and `InputError`.  Takes from no other room.
 """

@@ -1,4 +1,4 @@
-"""Where a step has to end for the sake of an input: jumps, corners and bends of a table."""
+"""Where a step has to end because of an input: jumps, corners and bends of a table."""
 
 from __future__ import annotations
 
@@ -51,17 +51,17 @@ def rough(
 
 
 def _passed_over(values: np.ndarray, tolerance: float) -> np.ndarray:
-    """Mark the kinks of linear interpolation, shape (nt,), that a step of a relative tolerance need not end at.
+    """Mark the kinks of linear interpolation, shape (nt,), at which a step of a relative tolerance need not end.
 
-    Where a smooth signal is sampled finely its kinks are only those of the interpolation, and a smooth curve through
-    the samples is as good as the polygon.  They may be passed over if the two differ by less than the tolerance, as a
-    share of the signal's range.  Finely means that a sine in the signal has at least
-    ``2 π / sqrt(SMOOTH)`` samples to a period, which shows in fourth differences that are small beside the second;
-    noise, spikes, corners and bends do not look like that.  One of ``STRIDE`` samples, half a period of that sine,
-    still ends a step, so that no motion of the signal is jumped over.  The same holds for every second sample, every
-    fourth and so on, as long as they too are fine: then steps end twice, four times as far apart.  A motion counts as
-    none where every sample lies within ``NONE`` times the tolerance of the cubic through samples half a stride and a
-    stride away.
+    Where a smooth signal is sampled finely its kinks are only those of the interpolation, and a smooth curve
+    through the samples is as good as the polygon. They may be passed over if the two differ by less than the
+    tolerance, as a share of the signal's range. Finely means that a sine in the signal has at least ``2 π /
+    sqrt(SMOOTH)`` samples to a period, which shows in fourth differences that are small compared with the second;
+    noise, spikes, corners and bends do not look like that. One of ``STRIDE`` samples, half a period of that sine,
+    still ends a step, so that no step jumps over a motion of the signal. The same holds for every second sample,
+    every fourth and so on, as long as they too are fine: then steps end twice, four times as far apart. A motion
+    counts as none where every sample lies within ``NONE`` times the tolerance of the cubic through samples half a
+    stride and a stride away.
     """
     n = len(values)
     marks, row = np.zeros(n, dtype=bool), np.arange(n)
@@ -106,17 +106,17 @@ def breaks(
     times: np.ndarray, marks: np.ndarray, kinds: np.ndarray, delays: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Collect for each delay the times at which a step must end."""
-    found, jumps, start, owner = [], [], [0], []
+    instants, jumps, start, owner = [], [], [0], []
     for delay in np.unique(delays):
         own = marks[:, delays == delay]
         rows = np.flatnonzero(own.any(axis=1))
         if rows.size:
-            found.append(times[rows])
+            instants.append(times[rows])
             jumps.append(own[rows][:, kinds[delays == delay] == 0].any(axis=1))
             start.append(start[-1] + rows.size)
             owner.append(delay)
     return {
-        "breaks": np.concatenate(found) if found else np.zeros(0),
+        "breaks": np.concatenate(instants) if instants else np.zeros(0),
         "jumps": np.concatenate(jumps).astype(np.int64) if jumps else np.zeros(0, dtype=np.int64),
         "break_start": np.array(start, dtype=np.int64),
         "break_delay": np.array(owner, dtype=np.int64),

@@ -17,7 +17,7 @@ INTERPOLATIONS = ("hold", "linear", "cubic")
 
 
 class InputError(ValueError):
-    """A table of inputs is not usable; the message names every input at fault."""
+    """A table of inputs cannot be used; the message names every input at fault."""
 
 
 def _parabola_slopes(times: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -88,7 +88,7 @@ class InputTable:
         _check(times, values, names, kinds, delays)
         code = np.array([INTERPOLATIONS.index(kind) for kind in kinds], dtype=np.int64).reshape(count)
         changing = np.any(values != values[0], axis=0) if count else np.zeros(0, dtype=bool)
-        slopes = np.zeros_like(values)  # of cubic columns; nobody asks for the others'
+        slopes = np.zeros_like(values)  # of cubic columns; the others' are not used
         cubic = np.flatnonzero(code == INTERPOLATIONS.index("cubic"))
         slopes[:, cubic] = _parabola_slopes(times, values[:, cubic])
         delays = delays.astype(np.int64).reshape(count)
@@ -178,16 +178,16 @@ class InputTable:
         return self._kernel
 
     def kernel_for(self, tolerance: float) -> dict[str, np.ndarray]:
-        """Return `kernel` with those ends of steps alone that a relative tolerance of the inputs asks for."""
-        known = self._kernels.get(tolerance)
-        if known is None:
+        """Return `kernel` with only those ends of steps that a relative tolerance of the inputs requires."""
+        arrays = self._kernels.get(tolerance)
+        if arrays is None:
             own = self._kernel
             times, values, kinds, delays = (own[key] for key in ("times", "values", "kinds", "delays"))
             marks = rough(times, values, own["slopes"], kinds, tolerance)
-            known = {name: value for name, value in own.items() if name != "numbers"}
-            known |= breaks(times, marks, kinds, delays)
-            self._kernels[tolerance] = known
-        return known
+            arrays = {name: value for name, value in own.items() if name != "numbers"}
+            arrays |= breaks(times, marks, kinds, delays)
+            self._kernels[tolerance] = arrays
+        return arrays
 
     def __call__(self, t: Any, p: np.ndarray | None = None) -> np.ndarray:
         """Return the inputs at time(s) t, shape (n_u,) or (len(t), n_u); delays need p."""
@@ -235,8 +235,8 @@ class InputTable:
     def largest_step(self) -> float:
         """Return the largest integrator step, in s, that jumps over no sample; infinite for constant inputs.
 
-        For SciPy's own methods.  This package's end their steps at every sample where an input or one of its
-        first two derivatives jumps, which limits the step only there.
+        For SciPy's methods.  The methods of this package end their steps at every sample where an input or one of
+        its first two derivatives jumps, which limits the step only there.
         """
         if len(self.times) < 2:
             return math.inf

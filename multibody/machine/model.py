@@ -31,8 +31,8 @@ _POINT = re.compile(r"(.+)\.(x|y)\[(\d+)\]\Z")
 
 def _table_point(key: str) -> tuple[str, str, int] | None:
     """Split ``"rail.profile.y[3]"`` into table, axis and number of the point."""
-    found = _POINT.match(key)
-    return (found[1], found[2], int(found[3])) if found else None
+    match = _POINT.match(key)
+    return (match[1], match[2], int(match[3])) if match else None
 
 
 class Model(ModelGraph):
@@ -84,16 +84,16 @@ class Model(ModelGraph):
                 setattr(other._inputs[source], kind, value)
                 continue
             if (point := _table_point(key)) is not None:
-                found = self.find(point[0])
-                if found is not None and found[2] in found[1].tables:
-                    points.setdefault((found[0], found[2]), []).append((point[1], point[2], value))
+                curve = self.find(point[0])
+                if curve is not None and curve.item in curve.component.tables:
+                    points.setdefault((curve.owner, curve.item), []).append((point[1], point[2], value))
                     continue
-            found = self.find(key)
-            if found is None or found[2] not in (*found[1].values, *found[1].starts):
+            number = self.find(key)
+            if number is None or number.item not in (*number.component.values, *number.component.starts):
                 known = [f"{n}.{p}" for n, c in self._components.items() for p in (*c.values, *c.starts)]
                 faults.append(f"no parameter '{key}'{nearest(key, known)}")
             else:
-                changes.setdefault(found[0], {})[found[2]] = value
+                changes.setdefault(number.owner, {})[number.item] = value
         if faults:
             raise ModelError(self.name, faults)
         for (owner, table), changed in points.items():

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
+from typing import NamedTuple
 
 from multibody.base.spelling import nearest
 from multibody.declare.component import Component
 from multibody.declare.declarations import Input, Output, Port
 
-__all__ = ["GROUND", "Endpoint", "ModelGraph", "ModelInput", "Part"]
+__all__ = ["GROUND", "Endpoint", "Location", "ModelGraph", "ModelInput", "Part"]
 
 GROUND = "ground"
 
 
 class Endpoint(str):
     """A port or signal of a named component, such as ``"guide.a"``."""
+
+
+class Location(NamedTuple):
+    """A name split into component and the rest: ``"carriage.guide.a"`` is ``a`` of the component ``carriage.guide``."""
+
+    owner: str
+    component: Component
+    item: str
 
 
 class Part:
@@ -202,19 +211,19 @@ class ModelGraph:
             )
         return Part(name, self._components[name])
 
-    def find(self, endpoint: str) -> tuple[str, Component, str] | None:
+    def find(self, endpoint: str) -> Location | None:
         """Split ``"carriage.guide.a"`` into component name, component and the rest; None without such a component."""
         pieces = endpoint.split(".")
         for cut in range(len(pieces) - 1, 0, -1):
             name = ".".join(pieces[:cut])
             if name in self._components:
-                return name, self._components[name], ".".join(pieces[cut:])
+                return Location(name, self._components[name], ".".join(pieces[cut:]))
         return None
 
     def owner(self, endpoint: str) -> str:
         """Return the name of the component that an endpoint belongs to; empty when there is none."""
-        found = self.find(endpoint)
-        return found[0] if found is not None else ""
+        location = self.find(endpoint)
+        return location.owner if location is not None else ""
 
     def __repr__(self) -> str:
         return (

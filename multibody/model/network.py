@@ -179,12 +179,12 @@ def _connection(
         if end == GROUND:
             mechanical.append(end)
             continue
-        found = model.find(end)
-        if found is None:
+        location = model.find(end)
+        if location is None:
             hint = nearest(end.rsplit(".", 1)[0], model.components)
             net.faults.append(f"connection '{shown}': there is no component for '{end}'{hint}")
             return
-        owner, component, item = found
+        owner, component, item = location
         declaration = component.declarations.get(item)
         if isinstance(declaration, Port):
             mechanical.append(end)
@@ -265,8 +265,8 @@ def _signals(model: ModelGraph, net: Network) -> None:
                 f"model input '{entry.name}' feeds nothing: name the component inputs that take it"
             )
         for target in entry.targets:
-            found = model.find(target)
-            declaration = found[1].declarations.get(found[2]) if found else None
+            location = model.find(target)
+            declaration = location.component.declarations.get(location.item) if location else None
             if not isinstance(declaration, Input):
                 known = [f"{n}.{i}" for n, c in model.components.items() for i in c.of_kind(Input)]
                 net.faults.append(

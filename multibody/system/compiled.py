@@ -36,7 +36,7 @@ class CompiledSystem:
 
     Made by `Model.build`.  Vectors follow the order of ``state_names``, ``input_names``, ``parameter_names``
     and ``output_names``; every number is SI.  Functions are compiled when they are first used, once per
-    structure and machine, and found again by other processes.
+    structure and machine, and cached for other processes.
 
     Parameters
     ----------
