@@ -1,8 +1,8 @@
-"""Noise of recorded inputs, which the lift's paper names among what it leaves unexplained, put into a virtual lift.
+"""Noise of recorded inputs, which the lift's paper mentions as unexplained, added to a virtual lift.
 
-The 1D model takes the friction of the guides as recorded.  Here those two load cells are noisy: 0.5 N for 0.02 N.
-The noise shakes the model, and a search that takes the inputs for exact may name physics that is not there.  Every
-lift is diagnosed twice, with the inputs as recorded and with the noise taken out of them as a study does by itself.
+The recorded friction of the guides is input of the 1D model.  Here these two load cells have noise of 0.5 N instead of
+0.02 N.  The noise excites the model, and a search that assumes exact inputs may name effects that do not exist.  Each
+lift is diagnosed twice: with the inputs as recorded, and with their noise removed, which is the default of a study.
 Run it with
 
     python examples/lift_input_noise.py [SEED …]
@@ -16,15 +16,15 @@ import sys
 from dataclasses import replace
 
 from discrepancy import Study
-from vtsdt.rig.one_dimensional import PlainLiftRig
+from vtsdt.rig import PlainLiftRig
 
 NOISE = {"friction_c": 0.5, "friction_cw": 0.5}
 TRIPS = 4
 WAYS = ("as recorded", "auto")
 
 
-def told(seed: int) -> None:
-    """Diagnose one lift both ways and print what is named and how far off each is on the trip held out."""
+def diagnose(seed: int) -> None:
+    """Diagnose one lift both ways and print the named effects and the errors on the trip held out."""
     case = PlainLiftRig(seed=seed, trips=TRIPS, sensor_noise=NOISE).case()
     problem = replace(case, offsets=("a_c",)).problem(seed=seed)
     print(f"\n## Lift {seed}\n")
@@ -40,4 +40,4 @@ def told(seed: int) -> None:
 
 if __name__ == "__main__":
     for chosen in sys.argv[1:] or ["9410"]:
-        told(int(chosen))
+        diagnose(int(chosen))

@@ -1,10 +1,9 @@
-"""Rails that nobody surveyed: what the reference model lacks without them, and with the guide that three sensors show.
+"""Rails that were not surveyed: errors of the reference model without them, and with rails estimated by three sensors.
 
-A virtual lift has rough rails; the model under test takes them for straight.  `vtsdt.alignment.align` estimates
-from
-tension, height and acceleration of the trips that may be used how hard the guides press over height, the model gets
-that as its rails, and all are calibrated and laid beside trips that were not used.  The model with the rails as they
-are says what more could be had.  Run it with
+A virtual lift has rough rails; the model under test assumes straight ones.  `vtsdt.alignment.align` estimates from
+tension, height and acceleration of the trips for fitting how hard the guides press over height.  The estimate becomes
+the rails of the model; all models are calibrated and compared with the trips held out.  The model with the true rails
+shows the best that can be reached.  Run it with
 
     python examples/lift_roughness.py
 """
@@ -21,17 +20,14 @@ import pandas as pd
 from discrepancy import Study
 from discrepancy.rigs.case import Case
 from estimation.files.record import Record
-from vtsdt.alignment.estimate import align
-from vtsdt.alignment.result import Alignment
-from vtsdt.alignment.trips import prepare
-from vtsdt.files.parameters import LiftParameters
+from vtsdt import LiftParameters, LiftRig
+from vtsdt.alignment import Alignment, align, prepare
 from vtsdt.rig.models import build
 from vtsdt.rig.rails import rail_tables
-from vtsdt.rig.rig import LiftRig
 
 SEED = 9410
 TRIPS = 8  # the last quarter is held out
-#: What shows how hard a guide presses, of cabin and counterweight, which the ropes accelerate against each other.
+#: Signals that show how hard a guide presses, for cabin and counterweight, which accelerate in opposite directions.
 SENSORS = {
     "cabin": {"tension": ("F_c", 1.0), "height": ("cabin.z", 1.0), "acceleration": ("a_c", 1.0)},
     "counterweight": {"tension": ("F_cw", 1.0), "height": ("counterweight.z", 1.0), "acceleration": ("a_c", -1.0)},
@@ -41,7 +37,7 @@ Rails = Mapping[str, Mapping[str, list[float]]]
 
 
 def aligned(case: Case, side: str) -> Alignment:
-    """Return the guide of cabin or counterweight as the sensors of the trips for fitting show it."""
+    """Return the alignment of the guide of cabin or counterweight, estimated from the trips for fitting."""
     lift = LiftParameters.bench()
 
     def as_measured(record: Record) -> Record:
@@ -50,15 +46,15 @@ def aligned(case: Case, side: str) -> Alignment:
             signals[role] = replace(record.signals[name], values=sign * record.signals[name].values)
         return replace(record, signals=signals)
 
-    if side == "counterweight":  # to the filter it is a cabin that nobody enters
+    if side == "counterweight":  # the filter treats it as a cabin without payload
         lift = replace(lift, cabin=lift.counterweight, cabin_guide=lift.counterweight_guide)
     return align([prepare(as_measured(r)) for r in case.identify], lift)
 
 
-def rail_of(found: Alignment, side: str) -> Rails:
-    """Return the estimate as one rail that presses as hard as all of them do."""
-    height, deviation, _ = found.rail
-    beyond = 0.5  # m: no trip was there; the rail goes on as it ends
+def rail_of(alignment: Alignment, side: str) -> Rails:
+    """Return the estimate as a single rail that presses as hard as all rails."""
+    height, deviation, _ = alignment.rail
+    beyond = 0.5  # m outside the trips, where the deviation stays constant
     heights = [height[0] - beyond, *height, height[-1] + beyond]
     deltas = 1e3 * np.array([deviation[0], *deviation, deviation[-1]])
     return {f"{side}.right_x": {"height_m": heights, "delta_mm": deltas.tolist()}}
@@ -73,14 +69,14 @@ def calibrated(case: Case, rails: Rails) -> Study:
 
 
 def main() -> pd.DataFrame:
-    """Print the errors on the trips held out, in SI: rails taken for straight, estimated, and as they are."""
+    """Print the errors on the trips held out, in SI: straight rails, estimated rails, true rails."""
     rig = LiftRig(seed=SEED, trips=TRIPS, under_test="reference", only_express=True)
     case = rig.case()
     estimated: dict[str, Rails] = {}
     for side in SENSORS:
-        found = aligned(case, side)
-        print(f"{side}: {found}")
-        estimated[side] = rail_of(found, side)
+        alignment = aligned(case, side)
+        print(f"{side}: {alignment}")
+        estimated[side] = rail_of(alignment, side)
     models: dict[str, Rails] = {
         "straight": {},
         "cabin's estimated": estimated["cabin"],
@@ -92,9 +88,9 @@ def main() -> pd.DataFrame:
         stage = calibrated(case, rails).stages[-1]
         columns[name] = pd.Series(stage.rmse("validate"))
         fit = stage.identify
-        told = {q.name: (v - q.value) / q.std for q, v in zip(fit.parameters, fit.values, strict=True)}
-        worst = max(told, key=lambda n: abs(told[n]))
-        print(f"rails {name}: {worst} is {told[worst]:+.1f} deviations from what is stated")
+        shifts = {q.name: (v - q.value) / q.std for q, v in zip(fit.parameters, fit.values, strict=True)}
+        worst = max(shifts, key=lambda n: abs(shifts[n]))
+        print(f"rails {name}: {worst} is {shifts[worst]:+.1f} standard deviations from its stated value")
     table = pd.DataFrame(columns)
     table["noise floor"] = pd.Series(stage.noise)
     print(table.to_string(float_format="{:.4g}".format))

@@ -1,6 +1,6 @@
-"""What the lift's paper leaves unexplained, put into a virtual lift and looked for: contacts, controller.
+"""Effects that the lift's paper leaves unexplained, hidden in a virtual lift and searched for: contacts, controller.
 
-The virtual lift has 37 states, and the model under test is the same one as it should be.  Four trips, of which one is
+The virtual lift has 37 states, and the model under test is the same lift with nominal parameters.  One of four trips is
 held out.  Run it with
 
     python examples/lift_unexplained.py [CASE …]
@@ -18,21 +18,20 @@ from discrepancy import Study
 from discrepancy.conclusion.conclusion import Conclusion
 from discrepancy.problem.problem import Problem
 from estimation.fit.calibrate import UncertainParameter
-from vtsdt.files.parameters import LiftParameters
-from vtsdt.rig.rig import LiftRig
+from vtsdt import LiftParameters, LiftRig
 
 SEED = 9400
 TRIPS = 4
-#: What nobody told the model: in the rig, over what it should be.
+#: Parameters of the rig that the model does not know, over the nominal ones.
 CONTACT = {"cabin_guide.stiffness": 0.6, "cabin_guide.damping": 2.0}
 CONTROLLER = {"control.K_pomega": 0.75, "control.T_iomega": 1.4}
-#: Standard deviation that an engineer may state who does not know them, as a share.
+#: Standard deviation of a vaguely known parameter, as a share.
 VAGUE = 0.5
 
 
 @dataclass(frozen=True)
 class ChangedLift(LiftRig):
-    """A virtual lift of which some parameters are not what its drawings say.
+    """A virtual lift with some parameters other than in its drawings.
 
     Parameters
     ----------
@@ -43,12 +42,12 @@ class ChangedLift(LiftRig):
     changed: Mapping[str, float] = field(default_factory=dict)
 
     def true_parameters(self, perturbed: Mapping[str, float]) -> LiftParameters:
-        """Return the numbers of the rig's lift."""
+        """Return the true parameters of the rig's lift."""
         return super().true_parameters({**perturbed, **{n: f * nominal(n) for n, f in self.changed.items()}})
 
 
 def nominal(name: str) -> float:
-    """Return a parameter as the drawings have it."""
+    """Return the value of a parameter in the drawings."""
     section, _, key = name.partition(".")
     return float(getattr(getattr(LiftParameters.bench(), section), key))
 
@@ -60,7 +59,7 @@ def problem_of(**settings: object) -> Problem:
 
 
 def knowing(problem: Problem, names: Mapping[str, float]) -> Problem:
-    """Return the study with some parameters vaguely known in place of exactly or nearly so."""
+    """Return the problem with some parameters known vaguely."""
     kept = tuple(q for q in problem.uncertain if q.name not in names)
     system = problem.model.build()
     units = dict(zip(system.parameter_names, (p.unit for p in system.parameters), strict=True))
@@ -68,16 +67,16 @@ def knowing(problem: Problem, names: Mapping[str, float]) -> Problem:
     return replace(problem, uncertain=(*kept, *more))
 
 
-def told(title: str, problem: Problem) -> Conclusion:
-    """Diagnose a study and print what it says and how the error held out falls."""
+def diagnose(title: str, problem: Problem) -> Conclusion:
+    """Diagnose a problem and print the conclusion and the errors on the trip held out."""
     study = Study(problem, progress=lambda text: print(f"    {text}", file=sys.stderr))
     conclusion = study.diagnose()
     print(f"\n## {title}\n\n{conclusion.sentence}\n")
     for warning in conclusion.warnings:
         print(f"- {warning}")
     print(study.to_frame()["validate"].to_string(float_format="{:.4g}".format))
-    moved = study.stages[-1].identify
-    for q, value, std in zip(moved.parameters, moved.values, moved.std, strict=True):
+    fit = study.stages[-1].identify
+    for q, value, std in zip(fit.parameters, fit.values, fit.std, strict=True):
         if q.name in (*CONTACT, *CONTROLLER):
             print(f"{q.name} = {value:.4g} ± {std:.2g} {q.unit}, drawn as {nominal(q.name):.4g}")
     return conclusion
@@ -86,15 +85,15 @@ def told(title: str, problem: Problem) -> Conclusion:
 def contact() -> None:
     """Contacts of the shoes that are softer and better damped than stated."""
     problem = problem_of(changed=CONTACT)
-    told("contacts stated too well", problem)
-    told("contacts known vaguely", knowing(problem, CONTACT))
+    diagnose("contacts stated too well", problem)
+    diagnose("contacts known vaguely", knowing(problem, CONTACT))
 
 
 def controller() -> None:
-    """A speed controller that somebody has tuned."""
+    """A speed controller with other gains."""
     problem = problem_of(changed=CONTROLLER)
-    told("controller as drawn", problem)
-    told("controller known vaguely", knowing(problem, CONTROLLER))
+    diagnose("controller as drawn", problem)
+    diagnose("controller known vaguely", knowing(problem, CONTROLLER))
 
 
 CASES = {"contact": contact, "controller": controller}

@@ -1,6 +1,6 @@
-"""Judge the comfort of a recorded ride up a skyscraper, and draw it.
+"""Evaluate and draw the comfort of a recorded ride up a skyscraper.
 
-The recording was made by others (see PROVENANCE.md beside it) and is read from the folder in VTSDT_DATA.  Run it with
+The recording was made by others (see its PROVENANCE.md) and is read from the folder in VTSDT_DATA.  Run it with
 
     VTSDT_DATA=… python examples/ride_comfort.py ride.png
 """
@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from vtsdt.lift.comfort import RideComfort, ride_comfort
+from vtsdt import RideComfort, ride_comfort
 
 
-def judged(data: Path) -> RideComfort:
+def evaluate(data: Path) -> RideComfort:
     """Return the indicators of the part in which the telephone lay on the floor."""
     table = np.genfromtxt(data / "lift_ride" / "lift_ride.csv", delimiter=",", names=True)
     floor = table["phone_on_floor"] == 1
@@ -26,7 +26,7 @@ def judged(data: Path) -> RideComfort:
 if __name__ == "__main__":
     if "VTSDT_DATA" not in os.environ:
         sys.exit("set VTSDT_DATA to the folder with the recordings")
-    ride = judged(Path(os.environ["VTSDT_DATA"]))
+    ride = evaluate(Path(os.environ["VTSDT_DATA"]))
     print(ride.to_frame().to_string(index=False))
     print("\n".join(ride.notes))
     if len(sys.argv) > 1:

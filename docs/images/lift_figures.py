@@ -11,11 +11,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from vtsdt.lift.energy import energy_balance
-from vtsdt.lift.lift import Lift
-from vtsdt.lift.modes import modes_along_trip
-from vtsdt.lift.pictures import diagram, mode_shapes, trip_strip
-from vtsdt.lift.reduction import one_dimensional_against_reference
+from vtsdt import Lift, energy_balance, modes_along_trip
+from vtsdt.lift import diagram, mode_shapes, one_dimensional_against_reference, trip_strip
 from vtsdt.parts.guide import face
 
 HERE = Path(__file__).parent
@@ -35,7 +32,7 @@ def contact_law(path: Path) -> None:
 
 
 def main() -> None:
-    """Write all figures beside this file."""
+    """Write all figures into the folder of this file."""
     lift = Lift.reference(profile=True)
     contact_law(HERE / "lift-contact.png")
     diagram(lift).savefig(HERE / "lift-diagram.png", dpi=90)

@@ -17,7 +17,7 @@ def test_ride_up_a_skyscraper(measured_data: Path) -> None:
     assert spec.loader is not None
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)
-    ride = example.judged(measured_data)
+    ride = example.evaluate(measured_data)
     # its provenance: cruise 4.07 m/s, about 77 m (74 m in the author's window), 0.81 and 0.83 m/s2; ours by other means
     assert ride.speed == pytest.approx(4.07, rel=0.02)
     assert 72.0 < ride.distance < 79.0
