@@ -42,7 +42,7 @@ class Work:
     along: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SignalComparison:
     """One output of one record.
 
@@ -221,16 +221,16 @@ def _signals_of(stage: Stage, part: str, fit: Fit) -> list[SignalComparison]:
         noise = stage.noise.get(output) or None
         signals.append(
             SignalComparison(
-                part,
-                experiment.name,
-                output,
-                unit,
-                experiment.time,
-                measured,
-                model,
-                noise,
-                agreement(measured, model, noise),
-                _work(fit, units, c),
+                part=part,
+                record=experiment.name,
+                output=output,
+                unit=unit,
+                time=experiment.time,
+                measured=measured,
+                model=model,
+                noise=noise,
+                figures=agreement(measured, model, noise),
+                work=_work(fit, units, c),
             )
         )
     return signals

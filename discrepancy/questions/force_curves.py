@@ -30,7 +30,7 @@ NOT_PERIODIC = ("time", "speed", "load", "acceleration")
 PER_KNOT = 5e-4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Curve:
     """A force as a function of one regressor, ready to become a table component.
 
@@ -76,7 +76,7 @@ class Curve:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Explanation:
     """How well one regressor explains the force.
 
@@ -242,7 +242,15 @@ class _Fit:
         b = self.basis
         if b.period is not None:
             c, s = np.append(c, c[0]), np.append(s, s[0])
-        return Curve(b.regressor, unit, b.parity, b.knots, c, s, b.period)
+        return Curve(
+            regressor=b.regressor,
+            unit=unit,
+            parity=b.parity,
+            grid=b.knots,
+            value=c,
+            std=s,
+            period=b.period,
+        )
 
 
 def explain_force(
@@ -346,7 +354,14 @@ def explain_force(
             share = _reproduced(other, shown)
             aliases[other.basis.regressor] = max(share, aliases.get(other.basis.regressor, 0.0))
         unit = (units or {}).get(fit.basis.regressor, "")
-        out.append(Explanation(fit.basis.regressor, fit.basis.parity, ev, p, fit.curve(f, unit), aliases))
+        out.append(Explanation(
+            regressor=fit.basis.regressor,
+            parity=fit.basis.parity,
+            explained=ev,
+            p=p,
+            curve=fit.curve(f, unit),
+            aliases=aliases,
+        ))
     out.sort(key=lambda e: -(e.explained - PER_KNOT * len(e.curve.grid)))
     seen: set[tuple[str, str]] = set()
     best: list[Explanation] = []

@@ -41,7 +41,7 @@ _ABOVE = 3.0
 """Factor over the noise floor from which a frequency counts as above it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class WhereItFails:
     """Where a stage fails; every entry is a dict of plain values with a ``sentence``.
 
@@ -100,14 +100,16 @@ def locate(stage: Stage, part: str = "identify") -> WhereItFails:
         Records to examine.
     """
     residuals = residuals_along_motion(stage, part)
+    connections, why_no_connections = examined_connections(residuals)
     return WhereItFails(
-        stage.name,
-        part,
-        tuple(_signals(residuals)),
-        tuple(_regimes(residuals)),
-        tuple(_dependence(residuals)),
-        tuple(_frequencies(residuals)),
-        *examined_connections(residuals),
+        stage=stage.name,
+        part=part,
+        signals=tuple(_signals(residuals)),
+        regimes=tuple(_regimes(residuals)),
+        dependence=tuple(_dependence(residuals)),
+        frequencies=tuple(_frequencies(residuals)),
+        connections=connections,
+        why_no_connections=why_no_connections,
     )
 
 

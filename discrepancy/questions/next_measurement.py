@@ -207,7 +207,13 @@ def compare_trips(
 
 
 def _proposal(trip: TripPlan, separation: float, duration: float) -> Proposal:
-    return Proposal(trip, separation, chance(separation), repeats_needed(separation), duration)
+    return Proposal(
+        trip=trip,
+        separation=separation,
+        power=chance(separation),
+        repeats=repeats_needed(separation),
+        duration=duration,
+    )
 
 
 def _with_sensors(
@@ -242,35 +248,38 @@ def next_measurements(state: SearchState) -> tuple[NextMeasurement, ...]:
     return tuple(measurements)
 
 
-def _against(state: SearchState, accepted: AcceptedEffect, alternative: RivalExplanation) -> NextMeasurement:
+def _against(state: SearchState, accepted: AcceptedEffect, rival: RivalExplanation) -> NextMeasurement:
     best = accepted.effect
-    titles = (
-        f"{best.definition.text.title} at {best.where}",
-        f"{kind_named(alternative.kind).text.title} at {alternative.where}",
+    measurement = NextMeasurement(
+        best=str(best),
+        rival=f"{rival.kind}@{rival.where}",
+        titles=(
+            f"{best.definition.text.title} at {best.where}",
+            f"{kind_named(rival.kind).text.title} at {rival.where}",
+        ),
     )
-    names = (str(best), f"{alternative.kind}@{alternative.where}")
     if state.mode != "simulation":
         confirm = best.definition.text.confirm.rstrip(".")
-        return NextMeasurement(*names, titles, why_not=f"{confirm} (trips are compared by simulation only)")
+        return replace(measurement, why_not=f"{confirm} (trips are compared by simulation only)")
     last = state.stages[-1]
     kept = tuple(e for e in last.effects if e.component_name != best.component_name or e.kind != best.kind)
     if len(kept) == len(last.effects):
-        return NextMeasurement(*names, titles, why_not="the first is not in the model any more")
-    effect = _effect_of(state, accepted, alternative)
+        return replace(measurement, why_not="the first is not in the model any more")
+    effect = _effect_of(state, accepted, rival)
     if effect is None:
-        return NextMeasurement(*names, titles, why_not=kind_named(alternative.kind).text.confirm.rstrip("."))
+        return replace(measurement, why_not=kind_named(rival.kind).text.confirm.rstrip("."))
     state.progress(f"which trip would distinguish {best} from {effect}")
     try:
         other = state.fitted(last.name, (*kept, effect), last, last.noise, trial=True)
         record, proposals = compare_trips(last, other, progress=state.progress)
     except RuntimeError as error:
-        return NextMeasurement(*names, titles, why_not=f"the second could not be simulated: {error}")
-    return NextMeasurement(*names, titles, record, proposals)
+        return replace(measurement, why_not=f"the second could not be simulated: {error}")
+    return replace(measurement, record=record, proposals=proposals)
 
 
-def _effect_of(state: SearchState, accepted: AcceptedEffect, alternative: RivalExplanation) -> Effect | None:
-    """Return the alternative as an effect with the strength that the scan expects of it."""
-    name = f"{alternative.kind}@{alternative.where}"
+def _effect_of(state: SearchState, accepted: AcceptedEffect, rival: RivalExplanation) -> Effect | None:
+    """Return a rival as an effect with the strength that the scan expects of it."""
+    name = f"{rival.kind}@{rival.where}"
     stage = state.stages[-1]
     experiment = stage.identify.fits[0].experiment
     entry = next((e for e in catalogue(stage.system, experiment.outputs, experiment.inputs) if e.name == name), None)

@@ -26,7 +26,7 @@ __all__ = ["Trend", "parameter_trends"]
 MIN_RECORDS = 3  # of two, a trend and a difference are the same
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Trend:
     """A parameter that changes along the records.
 
@@ -94,8 +94,12 @@ def parameter_trends(stage: Stage, level: float, seed: int) -> tuple[Trend, ...]
     units = {q.name: q.unit for q in stage.identify.parameters}
     return tuple(
         Trend(
-            r.where, units[r.where], float(np.ravel(r.expected_strength)[0]), float(np.ravel(r.standard_error)[0]),
-            min(1.0, LEVEL_SHARES * float(r.p_value)), float(r.error_reduction),
+            parameter=r.where,
+            unit=units[r.where],
+            change=float(np.ravel(r.expected_strength)[0]),
+            std=float(np.ravel(r.standard_error)[0]),
+            p=min(1.0, LEVEL_SHARES * float(r.p_value)),
+            share=float(r.error_reduction),
         )
         for r in sorted(trends.rows, key=lambda r: -r.error_reduction)
         if r.verdict is Verdict.MISSING

@@ -13,7 +13,7 @@ from discrepancy.statistics.hat_functions import hat_functions
 from discrepancy.statistics.periodicity import pieces
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Law:
     """A fitted law.
 
@@ -138,5 +138,11 @@ def suggest_laws(
         err, g = min(fits, key=lambda t: t[0])
         A = columns(x, **g) * turn[:, None]
         c = np.linalg.lstsq(A, f, rcond=1e-10)[0]
-        out.append(Law(name, formula, {**dict(zip(linear, c.tolist(), strict=True)), **g}, err, free))
+        out.append(Law(
+            name=name,
+            formula=formula,
+            parameters={**dict(zip(linear, c.tolist(), strict=True)), **g},
+            error=err,
+            curve_error=free,
+        ))
     return sorted(out, key=lambda law: law.error)

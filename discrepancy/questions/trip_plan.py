@@ -13,7 +13,7 @@ __all__ = ["STOP", "TripPlan"]
 STOP, RAMP = 0.6, 0.2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TripPlan:
     """How a trip differs from a recorded one.
 

@@ -49,7 +49,7 @@ def repeats_needed(separation: float, enough: float = ENOUGH, most: int = 1000) 
     return low
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Proposal:
     """A trip and how well it would distinguish two explanations.
 
@@ -83,7 +83,7 @@ class Proposal:
         }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class NextMeasurement:
     """What to measure to distinguish two explanations.
 
@@ -117,8 +117,8 @@ class NextMeasurement:
         top = self.proposals[0]
         if top.repeats is None:
             return (
-                f"{purpose}: none of {len(self.proposals)} trips with these or other sensors would do; the two look "
-                "the same to everything that the model has as an output."
+                f"{purpose}: none of {len(self.proposals)} trips with these or other sensors distinguishes them; they "
+                "look the same to every output of the model."
             )
         many = "one trip" if top.repeats == 1 else f"{top.repeats} trips"
         text = (
@@ -130,10 +130,10 @@ class NextMeasurement:
             if plain is not None and plain.repeats is not None:
                 text += f" With the present sensors: {plain.trip.words}, {plain.repeats} of them."
             else:
-                text += " No trip with the present sensors does."
+                text += " No trip with the present sensors distinguishes them."
         usual = next((p for p in self.proposals if p.trip == TripPlan()), None)
         if usual is not None and usual is not top:
-            need = f"{usual.repeats} of them" if usual.repeats is not None else "no number of them would do"
+            need = f"{usual.repeats} of them" if usual.repeats is not None else "no number of them is enough"
             text += f" Trips as recorded: {need}."
         return text
 

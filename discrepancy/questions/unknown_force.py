@@ -31,7 +31,7 @@ FOLLOWS_LEVEL = 0.1
 DRAWS = 200
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class UnknownCurve:
     """An unidentified force, as a curve over what it follows.
 
@@ -72,14 +72,14 @@ class UnknownCurve:
         turns = effect.domain == "rotation"
         unit = {"time": "s", "speed": "rad/s" if turns else "m/s"}.get(effect.over, "rad" if turns else "m")
         return cls(
-            effect.where,
-            effect.over,
-            unit,
-            "N*m" if turns else "N",
-            np.array(effect.knots),
-            np.array(list(effect.strengths.values()), dtype=float),
-            std,
-            statement,
+            where=effect.where,
+            regressor=effect.over,
+            regressor_unit=unit,
+            unit="N*m" if turns else "N",
+            x=np.array(effect.knots),
+            force=np.array(list(effect.strengths.values()), dtype=float),
+            std=std,
+            statement=statement,
             **figures,
         )
 
@@ -97,7 +97,7 @@ class UnknownCurve:
         }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class UnknownForce:
     """What the records say about a force that no kind of the catalogue explains.
 
@@ -232,7 +232,7 @@ def describe_force(
     from discrepancy.questions.simple_laws import suggest_laws
 
     if not estimate.reconstructable:
-        return UnknownForce(estimate, None, (), similar, over)
+        return UnknownForce(estimate=estimate, report=None, laws=(), similar=similar, over=over)
     state.progress(f"what the force at {estimate.where} depends on")
     moving = np.abs(estimate.motion["speed"])
     direction = np.tanh(estimate.motion["speed"] / max(0.01 * float(np.max(moving)), 1e-300))
@@ -252,7 +252,7 @@ def describe_force(
     if best is not None:
         x = direction if best.regressor == "direction" else estimate.motion[best.regressor]
         laws = tuple(suggest_laws(estimate.force, x, best.curve, direction=direction, blocks=estimate.record)[:LAWS])
-    return UnknownForce(estimate, report, laws, similar, over)
+    return UnknownForce(estimate=estimate, report=report, laws=laws, similar=similar, over=over)
 
 
 def _similar_kinds(state: SearchState, effect: Effect, index: int) -> tuple[tuple[str, float], ...]:
@@ -319,10 +319,25 @@ def _curve(estimate: ForceEstimate, force: UnknownForce, explanation: Explanatio
     if explanation.regressor in ("position", "speed") and explanation.parity == "even":
         c = explanation.curve
         return UnknownCurve(
-            estimate.where, explanation.regressor, c.unit, estimate.unit, c.grid, c.value, c.std, statement, **figures
+            where=estimate.where,
+            regressor=explanation.regressor,
+            regressor_unit=c.unit,
+            unit=estimate.unit,
+            x=c.grid,
+            force=c.value,
+            std=c.std,
+            statement=statement,
+            **figures,
         )
     first = estimate.record == 0
     return UnknownCurve(
-        estimate.where, "time", "s", estimate.unit, estimate.time[first] - estimate.time[first][0],
-        np.asarray(estimate.force[first]), np.asarray(estimate.std[first]), statement, **figures,
+        where=estimate.where,
+        regressor="time",
+        regressor_unit="s",
+        unit=estimate.unit,
+        x=estimate.time[first] - estimate.time[first][0],
+        force=np.asarray(estimate.force[first]),
+        std=np.asarray(estimate.std[first]),
+        statement=statement,
+        **figures,
     )  # fmt: skip

@@ -836,7 +836,7 @@ def _best_with_rivals(fits: Sequence[Stage], stage: Stage, p_values: Mapping[str
 # -------------------------------------------------------------------- exchange one effect
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Exchange:
     """An effect that replaces another and gives the better model.
 
@@ -905,7 +905,7 @@ def propose_exchange(stages: Sequence[Stage], fit: TrialFit, progress: Callable[
         return stage if stage is not None and all(any(e.strengths.values()) for e in stage.effects) else None
 
     exchanges = [
-        Exchange(index, old, new, stage, -bic_difference(stage, last))
+        Exchange(index=index, old=old, new=new, stage=stage, improvement=-bic_difference(stage, last))
         for (index, old, new), stage in zip(proposals, parallel_map(fitted, proposals), strict=True)
         if stage is not None
     ]

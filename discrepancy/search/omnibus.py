@@ -31,7 +31,7 @@ N_FINE = 17
 FINE = "fine curve"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Omnibus:
     """Result of the omnibus test.
 
@@ -218,7 +218,7 @@ def omnibus(
     symptoms = {"portmanteau": _portmanteau(r), "low-frequency energy": _low_frequency(r)}
     if moving is not None:
         symptoms["motion against rest"] = _motion(r, moving, draws, seed)
-    return Omnibus(p, p < level, best.name if best else "none", symptoms, r)
+    return Omnibus(p=p, rejects=p < level, leading=best.name if best else "none", symptoms=symptoms, scan=r)
 
 
 def _portmanteau(r: ScanResult) -> tuple[float, float, str]:

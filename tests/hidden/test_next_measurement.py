@@ -64,8 +64,14 @@ def test_chance_follows_from_the_separation():
 
 
 def test_nothing_separates_is_said_so():
-    hopeless = Proposal(TripPlan(), 0.0, 0.0, None, 6.0)
-    told = NextMeasurement("a@x", "b@x", ("one", "the other"), "trip", (hopeless,)).sentence
+    hopeless = Proposal(trip=TripPlan(), separation=0.0, power=0.0, repeats=None, duration=6.0)
+    told = NextMeasurement(
+        best="a@x",
+        rival="b@x",
+        titles=("one", "the other"),
+        record="trip",
+        proposals=(hopeless,),
+    ).sentence
     assert "none of 1 trips" in told
 
 

@@ -61,7 +61,7 @@ def test_a_force_that_no_sensor_sees_is_not_called_measured(found):
     assert not estimate.reconstructable
     from discrepancy.questions.unknown_force import UnknownForce
 
-    assert "cannot be reconstructed" in UnknownForce(estimate, None).sentence
+    assert "cannot be reconstructed" in UnknownForce(estimate=estimate, report=None).sentence
 
 
 def test_what_is_left_follows_the_inputs_only_where_something_is_missing(found):

@@ -115,7 +115,16 @@ def test_a_tie_is_listed_apart(conclusion, evidence) -> None:
 def test_an_unknown_effect_has_its_curve(conclusion) -> None:
     x = np.linspace(0.0, 1.0, 5)
     curve = UnknownCurve(
-        "guide", "position", "m", "N", x, np.sin(x), np.full(5, math.nan), "something", 1e-4, -40.0
+        where="guide",
+        regressor="position",
+        regressor_unit="m",
+        unit="N",
+        x=x,
+        force=np.sin(x),
+        std=np.full(5, math.nan),
+        statement="something",
+        p_value=1e-4,
+        delta_bic=-40.0,
     )
     found = to_diagnosis(
         replace(conclusion, verdict="unknown effect", stages=conclusion.stages[:2], unknown=curve)

@@ -14,7 +14,7 @@ LATE = Effect("sensor_delay", "carriage.position", {"delay": 1e-3})
 
 
 def exchange() -> Exchange:
-    return Exchange(2, MOTOR, GUIDE, SimpleNamespace(), improvement=14.0)
+    return Exchange(index=2, old=MOTOR, new=GUIDE, stage=SimpleNamespace(), improvement=14.0)
 
 
 def test_the_old_effect_becomes_the_first_alternative_and_the_new_one_is_none_any_more() -> None:

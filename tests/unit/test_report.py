@@ -151,7 +151,15 @@ def test_other_answers_have_their_page(conclusion, evidence) -> None:
 
     x = np.linspace(0.0, 0.3, 9)
     curve = UnknownCurve(
-        "guide", "position", "m", "N", x, np.cos(9 * x), np.full(9, 0.1), "a wave along the travel", 1e-4
+        where="guide",
+        regressor="position",
+        regressor_unit="m",
+        unit="N",
+        x=x,
+        force=np.cos(9 * x),
+        std=np.full(9, 0.1),
+        statement="a wave along the travel",
+        p_value=1e-4,
     )
     unknown = replace(two, verdict="unknown effect", unknown=curve)
     drawn = pictures(unknown, evidence2)
