@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimation.response.record_simulation import RecordSimulation
-from multibody.solvers.kernels.carry import carry
+from multibody.solvers.kernels.perturbations import propagate
 
 if TYPE_CHECKING:
     from multibody.machine.model import System
@@ -104,7 +104,7 @@ class PerturbationResponse:
     outputs : ndarray, shape (nt, c)
         Nominal outputs on the record's grid, before sensors and preparation.
     phi, gamma0, gamma1 : ndarray
-        State-transition matrices; see `multibody.solvers.transitions.Transitions`.
+        State-transition matrices; see `multibody.solvers.state_transition.StateTransitionMatrices`.
     c, d : ndarray, shape (nt, c, n) and (nt, c, n_channels)
         Derivatives of the outputs by states and by the channels.
     """
@@ -130,7 +130,7 @@ class PerturbationResponse:
         """
         from multibody.compile.vector_mode import lanes_pay_off
         from multibody.solvers.problem import ProblemError
-        from multibody.solvers.transitions import transitions
+        from multibody.solvers.state_transition import state_transition_matrices
         from multibody.system.along_trajectory import longest_steps
 
         system, p, time, pick = simulation.system, simulation.p, simulation.time, simulation.outputs
@@ -153,7 +153,7 @@ class PerturbationResponse:
         try:
             limit, jumps = np.minimum(longest[1:], longest[:-1]), simulation.table.jumps(p)
             lasting = sum(isinstance(c, ParameterPerturbation) for c in channels)
-            matrices = transitions(time, jacobians, limit, jumps, lasting)
+            matrices = state_transition_matrices(time, jacobians, limit, jumps, lasting)
         except ProblemError as error:
             raise simulation.error(error) from error
         return cls(
@@ -182,7 +182,7 @@ class PerturbationResponse:
         room = np.empty((2, self.phi.shape[2], len(perturbations)))
         values = [q.values if isinstance(q, InputPerturbation) else ones for q in perturbations]
         out = np.empty((*self.outputs.shape, len(perturbations)))
-        carry(
+        propagate(
             self.phi, self.gamma0, self.gamma1, self.c, self.d, channel,
             np.ascontiguousarray(np.stack(values, axis=1)), room, out,
         )  # fmt: skip
@@ -221,14 +221,14 @@ class _Trajectory:
 
     def __init__(self, simulation: RecordSimulation) -> None:
         from multibody.compile.vector_mode import lanes_pay_off
-        from multibody.solvers.transitions import look_at_times
+        from multibody.solvers.state_transition import jacobian_times
         from multibody.system.simulate import native_problem
 
         self.simulation = simulation
         system, samples = simulation.system, simulation.time
         wide = lanes_pay_off(samples.size, len(system.states))
         self.problem = native_problem(system, simulation.p, simulation.table, tangent=True, in_lanes=wide)
-        self._known = np.sort(np.concatenate((samples, look_at_times(samples))))
+        self._known = np.sort(np.concatenate((samples, jacobian_times(samples))))
         self._states = self._integrated(simulation.x0, float(samples[0]), self._known)
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """Compiled integrators behind SciPy's extension point `OdeSolver`, and what they integrate.
 
 Modules with a function of their own name are imported by path: ``from multibody.solvers.batch import batch``,
-``from multibody.solvers.transitions import transitions``.
+``from multibody.solvers.state_transition import state_transition_matrices``.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _PLACES = {
     "ProblemError": "problem",
     "Run": "batch",
     "Samples": "base",
-    "Transitions": "transitions",
+    "StateTransitionMatrices": "state_transition",
     "choose_method": "choose",
     "spectral_radius": "choose",
     "integrate": "run",

@@ -1,4 +1,4 @@
-"""Discrete transitions where a machine is stiff: matrix blocks of its Jacobian, frozen piece by piece.
+"""State-transition matrices where a machine is stiff: matrix exponentials of its Jacobian, frozen piece by piece.
 
 An explicit integration of the variational equation needs as many steps as the fastest motion has time constants, even
 when that motion has long died away: a connection that sticks in dry friction can ask for thousands between two
@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["frozen_transitions"]
+__all__ = ["frozen_state_transition"]
 
 
-def frozen_transitions(a: np.ndarray, b: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return transitions of intervals from the Jacobians in their pieces.
+def frozen_state_transition(a: np.ndarray, b: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the state-transition matrices of intervals from the Jacobians in their pieces.
 
     Parameters
     ----------
@@ -29,14 +29,14 @@ def frozen_transitions(a: np.ndarray, b: np.ndarray, h: np.ndarray) -> tuple[np.
     Returns
     -------
     phi, gamma0, gamma1 : ndarray, shape (K, n, n), (K, n, m), (K, n, m)
-        As in `multibody.solvers.transitions.Transitions`.
+        As in `multibody.solvers.state_transition.StateTransitionMatrices`.
 
     Examples
     --------
     A first-order lag of 1 ms over an interval of 0.1 s forgets its state, and follows a ramp one time constant late:
 
     >>> rate = np.full((1, 1, 1, 1), 1e3)
-    >>> phi, gamma0, gamma1 = frozen_transitions(-rate, rate, np.array([0.1]))
+    >>> phi, gamma0, gamma1 = frozen_state_transition(-rate, rate, np.array([0.1]))
     >>> round(float(phi[0, 0, 0]), 6), round(float(gamma0[0, 0, 0]), 6), round(float(gamma1[0, 0, 0]), 6)
     (0.0, 0.01, 0.99)
     """

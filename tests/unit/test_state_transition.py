@@ -16,7 +16,7 @@ from estimation.response.perturbations import PerturbationResponse
 from multibody.inputs.table import InputTable
 from multibody.solvers import Samples, integrate
 from multibody.solvers.problem import Directions, ProblemError
-from multibody.solvers.transitions import transitions
+from multibody.solvers.state_transition import state_transition_matrices
 from multibody.system.simulate import native_problem
 from vtsdt.rig.models import build
 
@@ -31,8 +31,8 @@ def of_time(a, b, asked=None):
     def jacobians(at):
         if asked is not None:
             asked.append(at)
-        found = np.array([a(t) for t in at]), np.array([b(t) for t in at])
-        return lambda part: (found[0][part], found[1][part])
+        matrices = np.array([a(t) for t in at]), np.array([b(t) for t in at])
+        return lambda part: (matrices[0][part], matrices[1][part])
 
     return jacobians
 
@@ -50,9 +50,9 @@ def exact_blocks(step, a=A, b=B):
 
 @pytest.mark.parametrize("longest", [np.inf, 0.007])
 def test_constant_coefficients_give_the_matrix_exponential(longest):
-    found = transitions(UNEVEN, of_time(lambda t: A, lambda t: B), longest)
+    matrices = state_transition_matrices(UNEVEN, of_time(lambda t: A, lambda t: B), longest)
     for k, step in enumerate(np.diff(UNEVEN)):
-        for block, exact in zip(found, exact_blocks(step), strict=True):
+        for block, exact in zip(matrices, exact_blocks(step), strict=True):
             np.testing.assert_allclose(block[k], exact, rtol=0, atol=3e-7)
 
 
@@ -60,14 +60,15 @@ def test_constant_coefficients_give_the_matrix_exponential(longest):
 def test_an_addition_that_lasts_is_one_that_begins_and_ends_alike(faster, longest):
     """In whole intervals, in pieces, and where the Jacobians are frozen."""
     at = of_time(lambda t: faster * A, lambda t: B)
-    found, risen = transitions(UNEVEN, at, longest, lasting=1), transitions(UNEVEN, at, longest)
-    np.testing.assert_array_equal(found.phi, risen.phi)
-    np.testing.assert_array_equal(found.gamma1[:, :, 1], 0.0)
+    matrices = state_transition_matrices(UNEVEN, at, longest, lasting=1)
+    risen = state_transition_matrices(UNEVEN, at, longest)
+    np.testing.assert_array_equal(matrices.phi, risen.phi)
+    np.testing.assert_array_equal(matrices.gamma1[:, :, 1], 0.0)
     for k, step in enumerate(np.diff(UNEVEN)):
         _, gamma0, gamma1 = exact_blocks(step, faster * A)
-        np.testing.assert_allclose(found.gamma0[k, :, 0], gamma0[:, 0], rtol=0, atol=3e-7)
-        np.testing.assert_allclose(found.gamma1[k, :, 0], gamma1[:, 0], rtol=0, atol=3e-7)
-        np.testing.assert_allclose(found.gamma0[k, :, 1], (gamma0 + gamma1)[:, 1], rtol=0, atol=3e-7)
+        np.testing.assert_allclose(matrices.gamma0[k, :, 0], gamma0[:, 0], rtol=0, atol=3e-7)
+        np.testing.assert_allclose(matrices.gamma1[k, :, 0], gamma1[:, 0], rtol=0, atol=3e-7)
+        np.testing.assert_allclose(matrices.gamma0[k, :, 1], (gamma0 + gamma1)[:, 1], rtol=0, atol=3e-7)
 
 
 def test_turning_coordinates_are_followed():
@@ -79,10 +80,10 @@ def test_turning_coordinates_are_followed():
     errors = []
     for count in (50, 100):  # 0.9 radians of the oscillation in an interval and 7 degrees of turning, then half of that
         times = np.linspace(0.0, 1.0, count + 1)
-        found, off = transitions(times, jacobians), np.zeros(3)
+        matrices, off = state_transition_matrices(times, jacobians), np.zeros(3)
         for k, (t0, t1) in enumerate(pairwise(times)):
             phi, gamma0, gamma1 = exact_blocks(t1 - t0, a0, np.ones((2, 1)))
-            for i, (block, own) in enumerate(zip(found, (phi @ turned(t0).T, gamma0, gamma1), strict=True)):
+            for i, (block, own) in enumerate(zip(matrices, (phi @ turned(t0).T, gamma0, gamma1), strict=True)):
                 off[i] = max(off[i], np.max(np.abs(block[k] - turned(t1) @ own)) / np.max(np.abs(own)))
         errors.append(off)
     assert np.all(errors[0] < 3e-4)
@@ -93,35 +94,37 @@ def test_turning_coordinates_are_followed():
 def test_a_rate_that_grows_in_time():
     """δ' = -c t δ + φ leaves exp(-c (t1² - t0²) / 2) of δ."""
     times = np.linspace(0.0, 2.0, 41)
-    found = transitions(times, of_time(lambda t: np.array([[-20.0 * t]]), lambda t: np.ones((1, 1))))
-    np.testing.assert_allclose(found.phi[:, 0, 0], np.exp(-10.0 * np.diff(times**2)), rtol=1e-6)
-    assert found.gamma0.shape == found.gamma1.shape == (40, 1, 1)
+    matrices = state_transition_matrices(times, of_time(lambda t: np.array([[-20.0 * t]]), lambda t: np.ones((1, 1))))
+    np.testing.assert_allclose(matrices.phi[:, 0, 0], np.exp(-10.0 * np.diff(times**2)), rtol=1e-6)
+    assert matrices.gamma0.shape == matrices.gamma1.shape == (40, 1, 1)
 
 
 def test_a_jump_that_is_told_is_met_exactly():
     a, times, jump = (lambda t: A if t < 0.033 else 3.0 * A), np.linspace(0.0, 0.1, 6), 0.033
-    found = transitions(times, of_time(a, lambda t: B), breaks=np.array([jump, 0.06, 7.0]))
-    np.testing.assert_allclose(found.phi[1], expm(3.0 * A * 0.007) @ expm(A * 0.013), rtol=0, atol=3e-7)
-    np.testing.assert_allclose(found.phi[3], expm(3.0 * A * 0.02), rtol=0, atol=3e-7)
+    matrices = state_transition_matrices(times, of_time(a, lambda t: B), breaks=np.array([jump, 0.06, 7.0]))
+    np.testing.assert_allclose(matrices.phi[1], expm(3.0 * A * 0.007) @ expm(A * 0.013), rtol=0, atol=3e-7)
+    np.testing.assert_allclose(matrices.phi[3], expm(3.0 * A * 0.02), rtol=0, atol=3e-7)
 
 
 def test_where_jacobians_bend_they_are_asked_for_again():
     times, asked = np.linspace(0.0, 1.0, 301), []
     rate = lambda t: np.array([[-50.0 - 400.0 * max(t - 0.502, 0.0)]])  # noqa: E731
-    found = transitions(times, of_time(rate, lambda t: np.ones((1, 1)), asked))
+    matrices = state_transition_matrices(times, of_time(rate, lambda t: np.ones((1, 1)), asked))
     first, again = asked
     assert first.size == 3 * 300
     assert abs(again - 0.502).max() < 3 / 300
     late = np.maximum(times - 0.502, 0.0)
-    np.testing.assert_allclose(found.phi[:, 0, 0], np.exp(-50.0 / 300 - 200.0 * np.diff(late**2)), rtol=1e-5)
+    np.testing.assert_allclose(matrices.phi[:, 0, 0], np.exp(-50.0 / 300 - 200.0 * np.diff(late**2)), rtol=1e-5)
     straight = []
-    transitions(times, of_time(lambda t: np.array([[-50.0 - 30.0 * t]]), lambda t: np.ones((1, 1)), straight))
+    falling = of_time(lambda t: np.array([[-50.0 - 30.0 * t]]), lambda t: np.ones((1, 1)), straight)
+    state_transition_matrices(times, falling)
     assert len(straight) == 1
 
 
 def test_intervals_that_are_stiff_are_frozen():
     fast = np.diag([-1.0, -1e6])
-    phi, gamma0, gamma1 = transitions(np.array([0.0, 0.1, 0.2]), of_time(lambda t: fast, lambda t: np.ones((2, 1))))
+    at = of_time(lambda t: fast, lambda t: np.ones((2, 1)))
+    phi, gamma0, gamma1 = state_transition_matrices(np.array([0.0, 0.1, 0.2]), at)
     np.testing.assert_allclose(phi[1], np.diag([np.exp(-0.1), 0.0]), rtol=0, atol=1e-12)
     assert gamma1[1, 1, 0] == pytest.approx(1e-6, rel=1e-4)
     assert gamma0[1, 1, 0] == pytest.approx(1e-11, rel=1e-4)
@@ -130,26 +133,26 @@ def test_intervals_that_are_stiff_are_frozen():
 def test_threads_change_nothing_and_faults_are_named(monkeypatch):
     times = np.linspace(0.0, 1.0, 701)
     wavy = of_time(lambda t: A * (1.0 + 0.5 * np.sin(40.0 * t)), lambda t: B)
-    several = transitions(times, wavy)
+    several = state_transition_matrices(times, wavy)
     monkeypatch.setattr(threads, "available_cores", lambda: 1)
-    for one, other in zip(transitions(times, wavy), several, strict=True):
+    for one, other in zip(state_transition_matrices(times, wavy), several, strict=True):
         np.testing.assert_array_equal(one, other)
     with pytest.raises(ProblemError, match="increasing times"):
-        transitions(times[::-1], wavy)
+        state_transition_matrices(times[::-1], wavy)
     lost = of_time(lambda t: A * (np.nan if 0.4 < t < 0.41 else 1.0), lambda t: B)
     with pytest.raises(ProblemError, match=r"from t = 0\.4 s on is not finite"):
-        transitions(times, lost)
+        state_transition_matrices(times, lost)
 
 
 def test_many_columns_and_no_inputs():
     rng = np.random.default_rng(4)
     a, b = rng.normal(size=(41, 41)) / 7 - 2.0 * np.eye(41), rng.normal(size=(41, 15))
-    found = transitions(np.array([0.0, 0.4]), of_time(lambda t: a, lambda t: b))
-    for block, exact in zip(found, exact_blocks(0.4, a, b), strict=True):
+    matrices = state_transition_matrices(np.array([0.0, 0.4]), of_time(lambda t: a, lambda t: b))
+    for block, exact in zip(matrices, exact_blocks(0.4, a, b), strict=True):
         np.testing.assert_allclose(block[0], exact, rtol=0, atol=1e-6)
-    alone = transitions(np.array([0.0, 0.4]), of_time(lambda t: a, lambda t: np.zeros((41, 0))))
+    alone = state_transition_matrices(np.array([0.0, 0.4]), of_time(lambda t: a, lambda t: np.zeros((41, 0))))
     assert alone.gamma0.shape == (1, 41, 0)
-    np.testing.assert_allclose(alone.phi, found.phi, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(alone.phi, matrices.phi, rtol=0, atol=1e-12)
 
 
 TICKS = np.linspace(0.0, 0.3, 76)
@@ -189,11 +192,11 @@ def test_a_machine_with_friction_agrees_with_its_integrated_derivatives():
         rtol=1e-9,
     )
     start = experiment.start_vector(system)
-    found = PerturbationResponse.along(experiment.simulation(system, system.p), ("tau_L", "friction_c"))
+    matrices = PerturbationResponse.along(experiment.simulation(system, system.p), ("tau_L", "friction_c"))
     channels = [system.index("input", name) for name in ("tau_L", "friction_c")]
     exact = integrated(system, system.p, experiment.table(system), start, channels)
     exact = exact.transpose(0, 2, 1)
-    own = np.concatenate([found.phi, found.gamma0, found.gamma1], axis=2)
+    own = np.concatenate([matrices.phi, matrices.gamma0, matrices.gamma1], axis=2)
     off = np.linalg.norm(own - exact, axis=1) / np.linalg.norm(exact, axis=1)
     assert np.median(off) < 2e-6
     assert np.max(off) < 2e-5

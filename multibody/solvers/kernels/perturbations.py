@@ -1,4 +1,4 @@
-"""Many small additions to inputs carried through a machine that is linear around its trajectory."""
+"""Many small perturbations of inputs, propagated through a machine that is linear around its trajectory."""
 
 from __future__ import annotations
 
@@ -35,37 +35,37 @@ def step(n, channels, m, phi, gamma0, gamma1, channel, before, after, now, then)
 
 
 @fused
-def observe(n, rows, channels, m, c, d, channel, values, now, out):
+def observe(n, rows, channels, m, c, d, channel, samples, now, out):
     """Write the change of the outputs, out (rows, m), from the deviations and the additions at one sample."""
     for i in range(rows):
         row, direct = shift(out, i * m), shift(d, i * channels)
         for j in range(m):
-            row[j] = direct[channel[j]] * values[j]
+            row[j] = direct[channel[j]] * samples[j]
         add_products(n, shift(c, i * n), m, now, row)
 
 
 @entry
-def carry(phi, gamma0, gamma1, c, d, channel, push, room, out):
-    """Write the change of the outputs, out (nt, n_y, m), by additions push (nt, m) to the inputs ``channel`` (m,).
+def propagate(phi, gamma0, gamma1, c, d, channel, values, room, out):
+    """Write the change of the outputs, out (nt, n_y, m), by ``values`` (nt, m) added to the inputs ``channel`` (m,).
 
     δ_{k+1} = phi δ_k + gamma0 φ_k + gamma1 φ_{k+1}, y = c δ + d φ; δ begins at zero.  ``room``, shape (2, n, m), is for
     δ at the two ends of an interval.
     """
-    rows, n, channels, m = c.shape[1], c.shape[2], d.shape[2], push.shape[1]
-    of, values = pointer(channel), pointer(push)
+    rows, n, channels, m = c.shape[1], c.shape[2], d.shape[2], values.shape[1]
+    of, samples = pointer(channel), pointer(values)
     now, then = pointer(room), shift(pointer(room), n * m)
     for j in range(n * m):
         now[j] = 0.0
-    for k in range(push.shape[0]):
+    for k in range(values.shape[0]):
         if k > 0:
             at = (k - 1) * n * channels
             step(
                 n, channels, m, shift(pointer(phi), (k - 1) * n * n), shift(pointer(gamma0), at),
-                shift(pointer(gamma1), at), of, shift(values, (k - 1) * m), shift(values, k * m), now, then,
+                shift(pointer(gamma1), at), of, shift(samples, (k - 1) * m), shift(samples, k * m), now, then,
             )  # fmt: skip
             for j in independent(n * m):
                 now[j] = then[j] if abs(then[j]) >= TINY else 0.0
         observe(
             n, rows, channels, m, shift(pointer(c), k * rows * n), shift(pointer(d), k * rows * channels), of,
-            shift(values, k * m), now, shift(pointer(out), k * rows * m),
+            shift(samples, k * m), now, shift(pointer(out), k * rows * m),
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Discrete transitions of the variational equation between the samples of a trajectory."""
+"""State-transition matrices of the variational equation between the samples of a trajectory."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from itertools import pairwise
 import numpy as np
 
 from multibody.base.parallel import parallel_map
-from multibody.solvers.frozen import frozen_transitions
-from multibody.solvers.kernels.intervals import WIDTH, carry_intervals
+from multibody.solvers.frozen import frozen_state_transition
+from multibody.solvers.kernels.state_transition import WIDTH, integrate_intervals
 from multibody.solvers.problem import ProblemError
 from multibody.solvers.spectral_radius import spectral_radius
 
-__all__ = ["Jacobians", "Transitions", "look_at_times", "transitions"]
+__all__ = ["Jacobians", "StateTransitionMatrices", "jacobian_times", "state_transition_matrices"]
 
 Jacobians = Callable[[np.ndarray], Callable[[slice], tuple[np.ndarray, np.ndarray]]]
 """Of times (nt,) in any order a function that gives A (k, n, n) and B (k, n, m) at a slice of them."""
@@ -32,7 +32,7 @@ SOME = 8  # one of as many pieces has its eigenvalues worked out
 
 
 @dataclass(frozen=True, eq=False)
-class Transitions:
+class StateTransitionMatrices:
     """x_{k+1} as a linear function of x_k and of additional inputs, around a trajectory.
 
     A deviation δ of the state and additions φ to m inputs, linear between the samples, go on as
@@ -53,14 +53,14 @@ class Transitions:
         return iter((self.phi, self.gamma0, self.gamma1))
 
 
-def transitions(
+def state_transition_matrices(
     times: np.ndarray,
     jacobians: Jacobians,
     longest: float | np.ndarray = np.inf,
     breaks: np.ndarray | tuple[()] = (),
     lasting: int = 0,
-) -> Transitions:
-    """Return the discrete transitions of δ' = A(t) δ + B(t) φ(t).
+) -> StateTransitionMatrices:
+    """Return the state-transition matrices of δ' = A(t) δ + B(t) φ(t).
 
     The Jacobians are asked for at three places of every interval.  Where their parabola bends otherwise than in the
     intervals beside it they are asked for again, in as many pieces as there are steps at most.  A step is a
@@ -83,7 +83,7 @@ def transitions(
 
     Returns
     -------
-    Transitions
+    StateTransitionMatrices
         Unpacks into phi, gamma0, gamma1.
 
     Raises
@@ -96,19 +96,19 @@ def transitions(
     δ' = -t δ + φ over a second: exp(-1/2) of δ is left.
 
     >>> at = lambda t: lambda part: (-t[part][:, None, None], np.ones((len(t[part]), 1, 1)))
-    >>> phi, gamma0, gamma1 = transitions(np.array([0.0, 1.0]), at)
+    >>> phi, gamma0, gamma1 = state_transition_matrices(np.array([0.0, 1.0]), at)
     >>> round(float(phi[0, 0, 0]), 4), round(float(np.exp(-0.5)), 4)
     (0.6065, 0.6065)
     """
     times = np.ascontiguousarray(times, dtype=np.float64)
     if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0.0):
-        raise ProblemError("transitions need at least two increasing times")
+        raise ProblemError("state-transition matrices need at least two increasing times")
     h, breaks = np.diff(times), np.asarray(breaks, dtype=np.float64)
     limit = np.broadcast_to(np.asarray(longest, dtype=np.float64), h.shape)
-    at = jacobians(look_at_times(times))
+    at = jacobians(jacobian_times(times))
     a, b = at(slice(0, 1))
     n, m = a.shape[1], b.shape[2]
-    matrices = Transitions(*(np.zeros((h.size, n, k)) for k in (n, m, m)))
+    matrices = StateTransitionMatrices(*(np.zeros((h.size, n, k)) for k in (n, m, m)))
     least = np.ceil(h / limit)  # pieces
     inside = np.searchsorted(times, breaks, side="right") - 1
     within = (inside >= 0) & (inside < h.size)
@@ -146,8 +146,8 @@ def transitions(
     return matrices
 
 
-def look_at_times(times: np.ndarray) -> np.ndarray:
-    """Return the times, shape (3 (N - 1),), at which `transitions` asks for Jacobians first."""
+def jacobian_times(times: np.ndarray) -> np.ndarray:
+    """Return the times, shape (3 (N - 1),), at which `state_transition_matrices` asks for Jacobians first."""
     return np.asarray((times[:-1, None] + np.diff(times)[:, None] * NODES).ravel())
 
 
@@ -184,7 +184,7 @@ def _look(a: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _look_again(
-    matrices: Transitions,
+    matrices: StateTransitionMatrices,
     times: np.ndarray,
     jacobians: Jacobians,
     rough: np.ndarray,
@@ -215,7 +215,7 @@ def _look_again(
         a, b = at(slice(nodes.size + PIECES * part.start, nodes.size + PIECES * part.stop))
         some, (n, m) = stiff[part], b.shape[1:]
         a, b = a.reshape(some.size, PIECES, n, n), b.reshape(some.size, PIECES, n, m)
-        phi, gamma0, gamma1 = frozen_transitions(a, b, h[some])
+        phi, gamma0, gamma1 = frozen_state_transition(a, b, h[some])
         gamma0[..., m - lasting :] += gamma1[..., m - lasting :]
         gamma1[..., m - lasting :] = 0.0
         for whole, own in zip(matrices, (phi, gamma0, gamma1), strict=True):
@@ -246,7 +246,7 @@ def _begins(
 
 
 def _carry(
-    matrices: Transitions,
+    matrices: StateTransitionMatrices,
     a: np.ndarray,
     b: np.ndarray,
     fastest: np.ndarray,
@@ -262,7 +262,7 @@ def _carry(
     counts = np.stack((steps, _terms(0.5 * reach / steps)), axis=1).astype(np.int64, order="C")
     begin, columns, where = _pattern(np.any(a != 0.0, axis=0))
     row_of, column_of = (np.ascontiguousarray(k) for k in np.nonzero(np.any(b != 0.0, axis=0)))
-    carry_intervals(
+    integrate_intervals(
         a.reshape(len(a), n * n),
         np.ascontiguousarray(b).reshape(len(b), n * m),
         begin,

@@ -1,4 +1,4 @@
-"""Linear equations with coefficients that change in time, carried over many short intervals, for discrete transitions.
+"""State-transition matrices of linear equations whose coefficients change in time, over many short intervals.
 
 δ' = A(t) δ + B(t) φ(t) with A and B that are parabolas of the time in each piece of an interval.  A step is two
 exponentials (order 4; Blanes and Moan 2006, Applied Numerical Mathematics 56, 1519-1537), of each of which the Taylor
@@ -52,7 +52,7 @@ def product(n, begin, columns, factor, a, y, out):
 
 
 @inner
-def push(count, row_of, column_of, b, share, first, out):
+def add_input(count, row_of, column_of, b, share, first, out):
     """Add a share of B to the columns from ``first`` on, of which those from 0 to WIDTH are there."""
     for e in range(count):
         j = first + column_of[e]
@@ -76,15 +76,15 @@ def exponential(
     The share of the additions that belongs to their end, ``risen_of``, grows from ``at`` by slope.
     """
     product(n, begin, columns, tau, a, y, now)
-    push(count, row_of, column_of, b, tau * (1.0 - at), n - first, now)
-    push(count, row_of, risen_of, b, tau * at, n - first, now)
+    add_input(count, row_of, column_of, b, tau * (1.0 - at), n - first, now)
+    add_input(count, row_of, risen_of, b, tau * at, n - first, now)
     add(n * WIDTH, now, y)
     for k in range(2, terms + 1):
         product(n, begin, columns, tau / k, a, now, then)
         if k == 2:
             share = 0.5 * tau * slope * tau
-            push(count, row_of, column_of, b, -share, n - first, then)
-            push(count, row_of, risen_of, b, share, n - first, then)
+            add_input(count, row_of, column_of, b, -share, n - first, then)
+            add_input(count, row_of, risen_of, b, share, n - first, then)
         add(n * WIDTH, then, y)
         now, then = then, now
 
@@ -101,7 +101,7 @@ def weights_of_half(half, s, steps):
 
 
 @entry
-def carry_intervals(
+def integrate_intervals(
     nodes_a, nodes_b, begin, columns, where, row_of, column_of, risen_of, where_b, first, spans, counts, which, room,
     phi, gamma0, gamma1,
 ):  # fmt: skip
