@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-__all__ = ["UnitError", "convert", "quantity", "same_dimension"]
+__all__ = ["UnitError", "convert", "quantity", "same_dimension", "si_factor"]
 
 
 #: Conversions that most files need; without them every start would wait for pint to read its definitions.
@@ -94,6 +94,22 @@ def same_dimension(a: str, b: str) -> bool:
     (True, False)
     """
     return a == b or bool(_unit(a).dimensionality == _unit(b).dimensionality)
+
+
+def si_factor(unit: str) -> float:
+    """Return how many SI base units a unit is.
+
+    Raises
+    ------
+    UnitError
+        If the unit is unknown.
+
+    Examples
+    --------
+    >>> si_factor("mm/s")
+    0.001
+    """
+    return float(_registry().Quantity(1.0, _unit(unit)).to_base_units().magnitude)
 
 
 def quantity(value: Any, unit: str) -> float:

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 from multibody.base.spelling import nearest
-from multibody.base.units import UnitError, convert, same_dimension
+from multibody.base.units import UnitError, convert, same_dimension, si_factor
 from multibody.declare.component import Component
 from multibody.declare.declarations import Output, Parameter, Port, Power, Rotation, State, Table
 
@@ -61,18 +61,12 @@ def _unit_fault(unit: str) -> str | None:
         return None  # plain products of SI units need no pint, which is slow to import
     try:
         base = next((u for u in sorted(_COHERENT) if same_dimension(unit, u)), None)
-        factor = convert(1.0, unit, base) if base else _factor(unit)
+        factor = convert(1.0, unit, base) if base else si_factor(unit)
     except UnitError as error:
         return str(error)
     if not math.isclose(factor, 1.0, rel_tol=1e-12):
         return f"unit '{unit}' is not SI: declare in SI units, values may be given in any unit"
     return None
-
-
-def _factor(unit: str) -> float:
-    from multibody.base.units import _registry, _unit
-
-    return float(_registry().Quantity(1.0, _unit(unit)).to_base_units().magnitude)
 
 
 def _parameter_faults(item: Parameter) -> list[str]:

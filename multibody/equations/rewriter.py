@@ -13,6 +13,7 @@ from typing import Any
 from multibody.base.errors import EquationError
 from multibody.base.parsing import expression
 from multibody.declare.declarations import Table
+from multibody.equations import tables
 from multibody.equations.scope import Scope
 from multibody.equations.statements import constant, local_variable, variable
 
@@ -215,8 +216,6 @@ class Rewriter(ast.NodeTransformer):
 
     def table_call(self, name: str, table: Table, argument: ast.expr, slope: bool = False) -> ast.expr:
         """Return the call that evaluates a table, or its slope."""
-        from multibody.equations import tables
-
         if table.interpolation == "linear":
             kernel = tables.linear_rate if slope else tables.linear
         else:

@@ -10,12 +10,12 @@ import numpy as np
 
 from multibody.base.errors import SimulationError
 from multibody.base.spelling import nearest
+from multibody.inputs.table import InputTable
 from multibody.system.compiled import CompiledSystem
 from multibody.system.narrow_features import StepLimits, finer_step, narrow_features, step_limits
 from multibody.system.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from multibody.inputs.table import InputTable
     from multibody.solvers.problem import Directions, NativeProblem
 
 __all__ = ["input_table", "native_problem", "simulate"]
@@ -119,8 +119,6 @@ def input_table(
     SimulationError
         With every unknown or missing input and every pair that does not fit.
     """
-    from multibody.inputs.table import InputTable
-
     if isinstance(inputs, InputTable):
         if tuple(inputs.names) != system.input_names:
             raise SimulationError(
@@ -258,16 +256,19 @@ def _run(
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": limits.largest_step}
     columns = {system.index("input", n): f for n, f in functions.items()}
     if name in NATIVE:
-        from multibody import solvers
-        from multibody.solvers.automatic import in_words
+        from multibody.solvers.automatic import Automatic, in_words
+        from multibody.solvers.dormand_prince import DormandPrince54
+        from multibody.solvers.exponential import Exponential43
+        from multibody.solvers.rosenbrock import Rodas5P
+        from multibody.solvers.run import integrate
 
-        cls = getattr(solvers, name)
+        solver = {s.__name__: s for s in (Automatic, DormandPrince54, Exponential43, Rodas5P)}[name]
         problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"), limits=limits)
         history: list[tuple[float, str]] = []
         if name == "Automatic":
             options["stiff_problem"] = lambda: native_problem(system, p, table, tangent=True, limits=limits)
             options["history"] = history
-        solution = solvers.integrate(problem, span, x0, t_eval=times, method=cls, events=events, **options)
+        solution = integrate(problem, span, x0, t_eval=times, method=solver, events=events, **options)
         if name == "Automatic":
             why = in_words(history, float(solution.t[-1]))
     else:

@@ -9,6 +9,7 @@ import pytest
 
 from multibody import Component, Input, Model, ModelError, Output, SimulationError, State
 from multibody.library import Damper, ForceSource, Mass, Spring
+from multibody.solvers.run import integrate
 from multibody.system.simulate import NATIVE, SCIPY
 
 
@@ -318,8 +319,6 @@ def test_no_step_jumps_over_a_declared_feature():
 
 @pytest.mark.parametrize("method", ["auto", "DormandPrince54", "Rodas5P", "Exponential43"])
 def test_steps_are_limited_at_the_speed_of_each_step_and_the_run_is_made_once(method, monkeypatch):
-    import multibody.solvers as solvers
-
     model = Model("start from rest")
     body = model.add("body", Mass(m=1.0))
     push = model.add("push", ForceSource())
@@ -328,14 +327,13 @@ def test_steps_are_limited_at_the_speed_of_each_step_and_the_run_is_made_once(me
     free = model.build().simulate(4.0, method=method)
     model.feature("joint", 0.02, "body.velocity")
     runs, ends = [], []
-    integrate = solvers.integrate
 
-    def seen(problem, *given, **options):
+    def recorded(problem, *arguments, **options):
         runs.append(problem)
         marks = [lambda t, x: ends.append((t, x[1])) or 1.0]  # with events every call takes one step
-        return integrate(problem, *given, **{**options, "events": marks})
+        return integrate(problem, *arguments, **{**options, "events": marks})
 
-    monkeypatch.setattr(solvers, "integrate", seen)
+    monkeypatch.setattr("multibody.solvers.run.integrate", recorded)
     held = model.copy("other").build().simulate(4.0, method=method)
     t, v = np.unique(np.array(ends), axis=0).T
     assert len(runs) == 1
