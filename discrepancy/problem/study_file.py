@@ -61,7 +61,7 @@ class StudyRecords:
     validate: tuple[Record, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StudyFile:
     """The content of a study file, checked as far as that is possible without the model.
 

@@ -36,7 +36,7 @@ __all__ = [
 UNKNOWN = "unknown_force"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scale:
     """Scales of motion and force at a place of a rig, from which the size of an effect follows.
 

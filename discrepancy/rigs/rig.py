@@ -231,7 +231,7 @@ class Rig:
             # The same power shows equally well wherever it is taken; in a spring, a share of its load does.
             force = 0.25 * stiffness * span_.half if key else self.force * usual / fast
             load = _fast(all_of(loads[where])) if where in loads else 0.0
-            scales[where] = Scale(span_, hard, force, load, self.duration)
+            scales[where] = Scale(motion=span_, acceleration=hard, force=force, load=load, duration=self.duration)
         return scales, signals
 
     def shown(self) -> tuple[list[Entry], dict[str, Scale], dict[str, SignalScale]]:

@@ -79,7 +79,7 @@ class Layout:
         return out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Projection:
     """Orthonormal basis of what calibration can absorb, in the whitened metric.
 
@@ -168,7 +168,13 @@ def project(whitener: Whitener, sens: Sensitivities, layout: Layout) -> Projecti
         u, s, _ = np.linalg.svd(N, full_matrices=False)
         local.append(u[:, s > RANK_TOLERANCE * s[0]] if s.size else None)
     shell = Projection(
-        layout, np.zeros((layout.n_rows, 0)), tuple(local), sens.names, dead, np.zeros((p, 0)), whitener
+        layout=layout,
+        basis=np.zeros((layout.n_rows, 0)),
+        local=tuple(local),
+        names=sens.names,
+        not_excited=dead,
+        solve=np.zeros((p, 0)),
+        whitener=whitener,
     )
     if p == 0:
         return shell
@@ -179,4 +185,12 @@ def project(whitener: Whitener, sens: Sensitivities, layout: Layout) -> Projecti
     u, s, vt = np.linalg.svd(r)
     keep = s > RANK_TOLERANCE * s[0] if s[0] > 0 else np.zeros(len(s), dtype=bool)
     solve = (vt.T[:, keep] / s[keep]) / scale[:, None]
-    return Projection(layout, q @ u[:, keep], tuple(local), sens.names, dead, solve, whitener)
+    return Projection(
+        layout=layout,
+        basis=q @ u[:, keep],
+        local=tuple(local),
+        names=sens.names,
+        not_excited=dead,
+        solve=solve,
+        whitener=whitener,
+    )

@@ -25,7 +25,7 @@ MIN_ORDINATES = 5.0
 RELATIVE_WIDTH = 0.12
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Bands:
     """Frequency bands shared by all blocks.
 
@@ -148,10 +148,10 @@ def make_bands(
     count = np.zeros((len(e) - 1, C))
     for b, idx in enumerate(index):
         np.add.at(count, idx, free[b])
-    return Bands(layout, e, index, tuple(weights), np.maximum(count, 1.0))
+    return Bands(layout=layout, edges=e, index=index, weight=tuple(weights), count=np.maximum(count, 1.0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ScoreVariance:
     """Everything needed to get λ of every column group for any residual.
 
@@ -224,4 +224,4 @@ def score_variance(Z: Array, groups: list[slice], bands: Bands) -> ScoreVariance
     ]
     weights = np.transpose(A, (0, 1, 3, 2)).reshape(len(groups), -1)
     prior = np.array([np.sum(Z[lay.n_data :, cols] ** 2) / (cols.stop - cols.start) for cols in groups])
-    return ScoreVariance(bands, weights, M, own, dof, prior)
+    return ScoreVariance(bands=bands, weights=weights, functional=M, own=own, dof=dof, prior_share=prior)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["PeerCase", "RegressionCase", "RegressionData", "peer_case", "regression_data"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RegressionData:
     """A regression: residual and sensitivities of the candidates in one metric, with calibration projected out.
 
@@ -71,7 +71,7 @@ class RegressionCase(Protocol):
         """Return the error with the named candidates on held-out records, as a share of that without."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PeerCase:
     """One case as the other methods see it.
 
@@ -165,7 +165,15 @@ def regression_data(w: WhitenedProblem, candidates: Sequence[Candidate]) -> Regr
         for g in columns.groups
     ]
     X = np.concatenate(parts, axis=1)
-    return RegressionData(w.e[data], X, np.array(owner), lay.left_out(), columns.Z[data], groups, lay.n_channels)
+    return RegressionData(
+        e=w.e[data],
+        X=X,
+        owner=np.array(owner),
+        trips=lay.left_out(),
+        Z=columns.Z[data],
+        groups=groups,
+        n_channels=lay.n_channels,
+    )
 
 
 def peer_case(case: Case, stage: Stage) -> PeerCase:
@@ -193,15 +201,15 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
     best = _best(plain)
     dropped = frozenset(c.name for i, c in enumerate(candidates) if i not in best)
     return PeerCase(
-        case,
-        stage,
-        tuple(candidates),
-        regression_data(plain, seen),
-        regression_data(white, seen),
-        residual,
-        held,
-        first,
-        last,
-        dropped,
-        plain,
+        case=case,
+        stage=stage,
+        candidates=tuple(candidates),
+        plain=regression_data(plain, seen),
+        white=regression_data(white, seen),
+        residual=residual,
+        held=held,
+        sens=first,
+        sens_held=last,
+        dropped=dropped,
+        _plain=plain,
     )

@@ -25,7 +25,7 @@ AXIS = "discrepancy.validation.suite_axis"
 NEEDED = ("pysindy", "sklearn")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PeerTrial:
     """One case and what every method named.
 
@@ -84,7 +84,7 @@ def peer_trial(seed: int, hidden: Sequence[str], module: str = AXIS) -> PeerTria
     given = peer_case(case, stage)
     columns = time.perf_counter() - calibrated
     if any(h in given.dropped for h in hidden):
-        return PeerTrial(seed, tuple(hidden), note="not identifiable: recalibration imitates it entirely")
+        return PeerTrial(seed=seed, hidden=tuple(hidden), note="not identifiable: recalibration imitates it entirely")
     answers: dict[str, dict[str, Any]] = {}
     for name, method in methods_on(given).items():
         start = time.perf_counter()
@@ -114,7 +114,7 @@ def peer_trial(seed: int, hidden: Sequence[str], module: str = AXIS) -> PeerTria
         "verdict": conclusion.verdict,
         "seconds": time.perf_counter() - start + calibrated - begun,
     }
-    return PeerTrial(seed, tuple(hidden), answers, columns)
+    return PeerTrial(seed=seed, hidden=tuple(hidden), answers=answers, columns_seconds=columns)
 
 
 # -------------------------------------------------------------------- the run
@@ -134,7 +134,7 @@ def _run(task: tuple[int, tuple[str, ...], str]) -> PeerTrial:
     try:
         return peer_trial(*task)
     except Exception as error:  # one case that fails must not lose the others
-        return PeerTrial(seed, hidden, note=f"failed: {type(error).__name__}: {error}"[:300])
+        return PeerTrial(seed=seed, hidden=hidden, note=f"failed: {type(error).__name__}: {error}"[:300])
 
 
 def read_peers(path: Path) -> list[PeerTrial]:

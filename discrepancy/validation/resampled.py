@@ -40,7 +40,7 @@ MEMORIES, LEAST = 5.0, 0.01
 FEW = 12  # blocks of that length in all records, below which a resampled residual hardly differs from the original
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Resampled:
     """One resampled residual and what the scans found in it.
 
@@ -138,7 +138,7 @@ def repeats(stage: Stage) -> tuple[float, float]:
     return best
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ResamplingData:
     """What all trials share: the machine's sensitivities, and the residual that is resampled.
 
@@ -211,7 +211,16 @@ class ResamplingData:
         source = raw_residual(laws, residual, sens, [], [])
         memory = correlation_length(laws.projection.layout, laws.e)
         return cls(
-            residual, sens, tuple(candidates), tuple(curves), laws, free, tuple(floor), source, memory, tuple(schemes)
+            residual=residual,
+            sens=sens,
+            candidates=tuple(candidates),
+            curves=tuple(curves),
+            laws=laws,
+            free=free,
+            floor=tuple(floor),
+            source=source,
+            memory=memory,
+            schemes=tuple(schemes),
         )
 
     def draw(self, number: int) -> tuple[str, Residual]:
@@ -320,7 +329,7 @@ def resampled_alarms(
                     if both is not None:
                         least, names["pairs"] = min(least, both.p_value), " and ".join(both.pairs[0].names)
                         break
-            trial = Resampled(number, scheme, **names, p=float(least))
+            trial = Resampled(number=number, scheme=scheme, **names, p=float(least))
             stream.write(json.dumps(asdict(trial)) + "\n")
             stream.flush()
             done.append(trial)

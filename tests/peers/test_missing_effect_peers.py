@@ -36,7 +36,14 @@ def test_every_method_sees_dry_friction(given, name):
 
 def test_page_has_a_row_for_each(given):
     answer = {"named": ["a@b"], "ties": [], "ratio": 0.9, "alarm": True, "seconds": 1.0}
-    trials = [PeerTrial(1, ("a@b",), {**{n: answer for n in METHODS}, "this program": answer}, 2.0)]
+    trials = [
+        PeerTrial(
+            seed=1,
+            hidden=("a@b",),
+            answers={**{n: answer for n in METHODS}, "this program": answer},
+            columns_seconds=2.0,
+        )
+    ]
     text = peer_page(trials, "today")
     assert all(f"| {n} |" in text for n in METHODS)
 

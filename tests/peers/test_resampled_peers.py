@@ -50,7 +50,7 @@ def test_run_goes_on_and_is_told_beside_ours(given, tmp_path):
     assert len(both[0].thresholds) == len({*THRESHOLDS, THRESHOLD})
     few, many = (len(both[0].thresholds[f"{t:g}"]) for t in (max(THRESHOLDS), min(THRESHOLDS)))
     assert few <= many
-    ours = [Resampled(k, SCHEMES[0], "", "", "", 0.5) for k in (1000, 1001)]
+    ours = [Resampled(number=k, scheme=SCHEMES[0], plain="", whitened="", curves="", p=0.5) for k in (1000, 1001)]
     text = resampled_peers_page(both, ours, versions(), "today")
     assert all(f"| {name} | " in text for name in REGRESSION_METHODS)
     assert "| this program | 0 | 2 |" in text

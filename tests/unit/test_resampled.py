@@ -41,7 +41,10 @@ def test_relation_to_the_motion_is_broken(blocks, scheme):
 
 
 def test_page_lists_rates_by_scheme():
-    trials = [Resampled(k, SCHEMES[k % 3], "bump@guide" if k == 4 else "", "", "", 0.5) for k in range(6)]
+    trials = [
+        Resampled(number=k, scheme=SCHEMES[k % 3], plain="bump@guide" if k == 4 else "", whitened="", curves="", p=0.5)
+        for k in range(6)
+    ]
     text = resampled_page(trials, "study.toml", ["a@b"], 0.02, "today")
     assert "| any alarm | 1 | 6 | 16.7%" in text
     assert "bump@guide" in text

@@ -51,7 +51,7 @@ def test_a_residual_correlated_for_as_long_as_the_record_is_reported(given):
     assert long.caution.startswith(
         "The residual is correlated over 3 s, and all records together last 12 s: 0.8 blocks"
     )
-    trial = Resampled(1, SCHEMES[0], "", "", "", 0.4)
+    trial = Resampled(number=1, scheme=SCHEMES[0], plain="", whitened="", curves="", p=0.4)
     text = resampled_page([trial], "study.toml", [], 0.02, "today", (0.0, 0.0), long.caution)
     assert long.caution in text
 
@@ -132,7 +132,10 @@ def test_criteria_need_no_further_programs(given):
 def test_page_counts_only_trials_of_both(tmp_path):
     from discrepancy.validation.resampled import Resampled
 
-    ours = [Resampled(k, UNTIED[k % 2], "bump@guide" if k == 1 else "", "", "", 0.5) for k in range(4)]
+    ours = [
+        Resampled(number=k, scheme=UNTIED[k % 2], plain="bump@guide" if k == 1 else "", whitened="", curves="", p=0.5)
+        for k in range(4)
+    ]
     said = {"loud": {"named": ["a@b", "c@d"], "ties": [], "seconds": 0.1}, "quiet": {"named": []}}
     theirs = [ResampledPeers(k, UNTIED[k % 2], said, {"0.1": ["a@b"] if k < 2 else []}) for k in range(5)]
     text = resampled_peers_page(theirs, ours, {"other": "1.0"}, "today")
