@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from discrepancy.problem.study_file import StudyError
 from discrepancy.search.state import SearchState
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from multibody.base.json_file import write_json_atomically
+from multibody.machine.model import Model
 
 __all__ = ["SCHEMA", "fingerprint", "read_history", "restore", "save_history"]
 
@@ -30,7 +32,7 @@ def fingerprint(state: SearchState) -> str:
     problem = state.given
     digest = hashlib.sha256()
     parts = [
-        problem.model.describe(),
+        *_parts_of(problem.model),
         *(f"{q.name} {q.value!r} {q.std!r} {q.min!r} {q.max!r}" for q in problem.uncertain),
         *(f"{n} {v!r}" for n, v in sorted(problem.noise.items())),
         repr((problem.include, problem.exclude, problem.level, problem.seed, problem.residual, problem.inputs)),
@@ -43,6 +45,17 @@ def fingerprint(state: SearchState) -> str:
         for name in (*e.inputs, *e.outputs):
             digest.update(np.ascontiguousarray(e.record.signals[name].values).tobytes())
     return digest.hexdigest()[:16]
+
+
+def _parts_of(model: Model) -> Iterator[str]:
+    """Return what defines a model, without the words of its description, which may change between versions."""
+    for name, component in model.components.items():
+        values = [(k, float(v)) for k, v in sorted((component.values | component.starts).items())]
+        tables = [(k, x.tolist(), y.tolist()) for k, (x, y) in sorted(component.tables.items())]
+        yield repr((name, type(component).__name__, values, sorted(component.options.items()), tables))
+    yield repr([tuple(ends) for ends in model.connections])
+    yield repr([(i.name, tuple(i.targets), i.default) for i in model.inputs.values()])
+    yield repr(sorted(model.outputs.items()))
 
 
 def _entry(stage: Stage) -> dict[str, Any]:
