@@ -9,8 +9,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from discrepancy.residual.initial_state import StateEstimate
-    from estimation.response.experiment import Experiment
-    from multibody.machine.model import System
 
 __all__ = ["free_rotations"]
 
@@ -19,9 +17,7 @@ ROUNDING = 1e-9  # influence of a rotation, relative to that of an angle alone, 
 PART = 0.1  # share in a rotation from which an angle takes part in it
 
 
-def free_rotations(
-    system: System, p: np.ndarray, experiments: Sequence[Experiment], estimates: Sequence[StateEstimate]
-) -> tuple[np.ndarray, np.ndarray]:
+def free_rotations(estimates: Sequence[StateEstimate]) -> tuple[np.ndarray, np.ndarray]:
     """Return which states and which outputs are angles that only count turns: nothing depends on how many.
 
     The rotor of a fan turns freely: its angle is the integral of its speed, and one turn more changes nothing else.
@@ -29,10 +25,6 @@ def free_rotations(
 
     Parameters
     ----------
-    system : System
-        With the measured outputs.
-    p : ndarray, shape (n_p,)
-    experiments : sequence of Experiment
     estimates : sequence of StateEstimate
         States along the records.
 
@@ -40,15 +32,16 @@ def free_rotations(
     -------
     tuple of ndarray of bool, shapes (n,) and (n_channels,)
     """
+    system, p = estimates[0].system, estimates[0].p
     angles = np.flatnonzero([s.unit == "rad" for s in system.states])
-    order = [system.index("output", name) for name in experiments[0].outputs]
+    order = [system.index("output", name) for name in estimates[0].experiment.outputs]
     states, outputs = np.zeros(len(system.states), dtype=bool), np.zeros(len(order), dtype=bool)
     if not angles.size:
         return states, outputs
     rates, shown = [], []
-    for experiment, estimate in zip(experiments, estimates, strict=True):
+    for estimate in estimates:
         at = np.linspace(0, len(estimate.states) - 1, min(INSTANTS, len(estimate.states))).astype(int)
-        times, inputs = np.array(experiment.record.time)[at], estimate.reading.inputs[at]
+        times, inputs = np.array(estimate.experiment.record.time)[at], estimate.reading.inputs[at]
         given = (times, estimate.states[at], inputs, p)
         rates.append(system.jacobian_along("x", *given)[:, :, angles])
         shown.append(system.jacobian_along("x", *given, of="outputs")[:, order][:, :, angles])

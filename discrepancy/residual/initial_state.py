@@ -38,10 +38,24 @@ class StateEstimate:
     reading: SensorReading
 
     @property
+    def experiment(self) -> Experiment:
+        """The record's experiment, cropped to what is used."""
+        return self.reading.experiment
+
+    @property
+    def system(self) -> System:
+        """The system with the measured outputs."""
+        return self.reading.system
+
+    @property
+    def p(self) -> np.ndarray:
+        """Its parameter vector."""
+        return self.reading.p
+
+    @property
     def input_noise(self) -> list[float]:
         """Noise of each recorded input, SI."""
-        experiment = self.reading.experiment
-        return [float(noise_floor(experiment.record.signals[n].values).std) for n in experiment.inputs]
+        return [float(noise_floor(self.experiment.record.signals[n].values).std) for n in self.experiment.inputs]
 
     def at(self, sample: int) -> np.ndarray:
         """Return the estimate of the state at a sample, shape (n,)."""

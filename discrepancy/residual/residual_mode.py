@@ -36,7 +36,6 @@ from multibody.base.progress import silent
 
 if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
-    from multibody.machine.model import System
 
 __all__ = ["prepared_problem", "problem_in_windows"]
 
@@ -128,13 +127,13 @@ def problem_in_windows(
     along = _RecordStates.of(problem)
     reason = "as before"
     if errors is not None:
-        shares = {n: errors[n] / s for n, s in zip(along.identify[0].outputs, along.spread, strict=True)}
+        shares = {n: errors[n] / s for n, s in zip(along.experiments[0].outputs, along.spread, strict=True)}
         worst = max(shares, key=lambda n: shares[n])
         if not shares[worst] > DIVERGED_ERROR:
             return None
         reason = f"simulations of whole records differ from {worst} by {shares[worst]:.0%} of its spread"
     length, least = along.window_length(), along.least_length()
-    if max(length, least) > 0.5 * max(e.record.duration for e in along.identify):
+    if max(length, least) > 0.5 * max(e.record.duration for e in along.experiments):
         return None
     progress(f"cut the records into windows of at most {max(length, least):.3g} s: {reason}")
     windowed, count = along.in_windows(length)
@@ -162,14 +161,11 @@ def _surely_follow(problem: Problem, errors: Mapping[str, float]) -> bool:
     return True
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class _RecordStates:
     """The records of a problem with the states estimated along them, from which the growth of errors follows."""
 
     problem: Problem
-    system: System
-    p: np.ndarray
-    identify: tuple[Experiment, ...]
     estimates: tuple[StateEstimate, ...]
     spread: np.ndarray
     scale: np.ndarray
@@ -189,28 +185,25 @@ class _RecordStates:
         estimates = tuple(parallel_map(lambda e: estimate_states(e, system, p), experiments))
         scale = np.std(np.concatenate([e.states for e in estimates]), axis=0)
         # A larger range of an angle does not make its errors matter less, unless the angle only counts turns.
-        free_states, free_outputs = free_rotations(system, p, experiments, estimates)
+        free_states, free_outputs = free_rotations(estimates)
         spread = np.where((units == "rad") & ~free_outputs, np.minimum(spread, 1.0), spread)
         angles = np.array([q.unit == "rad" for q in system.states], dtype=bool)
         scale = np.where(angles & ~free_states, np.minimum(scale, 1.0), scale)
-        return cls(
-            problem=problem,
-            system=system,
-            p=p,
-            identify=experiments,
-            estimates=estimates,
-            spread=spread,
-            scale=scale,
-        )
+        return cls(problem, estimates, spread, scale)
+
+    @property
+    def experiments(self) -> list[Experiment]:
+        """The experiments of the records, cropped to what is used."""
+        return [states.experiment for states in self.estimates]
 
     def largest_growth(self) -> ErrorGrowth:
         """Return how errors grow over the record in which they grow the soonest, or the furthest."""
-        growths = parallel_map(self._growth, range(len(self.identify)))
+        growths = parallel_map(self._growth, self.estimates)
         return min(growths, key=lambda g: (g.within, -float(np.max(g.start))))
 
-    def _growth(self, i: int) -> ErrorGrowth:
-        growth = error_growth(self.identify[i], self.system, self.p, self.estimates[i], 0, self.spread, self.scale)
-        cut = growth.time[-1] < 0.99 * self.identify[i].record.duration
+    def _growth(self, states: StateEstimate) -> ErrorGrowth:
+        growth = error_growth(states, self.spread, self.scale)
+        cut = growth.time[-1] < 0.99 * states.experiment.record.duration
         if cut:  # the simulation broke off: the error at its end is unbounded
             start = growth.start.copy()
             start[-1] = np.inf
@@ -219,27 +212,21 @@ class _RecordStates:
 
     def window_length(self) -> float:
         """Return the longest window over which errors stay small, s."""
-        return divergence_time(self.identify, self.system, self.p, self.estimates, self.spread, self.scale)
+        return divergence_time(self.estimates, self.spread, self.scale)
 
     def least_length(self) -> float:
         """Return the shortest window that leaves enough samples in every record, s."""
-        return max(samples_needed(e.preparation, e.record.rate) / e.record.rate for e in self.identify)
+        return max(samples_needed(e.preparation, e.record.rate) / e.record.rate for e in self.experiments)
 
     def in_windows(self, length: float) -> tuple[Problem, int]:
         """Return the problem with every record cut into windows, and the number of those for identification."""
-        identify = self._cut(self.identify, self.estimates, length)
-        held_out = [crop(e) for e in self.problem.validate]
-        validate = self._cut(held_out, [estimate_states(e, self.system, self.p) for e in held_out], length)
+        system, p = self.estimates[0].system, self.estimates[0].p
+        held_out = [estimate_states(crop(e), system, p) for e in self.problem.validate]
+        identify, validate = self._cut(self.estimates, length), self._cut(held_out, length)
         return replace(self.problem, identify=identify, validate=validate), len(identify)
 
-    def _cut(
-        self, experiments: Sequence[Experiment], estimates: Sequence[StateEstimate], length: float
-    ) -> tuple[Experiment, ...]:
-        return tuple(
-            window
-            for e, states in zip(experiments, estimates, strict=True)
-            for window in cut_windows(e, self.system, self.p, states, length, self.spread, self.scale)
-        )
+    def _cut(self, estimates: Sequence[StateEstimate], length: float) -> tuple[Experiment, ...]:
+        return tuple(w for states in estimates for w in cut_windows(states, length, self.spread, self.scale))
 
 
 def _inverse_for_short_windows(problem: Problem, length: float) -> PreparedProblem | None:

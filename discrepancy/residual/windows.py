@@ -21,7 +21,7 @@ from estimation.signals.preparation import Preparation
 from multibody.base.errors import SimulationError
 
 if TYPE_CHECKING:
-    from multibody.machine.model import System
+    pass
 
 __all__ = [
     "DIVERGENCE_FACTOR",
@@ -132,33 +132,22 @@ def sub_record(record: Record, part: slice, name: str) -> Record:
 
 
 def error_growth(
-    experiment: Experiment,
-    system: System,
-    p: np.ndarray,
-    states: StateEstimate,
-    first: int,
-    spread: np.ndarray,
-    scale: np.ndarray,
-    last: int | None = None,
+    states: StateEstimate, spread: np.ndarray, scale: np.ndarray, first: int = 0, last: int | None = None
 ) -> ErrorGrowth:
     """Return how errors grow from a sample of a record to its end, or as far as the simulation gets.
 
     Parameters
     ----------
-    experiment : Experiment
-        Cropped.
-    system : System
-        With the measured outputs.
-    p : ndarray, shape (n_p,)
     states : StateEstimate
         Along the record.
-    first : int
-        Sample to begin at.
     spread, scale : ndarray, shapes (n_channels,) and (n,)
         Spread of the outputs and of the states: what 100 % is.
+    first : int
+        Sample to begin at.
     last : int, optional
         Sample to stop before; default: the record's end.
     """
+    experiment, system = states.experiment, states.system
     names = [n for n in system.state_names if not n.startswith("energy.")]
     pick = [system.index("state", n) for n in names]
     last = len(experiment.record.time) if last is None else last
@@ -176,7 +165,7 @@ def error_growth(
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 start = states.at(first)
-                changed = part.respond(system, p, start, states=names, perturbations=perturbations).derivatives
+                changed = part.respond(system, states.p, start, states=names, perturbations=perturbations).derivatives
             break
         except SimulationError:
             last = first + (last - first) // 2
@@ -213,31 +202,25 @@ def error_growth(
     )
 
 
-def divergence_time(
-    experiments: Sequence[Experiment],
-    system: System,
-    p: np.ndarray,
-    estimates: Sequence[StateEstimate],
-    spread: np.ndarray,
-    scale: np.ndarray,
-) -> float:
+def divergence_time(estimates: Sequence[StateEstimate], spread: np.ndarray, scale: np.ndarray) -> float:
     """Return the time within which errors stay below `WINDOW_FACTOR` from most starts of the records, s.
 
     Errors grow faster from some states than from others (a pendulum that stands, one that hangs).  The lower quartile
     over starts spread over the longest records is taken: the free initial state of a window corrects one that is
     somewhat too long, while short windows everywhere would blind the study to slow effects.
     """
-    order = np.argsort([-e.record.duration for e in experiments], kind="stable")[:_RECORDS]
+    order = np.argsort([-e.experiment.record.duration for e in estimates], kind="stable")[:_RECORDS]
     times = []
-    for i in order:
-        n = len(experiments[i].record.time)
+    for states in (estimates[i] for i in order):
+        record = states.experiment.record
+        n = len(record.time)
         for first in np.linspace(0, n, _STARTS, endpoint=False).astype(int):
             if n - first < 2 * LEAST_SAMPLES:
                 continue
-            growth = error_growth(experiments[i], system, p, estimates[i], int(first), spread, scale)
+            growth = error_growth(states, spread, scale, int(first))
             reach = growth.until(WINDOW_FACTOR, WINDOW_NOISE)
             if np.isfinite(reach) or first == 0:
-                times.append(min(reach, experiments[i].record.duration))
+                times.append(min(reach, record.duration))
     return float(np.quantile(times, 0.25)) if times else 0.0
 
 
@@ -247,32 +230,23 @@ def samples_needed(preparation: Preparation, rate: float) -> int:
 
 
 def cut_windows(
-    experiment: Experiment,
-    system: System,
-    p: np.ndarray,
-    states: StateEstimate,
-    length: float,
-    spread: np.ndarray,
-    scale: np.ndarray,
+    states: StateEstimate, length: float, spread: np.ndarray, scale: np.ndarray
 ) -> list[Experiment]:
-    """Return an experiment as experiments on windows, each with an initial state of its own.
+    """Return the experiment of a record as experiments on windows, each with an initial state of its own.
 
     Each window ends where errors of its initial state have grown too far, so windows are short where errors grow fast
     and long where they do not; never shorter than `samples_needed`, nor longer than three times ``length``.
 
     Parameters
     ----------
-    experiment : Experiment
-        Cropped.
-    system : System
-    p : ndarray, shape (n_p,)
     states : StateEstimate
-        Where the fit of each initial state begins.
+        Along the record: where the fit of each initial state begins.
     length : float, s
         Usual length.
     spread, scale : ndarray
         As in `error_growth`.
     """
+    experiment, system = states.experiment, states.system
     record = experiment.record
     n, rate = len(record.time), record.rate
     least = samples_needed(experiment.preparation, rate)
@@ -280,7 +254,7 @@ def cut_windows(
     bounds = [0]
     while n - 1 - bounds[-1] > least:
         last = min(bounds[-1] + most, n - 1)
-        growth = error_growth(experiment, system, p, states, bounds[-1], spread, scale, last + 1)
+        growth = error_growth(states, spread, scale, bounds[-1], last + 1)
         reach = min(growth.until(WINDOW_FACTOR, WINDOW_NOISE), float(growth.time[-1]))
         bounds.append(int(np.clip(bounds[-1] + reach * rate, bounds[-1] + least, last)))
     if len(bounds) > 1 and n - 1 - bounds[-1] < least:

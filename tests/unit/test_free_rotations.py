@@ -77,7 +77,7 @@ def test_angles_that_nothing_depends_on_rotate_freely(build, size, unit, turns):
     model = build()
     (experiment,) = recorded(model, size * np.sin(1.3 * TIME) + 0.3 * size * np.sin(0.4 * TIME), unit)
     system = model.build(outputs=experiment.outputs)
-    states, outputs = free_rotations(system, system.p, [experiment], [estimate_states(experiment, system, system.p)])
+    states, outputs = free_rotations([estimate_states(experiment, system, system.p)])
     assert sorted(n for n, free in zip(system.state_names, states, strict=True) if free) == sorted(turns)
     assert dict(zip(experiment.outputs, outputs, strict=True)) == {
         "rotor.angle": "rotor.angle" in turns, "rotor.speed": False

@@ -127,7 +127,7 @@ def test_errors_of_a_standing_pendulum_grow_at_the_known_rate():
     )
     e = make_experiments(problem.model, [record], ("drive.torque",), ("rod.angle",))[0]
     system = problem.model.build(outputs=e.outputs)
-    growth = error_growth(e, system, system.p, estimate_states(e, system, system.p), 0, np.ones(1), np.ones(2))
+    growth = error_growth(estimate_states(e, system, system.p), np.ones(1), np.ones(2))
     rate = np.sqrt(9.80665 / 0.5)
     # d angle / d (angle, speed) at the start, linearised about upright; relative to the first 20 samples.  The rod
     # has left upright by 0.04 rad in the end, where the linearisation is off by 0.04²/2.
@@ -164,9 +164,9 @@ def test_within_a_window_errors_grow_less_than_the_factor():
     system = problem.model.build(outputs=e.outputs)
     up = estimate_states(e, system, system.p)
     spread, scale = np.ones(1), np.array([1.0, 3.0])
-    for window in cut_windows(e, system, system.p, up, 1.0, spread, scale):
+    for window in cut_windows(up, 1.0, spread, scale):
         first = int(np.argmin(np.abs(e.record.time - window.record.time[0])))
-        growth = error_growth(e, system, system.p, up, first, spread, scale, first + len(window.record.time) - 1)
+        growth = error_growth(up, spread, scale, first, first + len(window.record.time) - 1)
         assert np.max(growth.start) <= WINDOW_FACTOR
 
 
