@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -99,13 +99,27 @@ def simulate(
     unchecked = limits.of_signals  # by the steps themselves: the finished run is checked
     if max_step is None and (functions or method not in ("auto", *NATIVE)):  # SciPy's methods evaluate no speeds
         unchecked = tuple(narrow_features(system, p))
-    arguments = (table, functions, p, x0, (t0, t1), times, method, rtol, atol, events)
-    run = _run(system, *arguments, limits)
+    name, reason = _method(method, functions)
+    task = _Task(
+        system=system,
+        table=table,
+        functions={system.index("input", n): f for n, f in functions.items()},
+        p=p,
+        x0=x0,
+        span=(t0, t1),
+        times=times,
+        method=name,
+        reason=reason,
+        rtol=rtol,
+        atol=atol,
+        events=events,
+    )
+    run = task.run(limits)
     for _ in range(_FEATURE_RUNS):  # a run that jumped over a motion does not show the speeds that it has
         if not unchecked or (finer := finer_step(run, unchecked, limits.largest_step)) is None:
             break
         limits = replace(limits, largest_step=finer)
-        run = _run(system, *arguments, limits)
+        run = task.run(limits)
     return run
 
 
@@ -228,102 +242,104 @@ def native_problem(
     )
 
 
-def _run(
-    system: CompiledSystem,
-    table: InputTable,
-    functions: dict[str, Callable[[float], float]],
-    p: np.ndarray,
-    x0: np.ndarray,
-    span: tuple[float, float],
-    times: np.ndarray,
-    method: str,
-    rtol: float,
-    atol: float | np.ndarray,
-    events: Any,
-    limits: StepLimits,
-) -> Trajectory:
-    name, why = _method(system, method, functions)
-    if not system.states:
-        inputs = _all_inputs(table, {system.index("input", n): f for n, f in functions.items()}, times, p)
-        return Trajectory(
-            system=system,
-            times=times,
-            states=np.empty((times.size, 0)),
-            inputs=inputs,
-            p=p,
-            statistics={"method": name, "why": "no states"},
-        )
-    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": limits.largest_step}
-    columns = {system.index("input", n): f for n, f in functions.items()}
-    if name in NATIVE:
+@dataclass(frozen=True, kw_only=True)
+class _Task:
+    """One initial value problem with its inputs and its method; ``functions`` are inputs by their index."""
+
+    system: CompiledSystem
+    table: InputTable
+    functions: dict[int, Callable[[float], float]]
+    p: np.ndarray
+    x0: np.ndarray
+    span: tuple[float, float]
+    times: np.ndarray
+    method: str
+    reason: str
+    rtol: float
+    atol: float | np.ndarray
+    events: Any
+
+    def run(self, limits: StepLimits) -> Trajectory:
+        """Integrate and return the trajectory."""
+        if not self.system.states:
+            return self._trajectory(self.times, np.empty((self.times.size, 0)), {"why": "no states"})
+        solution, reason = self._compiled(limits) if self.method in NATIVE else self._by_scipy(limits)
+        if solution.status < 0 or not np.all(np.isfinite(solution.y)):
+            raise SimulationError(_failure(self.system, solution, self.x0, self.span, self.method))
+        statistics = {
+            "why": reason,
+            "nfev": solution.nfev,
+            "njev": solution.njev,
+            "nlu": solution.nlu,
+            "max_step": limits.largest_step,
+            "longest_step": getattr(solution, "longest_step", np.inf),
+            "rtol": self.rtol,
+            "atol": self.atol,
+        }
+        if self.events is not None:
+            statistics["events"] = solution.t_events
+        return self._trajectory(solution.t, np.ascontiguousarray(solution.y.T), statistics)
+
+    def _options(self, limits: StepLimits) -> dict[str, Any]:
+        tolerances = {"rtol": self.rtol, "atol": self.atol, "max_step": limits.largest_step}
+        return {"t_eval": self.times, "events": self.events, **tolerances}
+
+    def _compiled(self, limits: StepLimits) -> tuple[Any, str]:
+        """Return the solution of a compiled method, and the reason for the method."""
         from multibody.solvers.automatic import Automatic, in_words
         from multibody.solvers.dormand_prince import DormandPrince54
         from multibody.solvers.exponential import Exponential43
         from multibody.solvers.rosenbrock import Rodas5P
         from multibody.solvers.run import integrate
 
-        solver = {s.__name__: s for s in (Automatic, DormandPrince54, Exponential43, Rodas5P)}[name]
-        problem = native_problem(system, p, table, tangent=name in ("Rodas5P", "Exponential43"), limits=limits)
+        def problem(*, tangent: bool) -> NativeProblem:
+            return native_problem(self.system, self.p, self.table, tangent=tangent, limits=limits)
+
+        solver = {s.__name__: s for s in (Automatic, DormandPrince54, Exponential43, Rodas5P)}[self.method]
+        options = self._options(limits)
         history: list[tuple[float, str]] = []
-        if name == "Automatic":
-            options["stiff_problem"] = lambda: native_problem(system, p, table, tangent=True, limits=limits)
-            options["history"] = history
-        solution = integrate(problem, span, x0, t_eval=times, method=solver, events=events, **options)
-        if name == "Automatic":
-            why = in_words(history, float(solution.t[-1]))
-    else:
+        if solver is Automatic:
+            options |= {"stiff_problem": lambda: problem(tangent=True), "history": history}
+        first = problem(tangent=solver in (Rodas5P, Exponential43))
+        solution = integrate(first, self.span, self.x0, method=solver, **options)
+        return solution, in_words(history, float(solution.t[-1])) if solver is Automatic else self.reason
+
+    def _by_scipy(self, limits: StepLimits) -> tuple[Any, str]:
+        """Return the solution of a method of SciPy, and the reason for the method."""
         from multibody.solvers.scipy_methods import IMPLICIT, solve_with_stops
 
-        def called(t: float, x: np.ndarray) -> np.ndarray:
-            return system.rhs(t, x, _inputs_at(table, columns, t, p), p)
-
+        system, p, options = self.system, self.p, self._options(limits)
         # inputs and rates in one compiled call, where no input is a function and the model is compiled
-        rates = called if columns or not system.compiled else native_problem(system, p, table).fun
-        if name in IMPLICIT:
-            if columns or not system.compiled:
-                options["jac"] = lambda t, x: system.jacobian("x", t, x, _inputs_at(table, columns, t, p), p)
-            else:
-                options["jac"] = native_problem(system, p, table, tangent=True).jac
-        solution = solve_with_stops(rates, span, x0, table, p, name, t_eval=times, events=events, **options)
-    if solution.status < 0 or not np.all(np.isfinite(solution.y)):
-        raise SimulationError(_failure(system, solution, x0, span, name))
-    inputs = _all_inputs(table, columns, solution.t, p)
-    statistics = {
-        "method": name,
-        "why": why,
-        "nfev": solution.nfev,
-        "njev": solution.njev,
-        "nlu": solution.nlu,
-        "max_step": limits.largest_step,
-        "longest_step": getattr(solution, "longest_step", np.inf),
-        "rtol": rtol,
-        "atol": atol,
-    }
-    if events is not None:
-        statistics["events"] = solution.t_events
-    states = np.ascontiguousarray(solution.y.T)
-    return Trajectory(system=system, times=solution.t, states=states, inputs=inputs, p=p, statistics=statistics)
+        in_one_call = system.compiled and not self.functions
+
+        def rates(t: float, x: np.ndarray) -> np.ndarray:
+            return system.rhs(t, x, self._inputs_at(t), p)
+
+        if self.method in IMPLICIT and in_one_call:
+            options["jac"] = native_problem(system, p, self.table, tangent=True).jac
+        elif self.method in IMPLICIT:
+            options["jac"] = lambda t, x: system.jacobian("x", t, x, self._inputs_at(t), p)
+        fun = native_problem(system, p, self.table).fun if in_one_call else rates
+        return solve_with_stops(fun, self.span, self.x0, self.table, p, self.method, **options), self.reason
+
+    def _inputs_at(self, t: float) -> np.ndarray:
+        u = self.table(t, self.p)
+        for k, function in self.functions.items():
+            u[k] = function(t)
+        return u
+
+    def _trajectory(self, times: np.ndarray, states: np.ndarray, statistics: dict[str, Any]) -> Trajectory:
+        inputs = self.table(times, self.p).reshape(times.size, -1)
+        for k, function in self.functions.items():
+            inputs[:, k] = [function(t) for t in times]
+        statistics = {"method": self.method, **statistics}
+        return Trajectory(
+            system=self.system, times=times, states=states, inputs=inputs, p=self.p, statistics=statistics
+        )
 
 
-def _all_inputs(
-    table: InputTable, columns: dict[int, Callable[[float], float]], times: np.ndarray, p: np.ndarray
-) -> np.ndarray:
-    inputs = table(times, p).reshape(times.size, -1)
-    for k, f in columns.items():
-        inputs[:, k] = [f(t) for t in times]
-    return inputs
-
-
-def _inputs_at(
-    table: InputTable, columns: dict[int, Callable[[float], float]], t: float, p: np.ndarray
-) -> np.ndarray:
-    u = table(t, p)
-    for k, f in columns.items():
-        u[k] = f(t)
-    return u
-
-
-def _method(system: CompiledSystem, method: str, functions: dict[str, Any]) -> tuple[str, str]:
+def _method(method: str, functions: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the name of the method for a simulation, and the reason for it."""
     if method == "auto":
         if functions:
             return "LSODA", "inputs that are Python functions need a method that can call them"
