@@ -17,7 +17,7 @@ import numpy as np
 
 from discrepancy.statistics.blocks import Array
 from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
-from discrepancy.statistics.periodicity import find_period, pieces
+from discrepancy.statistics.periodicity import find_period, record_parts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -306,7 +306,7 @@ def explain_force(
     w = np.ones(n) if std is None else 1.0 / np.maximum(std, 1e-3 * float(np.median(std)) + 1e-300) ** 2
     w = w / np.mean(w)
     f = f - np.sum(w * f) / np.sum(w)
-    spans = pieces(n, blocks)
+    spans = record_parts(n, blocks)
     fits: list[_Fit] = []
     for name, x in regressors.items():
         for parity in PARITIES if direction is not None and name != "speed" else ("even",):

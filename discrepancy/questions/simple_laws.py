@@ -10,7 +10,7 @@ import numpy as np
 from discrepancy.questions.force_curves import Curve
 from discrepancy.statistics.blocks import Array
 from discrepancy.statistics.hat_functions import hat_functions
-from discrepancy.statistics.periodicity import pieces
+from discrepancy.statistics.periodicity import record_parts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +118,7 @@ def suggest_laws(
     """
     f, x = np.asarray(force, float), np.asarray(x, float)
     turn = direction if curve.parity == "odd" and direction is not None else np.ones_like(f)
-    spans = pieces(len(f), blocks)
+    spans = record_parts(len(f), blocks)
     knots = curve.grid
 
     def held_out(columns: Array) -> float:

@@ -74,24 +74,6 @@ class Omnibus:
         return "\n".join(lines)
 
 
-def with_effect(sens: Sensitivities, candidate: Candidate, shape: int = 0) -> Sensitivities:
-    """Return sensitivities with an effect's strengths as further uncertain parameters without prior.
-
-    They serve to test what remains after an effect: by a second scan, or by the omnibus test for lack of fit.
-    """
-    blocks = [
-        np.concatenate([f, z], axis=2) for f, z in zip(sens.blocks, candidate.sensitivities[shape], strict=True)
-    ]
-    names = (*sens.names, *(f"{candidate.name}.{a}" for a in candidate.strengths))
-    return Sensitivities(
-        names,
-        blocks,
-        np.append(sens.prior_std, np.full(candidate.n_strengths, np.inf)),
-        np.append(sens.prior_offset, np.zeros(candidate.n_strengths)),
-        sens.nuisance,
-    )
-
-
 def generic_candidates(
     residual: Residual, drivers: Mapping[str, Sequence[Array]], coarse: Collection[str] = ()
 ) -> list[Candidate]:

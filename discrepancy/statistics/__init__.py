@@ -1,4 +1,5 @@
-"""Score test, whitening, projection, null distribution and ties: arrays only, nothing of machines.
+"""Statistics on arrays: whitening, projection, scores, null distribution, masking pairs, verdicts; nothing of machines.
 
-Takes from `estimation.signals` and `multibody.base`.
+`scan` in `discrepancy.statistics.scan` scores candidates on a residual; `blocks` has the arrays that it takes.
+Takes from `multibody.base` only.
 """

@@ -230,6 +230,24 @@ class Candidate:
         return sum(len({s.get(key) for s in self.shapes}) > 1 for key in keys)
 
 
+def with_candidate(sens: Sensitivities, candidate: Candidate, shape: int = 0) -> Sensitivities:
+    """Return sensitivities with an effect's strengths as further uncertain parameters without prior.
+
+    They serve to test what remains after an effect: by a second scan, or by the omnibus test for lack of fit.
+    """
+    blocks = [
+        np.concatenate([f, z], axis=2) for f, z in zip(sens.blocks, candidate.sensitivities[shape], strict=True)
+    ]
+    names = (*sens.names, *(f"{candidate.name}.{a}" for a in candidate.strengths))
+    return Sensitivities(
+        names,
+        blocks,
+        np.append(sens.prior_std, np.full(candidate.n_strengths, np.inf)),
+        np.append(sens.prior_offset, np.zeros(candidate.n_strengths)),
+        sens.nuisance,
+    )
+
+
 def check_compatible(residual: Residual, sens: Sensitivities, candidates: Sequence[Candidate]) -> None:
     """Refuse arrays whose blocks do not match the residual's; the error lists all faults."""
     faults = []

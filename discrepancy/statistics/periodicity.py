@@ -1,4 +1,4 @@
-"""A period in position or angle, the two directions of travel apart, and the pieces that a shuffle moves."""
+"""A force along the way: its period, its parts for both directions of travel, and the parts of records to shuffle."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from discrepancy.statistics.blocks import Array
 from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
 
-__all__ = ["find_period", "pieces", "split_directions"]
+__all__ = ["find_period", "record_parts", "split_directions"]
 
 
-def pieces(n: int, blocks: Array | None, least: int = 8) -> list[Array]:
-    """Cut samples into records, and few records into at least ``least`` parts; returns the rows of each."""
+def record_parts(n: int, blocks: Array | None, least: int = 8) -> list[Array]:
+    """Return the rows of each record; a few records are cut into at least ``least`` parts in all."""
     ids = np.zeros(n, dtype=int) if blocks is None else np.asarray(blocks)
     starts = np.flatnonzero(np.concatenate([[True], ids[1:] != ids[:-1]]))
     records = np.split(np.arange(n), starts[1:])
@@ -25,7 +25,7 @@ def pieces(n: int, blocks: Array | None, least: int = 8) -> list[Array]:
 def split_directions(
     force: Array, x: Array, direction: Array, n_knots: int = 12
 ) -> tuple[Array, Array, Array]:
-    """Even and odd part of a force over a regressor: knots, even, odd; NaN where a direction is missing."""
+    """Return knots, and the even and odd part of a force over a regressor; NaN where a direction is missing."""
     knots = quantile_knots(np.asarray(x), n_knots)
     means = []
     for sign in (1.0, -1.0):
@@ -45,7 +45,7 @@ def find_period(
     seed: int = 0,
     n_periods: int = 400,
 ) -> tuple[float, float, float]:
-    """Period in a position or angle: (period, share of variance explained, p from shuffled blocks)."""
+    """Return the period of a force in position or angle, its share of the variance, and p from shuffled parts."""
     f = np.asarray(force, float) - float(np.mean(force))
     x = np.asarray(x, float)
     span = float(np.ptp(x))
@@ -54,7 +54,7 @@ def find_period(
     step = float(np.quantile(np.abs(np.diff(x)), 0.9))
     shortest = max(span / 200.0, 4.0 * step)
     ks = np.linspace(1.5 / span, 1.0 / shortest, n_periods)
-    spans = pieces(len(f), blocks)
+    spans = record_parts(len(f), blocks)
     rng = np.random.default_rng(seed)
     F = np.empty((len(f), draws + 1))
     F[:, 0] = f

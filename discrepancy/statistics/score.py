@@ -23,7 +23,7 @@ NOT_EXCITED = 1e-9
 ABSORBED = 1.0 - 1e-6
 CANCELLED = 1e-2  # share of a column's energy left by a projection below which it is projected again; chosen
 TOGETHER = 128  # columns that are projected in one product
-# What a column must explain to be worth removing, as a log-likelihood; columns looked at closely for that; chosen.
+# Log-likelihood that a column must explain to be removed; columns that are shortlisted for that; chosen.
 PER_COLUMN = 8.0
 SHORTLIST = 256
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from discrepancy.search.omnibus import with_effect
-from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities
+from discrepancy.statistics.blocks import Candidate, Residual, Sensitivities, with_candidate
 from discrepancy.statistics.null_distribution import P_FLOOR, tail_p
 from discrepancy.statistics.projection import Layout, project
 from discrepancy.statistics.scan import held_out_gain, scan
@@ -177,7 +176,7 @@ def test_after_the_effect_is_in_it_is_no_longer_missing():
     assert abs(r.best.expected_strength[0] - 40.0) < 4 * r.best.standard_error[0]
     best = next(c for c in cands if c.name == r.best.name)
     shape = [dict(s) for s in best.shapes].index(r.best.shape)
-    again = scan(case.residual, with_effect(case.sensitivities, best, shape), cands, draws=100)
+    again = scan(case.residual, with_candidate(case.sensitivities, best, shape), cands, draws=100)
     assert again.best is None
 
 
