@@ -286,13 +286,13 @@ class GearPair:
     def tooth_thicknesses(self) -> tuple[float, float]:
         """Transverse tooth thicknesses at the working pitch circles, before thinning for backlash, m."""
         turn = involute(self.transverse_pressure_angle) - involute(self.working_pressure_angle)
-        found = []
+        thicknesses = []
         for teeth, radius, shift in zip(
             (self.teeth_1, self.teeth_2), self.working_radii, (self.shift_1, self.shift_2), strict=True
         ):
             half_angle = (math.pi + 4.0 * shift * math.tan(self.pressure_angle)) / (2.0 * teeth)
-            found.append(2.0 * radius * (half_angle + turn))
-        return found[0], found[1]
+            thicknesses.append(2.0 * radius * (half_angle + turn))
+        return thicknesses[0], thicknesses[1]
 
     @cached_property
     def circumferential_backlash(self) -> float:
@@ -329,17 +329,17 @@ class GearPair:
         """
         x = np.linspace(0.02, 1.0, 50) * reach
         columns = np.stack([np.ones_like(x), x], axis=1)
-        found = np.linalg.lstsq(columns, self.gap(gear, x) / x**2, rcond=None)[0]
-        return float(found[0]), float(found[1])
+        coefficients = np.linalg.lstsq(columns, self.gap(gear, x) / x**2, rcond=None)[0]
+        return float(coefficients[0]), float(coefficients[1])
 
     def reach(self, deflection: float) -> float:
         """Return how far beyond its path contact can go when the flanks are pressed in by ``deflection``, m."""
-        found = []
+        reaches = []
         for gear in (0, 1):
             c2, c3 = self.gap_coefficients(gear)
             roots = np.roots([c3, c2, 0.0, -deflection])
-            found.append(min(r.real for r in roots if abs(r.imag) < 1e-12 and r.real > 0.0))
-        return max(found)
+            reaches.append(min(r.real for r in roots if abs(r.imag) < 1e-12 and r.real > 0.0))
+        return max(reaches)
 
     # ---------------------------------------------------------------- lines of contact
 

@@ -197,7 +197,7 @@ class StageParameters:
 
     def faults(self) -> list[str]:
         """Return what does not fit together, each naming the section."""
-        found = []
+        faults = []
         try:
             pair = self.gears.pair()
         except GearError as error:
@@ -205,19 +205,19 @@ class StageParameters:
         for key, radius in (("input_shaft", pair.root_radii[0]), ("output_shaft", pair.root_radii[1])):
             shaft: ShaftParameters = getattr(self, key)
             if shaft.diameter >= 2.0 * radius:
-                found.append(
+                faults.append(
                     f"[{key}] the diameter {shaft.diameter * 1e3:g} mm is not below the root diameter of its gear, "
                     f"{2e3 * radius:.4g} mm (are the units right?)"
                 )
             if 2.0 * shaft.seat <= self.gears.width:
-                found.append(f"[{key}] the bearings at ±{shaft.seat * 1e3:g} mm stand inside the gear: enlarge seat")
+                faults.append(f"[{key}] the bearings at ±{shaft.seat * 1e3:g} mm stand inside the gear: enlarge seat")
         if self.material.poisson >= 0.5:
-            found.append(f"[material] poisson is {self.material.poisson:g}, it must be below 0.5")
+            faults.append(f"[material] poisson is {self.material.poisson:g}, it must be below 0.5")
         if self.contact.v_d <= self.contact.v_s:
-            found.append(f"[contact] v_d ({self.contact.v_d:g} m/s) must be above v_s ({self.contact.v_s:g} m/s)")
+            faults.append(f"[contact] v_d ({self.contact.v_d:g} m/s) must be above v_s ({self.contact.v_s:g} m/s)")
         if self.bearings.ratio >= 0.9:
-            found.append(f"[bearings] ratio is {self.bearings.ratio:g}, it must be below 0.9")
-        return found
+            faults.append(f"[bearings] ratio is {self.bearings.ratio:g}, it must be below 0.9")
+        return faults
 
 
 @lru_cache(maxsize=1)

@@ -59,12 +59,12 @@ def balances_chapter() -> PaperChapter:
 
 
 def _at_rest(stage: GearStage) -> float:
-    found, system = [], stage.system
+    forces, system = [], stage.system
     for angle in (np.arange(8) + 0.5) / 8.0 * 2.0 * np.pi / stage.pair.teeth_1:
         state = stage.static_state(TORQUE, angle=float(angle))
         u = system.input_vector({"speed": 0.0, "torque": TORQUE})
-        found.append(system.outputs_at(0.0, state, u=u)[system.index("output", "mesh_force")])
-    return float(np.mean(found))
+        forces.append(system.outputs_at(0.0, state, u=u)[system.index("output", "mesh_force")])
+    return float(np.mean(forces))
 
 
 def _energies(stage: GearStage) -> tuple[float, dict[str, float]]:

@@ -57,8 +57,8 @@ def rig_recordings(
     rig = GearRig(
         seed=seed, manufacturing=manufacturing, housing=housing, conditions=CONDITIONS[:1] if base else CONDITIONS
     )
-    found, _ = record(rig, progress=lambda text: progress(f"rig with {housing} housing: {text}"))
-    return [each.recording() for each in found]
+    runs, _ = record(rig, progress=lambda text: progress(f"rig with {housing} housing: {text}"))
+    return [run.recording() for run in runs]
 
 
 def one_load(recordings: Sequence[Recording]) -> list[Recording]:
@@ -163,19 +163,19 @@ def success(
     **changes: Any,
 ) -> Success:
     """Run the chain once for each seed; see `chain_on_rig`."""
-    found = []
+    results = []
     for seed in seeds:
         progress(f"design with seed {seed}")
         chain = chain_on_rig(housing, recordings, progress, store, seed=seed, **{**ONE_DESIGN, **changes})
         with chain.runs:
-            found.append(chain.run())
-    first = found[0]
+            results.append(chain.run())
+    first = results[0]
     return Success(
         start=first.start.simulated,
-        optimum=tuple(r.optimum.simulated for r in found),
-        promised=tuple(r.optimum.predicted for r in found),
-        taken=tuple(r.updated.simulated for r in found),
-        others=tuple(tuple(c.after.value for c in r.checks) for r in found),
+        optimum=tuple(r.optimum.simulated for r in results),
+        promised=tuple(r.optimum.predicted for r in results),
+        taken=tuple(r.updated.simulated for r in results),
+        others=tuple(tuple(c.after.value for c in r.checks) for r in results),
         others_start=tuple(c.before.value for c in first.checks),
         bounds=tuple(c.after.bound for c in first.checks),
     )
@@ -207,70 +207,70 @@ def _span(values: Sequence[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _rows(what: str, found: Success, *, asked: int = 0, printed: bool = True) -> list[PaperRow]:
+def _rows(what: str, outcome: Success, *, required: int = 0, printed: bool = True) -> list[PaperRow]:
     """Rows of one set of designs; with ``asked`` the project's own bar for both counts."""
     theirs = ("1 of 1: 0.689 to 0.752", "1 of 1: 0.721, 0.744, 0.762") if printed else ("not done", "not done")
-    n = found.designs
-    bar = f"; at least {asked} asked" if asked else ""
+    n = outcome.designs
+    bar = f"; at least {required} asked" if required else ""
     one = "the paper has one design and no repetition of it"
 
     def judged(hits: int) -> str:
-        return UNCHECKED if not asked else AGREES if hits >= asked else DIFFERS
+        return UNCHECKED if not required else AGREES if hits >= required else DIFFERS
 
     at = "; ".join(
-        f"{_span([o[k] for o in found.others])} (before {b:.3f}, bound {top:.3f})"
-        for k, (b, top) in enumerate(zip(found.others_start, found.bounds, strict=True))
+        f"{_span([o[k] for o in outcome.others])} (before {b:.3f}, bound {top:.3f})"
+        for k, (b, top) in enumerate(zip(outcome.others_start, outcome.bounds, strict=True))
     )
     return [
         PaperRow(
             what=f"{what}: optimum of the surface, simulated, above the start",
             paper=theirs[0],
-            ours=f"{counted(found.rises, n)}: {found.start:.3f} to {_span(found.optimum)}",
-            verdict=judged(found.rises),
+            ours=f"{counted(outcome.rises, n)}: {outcome.start:.3f} to {_span(outcome.optimum)}",
+            verdict=judged(outcome.rises),
             why=one + bar,
         ),
         PaperRow(
             what=f"{what}: what the surface had promised",
             paper="not given",
-            ours=_span(found.promised),
+            ours=_span(outcome.promised),
             verdict=UNCHECKED,
             why="the paper gives one value, 0.752, and not whether surface or simulation; no cosine is above 1",
         ),
         PaperRow(
             what=f"{what}: what was taken",
             paper="the surface's optimum",
-            ours=_span(found.taken),
+            ours=_span(outcome.taken),
             verdict=UNCHECKED,
             why="the best of what was simulated, where a design point is better than the surface's optimum",
         ),
         PaperRow(
             what=f"{what}: above {GOOD:g} at conditions 1, 2 and 3",
             paper=theirs[1],
-            ours=f"{counted(found.above, n)}: {at}",
-            verdict=judged(found.above),
+            ours=f"{counted(outcome.above, n)}: {at}",
+            verdict=judged(outcome.above),
             why=one + bar,
         ),
     ]
 
 
-def _rig_rows(what: str, found: Sequence[Success], seeds: Sequence[int], *, printed: bool = True) -> list[PaperRow]:
+def _rig_rows(what: str, outcomes: Sequence[Success], seeds: Sequence[int], *, printed: bool = True) -> list[PaperRow]:
     """Rows of one design on each of several rigs."""
-    n, one = len(found), "the paper has one machine"
+    n, one = len(outcomes), "the paper has one machine"
     rigs = f"rigs {seeds[0]} to {seeds[-1]}"
-    pairs = "; ".join(f"{f.start:.3f} to {f.optimum[0]:.3f} (taken {f.taken[0]:.3f})" for f in found)
-    least = "; ".join(f"{min(f.others[0]):.3f} (before {min(f.others_start):.3f})" for f in found)
+    pairs = "; ".join(f"{f.start:.3f} to {f.optimum[0]:.3f} (taken {f.taken[0]:.3f})" for f in outcomes)
+    least = "; ".join(f"{min(f.others[0]):.3f} (before {min(f.others_start):.3f})" for f in outcomes)
     return [
         PaperRow(
             what=f"{what}, {rigs}: optimum of the surface, simulated, above the start",
             paper="1 of 1: 0.689 to 0.752" if printed else "not done",
-            ours=f"{counted(sum(f.rises for f in found), n)}: {pairs}",
+            ours=f"{counted(sum(f.rises for f in outcomes), n)}: {pairs}",
             verdict=UNCHECKED,
             why=one,
         ),
         PaperRow(
             what=f"{what}, {rigs}: above {GOOD:g} at conditions 1, 2 and 3",
             paper="1 of 1: 0.721 at least" if printed else "not done",
-            ours=f"{counted(sum(f.above for f in found), n)}, the lowest: {least}",
+            ours=f"{counted(sum(f.above for f in outcomes), n)}, the lowest: {least}",
             verdict=UNCHECKED,
             why=one,
         ),
@@ -305,26 +305,26 @@ def success_chapter(
         )
 
     made = rig_recordings("rigid", progress, manufacturing=1.0)
-    rows = _rows(names[0], success("rigid", one_load(inside), progress, kept, DESIGNS), asked=9)
+    rows = _rows(names[0], success("rigid", one_load(inside), progress, kept, DESIGNS), required=9)
     similar, amplitudes = of_errors(made, DESIGNS)
     rows += _rows(names[1], similar) + _rows(names[2], amplitudes, printed=False)
     rigs = tuple(OTHER_RIGS)
-    found: list[list[Success]] = [[], [], []]
+    by_rig: list[list[Success]] = [[], [], []]
     for seed in rigs:
         progress(f"rig with seed {seed}")
         clean = one_load(rig_recordings("rigid", progress, seed=seed))
-        found[0].append(success("rigid", clean, progress, kept, DESIGNS[:1]))
+        by_rig[0].append(success("rigid", clean, progress, kept, DESIGNS[:1]))
         others = of_errors(rig_recordings("rigid", progress, manufacturing=1.0, seed=seed), DESIGNS[:1])
-        for place, each in zip(found[1:], others, strict=True):
-            place.append(each)
+        for place, outcome in zip(by_rig[1:], others, strict=True):
+            place.append(outcome)
     for k, name in enumerate(names):
-        rows += _rig_rows(name, found[k], rigs, printed=k < 2)
+        rows += _rig_rows(name, by_rig[k], rigs, printed=k < 2)
     for name, recordings in (("truth inside the model", inside), ("errors of manufacturing", made)):
-        for told in lost_directions("rigid", recordings, progress, kept):
-            lost = "; ".join(told.words(i) for i in told.lost)
+        for information in lost_directions("rigid", recordings, progress, kept):
+            lost = "; ".join(information.words(i) for i in information.lost)
             rows.append(
                 PaperRow(
-                    what=f"directions of K, C_D, e_F that are lost, {name}, {told.what}",
+                    what=f"directions of K, C_D, e_F that are lost, {name}, {information.what}",
                     paper="none told (Table 4)",
                     ours=lost or "none",
                     verdict=DIFFERS if lost else AGREES,

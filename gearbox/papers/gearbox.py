@@ -16,7 +16,7 @@ from gearbox.papers.balances import balances_chapter
 from gearbox.papers.chain import chain_on_rig, one_load, rig_recordings, success_chapter
 from gearbox.papers.printed import PAPER
 from gearbox.papers.surface import eq_18_chapter, figs_9_10
-from multibody.base.progress import Progress
+from multibody.base.progress import Progress, silent
 
 if TYPE_CHECKING:
     from gearbox.updating.chain import UpdatingChain
@@ -49,7 +49,7 @@ def sensitivity_of(chain: UpdatingChain) -> OneAtATimeResult:
 # -------------------------------------------------------------------- chapters
 
 
-def chapters(progress: Progress | None = None, folder: Path | None = None) -> list[PaperChapter]:
+def chapters(progress: Progress = silent, folder: Path | None = None) -> list[PaperChapter]:
     """Every table and figure of the paper that can be made again.
 
     Parameters
@@ -59,24 +59,23 @@ def chapters(progress: Progress | None = None, folder: Path | None = None) -> li
     folder : Path, optional
         Keeps the simulations, so that what was broken off goes on where it stopped.
     """
-    tell = progress or (lambda text: None)
 
     def store(housing: str) -> Path | None:
         return None if folder is None else folder / f"gear-{housing}.jsonl"
 
-    tell("gear stage: geometry, mesh frequencies")
-    found = [_geometry(), _table_5(), _table_6(tell), balances_chapter(), eq_18_chapter(progress=tell)]
-    rigid = rig_recordings("rigid", tell)
-    recordings = {"flexible": rig_recordings("flexible", tell, base=True), "rigid": one_load(rigid)}
-    made: dict[str, UpdatingChain] = {h: chain_on_rig(h, r, tell, store(h)) for h, r in recordings.items()}
+    progress("gear stage: geometry, mesh frequencies")
+    chapters = [_geometry(), _table_5(), _table_6(progress), balances_chapter(), eq_18_chapter(progress=progress)]
+    rigid = rig_recordings("rigid", progress)
+    recordings = {"flexible": rig_recordings("flexible", progress, base=True), "rigid": one_load(rigid)}
+    made: dict[str, UpdatingChain] = {h: chain_on_rig(h, r, progress, store(h)) for h, r in recordings.items()}
     try:
-        found.append(_fig_8({h: sensitivity_of(c) for h, c in made.items()}))
+        chapters.append(_fig_8({h: sensitivity_of(c) for h, c in made.items()}))
         result = made["rigid"].run()
     finally:
-        for each in made.values():
-            each.runs.close()
-    found += [figs_9_10(result), _similarity(result), success_chapter(tell, rigid, store)]
-    return found
+        for chain in made.values():
+            chain.runs.close()
+    chapters += [figs_9_10(result), _similarity(result), success_chapter(progress, rigid, store)]
+    return chapters
 
 
 def _geometry() -> PaperChapter:
@@ -143,30 +142,30 @@ def _table_5() -> PaperChapter:
     return PaperChapter(paper=PAPER, place="Table 5", title="operating conditions", rows=rows)
 
 
-def _table_6(tell: Progress) -> PaperChapter:
+def _table_6(progress: Progress) -> PaperChapter:
     from gearbox.files.operating_condition import OperatingCondition
     from gearbox.signals.main_components import main_components
     from gearbox.stage.stage import build
 
     stage, rows = build(), []
     for name, rpm, torque, _, meshes, theirs in TABLE_5_6:
-        tell(f"gear stage: spectrum at {name}")
+        progress(f"gear stage: spectrum at {name}")
         condition = OperatingCondition(rpm, torque, name)
         mesh = condition.mesh_frequency(32)
         for k, printed in enumerate(meshes, start=1):
             rows.append(compared(f"{k} × mesh, {name}", printed, k * mesh, 0.1, "Hz", digits=1, basis="as printed"))
         signal = stage.vibration({}, condition, 0.5)["a_input_seat_y"]
-        found = main_components(signal, mesh)
-        ours = "/".join(f"{f:.1f}" for f in sorted(found.frequencies))
-        verdict = AGREES if found.worst < 0.01 else DIFFERS
+        components = main_components(signal, mesh)
+        ours = "/".join(f"{f:.1f}" for f in sorted(components.frequencies))
+        verdict = AGREES if components.worst < 0.01 else DIFFERS
         rows.append(
             PaperRow(
                 what=f"main components of the virtual signal, {name}, Hz",
                 paper="/".join(f"{f:.1f}" for f in theirs),
                 ours=ours,
                 verdict=verdict,
-                why=f"each within {100 * found.worst:.2f} % of a multiple of the mesh frequency (1 % claimed); "
-                f"orders {', '.join(map(str, sorted(found.orders)))}: which lead is up to the housing",
+                why=f"each within {100 * components.worst:.2f} % of a multiple of the mesh frequency (1 % claimed); "
+                f"orders {', '.join(map(str, sorted(components.orders)))}: which lead is up to the housing",
             )
         )
     return PaperChapter(paper=PAPER, place="Table 6", title="mesh frequencies and main components", rows=tuple(rows))
@@ -181,12 +180,12 @@ class _Ranking:
         return ", ".join(f"{n} {self.ranges[n]:.3f}" for n in self.order)
 
 
-def _fig_8(found: Mapping[str, OneAtATimeResult]) -> PaperChapter:
+def _fig_8(results: Mapping[str, OneAtATimeResult]) -> PaperChapter:
     from gearbox.updating.figures import sensitivity
 
     rows, figures = [], {}
-    for housing, each in found.items():
-        ranges = dict(zip(each.space.names, each.ranges.tolist(), strict=True))
+    for housing, result in results.items():
+        ranges = dict(zip(result.space.names, result.ranges.tolist(), strict=True))
         ranking = _Ranking(tuple(sorted(ranges, key=lambda n: -ranges[n])), ranges)
         same = set(ranking.order[:3]) == set(FIG_8[0])
         rows.append(
@@ -209,7 +208,7 @@ def _fig_8(found: Mapping[str, OneAtATimeResult]) -> PaperChapter:
                     why=_WHY_8[name],
                 )
             )
-        figures[f"gear-fig-8-{housing}"] = sensitivity(each, "cosine similarity [–]")
+        figures[f"gear-fig-8-{housing}"] = sensitivity(result, "cosine similarity [–]")
     text = (
         "On the virtual rig (synthetic; truth inside the model), at the paper's base condition, lag rule 'best'. The "
         "paper does not say which axis it measured, how its lag was chosen, nor anything of its housing: a ranking is "
@@ -288,14 +287,18 @@ def _similarity(result: UpdatingResult) -> PaperChapter:
             why="the paper gives no rule for its lag, and the lag decides",
         ),
     ]
-    for told in result.directions:
+    for information in result.directions:
         rows.append(
             PaperRow(
-                what=f"K, C_D and e_F identified: {told.what}",
+                what=f"K, C_D and e_F identified: {information.what}",
                 paper="three values given (Table 4)",
-                ours="no direction lost" if not told.lost else "lost: " + "; ".join(told.words(i) for i in told.lost),
-                verdict=DIFFERS if told.lost else AGREES,
-                why="two mesh lines in the band, less a lag and a gain, fix two numbers at most" if told.lost else "",
+                ours="no direction lost"
+                if not information.lost
+                else "lost: " + "; ".join(information.words(i) for i in information.lost),
+                verdict=DIFFERS if information.lost else AGREES,
+                why="two mesh lines in the band, less a lag and a gain, fix two numbers at most"
+                if information.lost
+                else "",
             )
         )
     return PaperChapter(

@@ -92,7 +92,7 @@ def eq_18_chapter(seeds: Iterable[int] = SEEDS, progress: Progress = silent) -> 
     names, printed = ("K", "C_D", "e_F"), {"initial": 0.689, "updated": 0.752}
     rows = []
     for order in permutations(range(3)):
-        told = ", ".join(names[i] for i in order)
+        listed = ", ".join(names[i] for i in order)
         for point in ("initial", "updated"):
             t = scaled[point][list(order)]
             value = eq_18((float(t[0]), float(t[1]), float(t[2])))
@@ -106,7 +106,7 @@ def eq_18_chapter(seeds: Iterable[int] = SEEDS, progress: Progress = silent) -> 
             )
             rows.append(
                 compared(
-                    f"Eq. 18 at the {point} point of Table 4, (t₁, t₂, t₃) = ({told}){stated}",
+                    f"Eq. 18 at the {point} point of Table 4, (t₁, t₂, t₃) = ({listed}){stated}",
                     printed[point],
                     value,
                     0.067 * printed[point],
@@ -158,32 +158,32 @@ def _hit_rates(seeds: Sequence[int], progress: Progress) -> list[PaperRow]:
         )
     ]
     alone = [r.value_before_polish for r in runs[ASKED].results[ASKED]]
-    found = sum(v >= MAXIMUM - 2e-4 for v in alone)
+    without_polish = sum(v >= MAXIMUM - 2e-4 for v in alone)
     rows.append(
         PaperRow(
             what=f"{MAXIMUM} found by 30 fireflies × 100 without a polish",
             paper="no: 0.752",
-            ours=f"{counted(found, len(alone), 'seeds')}, {min(alone):.4f} to {max(alone):.4f}",
-            verdict=AGREES if not found else DIFFERS,
+            ours=f"{counted(without_polish, len(alone), 'seeds')}, {min(alone):.4f} to {max(alone):.4f}",
+            verdict=AGREES if not without_polish else DIFFERS,
             why="the same runs before their local polish: the swarm ends near a hill, as the paper's did"
-            if not found
+            if not without_polish
             else "the same runs before their local polish",
         )
     )
     for name, run in runs.items():
         row = dict(run.to_frame().loc[name])
-        count, asked = int(row["runs"]), name == ASKED
+        count, required = int(row["runs"]), name == ASKED
         hits = round(row["hit_rate"] * count)
-        told = counted(hits, count, "seeds") if len(seeds) == count else "found" if hits else "not found"
+        counts = counted(hits, count, "seeds") if len(seeds) == count else "found" if hits else "not found"
         needed = f", found after {row['evaluations_to_target']:.0f} evaluations (median)" if hits else ""
         rows.append(
             PaperRow(
                 what=f"{MAXIMUM} found within {BUDGET} evaluations: {name}",
                 paper="once, 0.752",
-                ours=f"{told}, worst {row['worst']:.4f}, median {row['median']:.4f}{needed}",
-                verdict=UNCHECKED if not asked else AGREES if hits >= 0.95 * count else DIFFERS,
+                ours=f"{counts}, worst {row['worst']:.4f}, median {row['median']:.4f}{needed}",
+                verdict=UNCHECKED if not required else AGREES if hits >= 0.95 * count else DIFFERS,
                 why="95 % of 100 seeds asked"
-                if asked
+                if required
                 else "no figure in the paper; beside the fireflies, for comparison",
             )
         )

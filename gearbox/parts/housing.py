@@ -36,9 +36,9 @@ def _declare(body: MutableMapping[str, Any]) -> None:
         body[f"damping_{k}"] = Parameter(0.01, "", f"damping ratio of mode {k}", min=0.0, when=when)
         for place in (*SEATS, *SENSORS):
             for axis in AXES:
-                told = f"mass-normalised shape of mode {k} at {place} along {axis}"
+                meaning = f"mass-normalised shape of mode {k} at {place} along {axis}"
                 name = f"shape_{k}_{place}_{axis}" if place in SEATS else f"seen_{k}_{place}_{axis}"
-                body[name] = Parameter(0.0, "1/kg**0.5", told, when=when)
+                body[name] = Parameter(0.0, "1/kg**0.5", meaning, when=when)
 
 
 class FlexibleHousing(Component):

@@ -129,7 +129,7 @@ def box_housing_modes(
         if column[np.argmax(np.abs(column))] < 0.0:
             for shape in (*shapes.values(), *mounts.values()):
                 shape[k] *= -1.0
-    told = (
+    origin = (
         f"scikit-fem {skfem.__version__}, quadratic hexahedra, {free.size} degrees of freedom; box "
         f"{tuple(box.low)} to {tuple(box.high)} m, wall {box.wall:g} m, E {box.modulus:g} Pa, nu {box.poisson:g}, "
         f"rho {box.density:g} kg/m**3, four feet of {box.foot:g} m {'held' if held else 'free'}; damping {damping:g} "
@@ -140,7 +140,7 @@ def box_housing_modes(
         frequencies=np.sqrt(values[order]) / (2.0 * np.pi),
         damping=np.full(count, damping),
         shapes=shapes,
-        origin=told,
+        origin=origin,
         mounts=mounts,
     )
 
@@ -194,8 +194,8 @@ def _feet(full: Array, spots: Array, dofs: NDArray[np.int64], box: BoxHousing) -
     """Mean shape of the nodes of each foot, shape (m, 3)."""
     on = np.flatnonzero(_on_feet(spots.T, box))
     middle = 0.5 * np.add(box.low, box.high)
-    found = {}
+    feet = {}
     for number, (x, z) in enumerate(((-1, -1), (-1, 1), (1, -1), (1, 1)), start=1):
         at = on[(np.sign(spots[on, 0] - middle[0]) == x) & (np.sign(spots[on, 2] - middle[2]) == z)]
-        found[f"mount_{number}"] = np.stack([full[dofs[at, axis]].mean(axis=0) for axis in range(3)], axis=1)
-    return found
+        feet[f"mount_{number}"] = np.stack([full[dofs[at, axis]].mean(axis=0) for axis in range(3)], axis=1)
+    return feet

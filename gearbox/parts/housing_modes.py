@@ -159,13 +159,13 @@ class ModeSet:
         new = np.sqrt(squares)
         ratio = np.einsum("ij,ik,kj->j", turn, C, turn) / (2.0 * new)
         shapes, mounts = ({p: turn.T @ v for p, v in part.items()} for part in (self.shapes, self.mounts))
-        told = f"{self.origin}; on {len(self.mounts)} mounts of {k.tolist()} N/m".lstrip("; ")
+        origin = f"{self.origin}; on {len(self.mounts)} mounts of {k.tolist()} N/m".lstrip("; ")
         return ModeSet(
             name=self.name,
             frequencies=new / (2.0 * np.pi),
             damping=ratio,
             shapes=shapes,
-            origin=told,
+            origin=origin,
             source=self.source,
             mounts=mounts,
         )
@@ -241,8 +241,8 @@ def _entry_fault(value: Any, size: int) -> str:
     if size == 0:
         return "" if number(value) else f"is {value!r}: give a number"
     if not isinstance(value, list) or len(value) != size:
-        told = f"has {len(value)} values" if isinstance(value, list) else "is no list"
-        return f"{told}: give {size}, [x, y, z]"
+        given = f"has {len(value)} values" if isinstance(value, list) else "is no list"
+        return f"{given}: give {size}, [x, y, z]"
     return "" if all(map(number, value)) else "has an entry that is not a number"
 
 

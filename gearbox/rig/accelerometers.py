@@ -157,9 +157,9 @@ def make_gear(
         check_folder(out)
     recordings, faults = record(rig, hide, progress)
     folder = check_folder(out)
-    for each in recordings:
-        progress(f"writing {each.name}")
-        write_csv(folder / f"{each.name}.csv.gz", each.stamps, each.columns)
+    for recording in recordings:
+        progress(f"writing {recording.name}")
+        write_csv(folder / f"{recording.name}.csv.gz", recording.stamps, recording.columns)
     path = folder / "study.toml"
     path.write_text(study(rig), encoding="utf-8")
     (folder / "README.md").write_text(readme(rig), encoding="utf-8")

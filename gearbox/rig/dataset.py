@@ -84,7 +84,7 @@ class DatasetPlan:
                 try:
                     fault(label, where, float(severity))
                 except GearError as error:
-                    faults += [f"label '{text}': {told}" for told in error.faults]
+                    faults += [f"label '{text}': {fault_text}" for fault_text in error.faults]
         if any(not s > 0.0 for s in self.severities):
             faults.append("severities must be above zero; the label 'healthy' has no fault")
         for name in ("duration", "rate"):
@@ -235,13 +235,13 @@ def write_dataset(
     folder = Path(folder)
     content = json.loads(json.dumps({k: list(v) if isinstance(v, tuple | list) else v
                                      for k, v in dataclasses.asdict(plan).items()}))  # fmt: skip
-    told = folder / "plan.json"
-    if told.exists() and json.loads(told.read_text(encoding="utf-8")) != content:
+    plan_file = folder / "plan.json"
+    if plan_file.exists() and json.loads(plan_file.read_text(encoding="utf-8")) != content:
         raise GearError(f"the folder '{folder}'", ["it holds a data set of another plan: take an empty folder"])
-    if not told.exists() and folder.exists() and any(folder.iterdir()):
+    if not plan_file.exists() and folder.exists() and any(folder.iterdir()):
         raise GearError(f"the folder '{folder}'", ["it is not empty and holds no data set: take an empty folder"])
     (folder / "signals").mkdir(parents=True, exist_ok=True)
-    told.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    plan_file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     (folder / "README.txt").write_text(README, encoding="utf-8")
     samples = list(plan.samples())
     labels = pandas.DataFrame([s.row(plan.format) for s in samples])

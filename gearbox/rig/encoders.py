@@ -163,7 +163,7 @@ def make_encoders(
     folder = check_folder(out)
     stage, values = true_stage(rig, faults)
     logger = Logger(rate=RATE, fine=1, jitter=0.0, cutoff=0.8)
-    told: dict[str, Any] = {}
+    conditions: dict[str, Any] = {}
     for k, (name, rpm, load, _) in enumerate(CONDITIONS):
         progress(f"recording {k + 1} of {len(CONDITIONS)}: {name}")
         cycle = 60.0 / (rpm * TEETH[0])
@@ -176,9 +176,9 @@ def make_encoders(
         rng = rig.stream(700 + k)
         columns = {c.column: logger.read(c, stamps, seen[c.signal], stamps, rng) for c in CHANNELS}
         write_csv(folder / f"{name}.csv.gz", stamps, columns)
-        told[name] = {"true_rpm": rpm, "true_load_Nm": load}
+        conditions[name] = {"true_rpm": rpm, "true_load_Nm": load}
     path = folder / "study.toml"
     path.write_text(study(), encoding="utf-8")
     (folder / "README.md").write_text(_readme(rig), encoding="utf-8")
-    write_json(folder / "truth.json", {**truth_of(rig, [], faults, len(hide)), "conditions": told})
+    write_json(folder / "truth.json", {**truth_of(rig, [], faults, len(hide)), "conditions": conditions})
     return path

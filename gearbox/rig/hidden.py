@@ -82,7 +82,7 @@ class HiddenFault:
 
 
 def choose(
-    asked: Sequence[str], rng: np.random.Generator, strength: float = 1.0, spread: float = 0.2
+    wanted: Sequence[str], rng: np.random.Generator, strength: float = 1.0, spread: float = 0.2
 ) -> list[HiddenFault]:
     """Return what ``KIND`` or ``KIND@WHERE`` name, with sizes drawn around the usual ones.
 
@@ -92,8 +92,8 @@ def choose(
         With every kind or place that does not exist, and everything asked for twice.
     """
     faults: list[str] = []
-    found: list[HiddenFault] = []
-    for text in asked:
+    chosen: list[HiddenFault] = []
+    for text in wanted:
         kind, at, where = text.strip().partition("@")
         if kind not in KINDS:
             faults.append(f"--hide {text}: there is no effect '{kind}'{nearest(kind, list(KINDS))}; --list shows all")
@@ -103,14 +103,14 @@ def choose(
         if place not in known.places:
             faults.append(f"--hide {text}: {kind} fits {', '.join(known.places)}")
             continue
-        if any(each.name == f"{kind}@{place}" for each in found):
+        if any(other.name == f"{kind}@{place}" for other in chosen):
             faults.append(f"--hide {text}: asked for twice: change its size with --strength instead")
             continue
         size = strength * known.usual * known.size * float(rng.uniform(1.0 - spread, 1.0 + spread))
-        found.append(HiddenFault(known, place, size, int(rng.integers(2**31))))
+        chosen.append(HiddenFault(known, place, size, int(rng.integers(2**31))))
     if faults:
         raise BenchError(faults)
-    return found
+    return chosen
 
 
 #: What every gear stage that was made and assembled has, as shares of the usual sizes.

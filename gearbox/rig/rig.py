@@ -135,7 +135,7 @@ class GearRig:
             With every kind or place that does not exist.
         """
         hidden = choose(hide, self.stream(2), self.strength)
-        places = {(each.kind.kind, each.where) for each in hidden}
+        places = {(fault.kind.kind, fault.where) for fault in hidden}
         usual = [f for f in manufacturing(self.stream(3), self.manufacturing) if (f.kind.kind, f.where) not in places]
         return hidden + usual
 
@@ -217,7 +217,7 @@ def record(
     before = 0.05
     fine = rig.logger.fine_grid(rig.duration, before)
     step = float(fine[1] - fine[0])
-    found = []
+    recordings = []
     for k, (name, rpm, torque, identify) in enumerate(rig.conditions):
         progress(f"recording {k + 1} of {len(rig.conditions)}: {name}")
         draws = rig.stream(100 + k)
@@ -246,10 +246,10 @@ def record(
             columns[channel.column] = rig.logger.read(channel, fine[: seen.size], seen, stamps, rng)
         plain = name.partition("_")[2].lstrip("0123456789_").replace("_", " ")
         reported = OperatingCondition(rpm, torque, plain)
-        found.append(
+        recordings.append(
             RigRecording(name=name, stamps=stamps, columns=columns, reported=reported, true=true, identify=identify)
         )
-    return found, faults
+    return recordings, faults
 
 
 def truth(

@@ -73,18 +73,18 @@ def _parameters(fault: HiddenFault) -> dict[str, dict[str, float]]:
 
     kind = next(k for k in GEAR_KINDS if k.name == fault.kind.kind)
     if kind.name == "pitch_error":
-        found = _lobes(fault)
+        values = _lobes(fault)
     elif kind.name == "eccentricity":
         high = fault.values()[fault.kind.phase.format(n=fault.gear)]
         turned = _turned(fault) if fault.gear == 1 else -_turned(fault)  # the gears turn against each other
-        found = _pair("runout_x", "runout_y", fault.size * np.exp(1j * (high + turned)))
+        values = _pair("runout_x", "runout_y", fault.size * np.exp(1j * (high + turned)))
     elif kind.name == "mesh_stiffness_variation":
-        found = _pair("variation", "variation_sin", fault.size * np.exp(-1j * _turned(fault)))
+        values = _pair("variation", "variation_sin", fault.size * np.exp(-1j * _turned(fault)))
     else:
         named = fault.kind.parameters[0].partition(".")[2]
         first = named if named in kind.strengths else kind.strengths[0]
-        found = {name: fault.size if name == first else 0.0 for name in kind.strengths}
-    return {name: {"value": value} for name, value in found.items()}
+        values = {name: fault.size if name == first else 0.0 for name in kind.strengths}
+    return {name: {"value": value} for name, value in values.items()}
 
 
 def _turned(fault: HiddenFault) -> float:
@@ -102,11 +102,11 @@ def _lobes(fault: HiddenFault) -> dict[str, float]:
     Its first wave is an eccentricity, and its finer ones are of no kind.
     """
     (teeth, pattern), *_ = fault.patterns(TEETH).values()
-    found: dict[str, float] = {}
+    lobes: dict[str, float] = {}
     for waves, ending in ((2, ""), (3, "3"), (4, "4")):
         part = 2.0 * fault.size * np.mean(pattern * np.exp(2j * np.pi * waves * teeth / teeth.size))
-        found |= _pair(f"lobes{ending}_cos", f"lobes{ending}_sin", part * np.exp(-1j * waves * _turned(fault)))
-    return found
+        lobes |= _pair(f"lobes{ending}_cos", f"lobes{ending}_sin", part * np.exp(-1j * waves * _turned(fault)))
+    return lobes
 
 
 def case(seed: int, hidden: Sequence[str] = (), **settings: Any) -> GearCase:
@@ -119,11 +119,11 @@ def case(seed: int, hidden: Sequence[str] = (), **settings: Any) -> GearCase:
 def sizes(seed: int, hidden: Sequence[str]) -> list[dict[str, Any]]:
     """Return the effects as they are hidden at their usual size; nothing is simulated for it."""
     faults = GearRig(seed=seed).faults_of([_on_rig(name) for name in hidden])
-    found = []
+    rows = []
     for name, fault in zip(hidden, faults, strict=False):
         kind, _, where = name.partition("@")
-        found.append({"kind": kind, "where": where, "parameters": _parameters(fault)})
-    return found
+        rows.append({"kind": kind, "where": where, "parameters": _parameters(fault)})
+    return rows
 
 
 def names() -> list[str]:

@@ -92,7 +92,7 @@ def plot_spectrum(
     _one(axes[0, 0], spectrum, lines, (low, high), sidebands=rows == 1)
     if rows == 2:
         assert lines is not None
-        strongest = max(lines.mesh, key=lambda each: each.amplitude).mesh_order
+        strongest = max(lines.mesh, key=lambda line: line.amplitude).mesh_order
         centre = (zoom or strongest) * lines.mesh_frequency
         reach = 2.6 * max(lines.shafts.values(), default=0.1 * lines.mesh_frequency)
         _one(axes[1, 0], spectrum, lines, (centre - reach, centre + reach), sidebands=True)
@@ -116,21 +116,21 @@ def _one(
         if sidebands:
             groups += [(s, f"sideband of the {s}", "vs^"[i % 3], colour[s]) for i, s in enumerate(lines.shafts)]
         for shaft, name, marker, tone in groups:
-            for found in (True, False):
-                each = [x for x in lines.lines if x.shaft == shaft and x.found == found]
-                each = [x for x in each if band[0] <= x.frequency <= band[1]]
-                if not each:
+            for detected in (True, False):
+                drawn = [x for x in lines.lines if x.shaft == shaft and x.found == detected]
+                drawn = [x for x in drawn if band[0] <= x.frequency <= band[1]]
+                if not drawn:
                     continue
                 axes.plot(
-                    [x.frequency for x in each],
-                    [x.amplitude for x in each],
+                    [x.frequency for x in drawn],
+                    [x.amplitude for x in drawn],
                     marker,
                     color=tone,
-                    markerfacecolor=tone if found else "white",
+                    markerfacecolor=tone if detected else "white",
                     markersize=5,
-                    label=name if found else f"{name}: not found",
+                    label=name if detected else f"{name}: not found",
                 )
-                for x in each if shaft == "" else ():
+                for x in drawn if shaft == "" else ():
                     axes.annotate(
                         f"{x.mesh_order}×", (x.frequency, x.amplitude), xytext=(0, 5), textcoords="offset points",
                         ha="center", fontsize=8, color=tone)  # fmt: skip
@@ -146,14 +146,14 @@ def _one(
 def plot_spectra(spectra: Sequence[tuple[str, Spectrum]], band: tuple[float, float], mesh: float) -> Figure:
     """Several spectra above each other on one scale of frequency, mesh orders marked by lines."""
     figure, axes = new_figure(len(spectra), height=1.9, width=_WIDE, sharex=True)
-    for axis, (name, each) in zip(axes[:, 0], spectra, strict=True):
-        shown = (each.frequencies >= band[0]) & (each.frequencies <= band[1])
-        a = each.amplitudes[shown]
-        axis.semilogy(each.frequencies[shown], np.maximum(a, 1e-5 * a.max()), color="#222222", linewidth=0.8)
+    for axis, (name, spectrum) in zip(axes[:, 0], spectra, strict=True):
+        shown = (spectrum.frequencies >= band[0]) & (spectrum.frequencies <= band[1])
+        a = spectrum.amplitudes[shown]
+        axis.semilogy(spectrum.frequencies[shown], np.maximum(a, 1e-5 * a.max()), color="#222222", linewidth=0.8)
         for k in range(1, int(band[1] / mesh) + 1):
             axis.axvline(k * mesh, color="#0072B2", linewidth=0.8, linestyle=":")
         axis.set_title(name)
-        axis.set_ylabel(label("amplitude, peak", each.unit))
+        axis.set_ylabel(label("amplitude, peak", spectrum.unit))
         axis.set_ylim(max(1e-5 * a.max(), 0.5 * float(np.quantile(a, 0.02))), 3.0 * a.max())
     axes[-1, 0].set_xlabel(label("frequency", "Hz"))
     axes[-1, 0].set_xlim(*band)

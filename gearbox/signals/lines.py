@@ -40,10 +40,10 @@ class LineFit:
     def values_at(self, times: ArrayLike) -> Array:
         """The fitted lines at times from the first sample (s), without the mean."""
         t = np.asarray(times, dtype=float)
-        found = np.zeros(t.shape)
+        values = np.zeros(t.shape)
         for f, a in zip(self.frequencies, self.amplitudes, strict=True):
-            found += a.real * np.cos(2.0 * np.pi * f * t) - a.imag * np.sin(2.0 * np.pi * f * t)
-        return found
+            values += a.real * np.cos(2.0 * np.pi * f * t) - a.imag * np.sin(2.0 * np.pi * f * t)
+        return values
 
 
 def fit_lines(signal: Signal, frequencies: ArrayLike) -> LineFit:
@@ -165,5 +165,5 @@ def find_mesh_frequency(
 
     reach = 1.0 / signal.duration
     bounds = (guess - reach / orders.max(), guess + reach / orders.max())
-    found = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-5 * reach})
-    return float(found.x)
+    optimum = minimize_scalar(loss, bounds=bounds, method="bounded", options={"xatol": 1e-5 * reach})
+    return float(optimum.x)

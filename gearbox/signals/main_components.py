@@ -107,8 +107,8 @@ def main_components(signal: Signal, mesh_frequency: float, count: int = 3) -> Ma
             f"'{signal.name}' has {peaks.size} peaks below {f[-1]:.5g} Hz, fewer than the {count} asked for"
         )
     frequencies = [_between(a, f, int(i)) for i in peaks]
-    orders = [max(1, round(each / mesh_frequency)) for each in frequencies]
-    errors = [each / (k * mesh_frequency) - 1.0 for each, k in zip(frequencies, orders, strict=True)]
+    orders = [max(1, round(frequency / mesh_frequency)) for frequency in frequencies]
+    errors = [frequency / (k * mesh_frequency) - 1.0 for frequency, k in zip(frequencies, orders, strict=True)]
     return MainComponents(
         mesh_frequency=mesh_frequency,
         frequencies=tuple(frequencies),

@@ -108,9 +108,9 @@ class RecordingAnalysis:
     def statement(self) -> str:
         """What is missing in a healthy model, on which shaft, and what it explains."""
         shaft = self.lines.modulating_shaft()
-        found = [line for line in self.lines.mesh if line.found]
+        detected = [line for line in self.lines.mesh if line.found]
         text = (
-            f"{self.signal.name}: mesh at {self.mesh_frequency:.2f} Hz with {len(found)} of {len(self.lines.mesh)} "
+            f"{self.signal.name}: mesh at {self.mesh_frequency:.2f} Hz with {len(detected)} of {len(self.lines.mesh)} "
             "harmonics found; "
         )
         if not shaft:
@@ -198,35 +198,33 @@ def analyse(
     first = round(split * whole)
     begin = np.ceil(tracked.start + 2.0) - tracked.start
     parts = (tracked.cut(begin, first), tracked.cut(begin + first, whole - first))
-    found = []
     fast_order = max(teeth) / min(teeth)
     mesh_orders = [float(k * teeth[slow]) for k in range(1, harmonics + 1)]
     own = [k + n for k in mesh_orders for n in range(-sidebands, sidebands + 1) if n]
     other = [k + n * fast_order for k in mesh_orders for n in range(-sidebands, sidebands + 1) if n]
     sides = _distinct(own + other, mesh_orders)
-    for name, orders in (
+    families_of_orders = (
         ("mesh lines only (a healthy model)", mesh_orders),
         (f"and sidebands of the {names[slow]} and the {names[1 - slow]}", sorted(mesh_orders + sides)),
         (f"everything that repeats with the {names[slow]}", None),
-    ):
-        found.append(_judged(name, parts, orders, begin, first))
+    )
     return RecordingAnalysis(
         signal=signal,
         mesh_frequency=mesh,
         components=components,
         lines=lines,
-        explained=tuple(found),
+        explained=tuple(_judged(name, parts, orders, begin, first) for name, orders in families_of_orders),
         average=synchronous_average(tracked.cut(begin, whole)),
         unexplained=_unexplained(signal, lines),
     )
 
 
 def _distinct(orders: Sequence[float], taken: Sequence[float]) -> list[float]:
-    found: list[float] = []
-    for each in sorted(orders):
-        if each > 0.5 and all(abs(each - o) > 0.05 for o in (*found, *taken)):
-            found.append(each)
-    return found
+    distinct: list[float] = []
+    for order in sorted(orders):
+        if order > 0.5 and all(abs(order - o) > 0.05 for o in (*distinct, *taken)):
+            distinct.append(order)
+    return distinct
 
 
 def _judged(
@@ -237,7 +235,7 @@ def _judged(
     if orders is None:
         average = synchronous_average(a)
         lines = average.values.size // 2
-        predicted = [np.tile(average.values, len(each) // average.values.size) for each in parts]
+        predicted = [np.tile(average.values, len(part) // average.values.size) for part in parts]
     else:
         fit = fit_lines(a, orders)
         lines = len(orders)
@@ -247,8 +245,8 @@ def _judged(
             fit.values_at(first + np.arange(len(b)) / b.rate),
         ]
     shares = []
-    for each, model in zip(parts, predicted, strict=True):
-        y = each.values[: model.size] - each.values[: model.size].mean()
+    for part, model in zip(parts, predicted, strict=True):
+        y = part.values[: model.size] - part.values[: model.size].mean()
         shares.append(1.0 - float(((y - model) ** 2).sum()) / float((y**2).sum()))
     return Explained(name, lines, shares[0], shares[1])
 
@@ -270,7 +268,7 @@ def _unexplained(signal: Signal, lines: LineTable, count: int = 8) -> tuple[tupl
     return tuple((float(f[i]), float(a[i])) for i in peaks)
 
 
-def families(found: Mapping[str, RecordingAnalysis], tolerance: float = 0.4) -> pd.DataFrame:
+def families(analyses: Mapping[str, RecordingAnalysis], tolerance: float = 0.4) -> pd.DataFrame:
     """Distances from the nearest mesh line that come back among the unexplained peaks of several channels.
 
     A distance that recurs at several mesh lines or channels is a modulation by something that turns at that frequency;
@@ -279,11 +277,11 @@ def families(found: Mapping[str, RecordingAnalysis], tolerance: float = 0.4) -> 
     import pandas as pd
 
     rows: list[dict[str, Any]] = []
-    for channel, each in found.items():
-        for f, a in each.unexplained:
-            k = round(f / each.mesh_frequency)
+    for channel, analysis in analyses.items():
+        for f, a in analysis.unexplained:
+            k = round(f / analysis.mesh_frequency)
             rows.append(
-                {"distance": abs(f - k * each.mesh_frequency), "mesh_order": k, "channel": channel, "amplitude": a}
+                {"distance": abs(f - k * analysis.mesh_frequency), "mesh_order": k, "channel": channel, "amplitude": a}
             )
     rows.sort(key=lambda row: row["distance"])
     groups: list[list[dict[str, Any]]] = []

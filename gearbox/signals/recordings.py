@@ -58,15 +58,15 @@ class Recording:
         The model is then simulated at this speed, so that no stretching in time is needed.
         """
         nominal = self.condition.mesh_frequency(driving_teeth)
-        found, weights = [], []
-        for each in self.signals.values():
-            mesh = find_mesh_frequency(each, nominal, within=within)
-            found.append(mesh)
-            weights.append(each.rms**2)
+        frequencies, weights = [], []
+        for signal in self.signals.values():
+            mesh = find_mesh_frequency(signal, nominal, within=within)
+            frequencies.append(mesh)
+            weights.append(signal.rms**2)
         # All sensors see the same shaft: the median keeps one with poor lines from spoiling it.
-        order = np.argsort(found)
+        order = np.argsort(frequencies)
         share = np.cumsum(np.array(weights)[order]) / np.sum(weights)
-        mesh = float(np.array(found)[order][int(np.searchsorted(share, 0.5))])
+        mesh = float(np.array(frequencies)[order][int(np.searchsorted(share, 0.5))])
         speed = 60.0 * mesh / driving_teeth
         return Recording(self.condition.at_speed(speed), self.signals, self.nominal or self.condition)
 
@@ -94,7 +94,7 @@ class Recording:
         rpm = float(np.mean(record.signals[speed].values)) * 30.0 / np.pi
         torque = float(np.mean(record.signals[load].values))
         signals = {
-            each: Signal(record.signals[each].values, 1.0 / step, name=each, unit=record.signals[each].unit)
-            for each in sensors
+            sensor: Signal(record.signals[sensor].values, 1.0 / step, name=sensor, unit=record.signals[sensor].unit)
+            for sensor in sensors
         }
         return cls(OperatingCondition(abs(rpm), torque, name or record.name), signals)

@@ -51,9 +51,9 @@ def _checked(x: Signal, y: Signal) -> None:
         raise SignalError(
             f"'{x.name}' has {len(x)} samples and '{y.name}' has {len(y)}: cut both to the same window first"
         )
-    for each in (x, y):
-        if np.ptp(each.values) <= 1e-12 * max(float(np.abs(each.values).max()), 1e-300):
-            raise SignalError(f"signal '{each.name}' does not vary (zero variance): its direction is undefined")
+    for signal in (x, y):
+        if np.ptp(signal.values) <= 1e-12 * max(float(np.abs(signal.values).max()), 1e-300):
+            raise SignalError(f"signal '{signal.name}' does not vary (zero variance): its direction is undefined")
 
 
 def cosine(x: Signal, y: Signal) -> float:
@@ -115,7 +115,7 @@ def cosine_over_lags(measured: Signal, virtual: Signal, max_lag: float) -> tuple
     steps = np.arange(-furthest, furthest + 1)
     begins = (reach + _EDGE) * _FINE + steps
     size = float(np.sqrt(x @ x))
-    found = np.empty(steps.size)
+    cosines = np.empty(steps.size)
     for phase in range(_FINE):
         here = begins % _FINE == phase
         if not here.any():
@@ -124,8 +124,8 @@ def cosine_over_lags(measured: Signal, virtual: Signal, max_lag: float) -> tuple
         row = np.ascontiguousarray(fine[phase::_FINE][first[0] : first[-1] + x.size])
         power = np.concatenate([[0.0], np.cumsum(row**2)])
         left = power[x.size :] - power[: -x.size]
-        found[here] = np.correlate(row, x, "valid") / (size * np.sqrt(left))
-    return steps / (measured.rate * _FINE), found
+        cosines[here] = np.correlate(row, x, "valid") / (size * np.sqrt(left))
+    return steps / (measured.rate * _FINE), cosines
 
 
 def _cosine_at(measured: Signal, virtual: Signal, lag: float, reach: int) -> float:

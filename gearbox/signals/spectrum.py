@@ -181,14 +181,14 @@ class LineTable:
 
         rows = [
             {
-                "line": each.name,
-                "also": ", ".join(each.also),
-                "frequency [Hz]": each.frequency,
-                f"amplitude, peak [{self.unit or '-'}]": each.amplitude,
-                "over noise": each.amplitude / each.noise if each.noise > 0.0 else np.inf,
-                "found": each.found,
+                "line": line.name,
+                "also": ", ".join(line.also),
+                "frequency [Hz]": line.frequency,
+                f"amplitude, peak [{self.unit or '-'}]": line.amplitude,
+                "over noise": line.amplitude / line.noise if line.noise > 0.0 else np.inf,
+                "found": line.found,
             }
-            for each in self.lines
+            for line in self.lines
         ]
         return pd.DataFrame(rows)
 
@@ -268,9 +268,9 @@ def name_lines(
     wanted = [w for w in wanted if whole.resolution < w.frequency < signal.nyquist - whole.resolution]
     named: list[_Wanted] = []
     # Where two shafts' sidebands fall together, the lower number names the line.
-    for each in sorted(wanted, key=lambda w: (abs(w.sideband), w.frequency)):
-        if all(abs(each.frequency - other.frequency) >= whole.resolution for other in named):
-            named.append(each)
+    for candidate in sorted(wanted, key=lambda w: (abs(w.sideband), w.frequency)):
+        if all(abs(candidate.frequency - other.frequency) >= whole.resolution for other in named):
+            named.append(candidate)
     far = _wanted(mesh_frequency, shafts, harmonics, max(sidebands, _ALSO)) if sidebands else []
     threshold = np.sqrt(-2.0 * np.log(_LUCK / max(len(named), 1) / 3.0))  # three bins are looked at for each line
     width = min(40.0, 3.0 * slowest / whole.resolution)
@@ -312,14 +312,14 @@ class _Wanted(NamedTuple):
 
 
 def _wanted(mesh: float, shafts: Mapping[str, float], harmonics: int, sidebands: int) -> list[_Wanted]:
-    found = []
+    wanted = []
     for k in range(1, harmonics + 1):
-        found.append(_Wanted(f"{k} × mesh", k * mesh, k, "", 0))
+        wanted.append(_Wanted(f"{k} × mesh", k * mesh, k, "", 0))
         for shaft, f in shafts.items():
             for n in [*range(-sidebands, 0), *range(1, sidebands + 1)]:
                 sign = "+" if n > 0 else "−"
-                found.append(_Wanted(f"{k} × mesh {sign} {abs(n)} × {shaft}", k * mesh + n * f, k, shaft, n))
-    return found
+                wanted.append(_Wanted(f"{k} × mesh {sign} {abs(n)} × {shaft}", k * mesh + n * f, k, shaft, n))
+    return wanted
 
 
 def shaft_frequencies(mesh_frequency: float, teeth: Sequence[int], names: Sequence[str]) -> dict[str, float]:

@@ -282,12 +282,12 @@ class Fault:
 
     def values(self) -> dict[str, float]:
         """Return the model parameters that bring it about, by full name, SI."""
-        found = {self._named(p): self.severity * self.kind.size for p in self.kind.parameters}
+        values = {self._named(p): self.severity * self.kind.size for p in self.kind.parameters}
         if self.kind.tooth:
-            found[self._named(self.kind.tooth)] = float(self.tooth)
+            values[self._named(self.kind.tooth)] = float(self.tooth)
         if self.kind.phase:
-            found[self._named(self.kind.phase)] = self.phase
-        return found
+            values[self._named(self.kind.phase)] = self.phase
+        return values
 
     def __str__(self) -> str:
         return f"{self.kind.label}@{self.where} at severity {self.severity:g}"
@@ -348,18 +348,18 @@ def combined(faults: Iterable[Fault]) -> dict[str, float]:
     GearError
         If two of them set the same parameter to different values, such as two damaged teeth of one gear.
     """
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     clashes = []
-    for each in faults:
-        for name, value in each.values().items():
-            if name in found and found[name] != value:
+    for fault in faults:
+        for name, value in fault.values().items():
+            if name in values and values[name] != value:
                 clashes.append(
-                    f"'{name}' would be {found[name]:g} and {value:g} at once: {each} cannot join the others"
+                    f"'{name}' would be {values[name]:g} and {value:g} at once: {fault} cannot join the others"
                 )
-            found[name] = value
+            values[name] = value
     if clashes:
         raise GearError("these faults together", clashes)
-    return found
+    return values
 
 
 def damageable(stage: AnyStage) -> AnyStage:

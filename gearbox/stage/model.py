@@ -63,18 +63,18 @@ class Structure:
 
     def faults(self) -> list[str]:
         """Return what does not fit together."""
-        found = []
+        faults = []
         for name in ("input_free", "output_free"):
             free = getattr(self, name)
-            found += [f"{name}: there is no motion '{m}'; take some of {', '.join(MOTIONS)}" for m in free
+            faults += [f"{name}: there is no motion '{m}'; take some of {', '.join(MOTIONS)}" for m in free
                       if m not in MOTIONS]  # fmt: skip
             if "spin" not in free:
-                found.append(f"{name}: the spin must be free, or nothing turns")
+                faults.append(f"{name}: the spin must be free, or nothing turns")
         if self.housing not in ("flexible", "rigid", "clamped"):
-            found.append(f"housing is '{self.housing}': take 'flexible', 'rigid' or 'clamped'")
+            faults.append(f"housing is '{self.housing}': take 'flexible', 'rigid' or 'clamped'")
         if not isinstance(self.slices, int) or self.slices < 0:
-            found.append(f"slices is {self.slices!r}: give 0 for the moving line or a whole number of slices")
-        return found
+            faults.append(f"slices is {self.slices!r}: give 0 for the moving line or a whole number of slices")
+        return faults
 
     def lateral(self, gear: int) -> bool:
         """Tell whether a shaft can move otherwise than turn."""

@@ -95,8 +95,8 @@ class UpdatingChain(UpdatingProblem):
         virtual = main_components(run.signal(self.settings.sensor, rate, duration), mesh)
         measured = main_components(base.signal(self.settings.sensor), mesh)
         assert base.nominal is not None
-        found = FrequencyCheck(base.condition, base.nominal.speed_rpm, virtual, measured)
-        if not found.accepted:
+        check = FrequencyCheck(base.condition, base.nominal.speed_rpm, virtual, measured)
+        if not check.accepted:
             raise UpdatingError(
                 [
                     f"main components of the model are off theory by up to {100 * virtual.worst:.1f} % "
@@ -109,7 +109,7 @@ class UpdatingChain(UpdatingProblem):
                 f"Main components of the measurement are up to {100 * measured.worst:.1f} % off multiples of the mesh "
                 "frequency: something other than the mesh is among its strongest lines."
             )
-        return found
+        return check
 
     def sensitivity(self) -> tuple[OneAtATimeResult, tuple[str, ...]]:
         """Step 5: move one parameter at a time, and keep those that matter (Eqs. 9 and 10)."""
@@ -118,9 +118,9 @@ class UpdatingChain(UpdatingProblem):
         def f(points: Array) -> Array:
             return self.values_at(s.space, points, "sensitivity")
 
-        found = one_at_a_time(f, s.space, base=s.start, levels=s.levels, vectorised=True)
-        selected = s.keep or found.select(s.share)[: s.most]
-        return found, tuple(n for n in s.space.names if n in selected)
+        result = one_at_a_time(f, s.space, base=s.start, levels=s.levels, vectorised=True)
+        selected = s.keep or result.select(s.share)[: s.most]
+        return result, tuple(n for n in s.space.names if n in selected)
 
     def surfaces(self, space: DesignSpace) -> tuple[SurfaceChoice, list[tuple[Array, Array]]]:
         """Step 6: designs of several sizes, surfaces of several orders, and the one that predicts best.
@@ -246,10 +246,10 @@ class UpdatingChain(UpdatingProblem):
             )
         self.progress("other operating conditions")
         checks = check_conditions(self, updated.values)
-        told: tuple[Identifiability, ...] = ()
+        information: tuple[Identifiability, ...] = ()
         if s.identify:
             self.progress("directions that can be told")
-            told = directions(self, space, updated.values)
+            information = directions(self, space, updated.values)
         self._note_bound(updated)
         return UpdatingResult(
             settings=s,
@@ -264,7 +264,7 @@ class UpdatingChain(UpdatingProblem):
             updated=updated,
             tried=tuple(tried),
             checks=checks,
-            directions=told,
+            directions=information,
             off_mesh=max((r.off_mesh for r in self._made if not r.failed), default=0.0),
             simulations=self.runs.done,
             reused=self.runs.reused,
@@ -278,20 +278,20 @@ class UpdatingChain(UpdatingProblem):
         self, space: DesignSpace, designs: Sequence[tuple[Array, Array]], rivals: pd.DataFrame, optimum: Candidate
     ) -> list[Candidate]:
         """The best simulated design point and the surface's next hill: candidates that cost next to nothing."""
-        found = []
+        others = []
         for _, row in rivals.head(3).iterrows():
             values = {n: float(row[label]) for n, label in zip(space.names, space.labels(), strict=True)}
             away = space.to_unit([[values[n] for n in space.names]]) - space.to_unit(
                 [[optimum.values[n] for n in space.names]]
             )
             if np.abs(away).max() > 0.02:
-                found.append(self.candidate("another hill of the surface", values, float(row["value"])))
+                others.append(self.candidate("another hill of the surface", values, float(row["value"])))
         points, values_there = (np.concatenate([d[i] for d in designs]) for i in (0, 1))
         top = int(np.argmax(values_there))
-        found.append(
+        others.append(
             self.candidate("the best point of the designs", dict(zip(space.names, points[top].tolist(), strict=True)))
         )
-        return found
+        return others
 
     def _taken(self, start: Candidate, optimum: Candidate, tried: Sequence[Candidate]) -> Candidate:
         """The surface's optimum if it is better than the start, as in the paper; else the best that was simulated."""
@@ -309,14 +309,14 @@ class UpdatingChain(UpdatingProblem):
         return max(good, key=lambda c: c.simulated)
 
     def _note_bound(self, updated: Candidate) -> None:
-        found = updated.similarity
-        if found is None:
+        score = updated.similarity
+        if score is None:
             return
         self.notes.append(
-            f"Mesh lines hold {100 * found.mesh_share:.1f} % of the measured signal's energy in the band, so that no "
-            f"healthy model can reach a cosine similarity above {found.bound:.3f}."
+            f"Mesh lines hold {100 * score.mesh_share:.1f} % of the measured signal's energy in the band, so that no "
+            f"healthy model can reach a cosine similarity above {score.bound:.3f}."
         )
         self.notes.append(
-            f"Among all lags within ±{1e3 * found.max_lag:.2f} ms the cosine runs from {found.lowest:.2f} to its "
-            f"highest; {100 * found.share_above:.0f} % of them give more than 0.6. The lag is part of the score."
+            f"Among all lags within ±{1e3 * score.max_lag:.2f} ms the cosine runs from {score.lowest:.2f} to its "
+            f"highest; {100 * score.share_above:.0f} % of them give more than 0.6. The lag is part of the score."
         )

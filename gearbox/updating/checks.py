@@ -68,7 +68,7 @@ def directions(
             "condition(s)",
         ),
     ]
-    found = []
+    results = []
     for objective, what in compared:
         runs = problem.runs.many([(dict(updated), c) for c in objective.conditions])
         model = objective.of_runs(runs)
@@ -76,12 +76,12 @@ def directions(
         left = objective.misfit(model) * float((np.abs(objective.target()) ** 2).sum())
         noise = float(np.sqrt(left / (2.0 * model.size)))
         try:
-            found.append(
+            results.append(
                 identifiability(objective, problem.runs, space, point, noise=max(noise, 1e-3), fixed=fixed, what=what)
             )
         except ValueError as error:
             problem.notes.append(f"Directions that can be told ({what}): {error}")
-    return tuple(found)
+    return tuple(results)
 
 
 def pictured(problem: UpdatingProblem, start: Candidate, updated: Candidate) -> dict[str, Any]:

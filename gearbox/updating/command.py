@@ -52,18 +52,18 @@ def update(
     from gearbox.updating.runs import Runs
     from gearbox.updating.study import load_vibration, read_updating_study
 
-    found = read_updating_study(study)
-    settings = found.settings(**changes)
+    given = read_updating_study(study)
+    settings = given.settings(**changes)
     progress("building the model")
-    load_vibration(str(found.file.path))  # so that its faults are told here and not by another process
+    load_vibration(str(given.file.path))  # so that its faults are told here and not by another process
     progress("reading the recordings")
-    identify, validate = found.recordings()
+    identify, validate = given.recordings()
     folder = None if out is None else Path(out)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     store = None if folder is None else folder / STORE
     count = processes if processes is not None else len(os.sched_getaffinity(0))
-    with Runs(found.source(), found.virtual(), store=store, processes=count, progress=progress) as runs:
+    with Runs(given.source(), given.virtual(), store=store, processes=count, progress=progress) as runs:
         result = UpdatingChain(settings, runs, identify, validate, progress=progress).run()
     if folder is not None:
         progress("writing the report")
@@ -151,6 +151,6 @@ def _show(result: UpdatingResult, out: Path) -> None:
     if start is not None:
         console.print(f"before: {start.describe()}", soft_wrap=True)
     console.print(result.sentence(), soft_wrap=True)
-    for each in result.directions:
-        console.print(each.describe(), soft_wrap=True)
+    for directions in result.directions:
+        console.print(directions.describe(), soft_wrap=True)
     console.print(f"report: {out / 'report.html'}", soft_wrap=True)

@@ -186,12 +186,12 @@ def spectra(result: UpdatingOutcome) -> Figure:
     figure, axes = new_figure(1, height=2.8, width=_WIDE)
     axis = axes[0, 0]
     low, high = result.settings.processing.band
-    for name, each, style in (
+    for name, signal, style in (
         ("measured", measured, MEASURED | {"linewidth": 1.4}),
         ("before", before, BEFORE),
         ("after", after, AFTER),
     ):
-        whole = spectrum(each)
+        whole = spectrum(signal)
         shown = (whole.frequencies > 0.7 * low) & (whole.frequencies < 1.15 * high)
         axis.semilogy(whole.frequencies[shown], np.maximum(whole.amplitudes[shown], 1e-5), **style, label=name)
     axis.set_ylim(1e-4, 5.0)
@@ -203,22 +203,22 @@ def spectra(result: UpdatingOutcome) -> Figure:
 
 
 @drawing
-def directions(found: tuple[Identifiability, ...]) -> Figure:
+def directions(results: tuple[Identifiability, ...]) -> Figure:
     """How well each direction of the parameters is known, for each way of comparing."""
     from gearbox.updating.identifiability import LIMIT
 
-    figure, axes = new_figure(len(found), height=1.75, width=_WIDE)
-    for axis, each in zip(axes[:, 0], found, strict=True):
-        place = np.arange(each.std.size)
-        size = np.clip(each.std, 1e-4, 10.0)
-        tones = ["#0072B2" if s < LIMIT else "#D55E00" for s in each.std]
+    figure, axes = new_figure(len(results), height=1.75, width=_WIDE)
+    for axis, result in zip(axes[:, 0], results, strict=True):
+        place = np.arange(result.std.size)
+        size = np.clip(result.std, 1e-4, 10.0)
+        tones = ["#0072B2" if s < LIMIT else "#D55E00" for s in result.std]
         axis.barh(place, size, color=tones)
         axis.set_xscale("log")
         axis.set_xlim(1e-4, 10.0)
         axis.axvline(LIMIT, color="#777777", linestyle=":", linewidth=1.1)
-        axis.set_yticks(place, [each.words(i) for i in range(each.std.size)], fontsize=8)
+        axis.set_yticks(place, [result.words(i) for i in range(result.std.size)], fontsize=8)
         axis.invert_yaxis()
-        axis.set_title(each.what, fontsize=9)
+        axis.set_title(result.what, fontsize=9)
         axis.grid(False, axis="y")
     axes[-1, 0].set_xlabel("standard deviation along the direction [share of the ranges]; right of the line: not known")
     return figure

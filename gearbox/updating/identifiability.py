@@ -69,7 +69,7 @@ class Identifiability:
         v = self.directions[row]
         v = v * np.sign(v[np.abs(v).argmax()])
         parts = [(w, n) for w, n in zip(v, self.space.names, strict=True) if abs(w) >= 0.1]
-        parts.sort(key=lambda each: -abs(each[0]))
+        parts.sort(key=lambda part: -abs(part[0]))
         text = " ".join(f"{'+' if w > 0 else '−'} {abs(w):.2f} {n}" for w, n in parts)
         return text.removeprefix("+ ")
 
@@ -77,8 +77,8 @@ class Identifiability:
         """One sentence on what cannot be told."""
         if not self.lost:
             return f"{self.what}: every direction of {', '.join(self.space.names)} is identifiable"
-        told = "; ".join(f"{self.words(i)} (std {_share(self.std[i])})" for i in self.lost)
-        return f"{self.what}: not identifiable: {told}"
+        lost = "; ".join(f"{self.words(i)} (std {_share(self.std[i])})" for i in self.lost)
+        return f"{self.what}: not identifiable: {lost}"
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each direction."""
@@ -160,11 +160,11 @@ def identifiability(
     rows = [dict(zip(names, x.tolist(), strict=True)) for x in space.from_unit(np.array([centre, *corners]))]
     wanted = [({**(fixed or {}), **row}, c) for row in rows for c in objective.conditions]
     made = runs.many(wanted, "directions that can be told")
-    each = len(objective.conditions)
+    conditions = len(objective.conditions)
     failed = next((r for r in made if r.failed), None)
     if failed is not None:
         raise ValueError(f"a run beside the optimum failed: {failed.error}")
-    models = [objective.of_runs(made[i * each : (i + 1) * each]) for i in range(len(rows))]
+    models = [objective.of_runs(made[i * conditions : (i + 1) * conditions]) for i in range(len(rows))]
     jacobian = np.column_stack([_real((models[2 + 2 * i] - models[1 + 2 * i]) / spans[i]) for i in range(len(names))])
     nuisance = _nuisance(objective, models[0])
     basis, values, _ = np.linalg.svd(nuisance, full_matrices=False)
@@ -204,9 +204,9 @@ def _nuisance(objective: AmplitudeObjective, model: NDArray[np.complex128]) -> A
         columns.append(_real(turned))
     if objective.free_gain:
         for s in range(model.shape[1]):
-            louder = np.zeros_like(model)
-            louder[:, s] = model[:, s]
-            columns.append(_real(louder))
+            scaled = np.zeros_like(model)
+            scaled[:, s] = model[:, s]
+            columns.append(_real(scaled))
     return np.column_stack(columns)
 
 
@@ -217,12 +217,12 @@ def compare_identifiability(results: Sequence[Identifiability]) -> pd.DataFrame:
     return pd.DataFrame(
         [
             {
-                "compared": each.what,
-                "numbers": each.numbers,
-                "lost directions": len(each.lost),
-                "least known": each.words(len(each.std) - 1),
-                "std [share of range]": each.std[-1],
+                "compared": result.what,
+                "numbers": result.numbers,
+                "lost directions": len(result.lost),
+                "least known": result.words(len(result.std) - 1),
+                "std [share of range]": result.std[-1],
             }
-            for each in results
+            for result in results
         ]
     )

@@ -16,7 +16,7 @@ def content(result: UpdatingOutcome) -> dict[str, Any]:
     """Everything a script may want of a result, as plain numbers and texts."""
     s = result.settings
     study = result.choice.study.drop(columns=["note"], errors="ignore")
-    found = {
+    result_content = {
         "schema": SCHEMA,
         "accepted": result.accepted,
         "improved": result.improved,
@@ -38,7 +38,7 @@ def content(result: UpdatingOutcome) -> dict[str, Any]:
         "start": _candidate(result.start),
         "optimum": _candidate(result.optimum),
         "updated": _candidate(result.updated),
-        "tried": [_candidate(each) for each in result.tried],
+        "tried": [_candidate(candidate) for candidate in result.tried],
         "speed": {
             "reported_rpm": result.frequencies.reported_rpm,
             "matched_rpm": result.frequencies.condition.speed_rpm,
@@ -86,25 +86,25 @@ def content(result: UpdatingOutcome) -> dict[str, Any]:
         },
         "notes": list(result.notes),
     }
-    return _plain(found)  # type: ignore[no-any-return]
+    return _plain(result_content)  # type: ignore[no-any-return]
 
 
-def _candidate(each: Candidate) -> dict[str, Any]:
+def _candidate(candidate: Candidate) -> dict[str, Any]:
     return {
-        "origin": each.origin,
-        "values": dict(each.values),
-        "predicted": each.predicted,
-        "simulated": each.simulated,
-        "similarity": None if each.similarity is None else each.similarity.to_dict(),
+        "origin": candidate.origin,
+        "values": dict(candidate.values),
+        "predicted": candidate.predicted,
+        "simulated": candidate.simulated,
+        "similarity": None if candidate.similarity is None else candidate.similarity.to_dict(),
     }
 
 
-def _components(each: Any) -> dict[str, Any]:
+def _components(components: Any) -> dict[str, Any]:
     return {
-        "frequencies_Hz": list(each.frequencies),
-        "orders": list(each.orders),
-        "relative_errors": list(each.errors),
-        "accepted": each.accepted,
+        "frequencies_Hz": list(components.frequencies),
+        "orders": list(components.orders),
+        "relative_errors": list(components.errors),
+        "accepted": components.accepted,
     }
 
 

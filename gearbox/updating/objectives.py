@@ -86,7 +86,7 @@ class SimilarityObjective:
 
     def similarity(self, run: Run) -> Similarity:
         """The similarity with lag, speed match and upper bound."""
-        found = similarity(
+        score = similarity(
             self.measured,
             self.virtual(run),
             mesh_frequency=self.recording.condition.mesh_frequency(self.driving_teeth),
@@ -96,8 +96,8 @@ class SimilarityObjective:
             lag=self.lag,
             bound=self._bound[0] if self._bound else None,
         )
-        self._bound[:] = [(found.bound, found.mesh_share)]
-        return found
+        self._bound[:] = [(score.bound, score.mesh_share)]
+        return score
 
     def value(self, runs: Sequence[Run]) -> float:
         """Cosine similarity; NaN where the run failed."""
@@ -107,8 +107,8 @@ class SimilarityObjective:
         """Measured signal and the run's, shifted by the lag and scaled to the same size, for a figure."""
         from gearbox.signals.signal import value_at
 
-        found, virtual = self.similarity(run), self.virtual(run)
-        times = np.clip(np.arange(len(virtual)) / virtual.rate + found.lag, 0.0, (len(virtual) - 1) / virtual.rate)
+        score, virtual = self.similarity(run), self.virtual(run)
+        times = np.clip(np.arange(len(virtual)) / virtual.rate + score.lag, 0.0, (len(virtual) - 1) / virtual.rate)
         values = value_at(virtual, times)
         return self.measured, virtual.with_values(values * (self.measured.rms / np.sqrt(np.mean(values**2))))
 
@@ -199,7 +199,7 @@ class AmplitudeObjective:
     @property
     def conditions(self) -> tuple[OperatingCondition, ...]:
         """Condition of each recording."""
-        return tuple(each.condition for each in self.measured)
+        return tuple(lines.condition for lines in self.measured)
 
     @property
     def sensors(self) -> tuple[str, ...]:
@@ -208,12 +208,12 @@ class AmplitudeObjective:
 
     def target(self) -> Complex:
         """Measured lines, each sensor divided by its size, shape (recordings, sensors, orders)."""
-        table = np.array([[each.amplitudes[s] for s in self.sensors] for each in self.measured])
+        table = np.array([[lines.amplitudes[s] for s in self.sensors] for lines in self.measured])
         return np.asarray(table / self.sizes()[None, :, None])
 
     def sizes(self) -> NDArray[np.float64]:
         """Root mean square of each sensor's measured lines over all recordings, shape (sensors,)."""
-        table = np.array([[each.amplitudes[s] for s in self.sensors] for each in self.measured])
+        table = np.array([[lines.amplitudes[s] for s in self.sensors] for lines in self.measured])
         return np.asarray(np.sqrt((np.abs(table) ** 2).mean(axis=(0, 2))))
 
     def of_runs(self, runs: Sequence[Run]) -> Complex:

@@ -190,9 +190,9 @@ class UpdatingOutcome:
     def sentence(self) -> str:
         """The outcome in a sentence or two."""
         what = "cosine similarity" if self.settings.objective == "similarity" else "share of the mesh lines explained"
-        before, found = self.start.simulated, self.optimum
+        before, optimum = self.start.simulated, self.optimum
         text = (
-            f"The surface promised a {what} of {found.predicted:.3f}; simulated again it is {found.simulated:.3f}, "
+            f"The surface promised a {what} of {optimum.predicted:.3f}; simulated again it is {optimum.simulated:.3f}, "
             f"and it was {before:.3f} before: "
         )
         if self.updated is self.optimum:

@@ -117,7 +117,7 @@ def fit_output_surfaces(
         warnings.simplefilter("ignore", SurrogateWarning)
         surfaces = tuple(fit_response_surface(space, points, column, order=order) for column in numbers.T)
     values = np.array([1.0 - objective.misfit(t) for t in tables])
-    found = OutputSurfaces(
+    surfaces_of_outputs = OutputSurfaces(
         objective=objective,
         space=space,
         surfaces=surfaces,
@@ -127,9 +127,9 @@ def fit_output_surfaces(
         shape=tables.shape[1:],
     )
     if test is None:
-        return found
+        return surfaces_of_outputs
     wanted = np.array([1.0 - objective.misfit(t) for t in test[1]])
-    judged = TestQuality.of(wanted, found.predict(test[0]))
+    judged = TestQuality.of(wanted, surfaces_of_outputs.predict(test[0]))
     return OutputSurfaces(
         objective=objective,
         space=space,
@@ -165,21 +165,21 @@ def output_surface_study(
         for order in orders:
             row: dict[str, Any] = {"points": len(points), "order": order, "note": ""}
             try:
-                found = fit_output_surfaces(objective, space, points, tables, order=order, test=test)
+                outputs = fit_output_surfaces(objective, space, points, tables, order=order, test=test)
             except ValueError as error:
                 rows.append(row | {"note": str(error)})
                 continue
-            y, unseen = found.train_responses, found.test_quality
+            y, unseen = outputs.train_responses, outputs.test_quality
             assert unseen is not None
             spread = float(((y - y.mean()) ** 2).sum())
             row |= {
-                "coefficients": len(found.term_names),
-                "r2": 1.0 - float(((y - found.predict(points)) ** 2).sum()) / spread,
-                "r2_loo": 1.0 - float((found.loo_residuals() ** 2).sum()) / spread,
+                "coefficients": len(outputs.term_names),
+                "r2": 1.0 - float(((y - outputs.predict(points)) ** 2).sum()) / spread,
+                "r2_loo": 1.0 - float((outputs.loo_residuals() ** 2).sum()) / spread,
                 "test_r2": unseen.r2,
                 "test_max_relative_error": unseen.max_relative_error,
                 "test_mean_relative_error": unseen.mean_relative_error,
             }
             rows.append(row)
-            fitted[len(points), order] = found
+            fitted[len(points), order] = outputs
     return pd.DataFrame(rows), fitted

@@ -52,8 +52,8 @@ class UpdatingProblem:
         if faults := recording_faults(settings, identify, (*identify, *validate)):
             raise UpdatingError(faults)
         teeth = settings.driving_teeth
-        self.identify = tuple(each if each.nominal else each.matched(teeth) for each in identify)
-        self.validate = tuple(each if each.nominal else each.matched(teeth) for each in validate)
+        self.identify = tuple(recording if recording.nominal else recording.matched(teeth) for recording in identify)
+        self.validate = tuple(recording if recording.nominal else recording.matched(teeth) for recording in validate)
         self.notes: list[str] = []
 
     # ---------------------------------------------------------------- objectives
@@ -79,7 +79,7 @@ class UpdatingProblem:
         """Amplitudes and phases over some recordings."""
         s = self.settings
         sensors = s.sensors or (s.sensor,)
-        lines = [MeasuredLines.of(each, sensors, s.orders, s.driving_teeth) for each in recordings]
+        lines = [MeasuredLines.of(recording, sensors, s.orders, s.driving_teeth) for recording in recordings]
         return AmplitudeObjective(measured=lines, orders=s.orders, driving_teeth=s.driving_teeth, free_gain=free_gain)
 
     @cached_property

@@ -93,7 +93,7 @@ def _page_content(result: UpdatingOutcome) -> dict[str, Any]:
         else "amplitudes and phases of the mesh lines over all recordings used",
         "processing": s.processing.describe(),
         "rule": f"'{s.rule}': {LAG_RULES[s.rule]}",
-        "scores": [(n, each.describe()) for n, each in (("before", start), ("after", updated)) if each is not None],
+        "scores": [(n, score.describe()) for n, score in (("before", start), ("after", updated)) if score is not None],
         "speed": (f.reported_rpm, f.condition.speed_rpm, 100.0 * (f.condition.speed_rpm / f.reported_rpm - 1.0)),
         "components": _components(result),
         "parameters": [
@@ -131,7 +131,7 @@ def _page_content(result: UpdatingOutcome) -> dict[str, Any]:
         "selected": ", ".join(result.selected),
         "surface": result.choice,
         "quality": _quality(result),
-        "directions": [each.describe() for each in result.directions],
+        "directions": [information.describe() for information in result.directions],
         "notes": result.notes,
         "counts": f"{result.simulations} simulations were made in {result.seconds:.0f} s of computing, "
         f"{result.reused} were taken from an earlier run, {result.failed} failed. At most "
@@ -149,12 +149,12 @@ def _headline(result: UpdatingOutcome) -> str:
 
 def _components(result: UpdatingOutcome) -> list[dict[str, str]]:
     rows = []
-    for whose, each in (("model", result.frequencies.virtual), ("measurement", result.frequencies.measured)):
-        for f, k, e in sorted(zip(each.frequencies, each.orders, each.errors, strict=True)):
+    for whose, components in (("model", result.frequencies.virtual), ("measurement", result.frequencies.measured)):
+        for f, k, e in sorted(zip(components.frequencies, components.orders, components.errors, strict=True)):
             rows.append(
                 {
                     "whose": whose,
-                    "theory": f"{k} × mesh = {k * each.mesh_frequency:.1f} Hz",
+                    "theory": f"{k} × mesh = {k * components.mesh_frequency:.1f} Hz",
                     "found": f"{f:.1f} Hz",
                     "error": f"{100 * e:+.2f} %",
                     "verdict": "within 5 %" if abs(e) <= 0.05 else "off",

@@ -142,7 +142,7 @@ class Runs:
             Said while it goes on.
         """
         keys = [self.key(values, condition) for values, condition in wanted]
-        missing = {k: each for k, each in zip(keys, wanted, strict=True) if k not in self._known}
+        missing = {k: pair for k, pair in zip(keys, wanted, strict=True) if k not in self._known}
         self.reused += len(set(keys)) - len(missing)
         before = self.done
 
@@ -210,9 +210,7 @@ class Runs:
         if self.store is None:
             return
         if run.signals:
-            arrays = {
-                f"{s}|{each.rate!r}|{each.unit}": each.values.astype(np.float32) for s, each in run.signals.items()
-            }
+            arrays = {f"{sensor}|{x.rate!r}|{x.unit}": x.values.astype(np.float32) for sensor, x in run.signals.items()}
             path = self._signals_of(key)
             path.parent.mkdir(exist_ok=True)
             draft = path.with_suffix(".part.npz")
@@ -245,9 +243,9 @@ class Runs:
                 file.write("\n")
 
     def _load_signals(self, key: str) -> dict[str, Signal]:
-        found = {}
+        signals = {}
         with np.load(self._signals_of(key), allow_pickle=False) as arrays:
             for name in arrays.files:
                 sensor, rate, unit = name.split("|")
-                found[sensor] = Signal(arrays[name], float(rate), name=sensor, unit=unit)
-        return found
+                signals[sensor] = Signal(arrays[name], float(rate), name=sensor, unit=unit)
+        return signals

@@ -127,10 +127,10 @@ class UpdatingStudy:
         t = self.table
         sensors = list(dict.fromkeys([t.sensor, *t.sensors]))
         units = {t.speed: "rad/s", t.load: "N*m", **dict.fromkeys(sensors, "m/s**2")}
-        found = self.file.read_records(units)
+        records = self.file.read_records(units)
         identify, validate = (
             [Recording.from_record(r, sensors, t.speed, t.load, _plain(r.path)) for r in part]
-            for part in (found.identify, found.validate)
+            for part in (records.identify, records.validate)
         )
         return identify, validate
 
@@ -160,15 +160,15 @@ def read_updating_study(path: str | Path) -> UpdatingStudy:
         raise UpdatingError(
             [f"{file.path.name}, [updating]: the table is missing: say what is compared and what may change"]
         )
-    found, parameters = read_updating(table, fault)
+    table_content, parameters = read_updating(table, fault)
     for key in ("speed", "load"):
-        name = getattr(found, key)
+        name = getattr(table_content, key)
         if name and name not in file.inputs:
             fault(f"[updating] {key}", f"'{name}' is not in [inputs]: name the column in which it was recorded")
-    for name in dict.fromkeys([found.sensor, *found.sensors]):
+    for name in dict.fromkeys([table_content.sensor, *table_content.sensors]):
         if name and name not in file.outputs:
             fault("[updating] sensor", f"'{name}' is not in [outputs]: name the column in which it was recorded")
-    study = UpdatingStudy(file, found, parameters)
+    study = UpdatingStudy(file, table_content, parameters)
     if not faults:
         try:
             study.settings()
@@ -192,12 +192,12 @@ def load_vibration(path: str) -> VibrationModel:
     """
     file = read_study(path)
     built = load_model(file)
-    found = getattr(built, "vibration", built)
-    if not callable(found):
+    vibration = getattr(built, "vibration", built)
+    if not callable(vibration):
         raise UpdatingError(
             [
                 f'{file.path.name}, [model] build = "{file.model.build}": returns {type(built).__name__}, which has no '
                 "method vibration(values, condition, duration)"
             ]
         )
-    return found  # type: ignore[no-any-return]
+    return vibration  # type: ignore[no-any-return]

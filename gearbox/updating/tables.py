@@ -57,32 +57,32 @@ def read_updating(
 ) -> tuple[UpdatingTable, dict[str, ParameterEntry]]:
     """Read the table; every fault is told to ``fault(where, text)``."""
     rest = {key: value for key, value in table.items() if key != "parameters"}
-    found = read_struct(UpdatingTable, rest, lambda key, text: fault(f"[updating]{key and ' ' + key}", text))
+    table_content = read_struct(UpdatingTable, rest, lambda key, text: fault(f"[updating]{key and ' ' + key}", text))
     entries: dict[str, ParameterEntry] = {}
     parameters = table.get("parameters", {})
     if not isinstance(parameters, dict) or not parameters:
         fault("[updating.parameters]", "is missing or empty: K = { start = 8.6e5, min = 4.3e5, max = 12.9e5 }")
-        return found, entries
+        return table_content, entries
     for name, value in parameters.items():
         where = f'[updating.parameters] "{name}"'
         if not isinstance(value, dict):
             fault(where, f"must be a table such as {{ start = 1.0, min = 0.5, max = 2.0 }}, and is {value!r}")
             continue
         before: list[str] = []
-        each = read_struct(ParameterEntry, value, _teller(where, before, fault))
+        entry = read_struct(ParameterEntry, value, _fault_reporter(where, before, fault))
         if before:
             continue
-        if not each.min < each.max:
-            fault(where, f"min = {each.min:g} must be below max = {each.max:g}")
-        elif not each.min <= each.start <= each.max:
-            fault(where, f"start = {each.start:g} lies outside {each.min:g} to {each.max:g}")
-        entries[name] = each
-    return found, entries
+        if not entry.min < entry.max:
+            fault(where, f"min = {entry.min:g} must be below max = {entry.max:g}")
+        elif not entry.min <= entry.start <= entry.max:
+            fault(where, f"start = {entry.start:g} lies outside {entry.min:g} to {entry.max:g}")
+        entries[name] = entry
+    return table_content, entries
 
 
-def _teller(where: str, told: list[str], fault: Callable[[str, str], None]) -> Callable[[str, str], None]:
+def _fault_reporter(where: str, messages: list[str], fault: Callable[[str, str], None]) -> Callable[[str, str], None]:
     def tell(key: str, text: str) -> None:
-        told.append(text)
+        messages.append(text)
         fault(f"{where}{key and ', ' + key}", text)
 
     return tell

@@ -126,7 +126,7 @@ class Run:
             "load_Nm": self.condition.load_Nm,
             "condition": self.condition.name,
             "mesh_frequency": self.mesh_frequency,
-            "amplitudes": {s: [[float(a.real), float(a.imag)] for a in each] for s, each in self.amplitudes.items()},
+            "amplitudes": {s: [[float(a.real), float(a.imag)] for a in lines] for s, lines in self.amplitudes.items()},
             "units": dict(self.units),
             "off_mesh": self.off_mesh,
             "seconds": self.seconds,
@@ -140,7 +140,7 @@ class Run:
             values=content["values"],
             condition=OperatingCondition(content["speed_rpm"], content["load_Nm"], content["condition"]),
             mesh_frequency=content["mesh_frequency"],
-            amplitudes={s: np.array([complex(*a) for a in each]) for s, each in content["amplitudes"].items()},
+            amplitudes={s: np.array([complex(*a) for a in lines]) for s, lines in content["amplitudes"].items()},
             units=content["units"],
             off_mesh=content["off_mesh"],
             seconds=content["seconds"],
@@ -164,18 +164,18 @@ def run_model(
         if not signals:
             raise SignalError("the model returned no signal")
         amplitudes, off = {}, 0.0
-        for sensor, each in signals.items():
-            highest = min(settings.harmonics, int(0.98 * each.nyquist / mesh))
+        for sensor, signal in signals.items():
+            highest = min(settings.harmonics, int(0.98 * signal.nyquist / mesh))
             if highest < 1:
                 raise SignalError(
-                    f"the model's signal '{sensor}' is sampled at {each.rate:g} Hz, below twice the mesh frequency"
+                    f"the model's signal '{sensor}' is sampled at {signal.rate:g} Hz, below twice the mesh frequency"
                 )
-            fit = fit_lines(each, mesh * np.arange(1, highest + 1))
+            fit = fit_lines(signal, mesh * np.arange(1, highest + 1))
             amplitudes[sensor] = fit.amplitudes
             # Off the mesh is what no harmonic explains, those above the highest kept included.
-            varying = float(np.std(each.values))
+            varying = float(np.std(signal.values))
             off = max(off, fit.residual_rms / varying if varying > 0.0 else 0.0)
-        units = {sensor: each.unit for sensor, each in signals.items()}
+        units = {sensor: signal.unit for sensor, signal in signals.items()}
     except (ValueError, ArithmeticError, RuntimeError) as error:
         text = f"{type(error).__name__}: {error}"
         return Run(

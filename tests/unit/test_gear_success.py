@@ -79,7 +79,7 @@ def test_success_is_counted_against_start_and_limit() -> None:
         bounds=(1.0, 1.0),
     )
     assert (found.designs, found.rises, found.above) == (3, 2, 2)
-    told = {r.what: r.ours for r in papers_chain._rows("x", found, asked=9)}
+    told = {r.what: r.ours for r in papers_chain._rows("x", found, required=9)}
     assert told["x: above 0.7 at conditions 1, 2 and 3"].startswith("2 of 3 (21 to 94 %): 0.690 to 0.800 (before 0.500")
 
 
