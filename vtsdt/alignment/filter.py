@@ -1,8 +1,8 @@
 """The virtual sensor of the guide's alignment: a joint filter on the cabin model (González et al. 2020, section IV-B).
 
 The cabin model has 12 states and the rope's tension as input; height and vertical acceleration of the cabin are
-measured; the deviation δ of the right rail is estimated beside the states as a random walk.  The left rail counts as
-straight and all deviation as one in x: δ is equivalent, not exact.
+measured; the deviation δ of the right rail is estimated along with the states as a random walk.  The left rail counts
+as straight and all deviation as one in x: δ is equivalent, not exact.
 """
 
 from __future__ import annotations

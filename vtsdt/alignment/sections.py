@@ -8,7 +8,7 @@ import numpy as np
 
 __all__ = ["ONE_SIDED_95", "Section", "sections"]
 
-_JOIN = 0.03  # m: sections nearer to each other are one
+_JOIN = 0.03  # m: sections closer to each other are joined
 _SHORTEST = 0.02  # m
 #: Quantile of the normal distribution for 95 % on one side.
 ONE_SIDED_95 = 1.645

@@ -63,8 +63,7 @@ class SensorRow:
 
 def _curved(parameters: LiftParameters) -> LiftParameters:
     """Return a lift whose four rails have profiles of two equal points, so that their values are parameters."""
-    way = parameters.hoistway
-    ends = (way.rail_bottom, way.rail_top)
+    ends = (parameters.hoistway.rail_bottom, parameters.hoistway.rail_top)
     guide = dataclasses.replace(
         parameters.cabin_guide.straightened(),
         left_y=RailProfile(ends, (0.0, 0.0)),

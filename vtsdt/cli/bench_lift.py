@@ -69,7 +69,7 @@ def _parser() -> Parser:
     parser = Parser(
         prog="vtsdt bench lift",
         description=(
-            "Write recordings of a virtual lift, as a rig would, with a study file beside them. "
+            "Write recordings of a virtual lift, as a rig would, with a study file. "
             "Without --hide nothing is hidden."
         ),
     )

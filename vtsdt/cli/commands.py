@@ -81,7 +81,7 @@ class _Group:
 GROUPS = {
     "bench": _Group(
         "write recordings of a virtual machine, with effects hidden in it",
-        "Write recordings of a virtual machine as a rig would, with a study file beside them.",
+        "Write recordings of a virtual machine as a rig would, with a study file.",
         "machine",
     ),
     "validate": _Group(

@@ -41,7 +41,7 @@ def shipped(name: str) -> Model:
 
 
 def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, float]:
-    """Compile models, commands and the integrators, and return what each took, s of this process' time.
+    """Compile models, commands and the integrators, and return the processor time of each, s.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
 
 
 def _small():  # type: ignore[no-untyped-def]
-    """Return an oscillator with all that an integrator can be asked for."""
+    """Return an oscillator that uses every feature of an integrator."""
     from multibody.library import Mass, Spring
     from multibody.machine.model import Model
     from multibody.system.simulate import input_table, native_problem

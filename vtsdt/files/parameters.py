@@ -1,6 +1,6 @@
-"""The numbers of a lift: read from a TOML file, checked all at once, SI inside.
+"""The parameters of a lift, in SI, read from a TOML file and checked.
 
-The shipped bench (``bench.toml``) says where its numbers come from.
+The shipped bench (``bench.toml``) states the origin of its numbers.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ BENCH = Path(__file__).with_name("data") / "bench.toml"
 _RAIL = {"read": read_profile}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BodyParameters:
     """Cabin or counterweight, from its origin (the middle of the floor)."""
 
@@ -52,7 +52,7 @@ class BodyParameters:
     shoe_high: float = number("m", "height of the upper shoes")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GuideParameters:
     """Shoes on two rails."""
 
@@ -87,7 +87,7 @@ class GuideParameters:
         return dataclasses.replace(self, **clipped)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RopeParameters:
     """Suspension ropes; lengths with the cabin at the bottom."""
 
@@ -107,7 +107,7 @@ class PulleyParameters:
     J_p: float = number("kg*m**2", "inertia with gear and rotor", above=0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SupportParameters:
     """Machine support on four mounts."""
 
@@ -121,7 +121,7 @@ class SupportParameters:
     arm: float = number("m", "x at which the ropes pull")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MotorParameters:
     """Permanent-magnet motor, motor side, and its gear."""
 
@@ -134,7 +134,7 @@ class MotorParameters:
     gear: float = number("", "turns of the motor for one of the pulley", above=0.0, default=1.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ControlParameters:
     """Field-oriented control."""
 
@@ -156,7 +156,7 @@ class HoistwayParameters:
     rail_top: float = number("m", "height at which the rails end")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TripParameters:
     """The speed reference of a trip from end to end."""
 
@@ -167,7 +167,7 @@ class TripParameters:
     duration: float = number("s", "how long the record lasts", above=0.0, default=6.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LiftParameters:
     """All numbers of a lift; see the classes of its parts.
 
@@ -199,7 +199,7 @@ class LiftParameters:
     def load(path: str | Path) -> LiftParameters:
         """Read a lift's parameters from a TOML file.
 
-        A file with ``extends = "bench"`` needs to name only what differs from the shipped bench.
+        A file with ``extends = "bench"`` contains only what differs from the shipped bench.
 
         Raises
         ------
@@ -233,9 +233,11 @@ def _bench() -> LiftParameters:
 
 
 def _misfits(lift: LiftParameters) -> Iterator[str]:
-    way = lift.hoistway
-    if way.rail_top <= way.rail_bottom:
-        yield f"[hoistway] the rails end at {way.rail_top:g} m, below their beginning at {way.rail_bottom:g} m"
+    hoistway = lift.hoistway
+    if hoistway.rail_top <= hoistway.rail_bottom:
+        yield (
+            f"[hoistway] the rails end at {hoistway.rail_top:g} m, below their beginning at {hoistway.rail_bottom:g} m"
+        )
         return
     for side in ("cabin", "counterweight"):
         body: BodyParameters = getattr(lift, side)
@@ -243,25 +245,25 @@ def _misfits(lift: LiftParameters) -> Iterator[str]:
         if body.shoe_high <= body.shoe_low:
             yield f"[{side}] shoe_high ({body.shoe_high:g} m) must be above shoe_low ({body.shoe_low:g} m)"
             continue
-        low, high = body.shoe_low, way.travel + body.shoe_high
-        if way.rail_bottom > low:
+        low, high = body.shoe_low, hoistway.travel + body.shoe_high
+        if hoistway.rail_bottom > low:
             yield (
-                f"[hoistway] the rails begin at {way.rail_bottom:g} m, but the {side}'s lower shoes reach down to "
+                f"[hoistway] the rails begin at {hoistway.rail_bottom:g} m, but the {side}'s lower shoes reach down to "
                 f"{low:g} m: lower rail_bottom")
-        if way.rail_top < high:
+        if hoistway.rail_top < high:
             yield (
-                f"[hoistway] the rails end at {way.rail_top:g} m, but the {side}'s upper shoes reach {high:g} m at the "
-                "end of the travel: raise rail_top or shorten the travel")
+                f"[hoistway] the rails end at {hoistway.rail_top:g} m, but the {side}'s upper shoes reach {high:g} m "
+                "at the end of the travel: raise rail_top or shorten the travel")
         if guide.clearance >= guide.gap:
             yield (
                 f"[{side}_guide] the clearance {guide.clearance * 1e3:g} mm is not smaller than the gap of "
                 f"{guide.gap * 1e3:g} mm: the shoe would not hold the rail (are the units right?)")
         for name, profile in guide.profiles().items():
             yield from _profile_faults(f"[{side}_guide.{name}]", profile, low, high, guide)
-    if lift.ropes.L_0_c <= way.travel:
+    if lift.ropes.L_0_c <= hoistway.travel:
         yield (
             f"[ropes] L_0_c is {lift.ropes.L_0_c:g} m with the cabin at the bottom, so no rope is left on its side "
-            f"after {lift.ropes.L_0_c:g} m of a travel of {way.travel:g} m")
+            f"after {lift.ropes.L_0_c:g} m of a travel of {hoistway.travel:g} m")
 
 
 def _profile_faults(name: str, profile: RailProfile, low: float, high: float, guide: GuideParameters) -> Iterator[str]:

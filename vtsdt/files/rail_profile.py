@@ -13,8 +13,8 @@ from multibody.base.units import UnitError, convert
 
 __all__ = ["RailProfile", "read_profile"]
 
-_FINER = 8  # points for one between those given, where a profile is cut
-_KINK = 3e-4  # m, beside the places where it is cut
+_REFINEMENT = 8  # intervals for one, where a profile is clipped
+_KINK = 3e-4  # m: distance of the points next to a kink
 
 
 @dataclass(frozen=True)
@@ -32,17 +32,17 @@ class RailProfile:
     def clipped(self, largest: float) -> RailProfile:
         """Return the profile with deviations above ``largest`` (m) straightened to it.
 
-        The curve itself is cut, not only its points, so the result has more of them.
+        The curve itself is clipped, not only its points, so the result has more points.
         """
         if max(self.deviation) <= largest:
             return self
         known = np.array(self.height)
-        parts = [np.linspace(a, b, _FINER, endpoint=False) for a, b in itertools.pairwise(known)]
+        parts = [np.linspace(a, b, _REFINEMENT, endpoint=False) for a, b in itertools.pairwise(known)]
         fine = np.concatenate([*parts, known[-1:]])
         values = np.array([self.at(h) for h in fine])
         passed = np.flatnonzero((values[1:] > largest) != (values[:-1] > largest))
         crossings = [_crossing(self, fine[k], fine[k + 1], largest) for k in passed]
-        # the cut is a kink: points close to it keep the curve from rounding it off
+        # points close to a kink keep the cubic from rounding it off
         heights = np.unique(np.concatenate([fine, *([c - _KINK, c, c + _KINK] for c in crossings)]))
         return RailProfile(tuple(map(float, heights)), tuple(min(self.at(h), largest) for h in heights))
 

@@ -1,7 +1,7 @@
 """The estimated deviation of a guide rail over height, as a small table in CSV or JSON.
 
-Columns ``height_m``, ``delta_mm`` and, where it is known, ``spread_mm``: what `vtsdt align` estimates and
-`vtsdt what-if` takes.  The deviation is the equivalent one of González et al. 2020, section IV-B: the right rail
+Columns ``height_m``, ``delta_mm`` and, where it is known, ``spread_mm``: output of `vtsdt align` and input of
+`vtsdt what-if`.  The deviation is the equivalent one of González et al. 2020, section IV-B: the right rail
 towards the cabin, the left rail straight.
 """
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 __all__ = ["ProfileTable"]
 
 _NAMES = ("height_m", "delta_mm", "spread_mm")
-_JOIN = 0.03  # m: ranges nearer to each other are one
+_JOIN = 0.03  # m: ranges closer to each other are joined
 
 
 @dataclass(frozen=True, eq=False)
 class ProfileTable:
-    """A rail's deviation over height and how well it is known.
+    """A rail's deviation over height and its standard deviation.
 
     Parameters
     ----------
@@ -55,13 +55,13 @@ class ProfileTable:
 
     @staticmethod
     def of(profile: RailProfile, spread: float = 0.0) -> ProfileTable:
-        """Return the table of a profile, equally well known everywhere."""
+        """Return the table of a profile with the same standard deviation everywhere."""
         height = np.array(profile.height)
         return ProfileTable(height, np.array(profile.deviation), np.full(height.size, float(spread)))
 
     @property
     def profile(self) -> RailProfile:
-        """The deviation as the models take it."""
+        """The deviation as a profile."""
         return RailProfile(tuple(map(float, self.height)), tuple(map(float, self.delta)))
 
     @staticmethod
@@ -73,7 +73,7 @@ class ProfileTable:
         Raises
         ------
         ParameterError
-            With everything that is wrong with the table, naming file, column and row.
+            With every fault of the table, by file, column and row.
         """
         path = Path(path)
         if not path.is_file():
@@ -115,7 +115,7 @@ class ProfileTable:
     def beyond(self, threshold: float) -> list[tuple[float, float]]:
         """Return the ranges of height, m, in which the deviation is larger than a threshold, m.
 
-        Ranges less than 30 mm apart are one: nobody straightens up to the middle of a dip so short.
+        Ranges less than 30 mm apart are joined, because so short a dip is straightened with them.
         """
         fine = np.unique(np.concatenate([self.height, np.linspace(self.height[0], self.height[-1], 2001)]))
         profile = self.profile
@@ -123,13 +123,13 @@ class ProfileTable:
         edges = np.flatnonzero(np.diff(above.astype(int)))
         begins = [0] * bool(above[0]) + [int(k) + 1 for k in edges if not above[k]]
         ends = [int(k) for k in edges if above[k]] + [fine.size - 1] * bool(above[-1])
-        found: list[tuple[float, float]] = []
+        ranges: list[tuple[float, float]] = []
         for a, b in zip(begins, ends, strict=True):
             low, high = float(fine[a]), float(fine[b])
-            if found and low - found[-1][1] < _JOIN:
-                low = found.pop()[0]
-            found.append((low, high))
-        return found
+            if ranges and low - ranges[-1][1] < _JOIN:
+                low = ranges.pop()[0]
+            ranges.append((low, high))
+        return ranges
 
 
 def _from_json(text: str) -> dict[str, list[Any]]:
@@ -152,7 +152,7 @@ def _checked(columns: dict[str, list[Any]], source: str) -> ProfileTable:
     faults = [f"column '{n}' is missing: give {', '.join(_NAMES)}" for n in _NAMES[:2] if n not in columns]
     if faults:
         raise ParameterError(source, faults)
-    found: dict[str, np.ndarray] = {}
+    arrays: dict[str, np.ndarray] = {}
     for name in (n for n in _NAMES if n in columns):
         values = []
         for row, cell in enumerate(columns[name], 1):
@@ -163,22 +163,22 @@ def _checked(columns: dict[str, list[Any]], source: str) -> ProfileTable:
             if not np.isfinite(number):
                 faults.append(f"column '{name}', row {row}: {cell!r} is not a finite number")
             values.append(number)
-        found[name] = np.array(values)
-    sizes = {v.size for v in found.values()}
+        arrays[name] = np.array(values)
+    sizes = {v.size for v in arrays.values()}
     if not faults:
-        height = found["height_m"]
+        height = arrays["height_m"]
         if len(sizes) != 1 or height.size < 2:
             faults.append("needs at least two rows, as many heights as deviations")
         elif not np.all(np.diff(height) > 0):
             k = int(np.argmax(np.diff(height) <= 0)) + 1
             faults.append(f"heights must increase, but {height[k]:g} m follows {height[k - 1]:g} m in row {k + 1}")
-        elif np.any(found.get("spread_mm", np.zeros(1)) < 0):
+        elif np.any(arrays.get("spread_mm", np.zeros(1)) < 0):
             faults.append("column 'spread_mm': a standard deviation cannot be negative")
-        elif np.abs(found["delta_mm"]).max() > 100.0:
+        elif np.abs(arrays["delta_mm"]).max() > 100.0:
             faults.append(
-                f"column 'delta_mm': {np.abs(found['delta_mm']).max():g} mm is no deviation of a rail: use mm"
+                f"column 'delta_mm': {np.abs(arrays['delta_mm']).max():g} mm is no deviation of a rail: use mm"
             )
     if faults:
         raise ParameterError(source, faults)
-    spread = found.get("spread_mm", np.zeros_like(found["height_m"]))
-    return ProfileTable(found["height_m"], 1e-3 * found["delta_mm"], 1e-3 * spread)
+    spread = arrays.get("spread_mm", np.zeros_like(arrays["height_m"]))
+    return ProfileTable(arrays["height_m"], 1e-3 * arrays["delta_mm"], 1e-3 * spread)

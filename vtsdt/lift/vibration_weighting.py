@@ -13,7 +13,7 @@ import numpy as np
 __all__ = ["WEIGHTINGS", "Weighting", "weighted"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Weighting:
     """A weighting as ISO 8041 states it: frequencies in Hz and quality factors.
 
@@ -58,8 +58,8 @@ class Weighting:
 
 
 WEIGHTINGS = {
-    "Wk": Weighting(0.4, 100.0, 12.5, 12.5, 0.63, 2.37, 0.91, 3.35, 0.91),
-    "Wd": Weighting(0.4, 100.0, 2.0, 2.0, 0.63),
+    "Wk": Weighting(f_1=0.4, f_2=100.0, f_3=12.5, f_4=12.5, q_4=0.63, f_5=2.37, q_5=0.91, f_6=3.35, q_6=0.91),
+    "Wd": Weighting(f_1=0.4, f_2=100.0, f_3=2.0, f_4=2.0, q_4=0.63),
 }
 
 

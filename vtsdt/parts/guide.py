@@ -23,18 +23,18 @@ def face(depth, rate, K, C, ramp):
     return force
 
 
-def shoe(way, x, y, v_x, v_y, v_z, delta_x, slope_x, delta_y, slope_y, K, C, L_g, ramp, mu, v_s):
+def shoe(side, x, y, v_x, v_y, v_z, delta_x, slope_x, delta_y, slope_y, K, C, L_g, ramp, mu, v_s):
     """Return the force of a rail on its shoe (x, y, z) and the sum of the normal forces of its flanges.
 
-    ``way`` is +1 for a rail on the side of positive x.  The normal forces stay horizontal on a rail that is
+    ``side`` is +1 for a rail on the side of positive x.  The normal forces stay horizontal on a rail that is
     not straight.
     """
     rate_y = v_y - slope_y * v_z
-    n_1 = face(way * x + delta_x - L_g, way * v_x + slope_x * v_z, K, C, ramp)
+    n_1 = face(side * x + delta_x - L_g, side * v_x + slope_x * v_z, K, C, ramp)
     n_2 = face(y - delta_y - L_g, rate_y, K, C, ramp)
     n_3 = face(delta_y - y - L_g, -rate_y, K, C, ramp)
     normal = n_1 + n_2 + n_3
-    return -way * n_1, n_3 - n_2, -mu * normal * math.tanh(v_z / v_s), normal
+    return -side * n_1, n_3 - n_2, -mu * normal * math.tanh(v_z / v_s), normal
 
 
 def face_power(depth, rate, K, C, ramp):
@@ -43,13 +43,13 @@ def face_power(depth, rate, K, C, ramp):
     return 0.5 * K * s * s, (face(depth, rate, K, C, ramp) - K * s) * rate
 
 
-def shoe_power(way, x, y, v_x, v_y, v_z, delta_x, slope_x, delta_y, slope_y, K, C, L_g, ramp, f_x, f_y):
+def shoe_power(side, x, y, v_x, v_y, v_z, delta_x, slope_x, delta_y, slope_y, K, C, L_g, ramp, f_x, f_y):
     """Return energy and heat of a shoe's contacts, and the work that a rail that is not straight does."""
     rate_y = v_y - slope_y * v_z
-    e_1, h_1 = face_power(way * x + delta_x - L_g, way * v_x + slope_x * v_z, K, C, ramp)
+    e_1, h_1 = face_power(side * x + delta_x - L_g, side * v_x + slope_x * v_z, K, C, ramp)
     e_2, h_2 = face_power(y - delta_y - L_g, rate_y, K, C, ramp)
     e_3, h_3 = face_power(delta_y - y - L_g, -rate_y, K, C, ramp)
-    return e_1 + e_2 + e_3, h_1 + h_2 + h_3, (f_y * slope_y - way * f_x * slope_x) * v_z
+    return e_1 + e_2 + e_3, h_1 + h_2 + h_3, (f_y * slope_y - side * f_x * slope_x) * v_z
 
 
 class GuidingSystem(Component):

@@ -12,7 +12,7 @@ from vtsdt.files.rail_profile import RailProfile
 __all__ = ["RailSpectrum", "draw_rails", "rail_tables"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RailSpectrum:
     """Spectrum of the deviation of rails from straight.
 
@@ -50,9 +50,9 @@ def draw_rails(parameters: LiftParameters, spectrum: RailSpectrum, rng: np.rando
     spectrum : RailSpectrum
     rng : Generator
     """
-    way = parameters.hoistway
-    count = int(np.ceil((way.rail_top - way.rail_bottom) / spectrum.step)) + 1
-    heights = np.linspace(way.rail_bottom, way.rail_top, count)
+    hoistway = parameters.hoistway
+    count = int(np.ceil((hoistway.rail_top - hoistway.rail_bottom) / spectrum.step)) + 1
+    heights = np.linspace(hoistway.rail_bottom, hoistway.rail_top, count)
     distance = np.abs(heights[:, None] - heights[None, :]) * np.sqrt(3.0) / spectrum.length
     factor = np.linalg.cholesky((1.0 + distance) * np.exp(-distance) + 1e-9 * np.eye(count))
     profiles = {}

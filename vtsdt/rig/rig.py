@@ -98,7 +98,7 @@ _UNCERTAIN = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LiftRig(Rig):
     """Settings of the lift's rig; see `discrepancy.rigs.rig.Rig` for the other settings.
 

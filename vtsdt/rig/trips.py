@@ -41,8 +41,8 @@ class ReferenceTrip:
 def express(parameters: LiftParameters, up: bool, duration: float, load: float = 0.0) -> ReferenceTrip:
     """Return a trip from end to end as the parameters' ``[trip]`` says."""
     p = parameters.trip
-    way = parameters.hoistway.travel * (1.0 if up else -1.0)
-    moves = [(p.start, way, p.speed, p.acceleration, p.jerk or 1e6)]
+    distance = parameters.hoistway.travel * (1.0 if up else -1.0)
+    moves = [(p.start, distance, p.speed, p.acceleration, p.jerk or 1e6)]
     return _trip(parameters, moves, 0.0 if up else parameters.hoistway.travel, duration, load)
 
 
@@ -77,15 +77,15 @@ def draw_trip(
     while True:
         speed = p.speed * float(rng.uniform(0.25, 1.0))
         left = travel - at if up else at
-        way = min(float(rng.uniform(0.15, 0.9)), left)
+        distance = min(float(rng.uniform(0.15, 0.9)), left)
         limit, jerk = p.acceleration * float(rng.uniform(0.7, 1.3)), (p.jerk or 1e3) * float(rng.uniform(0.7, 1.3))
-        takes = jerk_limited(0.0, way, speed, limit, jerk)[3]
-        if way < 0.1 or now + takes > duration - 0.1:
-            if moves or way < 0.1:
+        takes = jerk_limited(0.0, distance, speed, limit, jerk)[3]
+        if distance < 0.1 or now + takes > duration - 0.1:
+            if moves or distance < 0.1:
                 break
             continue  # the first move has to fit
-        moves.append((now, way if up else -way, speed, limit, jerk))
-        at += way if up else -way
+        moves.append((now, distance if up else -distance, speed, limit, jerk))
+        at += distance if up else -distance
         now += takes + float(rng.uniform(0.2, 0.6))
     return _trip(parameters, moves, start, duration, load)
 
@@ -100,8 +100,8 @@ def _trip(
     r = parameters.pulley.R_p
     time = np.arange(round((duration + 0.5) / CYCLE) + 1) * CYCLE
     omega, angle = np.zeros_like(time), np.zeros_like(time)
-    for begin, way, speed, limit, jerk in moves:
-        move = np.array([jerk_limited(t - begin, -way, speed, limit, jerk)[:2] for t in time[time > begin]])
+    for begin, distance, speed, limit, jerk in moves:
+        move = np.array([jerk_limited(t - begin, -distance, speed, limit, jerk)[:2] for t in time[time > begin]])
         angle[time > begin] += move[:, 0] / r
         omega[time > begin] += move[:, 1] / r
     return ReferenceTrip(time=time, omega=omega, angle=angle, height=height, load=load)
