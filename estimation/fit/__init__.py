@@ -1,4 +1,6 @@
-"""Calibration: uncertain parameters moved within their priors until the model follows the records.
+"""Calibration: uncertain parameters fitted to records within their priors, with intervals for coloured residuals.
 
-Takes from `estimation.response` and what is below it.
+Import `calibrate` and `evaluate` from `estimation.fit.calibrate`, `UncertainParameter` and `Calibration` from
+`estimation.fit.calibration`.
+Takes from `estimation.response` and the rooms below it.
 """

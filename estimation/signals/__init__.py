@@ -1,4 +1,5 @@
-"""Preparing signals (window, low-pass, decimation) and measuring how far two of them are apart.
+"""Signals: preparation (window, low-pass, decimation), measures of error and noise, correlation times.
 
+Import `Preparation` from `estimation.signals.preparation`, measures from `estimation.signals.metrics`.
 Takes from nobody.
 """

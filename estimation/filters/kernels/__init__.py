@@ -1,1 +1,4 @@
-"""Compiled loops of the filters."""
+"""Compiled loops of the filters, over bare pointers; imported by `estimation.filters` only.
+
+Takes from `multibody.compile` and `multibody.solvers.kernels`.
+"""

@@ -1,4 +1,4 @@
-"""Lasting changes of parameters, carried through a machine's transitions, beside their integrated derivatives."""
+"""Perturbations of parameters, by state-transition matrices, compared with their integrated derivatives."""
 
 from __future__ import annotations
 
