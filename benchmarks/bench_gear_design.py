@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gearbox.files.operating_condition import OperatingCondition
-from gearbox.papers.chain import rig_vibration
+from gearbox.papers.updating_success import rig_vibration
 from gearbox.rig.accelerometers import PARAMETERS
 from gearbox.updating.runs import ModelSource, Runs
 from gearbox.updating.virtual import Settings

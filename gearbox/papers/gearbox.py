@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter, PaperRow, compared
-from gearbox.papers.balances import balances_chapter
-from gearbox.papers.chain import chain_on_rig, one_load, rig_recordings, success_chapter
+from gearbox.papers.energy_balance import balances_chapter
+from gearbox.papers.eq_18_response_surface import eq_18_chapter, figs_9_10
 from gearbox.papers.printed import PAPER
-from gearbox.papers.surface import eq_18_chapter, figs_9_10
+from gearbox.papers.updating_success import chain_on_rig, one_load, rig_recordings, success_chapter
 from multibody.base.progress import Progress, silent
 
 if TYPE_CHECKING:

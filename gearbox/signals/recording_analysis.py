@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gearbox.signals.lines import find_mesh_frequency, fit_lines
 from gearbox.signals.main_components import MainComponents, main_components
+from gearbox.signals.mesh_lines import find_mesh_frequency, fit_lines
 from gearbox.signals.orders import SynchronousAverage, order_track, revolutions_from_mesh, synchronous_average
 from gearbox.signals.signal import Signal, SignalError
 from gearbox.signals.spectrum import LineTable, name_lines, shaft_frequencies, spectrum

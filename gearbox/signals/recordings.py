@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gearbox.files.operating_condition import OperatingCondition
-from gearbox.signals.lines import find_mesh_frequency
+from gearbox.signals.mesh_lines import find_mesh_frequency
 from gearbox.signals.signal import Signal, SignalError
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gearbox.signals.lines import energy_share, harmonics_in
+from gearbox.signals.mesh_lines import energy_share, harmonics_in
 from gearbox.signals.signal import Signal, SignalError, value_at
 
 __all__ = [
@@ -355,7 +355,7 @@ def similarity(
 
 def _mesh_lag(measured: Signal, virtual: Signal, mesh: float, band: Sequence[float] | None) -> float:
     """Lag that gives the first mesh line in the band the same phase in both signals, within half its period."""
-    from gearbox.signals.lines import fit_lines
+    from gearbox.signals.mesh_lines import fit_lines
 
     low, high = band or (0.0, 0.999 * measured.nyquist)
     line = harmonics_in(mesh, low, high)[:1]

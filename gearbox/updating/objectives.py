@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gearbox.files.operating_condition import OperatingCondition
-from gearbox.signals.lines import fit_lines
+from gearbox.signals.mesh_lines import fit_lines
 from gearbox.signals.recordings import Recording
 from gearbox.signals.signal import Processing, Signal, SignalError
 from gearbox.signals.similarity import LagRule, Similarity, similarity

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gearbox.files.operating_condition import OperatingCondition
-from gearbox.signals.lines import fit_lines
+from gearbox.signals.mesh_lines import fit_lines
 from gearbox.signals.signal import Signal, SignalError
 
 __all__ = ["Run", "Settings", "VibrationModel", "run_model"]

@@ -95,7 +95,7 @@ def test_static_transmission() -> None:
 
 def test_a_healthy_stage_has_mesh_lines_only() -> None:
     """What the paper's Eq. 2 says of a healthy gearbox: the mesh frequency and its harmonics hold the signal."""
-    from gearbox.signals.lines import energy_share
+    from gearbox.signals.mesh_lines import energy_share
     from gearbox.signals.signal import Signal
 
     time, signals = simulate({}, 1000.0, 150.0, 0.48, 10000.0, stage=stage())
@@ -107,7 +107,7 @@ def test_a_healthy_stage_has_mesh_lines_only() -> None:
 def test_balances_agree() -> None:
     """Static transmission within 0.5 %, energy to 1e-6 of what is lost, mesh lines: as the papers page has them."""
     from discrepancy.validation.published import AGREES
-    from gearbox.papers.balances import balances_chapter
+    from gearbox.papers.energy_balance import balances_chapter
 
     rows = balances_chapter().rows
     assert [r.what.split()[0] for r in rows if r.verdict == AGREES] == ["mean", "stored", "share"]

@@ -9,8 +9,8 @@ import pytest
 
 from discrepancy.validation.published import AGREES, DIFFERS
 from gearbox.papers import gearbox as papers
-from gearbox.papers.chain import LOADS, SENSORS, Success, chain_on_rig, one_load, rig_recordings, success
-from gearbox.papers.surface import eq_18_chapter, figs_9_10
+from gearbox.papers.eq_18_response_surface import eq_18_chapter, figs_9_10
+from gearbox.papers.updating_success import LOADS, SENSORS, Success, chain_on_rig, one_load, rig_recordings, success
 from gearbox.signals.main_components import main_components
 from gearbox.stage.stage import build
 

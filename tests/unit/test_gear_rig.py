@@ -111,7 +111,7 @@ def test_recording_has_its_mesh_at_the_true_speed(clean):
 
 
 def test_rig_without_faults_has_nothing_but_mesh_lines_and_noise(clean):
-    from gearbox.signals.lines import energy_share, harmonics_in
+    from gearbox.signals.mesh_lines import energy_share, harmonics_in
 
     (made,), faults = clean
     assert faults == []

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gearbox.files.operating_condition import OperatingCondition
-from gearbox.signals.lines import energy_share, find_mesh_frequency, fit_lines, harmonics_in
+from gearbox.signals.mesh_lines import energy_share, find_mesh_frequency, fit_lines, harmonics_in
 from gearbox.signals.orders import (
     order_track,
     revolutions_at_speed,

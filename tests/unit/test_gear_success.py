@@ -7,7 +7,7 @@ from gear_stand_in import RANGES, START, TEETH, measured, stand_in
 
 from discrepancy.validation.published import AGREES, UNCHECKED
 from gearbox.files.operating_condition import OperatingCondition
-from gearbox.papers import chain as papers_chain
+from gearbox.papers import updating_success as papers_chain
 from gearbox.signals.recordings import Recording
 from gearbox.updating.chain import UpdatingChain
 from gearbox.updating.runs import Runs

@@ -83,7 +83,7 @@ def _energies(stage: GearStage) -> tuple[float, dict[str, float]]:
 
 
 def _mesh_share(stage: GearStage) -> float:
-    from gearbox.signals.lines import energy_share
+    from gearbox.signals.mesh_lines import energy_share
     from gearbox.signals.signal import Signal
 
     rate = 10000.0
