@@ -94,7 +94,7 @@ def _resolved(model: ModelGraph) -> tuple[Network, Assembly, Kinematics]:
     """Check a model, read its equations and decide how its nodes move."""
     net = network(model)
     work = Assembly(model.name)
-    _components(model, work)
+    _components(model, net, work)
     if net.faults or work.faults:
         raise ModelError(model.name, dict.fromkeys([*net.faults, *work.faults]))
     kinematics = resolve_nodes(model, net, work)
@@ -104,7 +104,7 @@ def _resolved(model: ModelGraph) -> tuple[Network, Assembly, Kinematics]:
     return net, work, kinematics
 
 
-def _components(model: ModelGraph, work: Assembly) -> None:
+def _components(model: ModelGraph, net: Network, work: Assembly) -> None:
     """Parameters, states, signals and equations of every component."""
     for owner, component in model.components.items():
         scope = Scope(owner, component, work.kernels)
@@ -142,7 +142,7 @@ def _components(model: ModelGraph, work: Assembly) -> None:
         if before >= 0 and (hook is None or not component.faults):
             work.faults += _without_equation(owner, component, work.statements[before:])
     for entry in model.inputs.values():
-        _model_input(work, entry)
+        _model_input(work, entry, net.input_units.get(entry.name, ""))
 
 
 def _without_equation(owner: str, component: Component, statements: list[Statement]) -> list[str]:
@@ -160,17 +160,17 @@ def _without_equation(owner: str, component: Component, statements: list[Stateme
     ]
 
 
-def _model_input(work: Assembly, entry: ModelInput) -> None:
+def _model_input(work: Assembly, entry: ModelInput, unit: str) -> None:
     """A signal from outside, with its gain error, offset and delay where the model has them."""
     used = variable("input", entry.name)
     raw = used if entry.gain is None and entry.offset is None else f"{used}___raw"
-    work.inputs.append(Quantity(entry.name, entry.unit, "model input", raw, value=entry.default or 0.0))
+    work.inputs.append(Quantity(entry.name, unit, "model input", raw, value=entry.default or 0.0))
     text = raw
     if entry.gain is not None:
         gain = work.parameter(f"input.{entry.name}.gain", "", "relative gain error of the input", entry.gain)
         text = f"(1.0 + {gain}) * {text}"
     if entry.offset is not None:
-        offset = work.parameter(f"input.{entry.name}.offset", entry.unit, "offset of the input", entry.offset)
+        offset = work.parameter(f"input.{entry.name}.offset", unit, "offset of the input", entry.offset)
         text = f"{text} + {offset}"
     if raw != used:
         work.add(f"{used} = {text}", f"input {entry.name}")

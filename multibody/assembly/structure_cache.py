@@ -78,7 +78,7 @@ def structure_key(model: ModelGraph) -> tuple[Any, ...] | None:
         parts += [value_key(item) for item in (model.connections, model.outputs, model.features)]
     except NoKey:
         return None
-    return (*parts, *(repr(dataclasses.replace(entry, unit="")) for entry in model.inputs.values()))
+    return (*parts, *(repr(entry) for entry in model.inputs.values()))
 
 
 def _texts(kind: type) -> tuple[Any, ...]:

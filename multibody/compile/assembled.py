@@ -85,7 +85,7 @@ def plan_of(model: ModelGraph, probes: bool, energy: bool, outputs: Iterable[str
         with contextlib.suppress(NoKey, OSError):  # a model can be put together without a cache
             path = cache_dir() / f"plan_{_key(model, energy, outputs)}.json"
     if path is not None and (kept := read_object(path)) is not None:
-        return _told(model, _read(json.loads(kept[0]), lambda: _assembled(model, probes, energy, outputs)))
+        return _read(json.loads(kept[0]), lambda: _assembled(model, probes, energy, outputs))
     if path is None:
         return _remembered(model, probes, energy, outputs)
     made = _assembled(model, probes, energy, outputs)
@@ -93,14 +93,6 @@ def plan_of(model: ModelGraph, probes: bool, energy: bool, outputs: Iterable[str
         _prune(path.parent)
         write_object(path, json.dumps(_written(made)).encode())
     return made
-
-
-def _told(model: ModelGraph, plan: Plan) -> Plan:
-    """Tell a model's inputs their units, as an assembly does, and return the plan."""
-    for given in plan.inputs:
-        if given.name in model.inputs:
-            model.inputs[given.name].unit = given.unit
-    return plan
 
 
 def _remembered(model: ModelGraph, probes: bool, energy: bool, outputs: tuple[str, ...] | None) -> Plan:
@@ -121,7 +113,7 @@ def _remembered(model: ModelGraph, probes: bool, energy: bool, outputs: tuple[st
         plan = _generated(model, whole if outputs is None else with_outputs(whole, model, outputs))
         if not whole.unknowns:
             store((*key, outputs), plan)
-    return _told(model, dataclasses.replace(plan, parameters=with_values_of(model, plan.parameters)))
+    return dataclasses.replace(plan, parameters=with_values_of(model, plan.parameters))
 
 
 def _assembled(model: ModelGraph, probes: bool, energy: bool, outputs: tuple[str, ...] | None) -> Plan:
@@ -208,7 +200,7 @@ def _key(model: ModelGraph, energy: bool, outputs: tuple[str, ...] | None) -> st
         own = {k: v for k, v in vars(component).items() if k != "declarations"}
         parts += [name, _class(type(component)), value_key(own), repr(tuple(component.declarations))]
     parts += [value_key(each) for each in (model.connections, model.outputs, model.features)]
-    parts += [repr(dataclasses.replace(given, unit="")) for given in model.inputs.values()]
+    parts += [repr(entry) for entry in model.inputs.values()]
     return digest_of(*parts, *(f"{given}" for given in model.declared_faults))
 
 

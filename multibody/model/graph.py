@@ -60,14 +60,13 @@ class Part:
 class ModelInput:
     """A signal that enters the model from outside and the component inputs that it feeds.
 
-    ``gain`` (relative), ``offset`` (in the signal's unit) and ``delay`` (s) are errors of the signal; None means that
-    the model has no such error.
+    ``gain`` (relative), ``offset`` (in the unit of the targets) and ``delay`` (s) are errors of the signal; None means
+    that the model has no such error.
     """
 
     name: str
     targets: list[str]
     _: KW_ONLY
-    unit: str = ""
     default: float | None = None
     gain: float | None = None
     offset: float | None = None

@@ -90,12 +90,13 @@ class Node:
 
 @dataclass
 class Network:
-    """A model's nodes, the source of each component input, and all faults."""
+    """A model's nodes, the source of each component input, the units of model inputs, and all faults."""
 
     nodes: list[Node] = field(default_factory=list)
     node_of: dict[str, Node] = field(default_factory=dict)
     frames: list[Node] = field(default_factory=list)
     sources: dict[str, str] = field(default_factory=dict)
+    input_units: dict[str, str] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
 
 
@@ -283,7 +284,7 @@ def _signals(model: ModelGraph, net: Network) -> None:
             units[target] = declaration.unit
         if units:
             first = next(iter(units.values()))
-            entry.unit = first
+            net.input_units[entry.name] = first
             for target, unit in units.items():
                 if not same_dimension(first or "1", unit or "1"):
                     net.faults.append(

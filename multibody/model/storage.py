@@ -64,9 +64,8 @@ def save(model: ModelGraph, path: str | Path) -> Path:
         components[name] = entry
     if faults:
         raise ModelError(model.name, faults)
-    inputs = [  # the unit follows from what an input feeds
-        {k: v for k, v in dataclasses.asdict(i).items() if v is not None and k != "unit"}
-        for i in model.inputs.values()
+    inputs = [
+        {k: v for k, v in dataclasses.asdict(entry).items() if v is not None} for entry in model.inputs.values()
     ]
     content = {
         "schema": SCHEMA, "name": model.name, "components": components, "connections": model.connections,
@@ -193,7 +192,7 @@ def _component(name: str, entry: Any, folder: Path, faults: list[str]) -> Compon
 
 
 def _input(model: ModelGraph, k: int, entry: Any, faults: list[str]) -> None:
-    known = {f.name for f in dataclasses.fields(ModelInput)} - {"unit"}
+    known = {f.name for f in dataclasses.fields(ModelInput)}
     if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
         faults.append(f"input {k} has to be an object with 'name' and 'targets'")
         return
