@@ -55,8 +55,8 @@ def test_lift_with_nothing_hidden_nothing_named():
 @pytest.mark.slow
 def test_lift_friction_of_the_cabin_is_found():
     made, study, _ = diagnosed(12, ["coulomb_friction@cabin.z"])
-    found = [s.accepted for s in study.stages if s.accepted is not None]
-    assert str(found[0].effect) == "coulomb_friction@cabin.z"
+    accepted = [s.accepted for s in study.stages if s.accepted is not None]
+    assert str(accepted[0].effect) == "coulomb_friction@cabin.z"
     true = made.truth["effects"][0]["parameters"]["coulomb"]["value"]
     effect = next(e for e in study.stages[-1].effects if str(e) == "coulomb_friction@cabin.z")
     assert effect.strengths["coulomb"] == pytest.approx(true, rel=0.2)  # within 20 % after the refit
@@ -75,7 +75,7 @@ def test_lift_suite_goes_on_where_it_stopped(tmp_path):
     assert "coulomb_friction@cabin.z" in names()
 
 
-def test_reference_model_is_told_the_rails_and_where_it_starts():
+def test_reference_model_has_the_rails_and_free_initial_states():
     hidden = suite_reference.sizes(3, ["coulomb_friction@cabin.z"])[0]
     assert (hidden["kind"], hidden["where"]) == ("coulomb_friction", "cabin.z")
     rig = LiftRig(seed=3, trips=4, under_test="reference")

@@ -29,13 +29,13 @@ def actions():
 
 @pytest.mark.parametrize("case", TABLE_4)
 def test_energies_of_table_4(actions, case):
-    found, (e_c, e_cw, e_cb, e_m, eta) = actions[case], TABLE_4[case]
+    energy, (e_c, e_cw, e_cb, e_m, eta) = actions[case], TABLE_4[case]
     # Friction proportional to mu falls by exactly 10 % with mu; the paper's cabin column falls by 10.4 %
-    assert found.E_c == pytest.approx(e_c, abs=0.07)
-    assert found.E_cw == pytest.approx(e_cw, abs=0.01)
-    assert found.E_cb == pytest.approx(e_cb, abs=0.02)
-    assert found.E_m == pytest.approx(e_m, abs=0.09)
-    assert 100 * found.eta_t == pytest.approx(eta, abs=0.2)
+    assert energy.E_c == pytest.approx(e_c, abs=0.07)
+    assert energy.E_cw == pytest.approx(e_cw, abs=0.01)
+    assert energy.E_cb == pytest.approx(e_cb, abs=0.02)
+    assert energy.E_m == pytest.approx(e_m, abs=0.09)
+    assert 100 * energy.eta_t == pytest.approx(eta, abs=0.2)
 
 
 def test_efficiency_of_the_papers_own_figures():

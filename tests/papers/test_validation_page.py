@@ -25,12 +25,12 @@ def _number(text: str) -> float:
     return float(text.split()[0])
 
 
-def test_state_counts_agree_and_times_are_told_as_not_comparable(lift: dict[str, PaperChapter]) -> None:
-    found = _verdicts(lift["Table 1"])
-    assert {n: v for n, v in found.items() if n.startswith("states")} == {
+def test_state_counts_agree_and_times_are_not_comparable(lift: dict[str, PaperChapter]) -> None:
+    verdicts = _verdicts(lift["Table 1"])
+    assert {n: v for n, v in verdicts.items() if n.startswith("states")} == {
         f"states of the {name} model": AGREES for name in ("reference", "1D", "cabin")
     }
-    assert all(v == DIFFERS for n, v in found.items() if n.startswith("time"))
+    assert all(v == DIFFERS for n, v in verdicts.items() if n.startswith("time"))
 
 
 def test_reduced_model_follows_the_reference(lift: dict[str, PaperChapter]) -> None:
@@ -40,15 +40,15 @@ def test_reduced_model_follows_the_reference(lift: dict[str, PaperChapter]) -> N
 
 def test_table_4_agrees_to_half_a_percent_and_three_tenths_of_a_point(lift: dict[str, PaperChapter]) -> None:
     """All but the cabin's loss with both actions, where the paper's friction falls by 10.4 % for 10 % of μ."""
-    found = _verdicts(lift["Table 4 and Fig. 12"])
+    verdicts = _verdicts(lift["Table 4 and Fig. 12"])
     for name in TABLE_4:
         for figure in ("E_c", "E_cw", "E_cb", "|E_m|", "η_t"):
             if (figure, name) == ("E_c", "both"):
                 continue
-            assert found[f"{figure}, {name}"] == AGREES, (figure, name)
+            assert verdicts[f"{figure}, {name}"] == AGREES, (figure, name)
     for source, columns in (("simulated", TABLE_4), ("measured", TABLE_4_MEASURED)):
         for name in columns:
-            assert found[f"η_t from the printed energies, {name}, {source}"] == AGREES
+            assert verdicts[f"η_t from the printed energies, {name}, {source}"] == AGREES
 
 
 def test_table_4_known_difference_is_the_one_that_is_explained(lift: dict[str, PaperChapter]) -> None:
@@ -59,13 +59,13 @@ def test_table_4_known_difference_is_the_one_that_is_explained(lift: dict[str, P
 
 
 def test_fourteen_configurations_give_a_threshold(lift: dict[str, PaperChapter]) -> None:
-    found = _verdicts(lift["Fig. 10"])
-    assert found["configurations under the threshold"] == AGREES
-    assert found["energy loss grows with the deviation"] == AGREES
-    assert found["threshold"] == DIFFERS  # other guides
+    verdicts = _verdicts(lift["Fig. 10"])
+    assert verdicts["configurations under the threshold"] == AGREES
+    assert verdicts["energy loss grows with the deviation"] == AGREES
+    assert verdicts["threshold"] == DIFFERS  # other guides
 
 
-def test_table_3_stands_beside_the_papers_figures(lift: dict[str, PaperChapter]) -> None:
+def test_table_3_is_compared_with_the_papers_figures(lift: dict[str, PaperChapter]) -> None:
     rows = lift["Table 3 and Fig. 11"].rows
     assert len(rows) == 12
     assert all(r.verdict == DIFFERS and "virtual bench" in r.why for r in rows)
@@ -94,9 +94,9 @@ def test_every_table_and_figure_of_the_paper_has_its_place(lift: dict[str, Paper
 
 def test_alignment_is_estimated_and_estimated_again_after_correction(lift: dict[str, PaperChapter]) -> None:
     """Fig. 9 on ten trips of the virtual lift, Fig. 13 on six others after its rail was taken to 2.3 mm."""
-    found = {r.what: r for r in lift["Fig. 9"].rows}
-    assert found["“good correlation with deviations of the guide”"].verdict == AGREES
-    assert found["trips and their median"].ours == "10"
+    rows = {r.what: r for r in lift["Fig. 9"].rows}
+    assert rows["“good correlation with deviations of the guide”"].verdict == AGREES
+    assert rows["trips and their median"].ours == "10"
     corrected = [r for r in lift["Fig. 13"].rows if r.what.startswith("mean deviation")]
     assert corrected
     for row in corrected:

@@ -84,10 +84,10 @@ def test_nees_and_nis_of_the_cabins_filter_lie_within_their_bounds(sensor, prior
         samples, truth = drawn(sensor, prior, seed)
         runs.append(extended_kalman_filter(model, samples, noise, prior, hold=True, keep="covariances"))
         truths.append(truth)
-    found = nees(runs, truths)
-    low, high = found.bounds
-    assert all(low <= found.values[k] <= high for k in (0, 200, 400, 599))
-    assert found.inside > 0.9
+    consistency = nees(runs, truths)
+    low, high = consistency.bounds
+    assert all(low <= consistency.values[k] <= high for k in (0, 200, 400, 599))
+    assert consistency.inside > 0.9
     inside = [
         run.consistency().nis_bounds[0] <= run.consistency().nis <= run.consistency().nis_bounds[1] for run in runs
     ]
@@ -103,7 +103,7 @@ def test_an_error_of_the_tension_cannot_be_told_from_friction_on_one_trip(sensor
     trip = plain_trip(lift, 1)
     samples = FilterSamples(trip.time, trip.tension, np.column_stack([trip.height, trip.acceleration]))
     walks = [RandomWalk(DELTA, rate=1e-6, std=1e-3), RandomWalk("F_c", rate=1e-2, std=3.0)]
-    told = {}
+    observed = {}
     for count in (1, 2):
         model = FilterModel(
             sensor.system, ["z_c", "zdd_c"], walks[:count], bounds={DELTA: (sensor.play + 5e-5, lift.cabin_guide.gap)}
@@ -113,7 +113,7 @@ def test_an_error_of_the_tension_cannot_be_told_from_friction_on_one_trip(sensor
         noise = Noise(process, {"z_c": 1e-8, "zdd_c": 1e-2})
         run = extended_kalman_filter(model, samples, noise, sensor.prior(trip), once=True, keep="everything")
         cruising = slice(len(trip.time) // 3, 2 * len(trip.time) // 3)
-        told[count] = observability(run, window=400, instants=20, part=cruising)
-    assert told[1].detectable
-    assert not told[2].detectable
-    assert {name for name, _ in told[2].undetectable[0].states} >= {DELTA, "F_c"}
+        observed[count] = observability(run, window=400, instants=20, part=cruising)
+    assert observed[1].detectable
+    assert not observed[2].detectable
+    assert {name for name, _ in observed[2].undetectable[0].states} >= {DELTA, "F_c"}

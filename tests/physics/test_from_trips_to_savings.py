@@ -18,18 +18,18 @@ def test_trips_give_an_alignment_and_that_gives_what_correcting_it_would_bring(t
     files = sorted(map(str, trips.glob("*.csv.gz")))
     assert len(files) >= 10
     assert main(["align", *files, "--out", str(aligned), "--quiet"]) == 0
-    found = json.loads((aligned / "alignment.json").read_text())
-    assert found["sections"]
-    assert found["observability"]["detectable"]
+    alignment = json.loads((aligned / "alignment.json").read_text())
+    assert alignment["sections"]
+    assert alignment["observability"]["detectable"]
 
     profile = str(aligned / "profile.csv")
     assert main(["what-if", *files, "--profile", profile, "--out", str(judged), "--quiet"]) == 0
-    said = json.loads((judged / "what-if.json").read_text())
-    losses = np.array([[t["guide_loss_J"]["measured"], t["guide_loss_J"]["model"]] for t in said["trips"]])
+    study = json.loads((judged / "what-if.json").read_text())
+    losses = np.array([[t["guide_loss_J"]["measured"], t["guide_loss_J"]["model"]] for t in study["trips"]])
     assert len(losses) == len(files)
     # The rail came from these trips' friction, so the model with it has to lose what they lost.
     assert np.abs(losses.mean(axis=0)[1] / losses.mean(axis=0)[0] - 1.0) < 0.1
-    actions = said["actions"]
+    actions = study["actions"]
     assert actions["straightened"]["E_c"]["value"] < actions["original"]["E_c"]["value"]
     assert actions["straightened"]["saving"]["low"] > 0.0
     assert actions["both"]["eta_t"]["value"] > actions["straightened"]["eta_t"]["value"]

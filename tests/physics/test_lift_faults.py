@@ -19,8 +19,8 @@ def replaced(section, **values):
 
 
 def test_rails_shorter_than_the_travel():
-    told = r"rails end at 2\.2 m, but the cabin's upper shoes reach 2\.45 m"
-    with pytest.raises(ParameterError, match=told) as caught:
+    message = r"rails end at 2\.2 m, but the cabin's upper shoes reach 2\.45 m"
+    with pytest.raises(ParameterError, match=message) as caught:
         Lift.reference(replaced("hoistway", rail_top=2.2))
     assert "counterweight's upper shoes reach 2.4 m" in str(caught.value)  # all faults at once
     with pytest.raises(ParameterError, match=r"rails begin at 0\.1 m"):
@@ -98,7 +98,7 @@ def test_the_shipped_file_and_one_that_extends_it_are_read(tmp_path):
     assert mine.counterweight == BASE.counterweight
 
 
-def test_all_faults_of_a_file_are_told_at_once(tmp_path):
+def test_all_faults_of_a_file_are_reported_together(tmp_path):
     path = written(tmp_path, """
 extends = "bench"
 [cabin]
@@ -116,14 +116,14 @@ unit = "mm"
 """)
     with pytest.raises(ParameterError) as caught:
         LiftParameters.load(path)
-    told = str(caught.value)
-    assert "lift.toml" in told
-    assert "[cabin] mass: " in told
-    assert "[cabin] has no entry 'hicth'; did you mean 'hitch'?" in told
-    assert "[cabin] com: give 3 numbers" in told
-    assert "[ropes] EA is -1 N, it must be above 0" in told
-    assert "[brake] is not a section" in told
-    assert "heights must increase, but 0.5 m follows 1 m" in told
+    message = str(caught.value)
+    assert "lift.toml" in message
+    assert "[cabin] mass: " in message
+    assert "[cabin] has no entry 'hicth'; did you mean 'hitch'?" in message
+    assert "[cabin] com: give 3 numbers" in message
+    assert "[ropes] EA is -1 N, it must be above 0" in message
+    assert "[brake] is not a section" in message
+    assert "heights must increase, but 0.5 m follows 1 m" in message
     assert len(caught.value.faults) == 6
 
 

@@ -21,9 +21,9 @@ def closed():
 def test_the_diagram_names_every_component_and_input(make):
     lift = make()
     axes = diagram(lift).axes[0]
-    told = " ".join(t.get_text() for t in axes.texts)
+    texts = " ".join(t.get_text() for t in axes.texts)
     for name in (*lift.components, *lift.inputs):
-        assert name in told
+        assert name in texts
 
 
 def test_the_strip_of_a_trip_has_its_signals_with_units():

@@ -43,12 +43,12 @@ def write(path, columns):
 
 
 def refused(tmp_path, columns, **options) -> str:
-    """Return what is said when a trip is refused."""
+    """Return the message with which a trip is refused."""
     from estimation.files.faults import RecordError
 
-    with pytest.raises((AlignmentError, RecordError)) as told:
+    with pytest.raises((AlignmentError, RecordError)) as error:
         read_trips([write(tmp_path / "trip.csv", columns)], **options)
-    return str(told.value)
+    return str(error.value)
 
 
 def test_a_good_trip_is_prepared(tmp_path):
@@ -63,7 +63,7 @@ def test_a_good_trip_is_prepared(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (lambda c: c | {"cabin_height_mm": 900.0 + 0.0 * c["time_s"] + 0.01 * np.sin(c["time_s"])}, "never moves"),
         (lambda c: {("tension_c" if k == "tension_c_N" else k): v / (9.80665 if k == "tension_c_N" else 1.0)
@@ -88,17 +88,17 @@ def test_a_good_trip_is_prepared(tmp_path):
         (lambda c: {k: v[::20] for k, v in c.items()}, "sampled at 25 Hz"),
     ],
 )  # fmt: skip
-def test_each_fault_of_a_recording_is_named(tmp_path, change, said):
-    assert said in refused(tmp_path, change(signals()))
+def test_each_fault_of_a_recording_is_named(tmp_path, change, message):
+    assert message in refused(tmp_path, change(signals()))
 
 
 def test_swapped_sensors_are_reported_with_the_remedy(tmp_path):
     c = signals()
     plain = {"time_s": c["time_s"], "tension": c["cabin_height_mm"] / 1e3, "height": c["tension_c_N"],
              "acceleration": c["cabin_acceleration_m_per_s2"]}  # fmt: skip
-    said = refused(tmp_path, plain)
-    assert "look swapped" in said
-    assert "--tension height --height tension" in said
+    message = refused(tmp_path, plain)
+    assert "look swapped" in message
+    assert "--tension height --height tension" in message
     plain = {"time_s": c["time_s"], "tension": c["cabin_acceleration_m_per_s2"], "height": c["cabin_height_mm"] / 1e3,
              "acceleration": c["tension_c_N"]}  # fmt: skip
     assert "the tension (column 'tension') and the acceleration (column 'acceleration') look swapped" in refused(
@@ -119,8 +119,8 @@ def test_columns_are_found_by_their_names_or_asked_for(tmp_path):
     path = write(tmp_path / "trip.csv", renamed)
     with pytest.raises(AlignmentError, match=r"no column looks like the acceleration .* --acceleration COLUMN"):
         find_columns(path)
-    found = find_columns(path, {"acceleration": "acc [m/s2]"})
-    assert found == {"time": "t [s]", "tension": "F_c [N]", "height": "z_c [mm]", "acceleration": "acc [m/s2]"}
+    columns = find_columns(path, {"acceleration": "acc [m/s2]"})
+    assert columns == {"time": "t [s]", "tension": "F_c [N]", "height": "z_c [mm]", "acceleration": "acc [m/s2]"}
 
 
 def test_balance_finds_what_is_no_friction(tmp_path):
@@ -163,14 +163,14 @@ def test_command_writes_page_json_rail_and_figures(tmp_path, capsys):
     paths = [str(write(tmp_path / f"{k}.csv", signals(d, 7.0))) for k, d in enumerate((1, -1))]
     out = tmp_path / "out"
     assert main(["align", *paths, "--out", str(out), "--threshold", "2.0"]) == 0
-    said = capsys.readouterr().out
-    assert "vtsdt what-if" in said
+    message = capsys.readouterr().out
+    assert "vtsdt what-if" in message
     assert {p.name for p in out.iterdir()} == {
         "alignment.json", "report.html", "profile.csv", "alignment.png", "rail.png", "trips.png",
     }  # fmt: skip
-    found = json.loads((out / "alignment.json").read_text())
-    assert len(found["height_m"]) == len(found["median_mm"]) == len(found["trips"][0]["delta_mm"])
-    assert found["observability"]["detectable"]
+    content = json.loads((out / "alignment.json").read_text())
+    assert len(content["height_m"]) == len(content["median_mm"]) == len(content["trips"][0]["delta_mm"])
+    assert content["observability"]["detectable"]
     assert (out / "profile.csv").read_text().startswith("height_m,delta_mm,spread_mm\n")
     page = (out / "report.html").read_text()
     assert "http://" not in page
@@ -186,10 +186,10 @@ def test_command_refuses_in_one_message_without_a_traceback(tmp_path, capsys):
     c["tension_c_N"] /= 9.80665
     write(b, c)
     assert main(["align", str(a), str(b), "--out", str(tmp_path / "out")]) == 2
-    said = capsys.readouterr().err
-    assert "still: the cabin never moves" in said
-    assert "kg: the tension" in said
-    assert "Traceback" not in said
+    message = capsys.readouterr().err
+    assert "still: the cabin never moves" in message
+    assert "kg: the tension" in message
+    assert "Traceback" not in message
     assert main(["align", str(a), "--tuning", "best", "--out", str(tmp_path)]) == 2
     assert main(["align", str(tmp_path / "none.csv"), "--out", str(tmp_path)]) == 2
 

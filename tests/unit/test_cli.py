@@ -93,7 +93,7 @@ def test_no_command_is_bad_input_and_shows_help(run: Run) -> None:
 
 def test_bench_axis_writes_a_study(run: Run, tmp_path: Path) -> None:
     code, out, err = run("bench", "axis", "--out", "new/axis", "--trips", "2", "--seed", "3")
-    assert (code, err) == (0, "") or (code == 0 and " s  " in err)  # a slow machine tells what it is doing
+    assert (code, err) == (0, "") or (code == 0 and " s  " in err)  # a slow machine reports its progress
     assert "next: vtsdt diagnose" in out
     assert "synthetic" in out
     written = {p.name for p in (tmp_path / "new" / "axis").iterdir()}
@@ -228,7 +228,7 @@ def test_exit_codes_of_what_is_raised(
     assert "Traceback" not in err
 
 
-def test_each_package_tells_bad_input_by_a_class_that_exists() -> None:
+def test_classes_of_bad_input_exist() -> None:
     import importlib
 
     for module, names in cli.BAD_INPUT.items():

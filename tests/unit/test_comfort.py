@@ -26,10 +26,10 @@ def _ride(rate: float = 500.0, **extra: float) -> tuple[np.ndarray, np.ndarray]:
 
 def test_weights_are_those_of_the_standard() -> None:
     third_octaves = 10.0 ** (np.arange(-3, 20) / 10.0)
-    found = np.abs(WEIGHTINGS["Wk"].response(third_octaves))
-    np.testing.assert_allclose(1e3 * found, W_K, rtol=0.015)
-    found = np.abs(WEIGHTINGS["Wd"].response(third_octaves[:10]))
-    np.testing.assert_allclose(1e3 * found, W_D, rtol=0.006)
+    response = np.abs(WEIGHTINGS["Wk"].response(third_octaves))
+    np.testing.assert_allclose(1e3 * response, W_K, rtol=0.015)
+    response = np.abs(WEIGHTINGS["Wd"].response(third_octaves[:10]))
+    np.testing.assert_allclose(1e3 * response, W_D, rtol=0.006)
 
 
 def test_weighting_passes_a_sine_with_its_factor() -> None:
@@ -49,21 +49,21 @@ def test_peak_to_peak_counts_pairs_around_a_zero() -> None:
 
 def test_a_smooth_ride_has_the_figures_of_its_reference() -> None:
     t, a = _ride()
-    found = ride_comfort(t, a)
-    assert found.speed == pytest.approx(1.6, abs=0.01)
-    assert found.distance == pytest.approx(20.0, abs=0.05)
-    assert found.acceleration == pytest.approx(0.8, abs=0.02)
-    assert found.deceleration == pytest.approx(0.8, abs=0.02)
-    assert found.jerk == pytest.approx(1.0, abs=0.05)
-    assert found.z.largest > 0.1  # the change of acceleration itself, as the high-pass at 0.4 Hz leaves it
-    assert np.nan_to_num(found.z.steady_largest) < 0.15 * found.z.largest
+    ride = ride_comfort(t, a)
+    assert ride.speed == pytest.approx(1.6, abs=0.01)
+    assert ride.distance == pytest.approx(20.0, abs=0.05)
+    assert ride.acceleration == pytest.approx(0.8, abs=0.02)
+    assert ride.deceleration == pytest.approx(0.8, abs=0.02)
+    assert ride.jerk == pytest.approx(1.0, abs=0.05)
+    assert ride.z.largest > 0.1  # the change of acceleration itself, as the high-pass at 0.4 Hz leaves it
+    assert np.nan_to_num(ride.z.steady_largest) < 0.15 * ride.z.largest
 
 
 def test_a_hum_at_constant_speed_is_measured_with_its_weight() -> None:
     t, a = _ride(size=0.05, frequency=8.0)
-    found = ride_comfort(t, a)
-    assert found.z.steady_a95 == pytest.approx(2.0 * 0.05 * 1.036, rel=0.06)
-    assert found.acceleration == pytest.approx(0.8, abs=0.06)
+    ride = ride_comfort(t, a)
+    assert ride.z.steady_a95 == pytest.approx(2.0 * 0.05 * 1.036, rel=0.06)
+    assert ride.acceleration == pytest.approx(0.8, abs=0.06)
 
 
 def test_gravity_and_direction_do_not_matter() -> None:
@@ -76,23 +76,23 @@ def test_gravity_and_direction_do_not_matter() -> None:
 def test_lateral_vibration_is_weighted_otherwise() -> None:
     t, a = _ride()
     shake = 0.1 * np.sin(2.0 * np.pi * 4.0 * t)
-    found = ride_comfort(t, a, a_x=shake)
-    assert found.y is None
-    assert found.x is not None
-    assert found.x.a95 == pytest.approx(0.2 * 0.512, rel=0.03)
+    ride = ride_comfort(t, a, a_x=shake)
+    assert ride.y is None
+    assert ride.x is not None
+    assert ride.x.a95 == pytest.approx(0.2 * 0.512, rel=0.03)
 
 
-def test_uneven_and_slow_sampling_is_told() -> None:
+def test_uneven_and_slow_sampling_is_noted() -> None:
     t, a = _ride(rate=50.0)
     keep = np.ones(t.size, dtype=bool)
     keep[300:306] = False
-    found = ride_comfort(t[keep], a[keep])
-    assert any("uneven sampling" in n for n in found.notes)
-    assert any("ISO 8041 asks for a band up to 80 Hz" in n for n in found.notes)
-    assert found.speed == pytest.approx(1.6, abs=0.02)
+    ride = ride_comfort(t[keep], a[keep])
+    assert any("uneven sampling" in n for n in ride.notes)
+    assert any("ISO 8041 asks for a band up to 80 Hz" in n for n in ride.notes)
+    assert ride.speed == pytest.approx(1.6, abs=0.02)
 
 
-def test_records_that_cannot_be_judged() -> None:
+def test_records_that_cannot_be_evaluated() -> None:
     t, a = _ride()
     with pytest.raises(ComfortError, match="does not move"):
         ride_comfort(t, 0.0 * a)
@@ -106,7 +106,7 @@ def test_records_that_cannot_be_judged() -> None:
 
 
 def test_indicators_show_themselves() -> None:
-    found = ride_comfort(*_ride(), name="made")
-    assert list(found.to_frame().columns) == ["indicator", "value", "unit"]
-    assert found.to_json()["indicators"]["largest jerk"]["unit"] == "m/s³"
-    assert len(found.plot().axes) == 3
+    ride = ride_comfort(*_ride(), name="made")
+    assert list(ride.to_frame().columns) == ["indicator", "value", "unit"]
+    assert ride.to_json()["indicators"]["largest jerk"]["unit"] == "m/s³"
+    assert len(ride.plot().axes) == 3

@@ -21,13 +21,14 @@ def test_after_warming_another_process_compiles_nothing(tmp_path, monkeypatch, c
     monkeypatch.setenv("VTSDT_CACHE", str(tmp_path))
     env = {**os.environ, "VTSDT_CACHE": str(tmp_path)}
     words = [sys.executable, "-m", "vtsdt", "warm", "axis"]
-    told = subprocess.run(words, env=env, capture_output=True, text=True, check=True).stdout
-    assert told.splitlines()[0].startswith("axis")
-    assert str(tmp_path) in told
+    output = subprocess.run(words, env=env, capture_output=True, text=True, check=True).stdout
+    assert output.splitlines()[0].startswith("axis")
+    assert str(tmp_path) in output
     code = (
-        "from multibody.compile.native import on_compile; told = []; on_compile(lambda n, s: told.append(n)); "
-        "from discrepancy.rigs.axis import build; s = build().build(); "
-        "run = s.simulate(0.1, inputs={'reference.position': 0.1}); run[s.output_names[0]]; s.linearize(); print(told)"
+        "from multibody.base.compile_events import on_compile; compiled = []; on_compile(lambda n, s: "
+        "compiled.append(n)); from discrepancy.rigs.axis import build; s = build().build(); "
+        "run = s.simulate(0.1, inputs={'reference.position': 0.1}); run[s.output_names[0]]; s.linearize(); "
+        "print(compiled)"
     )
     assert (
         subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True).stdout
@@ -59,10 +60,10 @@ def test_after_warming_align_compiles_nothing(tmp_path):
     subprocess.run([sys.executable, "-m", "vtsdt", "warm", "align", "--quiet"], env=env, check=True)
     for some in (files[:2], files[2:]):
         code = (
-            "from multibody.compile.native import on_compile; told = []; on_compile(lambda n, s: told.append(n)); "
-            "from vtsdt.cli.command_line import main; "
+            "from multibody.base.compile_events import on_compile; compiled = []; on_compile(lambda n, s: "
+            "compiled.append(n)); from vtsdt.cli.command_line import main; "
             f"main(['align', *{some!r}, '--out', {str(tmp_path / 'out')!r}, '--quiet']); "
-            "print(told)"
+            "print(compiled)"
         )
         done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
         assert done.stdout == "[]\n"

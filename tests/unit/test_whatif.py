@@ -36,7 +36,7 @@ def test_a_profile_goes_through_a_file_and_back(name: str, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("height_m,delta_m\n0,1\n1,2\n", "column 'delta_mm' is missing"),
         ("height_m,delta_mm\n0,1\n0,2\n", "heights must increase, but 0 m follows 0 m in row 2"),
@@ -46,19 +46,19 @@ def test_a_profile_goes_through_a_file_and_back(name: str, tmp_path: Path) -> No
         ("", "it is empty"),
     ],
 )
-def test_faults_of_tables_are_reported(text: str, told: str, tmp_path: Path) -> None:
+def test_faults_of_tables_are_reported(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "profile.csv"
     path.write_text(text)
     with pytest.raises(ParameterError) as error:
         ProfileTable.load(path)
-    assert told in str(error.value)
+    assert message in str(error.value)
     assert "profile.csv" in str(error.value)
 
 
 def test_sections_beyond_the_threshold_are_those_of_the_paper() -> None:
     """González et al. 2020: corrective actions at 0.1 m, 0.4 m, 1.1 to 1.3 m, and 1.5 to 1.8 m."""
-    found = BENCH.beyond(2.3e-3)
-    assert [(round(a, 1), round(b, 1)) for a, b in found] == [(0.0, 0.2), (0.3, 0.5), (1.1, 1.3), (1.5, 1.8)]
+    result = BENCH.beyond(2.3e-3)
+    assert [(round(a, 1), round(b, 1)) for a, b in result] == [(0.0, 0.2), (0.3, 0.5), (1.1, 1.3), (1.5, 1.8)]
 
 
 def test_ranges_that_a_short_dip_parts_are_one() -> None:
@@ -66,8 +66,8 @@ def test_ranges_that_a_short_dip_parts_are_one() -> None:
     delta = np.where((height > 0.395) & (height < 1.205), 3e-3, 2e-3)
     delta[60] = delta[61] = 2e-3  # 20 mm
     delta[85:95] = 2e-3
-    found = ProfileTable(height, delta, np.zeros(201)).beyond(2.3e-3)
-    np.testing.assert_allclose(found, [(0.4, 0.845), (0.945, 1.2)], atol=0.01)
+    result = ProfileTable(height, delta, np.zeros(201)).beyond(2.3e-3)
+    np.testing.assert_allclose(result, [(0.4, 0.845), (0.945, 1.2)], atol=0.01)
 
 
 # -------------------------------------------------------------------- threshold
@@ -77,15 +77,15 @@ def test_seventy_percent_of_fourteen_is_the_tenth() -> None:
     made = [
         Configuration(name=f"{k}", median=1e-3 * k, largest=2e-3 * k, energy=10.0 + 2.0 * k) for k in range(14, 0, -1)
     ]
-    found = threshold_of(made)
-    assert found.level == pytest.approx(10e-3)
-    assert len(found.under) == 10
-    assert found.interval[0] < found.level < found.interval[1]
-    assert found.slope == pytest.approx(2.0e3)
-    assert found.correlation == pytest.approx(1.0)
+    result = threshold_of(made)
+    assert result.level == pytest.approx(10e-3)
+    assert len(result.under) == 10
+    assert result.interval[0] < result.level < result.interval[1]
+    assert result.slope == pytest.approx(2.0e3)
+    assert result.correlation == pytest.approx(1.0)
     assert threshold_of(made, 0.5).level == pytest.approx(7e-3)
-    assert "10 of 14" in repr(found)
-    assert len(found.plot().axes[0].lines) >= 3
+    assert "10 of 14" in repr(result)
+    assert len(result.plot().axes[0].lines) >= 3
 
 
 def test_a_threshold_needs_configurations_and_a_share() -> None:
@@ -101,10 +101,10 @@ def test_median_goes_over_height_and_not_over_points() -> None:
     """Many points in a bad stretch do not make the whole rail bad."""
     height = np.concatenate([np.linspace(0.0, 0.2, 50), [0.25, 2.0]])
     delta = np.where(height < 0.21, 5e-3, 1e-3)
-    found = configuration_of("one", ProfileTable(height, delta, np.zeros(52)), [10.0, 12.0])
-    assert found.median == pytest.approx(1e-3)
-    assert found.largest == pytest.approx(5e-3, rel=1e-3)
-    assert (found.energy, found.energy_std) == (11.0, 1.0)
+    result = configuration_of("one", ProfileTable(height, delta, np.zeros(52)), [10.0, 12.0])
+    assert result.median == pytest.approx(1e-3)
+    assert result.largest == pytest.approx(5e-3, rel=1e-3)
+    assert (result.energy, result.energy_std) == (11.0, 1.0)
 
 
 def test_energy_from_tension_and_acceleration() -> None:
@@ -135,11 +135,11 @@ def test_errors_of_a_rail_have_its_spread_and_a_length() -> None:
 
 
 def test_uncertainties_from_a_table() -> None:
-    found = uncertainties_from({"*.mu": 0.2, "cabin.mass": {"std": 0.5, "relative": False}, "lubrication": 0.02})
-    assert found == (
+    result = uncertainties_from({"*.mu": 0.2, "cabin.mass": {"std": 0.5, "relative": False}, "lubrication": 0.02})
+    assert result == (
         Uncertainty("*.mu", 0.2), Uncertainty("cabin.mass", 0.5, False), Uncertainty("lubrication", 0.02, False)
     )  # fmt: skip
-    assert found[0].names() == ("cabin_guide.mu", "counterweight_guide.mu")
+    assert result[0].names() == ("cabin_guide.mu", "counterweight_guide.mu")
 
 
 def test_impossible_settings_are_reported_together() -> None:
@@ -232,12 +232,12 @@ def test_settings_are_read_and_paths_are_beside_them(tmp_path: Path) -> None:
         '[profile]\nfile = "profile.csv"\n[trips]\nfiles = ["*.csv"]\ncolumns = { F_c = "tension" }\n'
         '[actions]\nthreshold_mm = 2.0\ndirection = "down"\n[study]\nsamples = 7\n[uncertain]\n"*.mu" = 0.3\n'
     )
-    found = read_settings(tmp_path / "s.toml")
-    assert found.profile == tmp_path / "profile.csv"
-    assert [p.name for p in found.trips] == ["a.csv", "profile.csv"]
-    assert (found.threshold, found.samples, found.direction) == (2e-3, 7, "down")
-    assert found.uncertainties == (Uncertainty("*.mu", 0.3),)
-    assert found.with_options(samples=None, seed=3).samples == 7
+    result = read_settings(tmp_path / "s.toml")
+    assert result.profile == tmp_path / "profile.csv"
+    assert [p.name for p in result.trips] == ["a.csv", "profile.csv"]
+    assert (result.threshold, result.samples, result.direction) == (2e-3, 7, "down")
+    assert result.uncertainties == (Uncertainty("*.mu", 0.3),)
+    assert result.with_options(samples=None, seed=3).samples == 7
 
 
 def test_all_faults_of_settings_are_reported(tmp_path: Path) -> None:
@@ -246,9 +246,9 @@ def test_all_faults_of_settings_are_reported(tmp_path: Path) -> None:
         '[profil]\n[actions]\nthreshold_mm = 0.0\nlubrikation = 0.9\n[trips]\nfiles = ["none*.csv"]\n'
         "columns = { F_cc = 'x' }\n[[configuration]]\nname = 'one'\n"
     )
-    with pytest.raises(ParameterError) as told:
+    with pytest.raises(ParameterError) as message:
         read_settings(path)
-    text = str(told.value)
+    text = str(message.value)
     for part in (
         "no table [profil]; did you mean 'profile'", "no entry 'lubrikation'; did you mean 'lubrication'",
         "threshold_mm is 0.0", "no file matches 'none*.csv'", "no quantity 'F_cc'",
@@ -275,14 +275,14 @@ def test_masses_from_tensions_at_rest() -> None:
             log=(),
         )
 
-    found = with_measured_masses(LiftParameters.bench(), [record(0.0, 3.0), record(2.0, 0.0), record(4.0, -3.0)])
-    assert found.cabin.mass == pytest.approx(33.0)
-    assert found.counterweight.mass == pytest.approx(34.0)
+    result = with_measured_masses(LiftParameters.bench(), [record(0.0, 3.0), record(2.0, 0.0), record(4.0, -3.0)])
+    assert result.cabin.mass == pytest.approx(33.0)
+    assert result.counterweight.mass == pytest.approx(34.0)
     assert with_measured_masses(LiftParameters.bench(), []) == LiftParameters.bench()
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["none.toml"], "there is no such settings file"),
         (["--profile", "none.csv"], "there is no such file: give the profile that `vtsdt align` wrote"),
@@ -292,12 +292,12 @@ def test_masses_from_tensions_at_rest() -> None:
     ],
 )
 def test_bad_input_ends_the_command_with_one_message(
-    words: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from vtsdt.cli.command_line import main
 
     assert main(["what-if", *words, "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
-    assert told in error
+    assert message in error
     assert "Traceback" not in error
     assert not (tmp_path / "out").exists()
