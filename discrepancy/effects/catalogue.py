@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
@@ -36,6 +36,7 @@ class Entry:
 
     kind: Kind
     where: str
+    _: KW_ONLY
     place: Place | None = None
     stiffness: str = ""
     load: str = ""
@@ -121,7 +122,7 @@ def _at_place(kind: Kind, place: Place, system: System) -> Entry | None:
         load = _load_at(place, system)
         if not load:
             return None
-    return Entry(kind, place.name, place, stiffness, load)
+    return Entry(kind, place.name, place=place, stiffness=stiffness, load=load)
 
 
 def _load_at(place: Place, system: System) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import discrepancy.effects.stated_values  # noqa: F401 - values of controllers and circuits join the catalogue
@@ -66,6 +66,7 @@ class Effect:
     where: str
     strengths: Mapping[str, float] = field(default_factory=dict)
     shape: Mapping[str, float] = field(default_factory=dict)
+    _: KW_ONLY
     ports: tuple[str, ...] = ()
     domain: str = ""
     load: str = ""

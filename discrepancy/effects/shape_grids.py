@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class MotionRange:
     low: float
     high: float
     speed: float
+    _: KW_ONLY
     turns: bool = False
     scale: float = 0.0
 

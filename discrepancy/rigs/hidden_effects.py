@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -91,6 +91,7 @@ class Hidden:
 
     effect: Effect | None = None
     where: str = ""
+    _: KW_ONLY
     component: Component | None = None
     ports: tuple[str, str] = ("", "")
     over: str = ""
@@ -396,4 +397,4 @@ def unknown_effect(
         },
     }[over]
     cls = UNKNOWN_LAWS[over][0 if place.domain == "translation" else 1]
-    return Hidden(None, entry.where, cls(**values), (place.first_port, place.second_port), over)
+    return Hidden(None, entry.where, component=cls(**values), ports=(place.first_port, place.second_port), over=over)

@@ -227,7 +227,7 @@ class Rig:
             if not key and reach[where] < _STILL * widest[place.domain]:
                 continue
             stiffness = float(system.p[system.index("parameter", key)]) if key else 0.0
-            span_ = MotionRange(float(x.min()), float(x.max()), fast, place.domain == "rotation", stiffness)
+            span_ = MotionRange(float(x.min()), float(x.max()), fast, turns=place.domain == "rotation", scale=stiffness)
             # The same power shows equally well wherever it is taken; in a spring, a share of its load does.
             force = 0.25 * stiffness * span_.half if key else self.force * usual / fast
             load = _fast(all_of(loads[where])) if where in loads else 0.0

@@ -125,7 +125,7 @@ class LinearisedProblem:
         assert place is not None
         low, high, speed = _once(self._unweighted, ("range", entry.where), lambda: self._extent(entry))
         scale = self.p[self.system.index("parameter", entry.stiffness)] if entry.stiffness else 0.0
-        return MotionRange(low, high, speed, place.domain == "rotation", float(scale))
+        return MotionRange(low, high, speed, turns=place.domain == "rotation", scale=float(scale))
 
     def _extent(self, entry: Entry) -> tuple[float, float, float]:
         assert entry.place is not None
@@ -187,7 +187,9 @@ class LinearisedProblem:
         values = np.array([self.calibration[p.name] for p in parameters])
         prior = np.array([p.std for p in parameters])
         offset = np.where(np.isfinite(prior), np.array([p.value for p in parameters]) - values, 0.0)
-        return Sensitivities([p.name for p in parameters], blocks, prior, offset, nuisance)
+        return Sensitivities(
+            [p.name for p in parameters], blocks, prior_std=prior, prior_offset=offset, nuisance=nuisance
+        )
 
     def _derivatives(self, parameters: Sequence[str]) -> list[np.ndarray]:
         """Return the derivatives by parameters, free initial states and offsets, of each experiment."""

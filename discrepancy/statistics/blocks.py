@@ -123,6 +123,7 @@ class Sensitivities:
         self,
         names: Sequence[str],
         blocks: Sequence[Array],
+        *,
         prior_std: Array | Sequence[float] | None = None,
         prior_offset: Array | Sequence[float] | None = None,
         nuisance: Sequence[Array | None] | None = None,
@@ -242,9 +243,9 @@ def with_candidate(sens: Sensitivities, candidate: Candidate, shape: int = 0) ->
     return Sensitivities(
         names,
         blocks,
-        np.append(sens.prior_std, np.full(candidate.n_strengths, np.inf)),
-        np.append(sens.prior_offset, np.zeros(candidate.n_strengths)),
-        sens.nuisance,
+        prior_std=np.append(sens.prior_std, np.full(candidate.n_strengths, np.inf)),
+        prior_offset=np.append(sens.prior_offset, np.zeros(candidate.n_strengths)),
+        nuisance=sens.nuisance,
     )
 
 

@@ -192,7 +192,13 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
     whole, sens = facts.residual(), facts.sensitivities()
     residual, held = (Residual(part, whole.dt, whole.channels) for part in (whole.blocks[:n], whole.blocks[n:]))
     first, last = (
-        Sensitivities(sens.names, sens.blocks[p], sens.prior_std, sens.prior_offset, sens.nuisance[p])
+        Sensitivities(
+            sens.names,
+            sens.blocks[p],
+            prior_std=sens.prior_std,
+            prior_offset=sens.prior_offset,
+            nuisance=sens.nuisance[p],
+        )
         for p in (slice(0, n), slice(n, None))
     )
     seen = [replace(c, sensitivities=tuple(shape[:n] for shape in c.sensitivities)) for c in candidates]

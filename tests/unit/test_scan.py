@@ -24,7 +24,7 @@ def test_projection_equals_augmented_least_squares():
     _, e, F, _ = small()
     std, off = np.array([0.1, np.inf, 0.3]), np.array([0.05, 0.0, -0.2])
     nuis = [np.ones((120, 2, 1)), None]
-    sens = Sensitivities(["a", "b", "c"], F, std, off, nuis)
+    sens = Sensitivities(["a", "b", "c"], F, prior_std=std, prior_offset=off, nuisance=nuis)
     w = identity([1.0, 1.0], ["x", "y"], 0.01)
     lay = Layout((120, 90), 2, 2)
     proj = project(w, sens, lay)
