@@ -26,7 +26,7 @@ def unit_text(unit: str) -> str:
 
 
 def bare_unit(unit: str) -> str:
-    """Return a unit without brackets that only mattered where it was put together."""
+    """Return a unit without brackets that it does not need."""
     inside, closed, rest = unit[1:].partition(")")
     if not unit.startswith("(") or not closed or "(" in inside or ("/" in inside and rest):
         return unit

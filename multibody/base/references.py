@@ -30,7 +30,7 @@ def current_name(name: str) -> str:
 
 
 def module_named(name: str) -> ModuleType:
-    """Import a module by the name that stands in a file, and warn where that name is an old one.
+    """Import a module by the name in a file, and warn where that name is an old one.
 
     Parameters
     ----------

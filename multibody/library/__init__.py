@@ -1,7 +1,7 @@
-"""Components that ship with the modelling core, for machines that move in one dimension.
+"""Components of one-dimensional machines: translation, rotation, transmissions, friction, drives, control, sensors.
 
-Parts that translate and rotate, transmissions, friction, electrical parts and motors, control, sources and
-sensors. Equations, directions and sources of the laws are in the docs under "Physics".
+Every component can be imported from here; those for motion in space are in `multibody.library.spatial`.  Equations,
+directions and sources of the laws are in the docs under "Physics".  Takes from `multibody.declare`.
 """
 
 from multibody.library.control import (

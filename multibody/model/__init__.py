@@ -1,4 +1,5 @@
-"""A machine as a named graph of components, its description, and its file.
+"""A machine as a named graph of components, its network of nodes, its description, and its file.
 
-Takes from `multibody.base`, `multibody.declare` and `multibody.equations`.
+The class that users build is `multibody.machine.model.Model`, on top of `ModelGraph` here.  Takes from
+`multibody.base` and `multibody.declare`.
 """

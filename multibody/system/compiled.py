@@ -199,7 +199,7 @@ class CompiledSystem:
         arrays = TANGENT_ARRAYS if name.endswith("tangent") else RHS_ARRAYS
         text = self.texts[name]
         try:
-            with compiling:  # two threads that ask at once would compile twice
+            with compiling:  # two threads would compile the same text twice
                 return compile_text(text, name, name, arrays, self.compiled)
         except Exception as error:
             if not type(error).__module__.startswith("numba"):
