@@ -42,8 +42,8 @@ def diagnosed(suite: str, seed: int, hidden: Sequence[str], machine: str = "axis
     """
     import time
 
-    from discrepancy.stages.interval_coverage import coverage
     from discrepancy.study.study import Study
+    from discrepancy.validation.interval_coverage import coverage
 
     begun = time.perf_counter()
     case = machine_module(machine).case(seed, list(hidden), **rig)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from discrepancy.stages.interval_coverage import coverage
+from discrepancy.validation.interval_coverage import coverage
 from discrepancy.validation.trials import Trial, rates
 
 
