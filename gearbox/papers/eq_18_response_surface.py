@@ -53,7 +53,7 @@ FORMS: dict[str, dict[str, Any]] = {
         "options": {"iterations": 100, "attraction": "exp(-gamma r^2)"},
     },
     "differential evolution": {"method": "differential_evolution"},
-    "differential evolution, begun anew after convergence": {
+    "differential evolution, restarted after convergence": {
         "method": "differential_evolution",
         "options": {"restart": True},
     },
@@ -150,7 +150,7 @@ def _hit_rates(seeds: Sequence[int], progress: Progress) -> list[PaperRow]:
     rows = [
         PaperRow(
             what="largest value of Eq. 18 on [0, 1]³, fireflies 30 × 100 and polish",
-            paper="0.752 (found there)",
+            paper="0.752 (in the paper)",
             ours=f"{best.value:.4f} at ({', '.join(f'{x:.2f}' for x in best.x)})",
             verdict=DIFFERS,
             why="the paper's point is not the optimum of its own surface: three hills, of which it lies on the way to "
@@ -184,7 +184,7 @@ def _hit_rates(seeds: Sequence[int], progress: Progress) -> list[PaperRow]:
                 verdict=UNCHECKED if not required else AGREES if hits >= 0.95 * count else DIFFERS,
                 why="95 % of 100 seeds asked"
                 if required
-                else "no figure in the paper; beside the fireflies, for comparison",
+                else "no value in the paper; listed for comparison with the fireflies",
             )
         )
     return rows

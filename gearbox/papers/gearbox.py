@@ -176,7 +176,7 @@ class _Ranking:
     order: tuple[str, ...]
     ranges: Mapping[str, float]
 
-    def told(self) -> str:
+    def listing(self) -> str:
         return ", ".join(f"{n} {self.ranges[n]:.3f}" for n in self.order)
 
 
@@ -192,7 +192,7 @@ def _fig_8(results: Mapping[str, OneAtATimeResult]) -> PaperChapter:
             PaperRow(
                 what=f"ranges of the similarity over Table 3, {housing} housing",
                 paper="K, C_D, e_F matter; D_P, E, ρ do not",
-                ours=ranking.told(),
+                ours=ranking.listing(),
                 verdict=AGREES if same else DIFFERS,
                 why="the same three lead" if same else _why_other(ranking),
             )
@@ -201,7 +201,7 @@ def _fig_8(results: Mapping[str, OneAtATimeResult]) -> PaperChapter:
             share = ranges[name] / max(ranges.values())
             rows.append(
                 PaperRow(
-                    what=f"{name} beside the strongest, {housing} housing",
+                    what=f"{name} relative to the strongest, {housing} housing",
                     paper="negligible",
                     ours=f"{100 * share:.0f} %",
                     verdict=AGREES if share < 0.1 else DIFFERS,
@@ -240,7 +240,7 @@ def _similarity(result: UpdatingResult) -> PaperChapter:
     start = result.start.similarity
     assert start is not None
     reason = (
-        "the paper's recordings are not public, and its lag, its axis and its housing are not told; what is beside it "
+        "the paper's recordings are not public, and its lag, its axis and its housing are not stated; our value "
         "comes from the virtual rig"
     )
     rows = [
@@ -296,7 +296,7 @@ def _similarity(result: UpdatingResult) -> PaperChapter:
                 if not information.lost
                 else "lost: " + "; ".join(information.words(i) for i in information.lost),
                 verdict=DIFFERS if information.lost else AGREES,
-                why="two mesh lines in the band, less a lag and a gain, fix two numbers at most"
+                why="two mesh lines in the band, less a lag and a gain, determine at most two numbers"
                 if information.lost
                 else "",
             )

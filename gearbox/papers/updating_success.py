@@ -1,4 +1,4 @@
-"""The updating chain on the virtual rig: how often it succeeds, and which parameters its recordings cannot tell."""
+"""The updating chain on the virtual rig: how often it succeeds, and which parameters are not identifiable."""
 
 from __future__ import annotations
 
@@ -118,12 +118,12 @@ class Success:
         Objective before updating.
     optimum : tuple of float
         Of each design: that of the surface's optimum, simulated.
-    promised : tuple of float
+    predicted : tuple of float
         What the surface said of it.
     taken : tuple of float
-        Of what was taken in the end.
+        Of parameters used in the end.
     others : tuple of tuple of float
-        Of each design: cosine similarity of what was taken at each condition that was held out.
+        Of each design: cosine similarity of parameters used at each condition that was held out.
     others_start : tuple of float
         The same before updating.
     bounds : tuple of float
@@ -132,7 +132,7 @@ class Success:
 
     start: float
     optimum: tuple[float, ...]
-    promised: tuple[float, ...]
+    predicted: tuple[float, ...]
     taken: tuple[float, ...]
     others: tuple[tuple[float, ...], ...]
     others_start: tuple[float, ...]
@@ -173,7 +173,7 @@ def success(
     return Success(
         start=first.start.simulated,
         optimum=tuple(r.optimum.simulated for r in results),
-        promised=tuple(r.optimum.predicted for r in results),
+        predicted=tuple(r.optimum.predicted for r in results),
         taken=tuple(r.updated.simulated for r in results),
         others=tuple(tuple(c.after.value for c in r.checks) for r in results),
         others_start=tuple(c.before.value for c in first.checks),
@@ -184,7 +184,7 @@ def success(
 def lost_directions(
     housing: str, recordings: Sequence[Recording], progress: Progress, store: Path | None = None
 ) -> tuple[Identifiability, ...]:
-    """Directions of K, C_D and e_F that recordings tell: by one cosine similarity, by amplitudes over all loads.
+    """Identifiability of K, C_D and e_F: by one cosine similarity, and by amplitudes over all loads.
 
     They are worked out at the rig's own parameters, so that the misfit is what the model lacks and noise.
     """
@@ -230,14 +230,14 @@ def _rows(what: str, outcome: Success, *, required: int = 0, printed: bool = Tru
             why=one + bar,
         ),
         PaperRow(
-            what=f"{what}: what the surface had promised",
+            what=f"{what}: value predicted by the surface",
             paper="not given",
-            ours=_span(outcome.promised),
+            ours=_span(outcome.predicted),
             verdict=UNCHECKED,
             why="the paper gives one value, 0.752, and not whether surface or simulation; no cosine is above 1",
         ),
         PaperRow(
-            what=f"{what}: what was taken",
+            what=f"{what}: parameters used",
             paper="the surface's optimum",
             ours=_span(outcome.taken),
             verdict=UNCHECKED,
@@ -325,13 +325,13 @@ def success_chapter(
             rows.append(
                 PaperRow(
                     what=f"directions of K, C_D, e_F that are lost, {name}, {information.what}",
-                    paper="none told (Table 4)",
+                    paper="none reported (Table 4)",
                     ours=lost or "none",
                     verdict=DIFFERS if lost else AGREES,
-                    why="two mesh lines in the band, less a lag and a gain, fix two numbers at most; what the model "
-                    "lacks counts as noise"
+                    why="two mesh lines in the band, less a lag and a gain, determine at most two numbers; "
+                    "model error counts as noise"
                     if lost
-                    else "every direction is told to 15 % of the ranges or better",
+                    else "every direction is identified to 15 % of the ranges or better",
                 )
             )
     text = (

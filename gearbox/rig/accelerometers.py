@@ -106,7 +106,7 @@ the base.
 | --- | --- | --- | --- |
 {rows}
 
-Beside them: `study.toml` (the study: `vtsdt update-gearbox study.toml --out updating`) and `truth.json` (what was done
+Other files: `study.toml` (the study: `vtsdt update-gearbox study.toml --out updating`) and `truth.json` (what was done
 to the rig, for comparing afterwards; the study does not read it). Each recording lasts {rig.duration:g} s at
 {rig.logger.rate:g} Hz.
 
@@ -117,8 +117,8 @@ to the rig, for comparing afterwards; the study does not read it). Each recordin
         f"here {rig.manufacturing:g} times the usual" if rig.manufacturing else "here none"
     });
   `truth.json` says which. The options were `--seed {rig.seed}{options}` and perhaps `--hide`.
-- Every recording begins at another angle of the shafts; the true speed is up to 0.03 % beside the one reported and
-  wanders slowly by {100 * rig.wander:g} %; the true load is up to 0.3 % beside the one reported.
+- Every recording begins at another angle of the shafts; the true speed is up to 0.03 % off the reported one and
+  drifts slowly by {100 * rig.wander:g} %; the true load is up to 0.3 % off the reported one.
 - Each accelerometer has a mounting resonance between 5 and 8 kHz, a gain error of up to 6 %, a delay of 10 to 40 µs,
   noise of {rig.noise:g} m/s² and a resolution of 0.002 m/s²; an anti-alias filter cuts at
   {rig.logger.cutoff * rig.logger.rate / 2:g} Hz.

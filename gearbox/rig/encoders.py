@@ -1,8 +1,8 @@
 """The virtual gear rig measured by encoders: the recordings that `vtsdt diagnose` of a gear stage is for.
 
-Accelerations at mesh frequency need thousands of steps per turn and a phase that no recording tells.  What teeth and
-shafts lack shows as well in how far one gear runs ahead of the other over a few turns, and in the torque that this
-takes: two encoders and a torque meter, low-passed, a few hundred samples.
+Accelerations at mesh frequency need thousands of steps per turn, and a phase that is not in the recording.  Errors of
+teeth and shafts also show in the transmission error over a few turns and in the drive torque: two encoders and a torque
+meter, low-passed, a few hundred samples.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ CHANNELS = (
     Channel("transmission_error", "transmission_error [um]", "m", "um", noise=3e-7, resolution=0.01),
     Channel("drive_torque", "drive_torque_Nm", "N*m", "N*m", noise=0.1, resolution=0.01),
 )
-#: Kinds that encoders and a torque meter at constant speed can show and tell apart.
+#: Kinds that encoders and a torque meter at constant speed can show and distinguish.
 KINDS = ("eccentricity", "pitch_error", "mesh_stiffness_variation", "misalignment", "profile_error", "unbalance")
 
 

@@ -25,7 +25,7 @@ __all__ = ["SCALED", "TRIALS", "UNKNOWN", "GearCase", "case", "names", "sizes"]
 
 #: The rig hides no force that is of no kind.
 UNKNOWN = ""
-#: Seeds of a suite unless told otherwise: a trial is some minutes of processor time.
+#: Seeds of a suite by default: a trial is some minutes of processor time.
 TRIALS = 3
 #: Effects are hidden at their usual size, not at a multiple of the smallest visible one.
 SCALED = False

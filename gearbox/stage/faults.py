@@ -51,7 +51,7 @@ class FaultKind:
         Severity with which a virtual rig hides it, or has it from manufacturing; 0 where a rig takes another of its
         kind.
     usual_at : str
-        Where a rig hides it unless told otherwise; default: the first place.
+        Where a rig hides it by default; "": the first place.
     """
 
     label: str

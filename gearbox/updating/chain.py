@@ -176,7 +176,7 @@ class UpdatingChain(UpdatingProblem):
         if float(row["test_r2"]) < 0.5:
             self.notes.append(
                 f"The surface explains only {100 * max(float(row['test_r2']), 0.0):.0f} % of the variance at points it "
-                "has not seen; its optimum is worth no more than a guess, which the simulation then judges."
+                "has not seen; its optimum is only a guess, which the simulation checks."
             )
         choice = SurfaceChoice(study=study, surface=fitted[points, order], points=points, order=order, failed=failed)
         return choice, [(x, y) for x, y, _ in [*done, test]]
@@ -236,7 +236,7 @@ class UpdatingChain(UpdatingProblem):
         updated = self._taken(start, optimum, tried)
         if optimum.predicted > 1.0:
             self.notes.append(
-                f"The surface promises {optimum.predicted:.3f}, and more than 1 cannot be: near its optimum it is "
+                f"The surface predicts {optimum.predicted:.3f}, but no value exceeds 1: near its optimum it is "
                 "wrong by at least that much."
             )
         if best.at_bound:
@@ -248,7 +248,7 @@ class UpdatingChain(UpdatingProblem):
         checks = check_conditions(self, updated.values)
         information: tuple[Identifiability, ...] = ()
         if s.identify:
-            self.progress("directions that can be told")
+            self.progress("identifiable directions")
             information = directions(self, space, updated.values)
         self._note_bound(updated)
         return UpdatingResult(

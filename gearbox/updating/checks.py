@@ -1,4 +1,4 @@
-"""What is asked of an updated model afterwards: other conditions, directions that can be told, signals for figures."""
+"""Checks of an updated model: other operating conditions, identifiable directions, signals for figures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["check_conditions", "directions", "pictured"]
 
 
 def check_conditions(problem: UpdatingProblem, updated: Mapping[str, float]) -> tuple[Check, ...]:
-    """Start and updated model beside recordings that were not used."""
+    """Compare start and updated model with recordings that were not used."""
     checks = []
     for recording in problem.validate:
         objective = problem.similarity.at(recording)
@@ -49,7 +49,7 @@ def check_conditions(problem: UpdatingProblem, updated: Mapping[str, float]) -> 
 def directions(
     problem: UpdatingProblem, space: DesignSpace, updated: Mapping[str, float]
 ) -> tuple[Identifiability, ...]:
-    """Directions of the parameters that the paper's objective can tell, and that amplitudes over all loads can."""
+    """Identifiable directions of the parameters, by the paper's objective and by amplitudes over all loads."""
     s = problem.settings
     mesh = problem.identify[0].condition.mesh_frequency(s.driving_teeth)
     low, high = s.processing.band
@@ -72,7 +72,7 @@ def directions(
     for objective, what in compared:
         runs = problem.runs.many([(dict(updated), c) for c in objective.conditions])
         model = objective.of_runs(runs)
-        # Two real numbers for each line; what is left beside the measurement is the error of one of them.
+        # Two real numbers for each line; the residual is the error of one of them.
         left = objective.misfit(model) * float((np.abs(objective.target()) ** 2).sum())
         noise = float(np.sqrt(left / (2.0 * model.size)))
         try:
@@ -80,7 +80,7 @@ def directions(
                 identifiability(objective, problem.runs, space, point, noise=max(noise, 1e-3), fixed=fixed, what=what)
             )
         except ValueError as error:
-            problem.notes.append(f"Directions that can be told ({what}): {error}")
+            problem.notes.append(f"Identifiable directions ({what}): {error}")
     return tuple(results)
 
 

@@ -41,12 +41,12 @@ def update(
     progress : callable
         Gets a line of text for each step and simulation.
     **changes
-        Settings that take the place of the study's, such as ``seed`` and ``objective``.
+        Settings that replace the study's, such as ``seed`` and ``objective``.
 
     Raises
     ------
     StudyError, RecordError, SignalError
-        For bad input, with every fault told at once.
+        For bad input, with all faults in one message.
     """
     from gearbox.updating.chain import UpdatingChain
     from gearbox.updating.runs import Runs
@@ -55,7 +55,7 @@ def update(
     given = read_updating_study(study)
     settings = given.settings(**changes)
     progress("building the model")
-    load_vibration(str(given.file.path))  # so that its faults are told here and not by another process
+    load_vibration(str(given.file.path))  # so that its faults are raised here and not in a worker process
     progress("reading the recordings")
     identify, validate = given.recordings()
     folder = None if out is None else Path(out)
@@ -99,7 +99,7 @@ def main(arguments: list[str]) -> int:
         if value is not None and value < least:
             parser.error(f"--{name} {value}: give a whole number, {least} or more")
     _check_out(Path(given.out))
-    # Simulations run side by side: threads of linear algebra in each would only stand in each other's way.
+    # Simulations run in parallel: further threads of linear algebra in each would only compete.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     from multibody.base.progress import ProgressLine
@@ -127,7 +127,7 @@ def _show(result: UpdatingResult, out: Path) -> None:
     from rich.table import Table
 
     console = Console(highlight=False)
-    # Eight columns must stand beside each other in a log of 80 characters.
+    # Eight columns must fit into a log of 80 characters.
     plain = {"box": SIMPLE_HEAD, "padding": (0, 1, 0, 0), "title_justify": "left"}
     table = Table(title="Parameters (Table 4)", **plain)  # type: ignore[arg-type]
     for name in ("parameter", "unit", "before", "updated", "range"):

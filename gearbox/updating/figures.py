@@ -125,9 +125,9 @@ def search(result: UpdatingOutcome) -> Figure:
     left.legend(fontsize=8)
     place = np.arange(len(result.tried))
     right.barh(place, [c.simulated for c in result.tried], color="#0072B2", label="simulated")
-    promised = [(i, c.predicted) for i, c in enumerate(result.tried) if np.isfinite(c.predicted)]
+    predicted = [(i, c.predicted) for i, c in enumerate(result.tried) if np.isfinite(c.predicted)]
     right.plot(
-        [v for _, v in promised], [i for i, _ in promised], "D", color="#D55E00", label="promised by the surface"
+        [v for _, v in predicted], [i for i, _ in predicted], "D", color="#D55E00", label="predicted by the surface"
     )
     right.axvline(result.start.simulated, color="#777777", linewidth=0.8, linestyle=":")
     right.set_yticks(place, [_short(c.origin) for c in result.tried], fontsize=8)

@@ -1,4 +1,4 @@
-"""Which directions of the parameters recordings can tell, and which they cannot.
+"""Which directions of the parameters are identifiable from recordings, and which are not.
 
 At a point of the parameters the compared numbers are linearised.  What a lag of each recording and a gain of each
 sensor can imitate is taken out; the singular values of the rest say how far each direction of the (scaled) parameters
@@ -74,7 +74,7 @@ class Identifiability:
         return text.removeprefix("+ ")
 
     def describe(self) -> str:
-        """One sentence on what cannot be told."""
+        """Return one sentence on the directions that are not identifiable."""
         if not self.lost:
             return f"{self.what}: every direction of {', '.join(self.space.names)} is identifiable"
         lost = "; ".join(f"{self.words(i)} (std {_share(self.std[i])})" for i in self.lost)
@@ -159,11 +159,11 @@ def identifiability(
         spans.append(high[i] - low[i])
     rows = [dict(zip(names, x.tolist(), strict=True)) for x in space.from_unit(np.array([centre, *corners]))]
     wanted = [({**(fixed or {}), **row}, c) for row in rows for c in objective.conditions]
-    made = runs.many(wanted, "directions that can be told")
+    made = runs.many(wanted, "identifiable directions")
     conditions = len(objective.conditions)
     failed = next((r for r in made if r.failed), None)
     if failed is not None:
-        raise ValueError(f"a run beside the optimum failed: {failed.error}")
+        raise ValueError(f"a run near the optimum failed: {failed.error}")
     models = [objective.of_runs(made[i * conditions : (i + 1) * conditions]) for i in range(len(rows))]
     jacobian = np.column_stack([_real((models[2 + 2 * i] - models[1 + 2 * i]) / spans[i]) for i in range(len(names))])
     nuisance = _nuisance(objective, models[0])

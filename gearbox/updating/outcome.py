@@ -192,8 +192,8 @@ class UpdatingOutcome:
         what = "cosine similarity" if self.settings.objective == "similarity" else "share of the mesh lines explained"
         before, optimum = self.start.simulated, self.optimum
         text = (
-            f"The surface promised a {what} of {optimum.predicted:.3f}; simulated again it is {optimum.simulated:.3f}, "
-            f"and it was {before:.3f} before: "
+            f"The surface predicted a {what} of {optimum.predicted:.3f}; the simulation gives {optimum.simulated:.3f}, "
+            f"and gave {before:.3f} before updating: "
         )
         if self.updated is self.optimum:
             return text + "the model is updated."

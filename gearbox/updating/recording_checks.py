@@ -1,4 +1,4 @@
-"""What is wrong with the recordings that a model is to be updated from, told before anything is simulated."""
+"""Checks of the recordings that a model is updated from, before anything is simulated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of the updating chain: one page that opens offline, with its figures as files beside it."""
+"""The report of the updating chain: one page that opens offline, with its figures as separate files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CAPTIONS = {
     "Fig. 12). The black line is the highest value that a signal with mesh lines only can reach.",
     "signals": "A stretch of the processed signals, each shifted by the lag of its score and scaled to the "
     "measurement.",
-    "spectra": "Spectra of the processed signals at the base condition. What the measurement has beside the mesh "
+    "spectra": "Spectra of the processed signals at the base condition. What the measurement contains besides the mesh "
     "lines, no parameter of a healthy model can give.",
     "sensitivity": "One parameter moved at a time, the others as they were (Fig. 8). This is a statement about this "
     "model at this point: with another housing another parameter may lead.",
@@ -33,9 +33,9 @@ CAPTIONS = {
     "(Fig. 9). Right: errors at the test points (Fig. 10). R² on the fitted points alone says little.",
     "surface": "Left: what the surface predicts against what was simulated. Right: cuts through its optimum (star).",
     "search": "Left: the search on the surface. Right: what the candidates gave when they were simulated again; a "
-    "diamond is what the surface had promised.",
-    "directions": "How well each direction of the parameters is known. Orange: the recordings cannot tell it, so the "
-    "values of these parameters are one choice among many.",
+    "diamond is the prediction of the surface.",
+    "directions": "How well each direction of the parameters is known. Orange: not identifiable from the recordings; "
+    "the values of these parameters are one choice among many.",
 }
 
 

@@ -62,7 +62,7 @@ class UpdatingSettings:
     seed : int
         Of all random numbers.
     identify : bool
-        Whether to work out which directions of the parameters can be told.
+        Whether to compute which directions of the parameters are identifiable.
     """
 
     space: DesignSpace

@@ -1,4 +1,4 @@
-"""A study file for updating a gear stage: the common tables of a study, and ``[updating]`` beside them."""
+"""A study file for updating a gear stage: the common tables of a study, and ``[updating]``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["UpdatingStudy", "load_vibration", "read_updating_study"]
 
 #: Beginnings of the names of modules that no simulation depends on.
 #: Where the code is that a simulated signal depends on; what only looks at signals or writes reports changes none.
-_SIMULATING = ("files", "parts", "stage", "signals/signal.py", "signals/lines.py", "updating/virtual.py")
+_SIMULATING = ("files", "parts", "stage", "signals/signal.py", "signals/mesh_lines.py", "updating/virtual.py")
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,10 @@ class UpdatingStudy:
         return ModelSource(load_vibration, str(self.file.path), self.identity())
 
     def identity(self) -> str:
-        """Changes when the model, its arguments, its code or a file beside the study does: runs are then made again."""
+        """Return a key that changes with the model, its arguments, its code or a file in the study's folder.
+
+        Stored runs of another key are not used.
+        """
         model = self.file.model
         content = hashlib.sha256(json.dumps([model.build, model.arguments], sort_keys=True, default=str).encode())
         source = model.build.rpartition(":")[0]
@@ -109,7 +112,7 @@ class UpdatingStudy:
         places = [home / place for place in _SIMULATING]
         files = [p for place in places for p in (sorted(place.glob("*.py")) if place.is_dir() else [place])]
         if source.endswith(".py"):
-            # What a user's file imports or reads (stage, modes) lies beside it; the study itself is in its arguments.
+            # What a user's file imports or reads (stage, modes) is in its folder; the study itself is in its arguments.
             folder, study = (self.file.path.parent / source).resolve().parent, self.file.path.resolve()
             files += [p for p in sorted(folder.iterdir()) if p.suffix in (".py", ".toml") and p != study]
         for path in files:

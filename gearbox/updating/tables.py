@@ -55,7 +55,7 @@ class UpdatingTable(msgspec.Struct, frozen=True):
 def read_updating(
     table: Mapping[str, Any], fault: Callable[[str, str], None]
 ) -> tuple[UpdatingTable, dict[str, ParameterEntry]]:
-    """Read the table; every fault is told to ``fault(where, text)``."""
+    """Read the table; every fault is reported by ``fault(where, text)``."""
     rest = {key: value for key, value in table.items() if key != "parameters"}
     table_content = read_struct(UpdatingTable, rest, lambda key, text: fault(f"[updating]{key and ' ' + key}", text))
     entries: dict[str, ParameterEntry] = {}
@@ -81,8 +81,8 @@ def read_updating(
 
 
 def _fault_reporter(where: str, messages: list[str], fault: Callable[[str, str], None]) -> Callable[[str, str], None]:
-    def tell(key: str, text: str) -> None:
+    def report(key: str, text: str) -> None:
         messages.append(text)
         fault(f"{where}{key and ', ' + key}", text)
 
-    return tell
+    return report

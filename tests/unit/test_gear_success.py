@@ -58,7 +58,7 @@ def test_the_chapter_counts_what_the_chains_did(stand_in_chain) -> None:
     rose = rows["truth inside the model: optimum of the surface, simulated, above the start"]
     assert rose.ours.startswith("1 of 1")
     assert rose.verdict != AGREES  # nine are asked, and there is one
-    assert rows["errors of manufacturing, similarity: what was taken"].verdict == UNCHECKED
+    assert rows["errors of manufacturing, similarity: parameters used"].verdict == UNCHECKED
     others = "errors of manufacturing, amplitudes and phases over three loads, rigs 2 to 3: optimum of the surface, "
     assert "of 2 (" in rows[others + "simulated, above the start"].ours
     lost = [r for r in chapter.rows if r.what.startswith("directions of K, C_D, e_F")]
@@ -72,7 +72,7 @@ def test_success_is_counted_against_start_and_limit() -> None:
     found = papers_chain.Success(
         start=0.6,
         optimum=(0.7, 0.59, 0.9),
-        promised=(1.1, 0.8, 0.9),
+        predicted=(1.1, 0.8, 0.9),
         taken=(0.7, 0.65, 0.9),
         others=((0.8, 0.71), (0.69, 0.9), (0.75, 0.75)),
         others_start=(0.5, 0.5),
