@@ -1,4 +1,4 @@
-"""The folder of generated sources and machine code: written once, found again, never stale, never half there."""
+"""The folder of generated sources and machine code: written once, never stale, never incomplete."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def write_once(path: Path, text: str) -> None:
 
 
 def read_object(path: Path) -> tuple[bytes, str] | None:
-    """Return object code and the note beside it, or None where there is none or the file is damaged."""
+    """Return object code and its note, or None where there is none or the file is damaged."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -97,7 +97,7 @@ def write_object(path: Path, code: bytes, note: str = "") -> None:
 
 @lru_cache(maxsize=1)
 def _generator() -> str:
-    """What a generated text depends on beside its source: all that generates, and the Python that writes it."""
+    """What a generated text depends on besides its source: all that generates, and the Python that writes it."""
     home = Path(__file__).parents[1]
     files = (path for room in _GENERATING for path in sorted((home / room).rglob("*.py")))
     parts = (path.read_text(encoding="utf-8") for path in files)
@@ -112,7 +112,7 @@ def kept_text(stem: str, source: tuple[str, ...], write: Callable[[], str]) -> s
     stem : str
         Beginning of the file's name.
     source : tuple of str
-        Everything that the text follows from beside the package's own modules.
+        Everything that the text follows from besides the package's own modules.
     write : callable
         Returns the text.
     """

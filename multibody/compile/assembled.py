@@ -231,8 +231,8 @@ def _package(name: str) -> str:
     files = []
     for folder in folders:
         for place, _, names in os.walk(folder):
-            for each in names:
-                if each.endswith(".py"):
-                    stat = os.stat(os.path.join(place, each))
-                    files.append(f"{place}/{each} {stat.st_mtime_ns} {stat.st_size}")
+            for item in names:
+                if item.endswith(".py"):
+                    stat = os.stat(os.path.join(place, item))
+                    files.append(f"{place}/{item} {stat.st_mtime_ns} {stat.st_size}")
     return digest_of(*sorted(files))

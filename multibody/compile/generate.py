@@ -27,7 +27,7 @@ _NEWTON_STEPS = 40
 
 
 class Texts(Mapping[str, str]):
-    """Texts by name, each written when it is first asked for: a simulation alone needs no tangent."""
+    """Texts by name, each written when it is first needed: a simulation alone needs no tangent."""
 
     def __init__(self, names: tuple[str, ...], write: Callable[[str], str]) -> None:
         self._names, self._write = names, cache(write)
@@ -111,7 +111,7 @@ def generate(work: Assembly, speeds: Sequence[str] = ()) -> Source:
         return "\n\n".join([_HEADER, *kernel_texts, *(tangents() if "_tangent(" in body else ()), body]) + "\n"
 
     texts = Texts(("rhs", "outputs", "speeds", "rhs_tangent", "outputs_tangent", "rhs_columns"), text)
-    for name in ("rhs", "outputs"):  # what cannot be written is told when the model is built
+    for name in ("rhs", "outputs"):  # what cannot be written is reported when the model is built
         texts[name]
     deps = dependencies(rate_items, [q.variable for q in work.states])
     sparsity = np.array([[s.variable in deps.get(r, ()) for s in work.states] for r in rates], dtype=bool)
@@ -172,7 +172,7 @@ def _block_lines(block: Block, outer: Differentiator | None) -> list[str]:
     r = [u.residual for u in block.unknowns]
     m = len(z)
     inner_active = active_names(block.nodes, set(z))
-    inner = Differentiator(inner_active, tangent_name, "z")  # not the tangents of the directions that are asked for
+    inner = Differentiator(inner_active, tangent_name, "z")  # not the tangents along the directions of the caller
     lines = [f"# implicit: {', '.join(u.name for u in block.unknowns)}", *(f"{v} = 0.0" for v in z)]
     sweep: list[str] = []
     for j in range(m):

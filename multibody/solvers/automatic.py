@@ -33,7 +33,7 @@ __all__ = ["LOOK", "Automatic", "in_words"]
 LEAST_SPELL, LONGEST_SPELL = 64, 4096  # steps of the stiff method before the explicit one is tried again
 RUN_UP, JUDGED = 8, 16  # steps of the stiff method until its own pace is reached, and until that pace is judged
 PATIENCE = 4096  # explicit steps before a stiff method that did not pay is tried again, longer each time
-LOOK = 2048  # explicit steps after which the Jacobian is asked
+LOOK = 2048  # explicit steps after which the Jacobian is evaluated
 EDGE = 2.0  # |h·λ| from which steps count as stiff: on the edge of stability, at 3.3, they vary between 2 and 5
 # Times that stiff steps must be longer than what they cost: for the same price the explicit ones, held short by
 # stability, are far more exact (the lift with 17 states at rtol 3e-4: error 4e-5 in place of 4e-4).
@@ -47,7 +47,7 @@ class Automatic(DormandPrince54):
     The explicit method watches its last two stages, which show the fastest eigenvalue (Hairer and Wanner, Solving
     Ordinary Differential Equations II, IV.2).  After fifteen steps in a row on the edge of its stability the stiff
     method goes on from there.  Where the fast motion has died away to rounding the stages do not show it; the Jacobian,
-    asked after every two thousand explicit steps, does.  After a spell the explicit method is tried again, because a
+    evaluated every two thousand explicit steps, does.  After a spell the explicit method is tried again, because a
     machine may be stiff only while it rests in dry friction.  If the stiff method's steps turn out not to be longer by
     more than they cost, the explicit one goes on, at first for some thousand steps.  A problem without a tangent stays
     with the explicit method.
@@ -92,7 +92,7 @@ class Automatic(DormandPrince54):
         self._patience = PATIENCE
         self._proven = False  # whether the last spell paid to its end: then the next is not judged early
         self._rest = 0  # explicit steps before stiffness is watched for again
-        self._unseen = 0  # explicit steps since the Jacobian was asked
+        self._unseen = 0  # explicit steps since the Jacobian was evaluated
 
     def _advance(self) -> int:
         self._stored_stiff = self._in_stiff
@@ -229,7 +229,7 @@ class Automatic(DormandPrince54):
 
     def _partner(self) -> Rodas5P:
         """Return the stiff method on the same clock, state and samples."""
-        partner = Rodas5P.beside(self, self._with_tangent())
+        partner = Rodas5P.sharing_with(self, self._with_tangent())
         partner._largest = self._work[2 * self.problem.size :]
         return partner
 

@@ -153,7 +153,7 @@ class NativeSolver(OdeSolver):
     max_step : float, s
         Largest step.
     first_step : float, s, optional
-        First step; found by itself without it.
+        First step; default: estimated.
     internal_steps : int, optional
         Steps per call.  SciPy looks for events only between calls, so events ask for 1 (`integrate` does
         that).
@@ -254,7 +254,7 @@ class NativeSolver(OdeSolver):
         self._call: Callable[[], int] | None = None
 
     @classmethod
-    def beside(cls, other: NativeSolver, problem: NativeProblem) -> Self:
+    def sharing_with(cls, other: NativeSolver, problem: NativeProblem) -> Self:
         """Return this method on clock, state, tolerances and samples of another, for a problem of the same states."""
         solver = cls.__new__(cls)
         vars(solver).update(vars(other))

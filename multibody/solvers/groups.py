@@ -136,7 +136,7 @@ class _Rows:
         self._defaults: dict[int, Automatic] = {}  # of runs that were looked at for stiffness
 
     def run(self) -> dict[int, Run]:
-        """Integrate them, and return by index those that came to their end; the others are told the long way."""
+        """Integrate them, and return by index those that came to their end; `solve_ivp` reports on the others."""
         group, items = self.group, self.items
         try:
             self._lay_out()
@@ -208,7 +208,7 @@ class _Rows:
             return False
         try:
             status = self._default(r).go_on(status, self.clock[r], self.tally[r], self.y[r], self.last[r])
-        except Exception:  # told the long way
+        except Exception:  # `solve_ivp` reports it
             status = TOO_SMALL
         self.tally[r, STATUS] = status
         return status not in (FINISHED, TOO_SMALL)

@@ -50,7 +50,7 @@ def _owners(n: int, colours: bytes, pattern: bytes) -> np.ndarray:
 
 @lru_cache(maxsize=256)
 def _seeds(n: int, colours: bytes, pattern: bytes, lanes: int) -> np.ndarray:
-    """Return the states that each colour moves as directions side by side, in groups of ``lanes``."""
+    """Return the states that each colour moves as directions, in groups of ``lanes``."""
     owner = _owners(n, colours, pattern)
     seeds = np.zeros((-(-len(owner) // lanes), n, lanes))
     for colour, row in enumerate(owner):
@@ -146,7 +146,7 @@ class NativeProblem:
     state_names : sequence of str, optional
         For messages.
     in_lanes : bool
-        Evaluate several directions at once, with a tangent that is compiled for that: worth it for long records.
+        Evaluate several directions at once, with a tangent that is compiled for that: it pays for long records.
     columns : NativeFunction, optional
         Several columns of the Jacobian at once (`System.rhs_columns`), in place of one derivative for every colour.
     speeds : NativeFunction, optional
@@ -223,7 +223,7 @@ class NativeProblem:
 
     @cached_property
     def _structure(self) -> tuple[int, bytes, bytes]:
-        """Number of states, colours and pattern as what a cache can be asked with."""
+        """Number of states, colours and pattern as the key of a cache."""
         n = self.n
         pattern = np.ones((n, n), bool) if self.pattern is None else np.asarray(self.pattern, dtype=bool)
         return n, np.asarray(self.colours, dtype=np.int64).tobytes(), pattern.tobytes()

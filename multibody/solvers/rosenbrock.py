@@ -63,7 +63,7 @@ def relative_cost(problem: NativeProblem) -> float:
     n, m, colours = problem.n, problem.n_directions, len(problem.owners())
     filled = 1.0 if problem.pattern is None else np.count_nonzero(problem.pattern) / n**2
     rates = _operations(problem.rhs.origin[0]) or 40 * n
-    # Directional derivatives repeat what they share with the rates, which the processor does beside them.
+    # Directional derivatives repeat what they share with the rates, which the processor does at the same time.
     tangent = 0.75 * ((_operations(problem.tangent.origin[0]) if problem.tangent is not None else 0) or 120 * n)
     jacobian = colours * tangent
     if problem.columns is not None:  # as vectors

@@ -52,7 +52,7 @@ def integrate(
     -------
     OdeResult
         As from ``solve_ivp``; ``y`` has the shape (size, nt), see `NativeProblem.split`;
-        ``longest_step`` (s) unless a compiled method was asked for events or dense output.
+        ``longest_step`` (s) unless events or dense output were requested from a compiled method.
 
     Raises
     ------

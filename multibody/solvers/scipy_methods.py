@@ -69,7 +69,7 @@ class Stops:
         return cls(times, kernel["jumps"].astype(bool), span)
 
     def _window(self) -> None:
-        """Set the times between which rates are asked for: up to the next stop, where a jump has not come yet."""
+        """Set the times between which rates are evaluated: up to the next stop, where a jump has not come yet."""
         at, times = self._next, self._times
         behind = times[at - 1] if at > 0 else -np.inf * self.direction
         ahead = times[at] if at < len(times) else np.inf * self.direction
@@ -90,7 +90,7 @@ class Stops:
         return self._times[self._next] if self._next < len(self._times) else None
 
     def ended(self, t: float, step: float) -> None:
-        """Note where a step ended.  What is asked between steps, such as dense output, still belongs to that step."""
+        """Note where a step ended.  Dense output, evaluated between steps, still belongs to that step."""
         self.longest = max(self.longest, step)
         stop = self.ahead()
         self._reached = stop is not None and self.direction * (t - stop) >= -NEAR * step

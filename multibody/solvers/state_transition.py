@@ -62,8 +62,8 @@ def state_transition_matrices(
 ) -> StateTransitionMatrices:
     """Return the state-transition matrices of δ' = A(t) δ + B(t) φ(t).
 
-    The Jacobians are asked for at three places of every interval.  Where their parabola bends otherwise than in the
-    intervals beside it they are asked for again, in as many pieces as there are steps at most.  A step is a
+    The Jacobians are evaluated at three places of every interval.  Where their parabola bends otherwise than in the
+    neighbouring intervals they are evaluated again, in as many pieces as there are steps at most.  A step is a
     commutator-free exponential of order 4; in stiff intervals the Jacobians are frozen piece by piece
     (`multibody.solvers.frozen`).  The global interpreter lock is released meanwhile.
 
@@ -130,14 +130,14 @@ def state_transition_matrices(
         return fastest, pieces
 
     looks = parallel_map(first_look, _parts(h.size))
-    fastest, pieces = (np.concatenate(each) for each in zip(*looks, strict=True))
-    for each in matrices:
-        each[~np.isfinite(fastest)] = np.nan
+    fastest, pieces = (np.concatenate(matrix) for matrix in zip(*looks, strict=True))
+    for matrix in matrices:
+        matrix[~np.isfinite(fastest)] = np.nan
     stiff = np.flatnonzero((h * fastest > STIFF) & np.isfinite(fastest))
     rough = np.flatnonzero((pieces > 1.0) & (h * fastest <= STIFF))
     if stiff.size or rough.size:
         _look_again(matrices, times, jacobians, rough, pieces[rough].astype(int), stiff, breaks, lasting)
-    bad = ~np.all([np.isfinite(each).all(axis=(1, 2)) for each in matrices], axis=0)
+    bad = ~np.all([np.isfinite(matrix).all(axis=(1, 2)) for matrix in matrices], axis=0)
     if np.any(bad):
         raise ProblemError(
             f"the transition from t = {times[np.argmax(bad)]:.9g} s on is not finite: "
@@ -147,7 +147,7 @@ def state_transition_matrices(
 
 
 def jacobian_times(times: np.ndarray) -> np.ndarray:
-    """Return the times, shape (3 (N - 1),), at which `state_transition_matrices` asks for Jacobians first."""
+    """Return the times, shape (3 (N - 1),), at which `state_transition_matrices` evaluates Jacobians first."""
     return np.asarray((times[:-1, None] + np.diff(times)[:, None] * NODES).ravel())
 
 
@@ -160,7 +160,7 @@ def _parts(count: int) -> list[slice]:
 def _look(a: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return about the largest eigenvalue of pieces from their Jacobians, and into how many each has to be split.
 
-    Both are told in units in which the rows and columns of the Jacobians are of like size.  Eigenvalues are worked out
+    Both are in units in which the rows and columns of the Jacobians are of like size.  Eigenvalues are worked out
     for some of the pieces; from these to the next they change like the largest entry.
     """
     from scipy.linalg import matrix_balance

@@ -1,4 +1,4 @@
-"""What every method with error control does around its formulas: plan a step, settle the next one.
+"""What every method with error control does around its formulas: plan a step, accept it, propose the next one.
 
 Indices into ``clock`` (float64): time, proposed step, logarithm of the last step's error, end, direction, largest step,
 begin and size of the last accepted step, largest accepted step.
