@@ -1,4 +1,4 @@
-"""The numbers of a gear stage in files, the geometry that follows from them, and errors.
+"""The numbers of a gear stage in files, the geometry that follows from them, operating conditions, and `GearError`.
 
-Takes from `multibody.base`.
+All other rooms may import from here.  Takes from `multibody.base` and `estimation.signals`.
 """

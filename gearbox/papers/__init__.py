@@ -1,4 +1,4 @@
-"""The gearbox paper's tables made again and compared.
+"""The gearbox paper's tables and figures made again and compared; Eq. 18 is in `eq_18_response_surface`.
 
-Takes from every other room of the gearbox.
+`vtsdt validate papers` calls `gearbox.papers.gearbox.chapters`.  Takes from every other room of the gearbox.
 """

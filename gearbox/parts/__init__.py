@@ -1,4 +1,4 @@
-"""The gear stage's components: contact, mesh, bearings, shafts, housing.
+"""The gear stage's components: tooth contact and its laws, mesh, bearings, shafts, housing and its modes.
 
-Takes from `multibody`.
+`gearbox.stage` puts them together.  Takes from `gearbox.files` and `multibody`.
 """

@@ -1,4 +1,4 @@
-"""The virtual gear rig that writes recordings.
+"""The virtual gear rig: a richer stage measured by accelerometers or encoders, suites, and labelled data.
 
-Takes from `gearbox.stage` and `discrepancy.rigs`.
+The command line, `gearbox.papers` and validations import from here.  Takes from `gearbox.stage` and `discrepancy.rigs`.
 """

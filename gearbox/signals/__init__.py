@@ -1,4 +1,4 @@
-"""Vibration signals of a gear stage: preparation, spectra, lines, similarity, recordings.
+"""Vibration signals of a gear stage: preparation, spectra, mesh lines, orders, similarity, recordings, figures.
 
-Takes from `estimation`.
+All rooms above may import from here.  Takes from `gearbox.files`, `estimation` and `discrepancy.drawing`.
 """

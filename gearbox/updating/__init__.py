@@ -1,4 +1,4 @@
-"""Updating a gear stage's model from recordings: ``vtsdt update-gearbox``.
+"""Updating a gear stage's model from recordings, section 3.4 of the gearbox paper: ``vtsdt update-gearbox``.
 
-Takes from `gearbox.stage`, `gearbox.signals` and `surrogate`.
+Users import `update` and `UpdatingChain`.  Takes from `gearbox.signals`, `surrogate` and `discrepancy.problem`.
 """
