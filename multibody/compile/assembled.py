@@ -199,7 +199,7 @@ def _key(model: ModelGraph, energy: bool, outputs: tuple[str, ...] | None) -> st
     for name, component in model.components.items():
         own = {k: v for k, v in vars(component).items() if k != "declarations"}
         parts += [name, _class(type(component)), value_key(own), repr(tuple(component.declarations))]
-    parts += [value_key(each) for each in (model.connections, model.outputs, model.features)]
+    parts += [value_key(part) for part in (model.connections, model.outputs, model.features)]
     parts += [repr(entry) for entry in model.inputs.values()]
     return digest_of(*parts, *(f"{given}" for given in model.declared_faults))
 

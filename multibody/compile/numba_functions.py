@@ -61,9 +61,8 @@ def function_on_pointers(module: ModuleType, name: str, arrays: int) -> Any:
     code = getattr(names[name], "py_func", names[name]).__code__
     signature = types.void(types.float64, *([_FLOATS] * arrays))
     _announce()
-    return njit(signature, error_model="numpy", nogil=True, cache=True, no_cpython_wrapper=True)(
-        FunctionType(code, names, name)
-    )
+    options: Any = {"error_model": "numpy", "nogil": True, "cache": True, "no_cpython_wrapper": True}
+    return njit(signature, **options)(FunctionType(code, names, name))
 
 
 def address_of_function(function: Any) -> int:
@@ -88,16 +87,18 @@ def _elements(typingctx, array):  # type: ignore[no-untyped-def]
 
 def function_on_arrays(function: Any, arrays: int) -> Any:
     """Return what `function_on_pointers` has compiled as a numba function of arrays, which writes the last one."""
+    at: Any = _elements  # numba itself gives an intrinsic its first argument
+
     if arrays == 4:
 
         def call(t, x, u, p, out):  # type: ignore[no-untyped-def]
-            function(float(t), _elements(x), _elements(u), _elements(p), _elements(out))
+            function(float(t), at(x), at(u), at(p), at(out))
 
     else:
 
         def call(t, x, u, p, x_dot, u_dot, p_dot, out):  # type: ignore[no-untyped-def, misc]
-            function(float(t), _elements(x), _elements(u), _elements(p), _elements(x_dot), _elements(u_dot),
-                     _elements(p_dot), _elements(out))  # fmt: skip
+            function(float(t), at(x), at(u), at(p), at(x_dot), at(u_dot),
+                     at(p_dot), at(out))  # fmt: skip
 
     return njit(error_model="numpy", nogil=True)(call)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -29,7 +30,7 @@ class DormandPrince54(NativeSolver):
 
     ORDER = 5
     STAGES = 7
-    KERNEL = dormand_prince
+    KERNEL: ClassVar[Any] = dormand_prince
 
     def _bound(self) -> Callable[[], int]:
         if not jit_enabled():  # plain Python looks up what stands at an address more slowly than in an array

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -37,7 +37,7 @@ class Exponential43(NativeSolver):
 
     ORDER = 4
     STAGES = 3
-    KERNEL = exponential
+    KERNEL: ClassVar[Any] = exponential
 
     def __init__(self, fun: Any, t0: float, y0: Any, t_bound: float, problem: Any = None, **options: Any) -> None:
         if problem is not None and problem.n_directions:

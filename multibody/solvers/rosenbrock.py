@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class Rodas5P(NativeSolver):
 
     ORDER = 5
     STAGES = 4
-    KERNEL = rodas
+    KERNEL: ClassVar[Any] = rodas
     IMPLICIT = True
 
     def __init__(
