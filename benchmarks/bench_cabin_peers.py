@@ -106,8 +106,12 @@ def bench_exudyn() -> Callable[[], None]:
     exudyn, peer = tests.exudyn, tests.Peer(parameters, lift.rim_heights[0], start)
     sensor = peer.mbs.AddSensor(
         exudyn.itemInterface.SensorNode(
-            nodeNumber=peer.node, storeInternal=True, writeToFile=False,
-            outputVariableType=exudyn.OutputVariableType.Acceleration))  # fmt: skip
+            nodeNumber=peer.node,
+            storeInternal=True,
+            writeToFile=False,
+            outputVariableType=exudyn.OutputVariableType.Acceleration,
+        )
+    )
     peer.mbs.Assemble()
 
     def solve(step: float) -> np.ndarray:

@@ -195,10 +195,13 @@ def bench_dynamax() -> Callable[[], Any]:
         return jnp.stack([z[2], rate(z, u[:1])[acceleration]])
 
     parameters = ParamsNLGSSM(
-        initial_mean=jnp.asarray(x0), initial_covariance=jnp.asarray(p0), dynamics_function=carried,
-        dynamics_covariance=jnp.asarray(1e-3 * q), emission_function=reading,
+        initial_mean=jnp.asarray(x0),
+        initial_covariance=jnp.asarray(p0),
+        dynamics_function=carried,
+        dynamics_covariance=jnp.asarray(1e-3 * q),
+        emission_function=reading,
         emission_covariance=jnp.diag(jnp.asarray(r)),
-    )  # fmt: skip
+    )
     u = samples.inputs[:, 0]
     both = jnp.asarray(np.column_stack([u, np.append(u[1:], u[-1])]))
     wanted = ["filtered_means", "filtered_covariances"]

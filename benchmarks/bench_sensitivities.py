@@ -19,8 +19,18 @@ from typing import Any
 import numpy as np
 from trips import DURATION, reference_trip
 
-NAMES = ("cabin.mass", "counterweight.mass", "ropes.EA", "ropes.damping", "support.stiffness", "support.damping",
-         "machine.K_T", "machine.L_q", "cabin_guide.stiffness", "cabin_guide.mu")  # fmt: skip
+NAMES = (
+    "cabin.mass",
+    "counterweight.mass",
+    "ropes.EA",
+    "ropes.damping",
+    "support.stiffness",
+    "support.damping",
+    "machine.K_T",
+    "machine.L_q",
+    "cabin_guide.stiffness",
+    "cabin_guide.mu",
+)
 WATCHED = ("cabin.z", "cabin.v_z", "counterweight.v_z", "pulley.speed", "support.plate_velocity", "machine.i_q")
 TARGET = 1e-2
 TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)

@@ -136,12 +136,18 @@ def peers_on_eq18(seeds: Iterable[int], budget: int = BUDGET) -> dict[str, list[
         found[f"mealpy {version('mealpy')}"] = [
             mealpy.swarm_based.FFA.OriginalFFA(epoch=budget, pop_size=30)
             .solve(
-                {"obj_func": value, "bounds": mealpy.FloatVar(lb=(0.0,) * 3, ub=(1.0,) * 3), "minmax": "max",
-                 "log_to": None},
-                seed=seed, termination={"max_fe": budget})
+                {
+                    "obj_func": value,
+                    "bounds": mealpy.FloatVar(lb=(0.0,) * 3, ub=(1.0,) * 3),
+                    "minmax": "max",
+                    "log_to": None,
+                },
+                seed=seed,
+                termination={"max_fe": budget},
+            )
             .target.fitness
             for seed in seeds
-        ]  # fmt: skip
+        ]
     return found
 
 
@@ -158,9 +164,7 @@ def _show_peers(seeds: Iterable[int]) -> int:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--peers", action="store_true")
     parser.add_argument("--out", type=Path)

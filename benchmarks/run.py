@@ -248,7 +248,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="per file; then no new round starts")
     parser.add_argument("--seed", type=int, default=0, help="for the order of the entries")
     parser.add_argument(
-        "--clock", choices=CLOCKS, default="wall", help="cpu: processor time, where other programs run meanwhile")
+        "--clock", choices=CLOCKS, default="wall", help="cpu: processor time, where other programs run meanwhile"
+    )
     parser.add_argument("--json", type=Path, help="write all single times into this file")
     parser.add_argument("--write-docs", action="store_true", help="write the sections into docs/benchmarks/index.md")
     options = parser.parse_args(arguments)

@@ -139,8 +139,20 @@ class HandWritten:
         self._integrate.restype = ctypes.c_longlong
         pointer, number, whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_longlong
         self._integrate.argtypes = [
-            pointer, pointer, pointer, whole, number, pointer, whole, number, number, number, pointer,
-            whole, pointer]  # fmt: skip
+            pointer,
+            pointer,
+            pointer,
+            whole,
+            number,
+            pointer,
+            whole,
+            number,
+            number,
+            number,
+            pointer,
+            whole,
+            pointer,
+        ]
         self.trip, self.largest, self.stops = trip, largest, stops
         self._inputs = trip.table
         self.table = np.ascontiguousarray(self._inputs(trip.times, system.p).reshape(trip.times.size, -1))
@@ -152,9 +164,20 @@ class HandWritten:
         """Integrate, and return the states at the trip's times."""
         stops = self._inputs.kernel_for(rtol)["breaks"] if self.stops else self.trip.times[:0]
         done = self._integrate(
-            self.trip.start.ctypes.data, self.p.ctypes.data, self.table.ctypes.data, len(self.table), STEP,
-            self.times.ctypes.data, self.times.size, rtol, atol, self.largest, stops.ctypes.data, stops.size,
-            self.out.ctypes.data)  # fmt: skip
+            self.trip.start.ctypes.data,
+            self.p.ctypes.data,
+            self.table.ctypes.data,
+            len(self.table),
+            STEP,
+            self.times.ctypes.data,
+            self.times.size,
+            rtol,
+            atol,
+            self.largest,
+            stops.ctypes.data,
+            stops.size,
+            self.out.ctypes.data,
+        )
         if done < 0:
             raise ArithmeticError("the step became too small")
         self.evaluations = done

@@ -50,9 +50,7 @@ class Entry:
     def matches(self, pattern: str) -> bool:
         """Tell whether a shell pattern over ``kind`` or ``kind@where`` names this entry (or other names of a place)."""
         names = [self.where, *(self.place.also if self.place is not None else ())]
-        return fnmatchcase(self.kind.name, pattern) or any(
-            fnmatchcase(f"{self.kind.name}@{w}", pattern) for w in names
-        )
+        return fnmatchcase(self.kind.name, pattern) or any(fnmatchcase(f"{self.kind.name}@{w}", pattern) for w in names)
 
 
 def catalogue(

@@ -42,17 +42,13 @@ def _user_error(error: BaseException, study: StudyFile, doing: str) -> StudyErro
         place = f"{Path(error.filename).name}, line {error.lineno}"
     else:
         frames = traceback.extract_tb(error.__traceback__)
-        own = [
-            frame for frame in frames if not frame.filename.startswith("<frozen") and frame.filename != __file__
-        ]
+        own = [frame for frame in frames if not frame.filename.startswith("<frozen") and frame.filename != __file__]
         in_folder = [frame for frame in own if Path(frame.filename).is_relative_to(study.path.parent)]
         last = (in_folder or own or list(frames))[-1]
         place = f"{Path(last.filename).name}, line {last.lineno}, in {last.name}"
     name = type(error).__name__
     text = str(error.msg) if isinstance(error, SyntaxError) else str(error)
-    return StudyError(
-        [f'{study.path.name}, [model] build = "{study.model.build}": {doing}: {place}: {name}: {text}']
-    )
+    return StudyError([f'{study.path.name}, [model] build = "{study.model.build}": {doing}: {place}: {name}: {text}'])
 
 
 def _module(study: StudyFile, source: str) -> ModuleType:
@@ -133,9 +129,7 @@ def load_model(study: StudyFile, kind: type | None = None) -> Any:
     if model is None or (kind is not None and not isinstance(model, kind)):
         wanted = "a model" if kind is None else f"a {kind.__name__}"
         got = "None: does it end with 'return model'?" if model is None else f"a {type(model).__name__}"
-        raise StudyError(
-            [f'{study.path.name}, [model] build = "{study.model.build}": must return {wanted}, got {got}']
-        )
+        raise StudyError([f'{study.path.name}, [model] build = "{study.model.build}": must return {wanted}, got {got}'])
     return model
 
 
@@ -212,9 +206,7 @@ def check_names(
     for name, value in study.initial.values.items():
         if value == "measured" and name not in study.outputs:
             hint = nearest_or_choices(name, study.outputs)
-            faults.append(
-                f'{file}, [initial] "{name}": "measured" needs an output of this name in [outputs]{hint}'
-            )
+            faults.append(f'{file}, [initial] "{name}": "measured" needs an output of this name in [outputs]{hint}')
     for table, entries, kind in (("inputs", study.inputs, "input"), ("outputs", study.outputs, "output")):
         for name, column in entries.items():
             unit = kinds[kind].get(name)
@@ -223,7 +215,5 @@ def check_names(
             try:
                 to_si(np.zeros(1), pint_unit(column.unit), unit)
             except UnitError as error:
-                faults.append(
-                    f"{file}, [{table}] \"{name}\", unit: {error}; the model's {kind} is in '{unit}'"
-                )
+                faults.append(f"{file}, [{table}] \"{name}\", unit: {error}; the model's {kind} is in '{unit}'")
     return tuple(faults)

@@ -300,9 +300,7 @@ class _Reader:
             elif value == "measured" or (isinstance(value, int | float) and not isinstance(value, bool)):
                 values[name] = value
             else:
-                self.fault(
-                    f'[initial] "{name}"', f'must be a number in SI, "free" or "measured", and is {value!r}'
-                )
+                self.fault(f'[initial] "{name}"', f'must be a number in SI, "free" or "measured", and is {value!r}')
         return InitialTable(values, tuple(dict.fromkeys(free)))
 
     def check_model(self, model: ModelTable | None) -> None:

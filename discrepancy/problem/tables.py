@@ -125,11 +125,11 @@ _WORDS: dict[Any, str] = {
     float: "a number",
     int: "a whole number",
     bool: "true or false",
-    list[str]: "a list of texts, such as [\"a\", \"b\"]",
-    list[str] | str: "a list of texts, such as [\"a.csv\"]",
+    list[str]: 'a list of texts, such as ["a", "b"]',
+    list[str] | str: 'a list of texts, such as ["a.csv"]',
     str | None: "a text in quotes",
     dict[str, Any]: "a table, such as { travel = 0.25 }",
-}  # fmt: skip
+}
 
 
 def _in_words(kind: Any) -> str:

@@ -92,9 +92,7 @@ class SignalComparison:
         total = float(np.sum((self.measured - self.measured.mean()) ** 2))
         return float(np.sum(self.residual**2)) / total if total > 0.0 else float("nan")
 
-    def spectrum(
-        self, of: str = "residual", resolution: float | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def spectrum(self, of: str = "residual", resolution: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return frequency (Hz) and density (unit²/Hz) of ``"residual"``, ``"measured"`` or ``"model"``."""
         return spectral_density(getattr(self, of), self.rate, resolution)
 

@@ -162,8 +162,7 @@ def _responses(
     runs = [residuals.linearised.nominal_outputs(i) for i in range(len(residuals.linearised.experiments))]
     table = {
         p: [
-            _motion(run, p, motion_of[p], residuals.linearised.experiments[i].record.time)
-            for i, run in enumerate(runs)
+            _motion(run, p, motion_of[p], residuals.linearised.experiments[i].record.time) for i, run in enumerate(runs)
         ]
         for p in places
     }
@@ -197,9 +196,7 @@ def _responses(
     return ({p: np.concatenate(v) for p, v in own.items()}, {p: np.concatenate(v) for p, v in common.items()})
 
 
-def _motion(
-    run: dict[str, np.ndarray], place: str, names: list[str], time: np.ndarray
-) -> tuple[np.ndarray, ...]:
+def _motion(run: dict[str, np.ndarray], place: str, names: list[str], time: np.ndarray) -> tuple[np.ndarray, ...]:
     position, speed = (run[f"place.{place}.{n}"] for n in names[:2])
     acceleration = run.get(f"place.{place}.{names[2]}")
     return position, speed, np.gradient(speed, time) if acceleration is None else acceleration

@@ -71,9 +71,7 @@ class Curve:
         """Table of the curve."""
         import pandas as pd
 
-        return pd.DataFrame(
-            {f"{self.regressor} [{self.unit}]": self.grid, "value": self.value, "std": self.std}
-        )
+        return pd.DataFrame({f"{self.regressor} [{self.unit}]": self.grid, "value": self.value, "std": self.std})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,12 +120,9 @@ class CurveReport:
         if b.curve.period is not None:
             turn += f", repeating every {b.curve.period:.4g} {b.curve.unit}".rstrip()
         text = (
-            f"a function of {b.regressor}{turn} (explains {100 * b.explained:.0f} % of blocks left out, "
-            f"p = {b.p:.2g})"
+            f"a function of {b.regressor}{turn} (explains {100 * b.explained:.0f} % of blocks left out, p = {b.p:.2g})"
         )
-        same = [
-            f"{k} ({100 * v:.0f} %)" for k, v in sorted(b.aliases.items(), key=lambda i: -i[1]) if v > ALIASED
-        ]
+        same = [f"{k} ({100 * v:.0f} %)" for k, v in sorted(b.aliases.items(), key=lambda i: -i[1]) if v > ALIASED]
         if same:
             text += "; in these records it looks nearly the same over " + ", ".join(same)
         return text
@@ -168,9 +163,7 @@ class _Basis:
     period: float | None
 
 
-def _basis(
-    name: str, x: Array, parity: str, direction: Array, n_knots: int, period: float | None
-) -> _Basis | None:
+def _basis(name: str, x: Array, parity: str, direction: Array, n_knots: int, period: float | None) -> _Basis | None:
     if period is not None:
         knots = np.linspace(0.0, period, n_knots + 1)
         T = hat_functions(np.mod(x, period), knots)
@@ -354,14 +347,16 @@ def explain_force(
             share = _reproduced(other, shown)
             aliases[other.basis.regressor] = max(share, aliases.get(other.basis.regressor, 0.0))
         unit = (units or {}).get(fit.basis.regressor, "")
-        out.append(Explanation(
-            regressor=fit.basis.regressor,
-            parity=fit.basis.parity,
-            explained=ev,
-            p=p,
-            curve=fit.curve(f, unit),
-            aliases=aliases,
-        ))
+        out.append(
+            Explanation(
+                regressor=fit.basis.regressor,
+                parity=fit.basis.parity,
+                explained=ev,
+                p=p,
+                curve=fit.curve(f, unit),
+                aliases=aliases,
+            )
+        )
     out.sort(key=lambda e: -(e.explained - PER_KNOT * len(e.curve.grid)))
     seen: set[tuple[str, str]] = set()
     best: list[Explanation] = []
@@ -373,9 +368,7 @@ def explain_force(
     return CurveReport(tuple(out), level, len(spans))
 
 
-def _shuffled_best(
-    f: Array, fits: list[_Fit], spans: list[Array], draws: int, rng: np.random.Generator
-) -> Array:
+def _shuffled_best(f: Array, fits: list[_Fit], spans: list[Array], draws: int, rng: np.random.Generator) -> Array:
     F = np.empty((len(f), draws))
     for j in range(draws):
         for target, src in zip(spans, rng.permutation(len(spans)), strict=True):

@@ -360,9 +360,7 @@ def _frequencies(residuals: ResidualsAlongMotion) -> list[Entry]:
     return sorted(entries, key=lambda e: -e["share"])
 
 
-def _bands(
-    name: str, unit: str, frequency: np.ndarray, density: np.ndarray, floor: float, top: float
-) -> list[Entry]:
+def _bands(name: str, unit: str, frequency: np.ndarray, density: np.ndarray, floor: float, top: float) -> list[Entry]:
     """Contiguous runs of lines above the noise floor that contain a relevant share of the excess."""
     inside = (frequency > 0.0) & (frequency <= top)
     frequency, density = frequency[inside], density[inside]
@@ -379,8 +377,7 @@ def _bands(
         low, high = float(frequency[first]), float(frequency[last - 1])
         span = f"up to {high:.3g} Hz" if first == 0 else f"from {low:.3g} to {high:.3g} Hz"
         sentence = (
-            f"{name}: {100 * share:.0f} % of the error above noise lies {span}, most at "
-            f"{frequency[peak]:.3g} Hz."
+            f"{name}: {100 * share:.0f} % of the error above noise lies {span}, most at {frequency[peak]:.3g} Hz."
         )
         entries.append(
             {

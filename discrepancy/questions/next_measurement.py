@@ -287,8 +287,7 @@ def _effect_of(state: SearchState, accepted: AcceptedEffect, rival: RivalExplana
         (
             d
             for d in state.decisions
-            if str(accepted.effect) in [str(a.effect) for a in d.added]
-            and any(r.name == name for r in d.scan.rows)
+            if str(accepted.effect) in [str(a.effect) for a in d.added] and any(r.name == name for r in d.scan.rows)
         ),
         None,
     )

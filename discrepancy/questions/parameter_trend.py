@@ -103,4 +103,4 @@ def parameter_trends(stage: Stage, level: float, seed: int) -> tuple[Trend, ...]
         )
         for r in sorted(trends.rows, key=lambda r: -r.error_reduction)
         if r.verdict is Verdict.MISSING
-    )  # fmt: skip
+    )

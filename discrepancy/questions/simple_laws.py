@@ -87,9 +87,7 @@ def _catalogue(
             "a + b·cos(2πx/L) + c·sin(2πx/L)",
             ("a", "b", "c"),
             [{"L": float(v)} for v in 1.0 / np.linspace(0.7 / span, 40.0 / span, 160)],
-            lambda z, L: np.column_stack(
-                [np.ones_like(z), np.cos(2 * np.pi * z / L), np.sin(2 * np.pi * z / L)]
-            ),
+            lambda z, L: np.column_stack([np.ones_like(z), np.cos(2 * np.pi * z / L), np.sin(2 * np.pi * z / L)]),
         ),
         "bump": (
             "a + b·exp(−½((x−m)/w)²)",
@@ -138,11 +136,13 @@ def suggest_laws(
         err, g = min(fits, key=lambda t: t[0])
         A = columns(x, **g) * turn[:, None]
         c = np.linalg.lstsq(A, f, rcond=1e-10)[0]
-        out.append(Law(
-            name=name,
-            formula=formula,
-            parameters={**dict(zip(linear, c.tolist(), strict=True)), **g},
-            error=err,
-            curve_error=free,
-        ))
+        out.append(
+            Law(
+                name=name,
+                formula=formula,
+                parameters={**dict(zip(linear, c.tolist(), strict=True)), **g},
+                error=err,
+                curve_error=free,
+            )
+        )
     return sorted(out, key=lambda law: law.error)

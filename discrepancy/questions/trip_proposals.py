@@ -157,4 +157,3 @@ class NextMeasurement:
         lines = [f"NextMeasurement: {self.sentence}"]
         lines += [f"  {p.trip.words:55s} D = {p.separation:8.3g}  power {p.power:.0%}" for p in self.proposals]
         return "\n".join(lines)
-

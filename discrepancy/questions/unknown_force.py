@@ -63,9 +63,7 @@ class UnknownCurve:
     delta_bic: float = math.nan
 
     @classmethod
-    def of_effect(
-        cls, effect: Effect, calibration: Calibration, statement: str = "", **figures: float
-    ) -> UnknownCurve:
+    def of_effect(cls, effect: Effect, calibration: Calibration, statement: str = "", **figures: float) -> UnknownCurve:
         """Return the curve of an effect of kind ``unknown_force``, with the deviations of its points."""
         known = {p.name: s for p, s in zip(calibration.parameters, calibration.std, strict=True)}
         std = np.array([known.get(effect.parameter_name(n), math.nan) for n in effect.strengths], dtype=float)
@@ -340,4 +338,4 @@ def _curve(estimate: ForceEstimate, force: UnknownForce, explanation: Explanatio
         std=np.asarray(estimate.std[first]),
         statement=statement,
         **figures,
-    )  # fmt: skip
+    )

@@ -127,9 +127,7 @@ def _table(conclusion: Conclusion, evidence: Evidence, outputs: list[str]) -> li
             for part in PARTS:
                 a = pooled[part].get(output)
                 cells[part] = "" if a is None else quantity_text(a.rmse, stage.system.unit(output))
-                cells[f"{part}_share"] = (
-                    "" if a is None or not math.isfinite(a.nrmse) else share_words(a.nrmse)
-                )
+                cells[f"{part}_share"] = "" if a is None or not math.isfinite(a.nrmse) else share_words(a.nrmse)
             a = pooled[conclusion.judged_on].get(output)
             cells["over_noise"] = f"{quantity_text(a.rmse / noise, digits=2)} ×" if a is not None and noise else ""
             rows.append(cells)
@@ -255,9 +253,7 @@ def _rivals(conclusion: Conclusion) -> list[Entry]:
             }
             for r in accepted.rivals[:8]
         ]
-        tables.append(
-            {"title": kind_text(accepted.effect.kind).title, "where": accepted.effect.where, "rows": rows}
-        )
+        tables.append({"title": kind_text(accepted.effect.kind).title, "where": accepted.effect.where, "rows": rows})
     return tables
 
 
@@ -330,9 +326,7 @@ def _parameters(conclusion: Conclusion) -> list[Entry]:
         interval += ")" if uncertain else ""
         remark = str(frame.loc[p.name, "remark"])
         if math.isfinite(p.std) and p.std > 0.0 and abs(final[p.name] - p.value) > 3.0 * p.std:
-            remark = "; ".join(
-                filter(None, [remark, "more than three standard deviations from the value given"])
-            )
+            remark = "; ".join(filter(None, [remark, "more than three standard deviations from the value given"]))
         if uncertain:
             remark = "; ".join(filter(None, [remark, "hardly determined by these records"]))
         rows.append(

@@ -124,9 +124,7 @@ def to_diagnosis(conclusion: Conclusion, evidence: Evidence | None = None) -> di
                 "noise_floor": dict(conclusion.baseline.noise),
                 "explained": energy,
                 "explained_rms": rms,
-                "explained_by_output": explained_by_output(
-                    conclusion.baseline, conclusion.final, conclusion.judged_on
-                ),
+                "explained_by_output": explained_by_output(conclusion.baseline, conclusion.final, conclusion.judged_on),
                 "explained_on": conclusion.judged_on,
                 "refused": [{"kind": k, "where": w, "why": y} for k, w, y in conclusion.refused],
                 "could_hide": [

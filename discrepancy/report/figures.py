@@ -86,9 +86,7 @@ def falling_error(conclusion: Conclusion) -> Figure:
         "validate": dict(BEFORE, marker="s", markersize=6),
     }
     for a, output in zip(axes[:, 0], outputs, strict=True):
-        per_part = {
-            part: np.array([s.rmse(part).get(output, np.nan) for s in conclusion.stages]) for part in styles
-        }
+        per_part = {part: np.array([s.rmse(part).get(output, np.nan) for s in conclusion.stages]) for part in styles}
         noise = conclusion.baseline.noise.get(output) or 0.0
         known = np.concatenate([*per_part.values(), [noise or np.nan]])
         factor, unit = readable_scale(float(np.nanmedian(known)), conclusion.final.system.unit(output))
@@ -99,9 +97,7 @@ def falling_error(conclusion: Conclusion) -> Figure:
             a.plot(range(len(values)), values, label=PART_WORDS[part], **style)
             if part == conclusion.judged_on:
                 for k, v in enumerate(values):
-                    a.annotate(
-                        f"{v:.3g}", (k, v), (0, 7), textcoords="offset points", ha="center", fontsize=9
-                    )
+                    a.annotate(f"{v:.3g}", (k, v), (0, 7), textcoords="offset points", ha="center", fontsize=9)
         if noise:
             a.axhline(noise / factor, label="sensor noise", **FLOOR)
         _error_scale(a, known / factor)
@@ -158,9 +154,7 @@ def over_time(conclusion: Conclusion, evidence: Evidence, output: str) -> Figure
     for a in (top, middle):
         a.axvspan(t0, t1, color="#f0e442", alpha=0.35, linewidth=0)
     handles = dict(zip(*reversed(top.get_legend_handles_labels()), strict=True))
-    handles |= {
-        k: v for k, v in zip(*reversed(middle.get_legend_handles_labels()), strict=True) if k not in handles
-    }
+    handles |= {k: v for k, v in zip(*reversed(middle.get_legend_handles_labels()), strict=True) if k not in handles}
     _legend_below(figure, handles)
     return figure
 
@@ -187,9 +181,7 @@ def _residuals(axes: Axes, first: SignalComparison, models: _Models, part: slice
     factor, unit = readable_scale(float(np.max(np.abs(first.residual))), first.unit)
     noise_band(axes, first.noise / factor if first.noise else None)
     for signal, style, name in models:
-        axes.plot(
-            *thinned(signal.time[part], signal.residual[part] / factor), label=f"model, {name}", **style
-        )
+        axes.plot(*thinned(signal.time[part], signal.residual[part] / factor), label=f"model, {name}", **style)
     axes.set_ylabel(wrapped(f"measured − model [{unit or '–'}]"))
     axes.set_xlim(float(first.time[part][0]), float(first.time[part][-1]))
 
@@ -238,9 +230,7 @@ def residual_against(
                 continue
             x, e = getattr(m, over), residuals.values[:, column] / factor
             step = max(1, len(x) // 2500)
-            a.plot(
-                x[::step], e[::step], ".", color=style["color"], markersize=2.2, alpha=0.28, rasterized=True
-            )
+            a.plot(x[::step], e[::step], ".", color=style["color"], markersize=2.2, alpha=0.28, rasterized=True)
             centre, mean = _binned(x, e)
             a.plot(
                 centre,

@@ -36,9 +36,7 @@ def records(conclusion: Conclusion) -> list[Entry]:
                     "name": e.name,
                     "part": PART_WORDS[part],
                     "file": str(e.record.path.name),
-                    "length": (
-                        f"{e.record.duration:.4g} s at {e.record.rate:.4g} Hz, {len(e.time)} samples compared"
-                    ),
+                    "length": (f"{e.record.duration:.4g} s at {e.record.rate:.4g} Hz, {len(e.time)} samples compared"),
                     "log": [line for line in (*done, *own) if not line.startswith("warning: ")],
                     "warnings": list(e.record.warnings),
                 }

@@ -103,9 +103,7 @@ def check_diagnosis(diagnosis: Any) -> list[str]:
         ]
     for k, entry in enumerate(_items(diagnosis, "refused")):
         faults += _fields(entry, _REFUSED, f"refused[{k}].")
-    if diagnosis.get("verdict") in ("effect found", "ambiguous", "unknown effect") and not diagnosis.get(
-        "effects"
-    ):
+    if diagnosis.get("verdict") in ("effect found", "ambiguous", "unknown effect") and not diagnosis.get("effects"):
         faults.append(f"the verdict '{diagnosis['verdict']}' needs an effect, and there is none")
     if diagnosis.get("verdict") == "nothing missing" and diagnosis.get("effects"):
         faults.append("the verdict 'nothing missing' contradicts the effects")

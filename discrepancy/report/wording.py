@@ -15,6 +15,7 @@ __all__ = [
     "share_words",
 ]
 
+
 def interval_words(value: float, low: float, high: float, unit: str) -> str:
     """Return a value with its interval, rounded to what the interval supports.
 

@@ -141,11 +141,7 @@ def _named_place(conclusion: Conclusion, evidence: Evidence) -> str:
     named = [a.effect.where for a in conclusion.accepted if a.effect.where in places]
     if named:
         return named[0]
-    return (
-        str(evidence.before.connections[0]["place"])
-        if evidence.before.connections
-        else next(iter(places), "")
-    )
+    return str(evidence.before.connections[0]["place"]) if evidence.before.connections else next(iter(places), "")
 
 
 def _score_pictures(conclusion: Conclusion) -> list[Picture]:
@@ -189,9 +185,7 @@ def render(conclusion: Conclusion, evidence: Evidence, drawn: list[Picture]) -> 
     by_section: dict[str, list[Picture]] = {}
     for picture in drawn:
         by_section.setdefault(picture.section, []).append(picture)
-    return environment.get_template("report.html").render(
-        pictures=by_section, **content(conclusion, evidence)
-    )
+    return environment.get_template("report.html").render(pictures=by_section, **content(conclusion, evidence))
 
 
 def write_report(conclusion: Conclusion, out: str | Path, evidence: Evidence | None = None) -> list[Path]:

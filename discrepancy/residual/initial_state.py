@@ -119,9 +119,7 @@ class SensorReading:
             stacked = np.vstack([jacobian[:, observed], np.diag(lean[observed])]) / size[observed]
             towards = (lean * (prior - x))[observed]
             step = np.zeros(x.size)
-            step[observed] = (
-                np.linalg.lstsq(stacked, np.concatenate([error, towards]), rcond=None)[0] / size[observed]
-            )
+            step[observed] = np.linalg.lstsq(stacked, np.concatenate([error, towards]), rcond=None)[0] / size[observed]
             x, jacobian, error = x + step, *self._errors(t, x + step, u, reading)
         return x if np.all(np.isfinite(x)) else prior
 

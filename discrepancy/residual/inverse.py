@@ -74,9 +74,7 @@ def inverse_problem(problem: Problem, bandwidth: float | None = None) -> Prepare
         bandwidth = first.preparation.low_pass_hz
     if bandwidth is None:
         bandwidth = max(
-            signal_bandwidth(e.record.time, e.record.values(m.output)[:, 0])
-            for e in problem.identify
-            for m in motions
+            signal_bandwidth(e.record.time, e.record.values(m.output)[:, 0]) for e in problem.identify for m in motions
         )
     compared = tuple(n for n in outputs if n not in shown)
     built = copy.build(outputs=(*(m.compared for m in motions), *compared))

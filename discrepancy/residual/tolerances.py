@@ -39,9 +39,7 @@ def with_tolerances(problem: Problem) -> Problem:
     p = system.parameter_vector({q.name: q.value for q in problem.uncertain})
     try:
         runs = [e.respond(system, p) for e in records]
-        rtol = tolerance(
-            records, system, p, [r.outputs for r in runs], noise_floors(problem.identify, problem.noise)
-        )
+        rtol = tolerance(records, system, p, [r.outputs for r in runs], noise_floors(problem.identify, problem.noise))
     except SimulationError:
         return problem
     bounded = [

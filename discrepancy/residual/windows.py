@@ -229,9 +229,7 @@ def samples_needed(preparation: Preparation, rate: float) -> int:
     return LEAST_SAMPLES * preparation.decimate + 2 * preparation.edge_samples(rate)
 
 
-def cut_windows(
-    states: StateEstimate, length: float, spread: np.ndarray, scale: np.ndarray
-) -> list[Experiment]:
+def cut_windows(states: StateEstimate, length: float, spread: np.ndarray, scale: np.ndarray) -> list[Experiment]:
     """Return the experiment of a record as experiments on windows, each with an initial state of its own.
 
     Each window ends where errors of its initial state have grown too far, so windows are short where errors grow fast

@@ -12,8 +12,7 @@ def build(mass: float = 40.0, viscous: float = 60.0, coulomb: float = 0.0) -> Mo
     """Return the axis: mass of the carriage in kg, friction of its guide in N*s/m, and dry friction in N."""
     axis = Model("axis")
     setpoint = axis.add("setpoint", lib.Gain(k=2.0 * math.pi / LEAD, input_unit="m", output_unit="rad"))
-    control = axis.add(
-        "controller", lib.PositionController(k_position=20.0, k_speed=0.12, k_i=1.8, output_unit="N*m"))
+    control = axis.add("controller", lib.PositionController(k_position=20.0, k_speed=0.12, k_i=1.8, output_unit="N*m"))
     drive = axis.add("drive", lib.TorqueSource())
     motor = axis.add("motor", lib.Inertia(J=5e-4))
     angle, speed = axis.add("encoder", lib.AngleSensor()), axis.add("tachometer", lib.SpeedSensor())

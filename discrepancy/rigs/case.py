@@ -127,9 +127,7 @@ def check_folder(out: str | os.PathLike[str]) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or error
-        raise BenchError(
-            [f"{folder}: the folder cannot be made: {reason}: name another with --out"]
-        ) from error
+        raise BenchError([f"{folder}: the folder cannot be made: {reason}: name another with --out"]) from error
     return folder
 
 

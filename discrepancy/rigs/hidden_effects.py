@@ -121,9 +121,7 @@ class Hidden:
         if self.effect is None:
             assert self.component is not None
             declared: Mapping[str, Any] = self.component.declarations
-            values = {
-                n: {"value": v, "unit": _plain(declared[n].unit)} for n, v in self.component.values.items()
-            }
+            values = {n: {"value": v, "unit": _plain(declared[n].unit)} for n, v in self.component.values.items()}
             law = written_docstring(type(self.component)).strip()
             return {"kind": UNKNOWN, "where": self.where, "over": self.over, "law": law, "parameters": values}
         effect = self.effect
@@ -188,21 +186,16 @@ def choose(
         where_fits = places if kind == UNKNOWN else [e.where for e in fitting]
         if kind != UNKNOWN and kind not in kinds():
             faults.append(
-                f"--hide {text}: there is no effect '{kind}'{nearest(kind, [*kinds(), UNKNOWN])}"
-                "; --list shows all"
+                f"--hide {text}: there is no effect '{kind}'{nearest(kind, [*kinds(), UNKNOWN])}; --list shows all"
             )
         elif not where_fits:
             faults.append(f"--hide {text}: '{kind}' fits no part of the {machine}; --list shows what does")
         elif at and (full := _place_named(where, where_fits, entries)) is None:
-            known = {e.where for e in entries} | {
-                w for e in entries if e.place is not None for w in e.place.also
-            }
+            known = {e.where for e in entries} | {w for e in entries if e.place is not None for w in e.place.also}
             reason = "does not fit there" if where in known else "there is no such place"
             faults.append(f"--hide {text}: {reason}; {kind} fits {', '.join(where_fits)}")
         else:
-            place = (
-                full if at else min(where_fits, key=lambda w: prefer.index(w) if w in prefer else len(prefer))
-            )
+            place = full if at else min(where_fits, key=lambda w: prefer.index(w) if w in prefer else len(prefer))
             assert place is not None
             if f"{kind}@{place}" in seen:
                 faults.append(f"--hide {text}: asked for twice: change its size with --strength instead")
@@ -296,9 +289,7 @@ def draw_effect(
         return Effect(entry.kind.name, entry.where, {name: _drawn(name, strength * size, rng, spread)})
     sizes = _SIZES.get(entry.kind.name)
     if sizes is None:
-        raise BenchError(
-            [f"'{entry.kind.name}' has no usual size on a virtual rig: it cannot be hidden there"]
-        )
+        raise BenchError([f"'{entry.kind.name}' has no usual size on a virtual rig: it cannot be hidden there"])
     strengths = {n: _drawn(n, strength * v, rng, spread) for n, v in sizes(scale).items()}
     assert entry.place is not None
     # The catalogue's shapes may hold more than the law has: steps of the scan, for instance.
@@ -326,14 +317,10 @@ def _shape(entry: Entry, motion: MotionRange, rng: np.random.Generator) -> dict[
     shapes = entry.kind.shape_grid(motion)
     first = shapes[int(rng.integers(len(shapes)))]
     shape = dict(first)
-    if (
-        "order" in shape
-    ):  # a wave shorter than the travel, as a pitch error or cogging; whole orders on a shaft
+    if "order" in shape:  # a wave shorter than the travel, as a pitch error or cogging; whole orders on a shaft
         whole = motion.turns and motion.high - motion.low > math.pi
         shape["order"] = (
-            float(rng.integers(1, 7))
-            if whole
-            else 2.0 * math.pi * rng.uniform(2.0, 8.0) / (2.0 * motion.half)
+            float(rng.integers(1, 7)) if whole else 2.0 * math.pi * rng.uniform(2.0, 8.0) / (2.0 * motion.half)
         )
     if "v_stribeck" in shape:
         shape["v_stribeck"] = float(motion.speed * 10.0 ** rng.uniform(-1.3, -0.6))
@@ -374,14 +361,10 @@ def unknown_effect(
         If ``over`` is something else.
     """
     if over not in OVER:
-        raise BenchError(
-            [f"an unknown force can depend on {', '.join(OVER)}, not on '{over}'{nearest(over, OVER)}"]
-        )
+        raise BenchError([f"an unknown force can depend on {', '.join(OVER)}, not on '{over}'{nearest(over, OVER)}"])
     place, motion = entry.place, scale.motion
     assert place is not None
-    level = float(
-        rng.choice((-1.0, 1.0)) * 1.5 * strength * scale.force * rng.uniform(1.0 - spread, 1.0 + spread)
-    )
+    level = float(rng.choice((-1.0, 1.0)) * 1.5 * strength * scale.force * rng.uniform(1.0 - spread, 1.0 + spread))
     a, b = rng.uniform(-1.0, 1.0), rng.uniform(0.8, 1.25)
     values = {
         "position": {

@@ -209,9 +209,7 @@ class Logger:
         return np.asarray(fftconvolve(np.pad(values, half, mode="edge"), taps, mode="valid"))
 
 
-def perturb(
-    priors: Sequence[UncertainParameter], rng: np.random.Generator, reach: float = 2.0
-) -> dict[str, float]:
+def perturb(priors: Sequence[UncertainParameter], rng: np.random.Generator, reach: float = 2.0) -> dict[str, float]:
     """Return true values of uncertain parameters: their priors, cut at ``reach`` standard deviations."""
     values = {}
     for parameter in priors:
@@ -229,9 +227,7 @@ def record_of(
     from multibody.base.units import convert
 
     signals = {
-        c.signal: RecordedSignal(
-            convert(columns[c.column], c.measured_unit, c.unit), c.unit, c.column, c.measured_unit
-        )
+        c.signal: RecordedSignal(convert(columns[c.column], c.measured_unit, c.unit), c.unit, c.column, c.measured_unit)
         for c in channels
     }
     return Record(name=name, path=path, time=stamps, signals=signals, log=("made by a virtual rig",))

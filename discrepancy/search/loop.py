@@ -74,9 +74,12 @@ class Search:
         """Return how candidates are scored on the last of so many stages."""
         given = self.state.problem
         return {
-            "include": given.include, "exclude": given.exclude, "level": given.level, "seed": given.seed + count,
+            "include": given.include,
+            "exclude": given.exclude,
+            "level": given.level,
+            "seed": given.seed + count,
             "progress": self.state.progress,
-        }  # fmt: skip
+        }
 
     def add(self, effect: Effect) -> Stage:
         """Add an effect to the model, fit again, and make that the latest stage.
@@ -140,10 +143,14 @@ class Search:
         if state.omnibus is None or not state.omnibus.rejects or not problem.max_effects:
             return False
         stage = moves.propose_without_significance(
-            state.stage, state.decisions[-1].scan, state.effect_on_trial,
-            include=problem.include, exclude=problem.exclude,
-            p_value=min(1.0, LEVEL_SHARES * state.omnibus.p), progress=state.progress,
-        )  # fmt: skip
+            state.stage,
+            state.decisions[-1].scan,
+            state.effect_on_trial,
+            include=problem.include,
+            exclude=problem.exclude,
+            p_value=min(1.0, LEVEL_SHARES * state.omnibus.p),
+            progress=state.progress,
+        )
         if stage is None or stage.accepted is None:
             return False
         state.progress(f"add {stage.accepted.effect}")

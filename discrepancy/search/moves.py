@@ -302,9 +302,15 @@ def _scans(
 
     def scanned(whiten: bool) -> ScanResult:
         return scan(
-            residual, sensitivities, candidates, level=level / LEVEL_SHARES, seed=seed,
-            noise_floor=[noise[c] for c in residual.channels], whiten=whiten, plain=plain,
-        )  # fmt: skip
+            residual,
+            sensitivities,
+            candidates,
+            level=level / LEVEL_SHARES,
+            seed=seed,
+            noise_floor=[noise[c] for c in residual.channels],
+            whiten=whiten,
+            plain=plain,
+        )
 
     first = scanned(whiten=False)
     if first.null.pieces.too_few:
@@ -382,9 +388,12 @@ def propose_effect(
     try_all(finalists)
     if not better:
         return Decision(
-            scans=tuple(scans), trials=tuple(trials), refused=tuple(refused), irrelevant=tuple(irrelevant),
+            scans=tuple(scans),
+            trials=tuple(trials),
+            refused=tuple(refused),
+            irrelevant=tuple(irrelevant),
             reason="no refit is better by BIC and above the noise floor",
-        )  # fmt: skip
+        )
     p_value = min(1.0, LEVEL_SHARES * better[0][1].p_value)
     if error_reduction(better[0][0], stage) < SIMPLER_REDUCTION:
         try_all(_nonlinear_at(scans[-1], better[0][1].where, [r.name for r in finalists]))
@@ -396,10 +405,14 @@ def propose_effect(
         effect=best.effects[-1], p_value=p_value, delta_bic=bic_difference(best, stage), rivals=rivals
     )
     return Decision(
-        scans=tuple(scans), trials=tuple(trials), refused=tuple(refused), irrelevant=tuple(irrelevant),
-        accepted=accepted, stage=best,
+        scans=tuple(scans),
+        trials=tuple(trials),
+        refused=tuple(refused),
+        irrelevant=tuple(irrelevant),
+        accepted=accepted,
+        stage=best,
         reason="the simplest of the refits that are as good as the best one",
-    )  # fmt: skip
+    )
 
 
 def _finalists(scans: Sequence[ScanResult], known: Sequence[str], effects: Sequence[Effect]) -> list[ScanRow]:
@@ -508,9 +521,7 @@ def _rivals(
     return _by_bic(listed.values())
 
 
-def _rival(
-    of: Effect | ScanRow | Tie, delta_bic: float, *, refitted: bool, tied: bool
-) -> RivalExplanation:
+def _rival(of: Effect | ScanRow | Tie, delta_bic: float, *, refitted: bool, tied: bool) -> RivalExplanation:
     return RivalExplanation(
         kind=of.kind, where=of.where, delta_bic=delta_bic, refitted=refitted, indistinguishable=tied
     )
@@ -653,9 +664,7 @@ def _fitted_present(
     return stage if stage is not None and all(any(e.strengths.values()) for e in stage.effects[-new:]) else None
 
 
-def _simplest_pair_first(
-    better: Sequence[tuple[Stage, list[Pair]]], stage: Stage
-) -> list[tuple[Stage, list[Pair]]]:
+def _simplest_pair_first(better: Sequence[tuple[Stage, list[Pair]]], stage: Stage) -> list[tuple[Stage, list[Pair]]]:
     """Return pairs by their BIC, but first the simplest that is as good as the best, or does most of its work.
 
     As `_simplest_first` of single effects: a law with more freedom always fits a little better.
@@ -923,10 +932,12 @@ def _exchange_names(accepted: AcceptedEffect, scan: ScanResult) -> list[str]:
         columns = scan.scorer.columns
         own = columns.Z[:, columns.groups[rows[name].group].columns]
         similar = [
-            r for r in scan.rows
-            if r.kind == accepted.effect.kind and r.name != name
+            r
+            for r in scan.rows
+            if r.kind == accepted.effect.kind
+            and r.name != name
             and canonical_correlation(own, columns.Z[:, columns.groups[r.group].columns]) >= EXCHANGE_CORRELATION
-        ]  # fmt: skip
+        ]
         names += [r.name for r in sorted(similar, key=lambda r: -r.score)]
     return [n for n in dict.fromkeys(names) if n in rows]
 
@@ -1058,9 +1069,8 @@ def _promising(before: Stage, last: Stage, where: str | None = None) -> set[tupl
     """Return place and regressor of the curves that may remove clearly more of the error than what was found."""
     shares = expected_curve_reductions(before, last)
     return {
-        curve for curve, share in shares.items()
-        if LINEAR_ERROR * share > CURVE_REDUCTION and where in (None, curve[0])
-    }  # fmt: skip
+        curve for curve, share in shares.items() if LINEAR_ERROR * share > CURVE_REDUCTION and where in (None, curve[0])
+    }
 
 
 def _two_of(offer: FreeCurveScan, promising: set[tuple[str, str]] | None) -> tuple[list[Effect], list[float]]:

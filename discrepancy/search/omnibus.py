@@ -151,9 +151,15 @@ def omnibus_of_stage(stage: Stage, *, level: float, draws: int = 200, seed: int 
         return None
     floor = [stage.noise[c] for c in problem.residual().channels]
     return omnibus(
-        problem.residual(), problem.sensitivities(), drivers,
-        level=level, draws=draws, seed=seed, coarse=rates, noise_floor=floor,
-    )  # fmt: skip
+        problem.residual(),
+        problem.sensitivities(),
+        drivers,
+        level=level,
+        draws=draws,
+        seed=seed,
+        coarse=rates,
+        noise_floor=floor,
+    )
 
 
 def omnibus(

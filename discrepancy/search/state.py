@@ -165,9 +165,7 @@ class SearchState:
 
     # ---------------------------------------------------------------- fits
 
-    def fitted(
-        self, name: str, effects: tuple[Effect, ...], start: Stage | None, noise: Any, **options: Any
-    ) -> Stage:
+    def fitted(self, name: str, effects: tuple[Effect, ...], start: Stage | None, noise: Any, **options: Any) -> Stage:
         """Return a fitted stage of this problem; options as of `fitted_stage`."""
         return fitted_stage(
             self.problem, self.given.model, name, effects, start, noise, progress=self.progress, **options

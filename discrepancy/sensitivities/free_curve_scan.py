@@ -103,9 +103,14 @@ def scan_free_curves(
     candidates = free_curve_candidates(linearised, places)
     residual = linearised.residual()
     result = scan(
-        residual, linearised.sensitivities(), candidates,
-        level=level, seed=seed, whiten=False, noise_floor=[linearised.noise[c] for c in residual.channels],
-    )  # fmt: skip
+        residual,
+        linearised.sensitivities(),
+        candidates,
+        level=level,
+        seed=seed,
+        whiten=False,
+        noise_floor=[linearised.noise[c] for c in residual.channels],
+    )
     by_name = {c.name: c for c in candidates}
     rows = sorted((r for r in result.rows if significant_and_predictive(r)), key=lambda r: r.delta_bic)
     curves = tuple(_effect(by_name[r.name], np.atleast_1d(r.expected_strength), dict(r.shape), effects) for r in rows)

@@ -219,9 +219,7 @@ class LinearisedProblem:
 
         Each channel is weighted by its root mean square.  A direction is a unit vector; None where nothing is left.
         """
-        projection = _once(
-            self._weighted, "projection", lambda: rms_projection(self.residual(), self.sensitivities())
-        )
+        projection = _once(self._weighted, "projection", lambda: rms_projection(self.residual(), self.sensitivities()))
         left = projection.remove(projection.layout.stack(projection.whitener, sensitivity))[:, 0]
         size = float(np.linalg.norm(left))
         return left / size if size > 0.0 else None

@@ -107,9 +107,7 @@ class ResidualsAlongMotion:
     def jackknife(self, blocks: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
         """Return, for each block, the rows that remain when it is left out."""
         rows = np.arange(len(self.values))
-        return [
-            np.setdiff1d(rows, b, assume_unique=True) for b in (self.blocks if blocks is None else blocks)
-        ]
+        return [np.setdiff1d(rows, b, assume_unique=True) for b in (self.blocks if blocks is None else blocks)]
 
 
 def coupled_places(motions: Sequence[PlaceMotion]) -> list[list[PlaceMotion]]:
@@ -191,9 +189,7 @@ def _motions(
             continue
         speed = series[names[1]]
         acceleration = series[names[2]] if names[2] in series else np.gradient(speed, step)
-        motions.append(
-            PlaceMotion(place=place, position=series[names[0]], speed=speed, acceleration=acceleration)
-        )
+        motions.append(PlaceMotion(place=place, position=series[names[0]], speed=speed, acceleration=acceleration))
     independent = []
     for group in coupled_places([m for m in motions if m.moves]):
         lead = min(group, key=lambda m: m.place.second is not None)

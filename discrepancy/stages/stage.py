@@ -236,9 +236,7 @@ class Stage:
     def weighted_residuals(self, disturbance: DisturbanceForce) -> list[np.ndarray]:
         """Return each identification record's residual, weighted for a disturbance and free of calibration."""
         linearised = self.linearised_problem(disturbance.preparation)
-        return self._once(
-            ("weighted residuals", disturbance), lambda: weighted_residuals(linearised, disturbance)
-        )
+        return self._once(("weighted residuals", disturbance), lambda: weighted_residuals(linearised, disturbance))
 
     def free_curve_scan(
         self,

@@ -25,9 +25,7 @@ def _check_blocks(name: str, blocks: Sequence[Array], ndim: int) -> list[str]:
             faults.append(f"{name}: block {i} has {b.ndim} axes, expected {ndim}")
         elif not np.all(np.isfinite(b)):
             bad = np.argwhere(~np.isfinite(b))[0]
-            faults.append(
-                f"{name}: block {i} holds a value that is not finite at index {tuple(bad.tolist())}"
-            )
+            faults.append(f"{name}: block {i} holds a value that is not finite at index {tuple(bad.tolist())}")
     return faults
 
 
@@ -77,9 +75,7 @@ class Residual:
         if not faults:
             for i, b in enumerate(self.blocks):
                 if b.shape[1] != len(self.channels):
-                    faults.append(
-                        f"residual: block {i} has {b.shape[1]} columns for {len(self.channels)} channels"
-                    )
+                    faults.append(f"residual: block {i} has {b.shape[1]} columns for {len(self.channels)} channels")
                 if b.shape[0] < 16:
                     faults.append(f"residual: block {i} has {b.shape[0]} samples; at least 16 are needed")
         _raise_if(faults)
@@ -135,9 +131,7 @@ class Sensitivities:
         off = np.zeros(p) if prior_offset is None else np.asarray(prior_offset, dtype=float)
         object.__setattr__(self, "prior_std", std)
         object.__setattr__(self, "prior_offset", off)
-        object.__setattr__(
-            self, "nuisance", tuple(nuisance) if nuisance is not None else (None,) * len(self.blocks)
-        )
+        object.__setattr__(self, "nuisance", tuple(nuisance) if nuisance is not None else (None,) * len(self.blocks))
         faults = _check_blocks("sensitivities", self.blocks, 3)
         if not faults:
             for i, b in enumerate(self.blocks):
@@ -148,9 +142,7 @@ class Sensitivities:
         if off.shape != (p,) or not np.all(np.isfinite(off)):
             faults.append("sensitivities: prior_offset must hold one finite number per parameter")
         if len(self.nuisance) != len(self.blocks):
-            faults.append(
-                f"sensitivities: {len(self.nuisance)} nuisance blocks for {len(self.blocks)} blocks"
-            )
+            faults.append(f"sensitivities: {len(self.nuisance)} nuisance blocks for {len(self.blocks)} blocks")
         else:
             faults += _check_blocks("nuisance", [n for n in self.nuisance if n is not None], 3)
         _raise_if(faults)
@@ -236,9 +228,7 @@ def with_candidate(sens: Sensitivities, candidate: Candidate, shape: int = 0) ->
 
     They serve to test what remains after an effect: by a second scan, or by the omnibus test for lack of fit.
     """
-    blocks = [
-        np.concatenate([f, z], axis=2) for f, z in zip(sens.blocks, candidate.sensitivities[shape], strict=True)
-    ]
+    blocks = [np.concatenate([f, z], axis=2) for f, z in zip(sens.blocks, candidate.sensitivities[shape], strict=True)]
     names = (*sens.names, *(f"{candidate.name}.{a}" for a in candidate.strengths))
     return Sensitivities(
         names,
@@ -254,9 +244,7 @@ def check_compatible(residual: Residual, sens: Sensitivities, candidates: Sequen
     faults = []
     shapes = [b.shape for b in residual.blocks]
     if [b.shape[:2] for b in sens.blocks] != shapes:
-        faults.append(
-            f"sensitivities have blocks {[b.shape[:2] for b in sens.blocks]}, the residual {shapes}"
-        )
+        faults.append(f"sensitivities have blocks {[b.shape[:2] for b in sens.blocks]}, the residual {shapes}")
     for i, nuis in enumerate(sens.nuisance):
         if nuis is not None and i < len(shapes) and nuis.shape[:2] != shapes[i]:
             faults.append(f"nuisance of block {i} has shape {nuis.shape[:2]}, the residual {shapes[i]}")

@@ -22,9 +22,7 @@ def record_parts(n: int, blocks: Array | None, least: int = 8) -> list[Array]:
     return out
 
 
-def split_directions(
-    force: Array, x: Array, direction: Array, n_knots: int = 12
-) -> tuple[Array, Array, Array]:
+def split_directions(force: Array, x: Array, direction: Array, n_knots: int = 12) -> tuple[Array, Array, Array]:
     """Return knots, and the even and odd part of a force over a regressor; NaN where a direction is missing."""
     knots = quantile_knots(np.asarray(x), n_knots)
     means = []
@@ -61,9 +59,7 @@ def find_period(
     for j in range(1, draws + 1):
         for target, src in zip(spans, rng.permutation(len(spans)), strict=True):
             s = spans[src]
-            F[target, j] = f[s[(rng.integers(len(s)) + np.arange(len(target))) % len(s)]] * rng.choice(
-                [-1.0, 1.0]
-            )
+            F[target, j] = f[s[(rng.integers(len(s)) + np.arange(len(target))) % len(s)]] * rng.choice([-1.0, 1.0])
     energy = np.sum(F**2, axis=0)
     power = np.empty((n_periods, draws + 1))
     for i, k in enumerate(ks):

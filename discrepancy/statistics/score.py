@@ -129,9 +129,7 @@ class _Projected:
     theta: Array
 
 
-def _orthonormal(
-    whitened: list[tuple[int, int, bool, Array]], projection: Projection, out: Array
-) -> list[_Projected]:
+def _orthonormal(whitened: list[tuple[int, int, bool, Array]], projection: Projection, out: Array) -> list[_Projected]:
     """Write orthonormal columns of each group into ``out``; by Cholesky and many groups at a time, which is fastest."""
     packs: list[list[Array]] = [[]]
     for *_, Z in whitened:

@@ -94,9 +94,7 @@ class Bands:
         return out
 
 
-def make_bands(
-    layout: Layout, dt: float, leverage_basis: list[Array], min_ordinates: float = MIN_ORDINATES
-) -> Bands:
+def make_bands(layout: Layout, dt: float, leverage_basis: list[Array], min_ordinates: float = MIN_ORDINATES) -> Bands:
     """Choose bands so that each keeps enough degrees of freedom after the projection.
 
     Parameters
@@ -122,10 +120,7 @@ def make_bands(
     for Q in leverage_basis:
         for b in range(len(layout.lengths)):
             x = layout.view(Q, b)
-            free[b] = (
-                free[b]
-                - weights[b][:, None] * np.sum(np.abs(np.fft.rfft(x, axis=0)) ** 2, axis=2) / x.shape[0]
-            )
+            free[b] = free[b] - weights[b][:, None] * np.sum(np.abs(np.fft.rfft(x, axis=0)) ** 2, axis=2) / x.shape[0]
     all_f = np.concatenate(freqs)
     order = np.argsort(all_f, kind="stable")
     f_sorted = all_f[order]
@@ -219,9 +214,7 @@ def score_variance(Z: Array, groups: list[slice], bands: Bands) -> ScoreVariance
 
     parallel_map(of_block, blocks)
     alone = np.einsum("ij,ij->j", Z, M)
-    own = [
-        Z[:, cols].T @ M[:, cols] if cols.stop - cols.start > 1 else alone[cols, None] for cols in groups
-    ]
+    own = [Z[:, cols].T @ M[:, cols] if cols.stop - cols.start > 1 else alone[cols, None] for cols in groups]
     weights = np.transpose(A, (0, 1, 3, 2)).reshape(len(groups), -1)
     prior = np.array([np.sum(Z[lay.n_data :, cols] ** 2) / (cols.stop - cols.start) for cols in groups])
     return ScoreVariance(bands=bands, weights=weights, functional=M, own=own, dof=dof, prior_share=prior)

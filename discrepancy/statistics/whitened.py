@@ -86,9 +86,7 @@ def rms_projection(residual: Residual, sens: Sensitivities) -> Projection:
     return projection_in(rms_whitener(residual), residual, sens)
 
 
-def _stacked(
-    layout: Layout, whitener: Whitener, candidates: Sequence[Candidate]
-) -> list[tuple[int, int, bool, Array]]:
+def _stacked(layout: Layout, whitener: Whitener, candidates: Sequence[Candidate]) -> list[tuple[int, int, bool, Array]]:
     """Whiten the sensitivities of all candidates together: one pass costs little more than one candidate's."""
     entries = [(i, j, c.one_sided, cols) for i, c in enumerate(candidates) for j, cols in enumerate(c.sensitivities)]
     if not entries:

@@ -46,9 +46,7 @@ def _lag_mean(x: Array, cs: Array, first: int, last: int, start: int, stop: int)
     """Mean of x[t-last .. t-first] for t in [start, stop); needs start >= last."""
     if first == last:
         return x[start - first : stop - first]
-    out: Array = (cs[start - first + 1 : stop - first + 1] - cs[start - last : stop - last]) / (
-        last - first + 1
-    )
+    out: Array = (cs[start - first + 1 : stop - first + 1] - cs[start - last : stop - last]) / (last - first + 1)
     return out
 
 
@@ -226,7 +224,5 @@ def fit_whitener(
     """
     n_long = max(len(b) for b in blocks)
     longest = n_long // 6 if memory is None else min(n_long // 3, round(memory / dt))
-    filters = tuple(
-        _fit_channel([b[:, c] for b in blocks], max_order, max(1, longest)) for c in range(len(channels))
-    )
+    filters = tuple(_fit_channel([b[:, c] for b in blocks], max_order, max(1, longest)) for c in range(len(channels)))
     return Whitener(filters, tuple(channels), dt)

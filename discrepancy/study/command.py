@@ -54,9 +54,7 @@ def compare(args: Namespace) -> int:
     return 0
 
 
-def _finish(
-    study: Study, conclusion: Conclusion, out: Path, args: Namespace, *, compared_only: bool = False
-) -> None:
+def _finish(study: Study, conclusion: Conclusion, out: Path, args: Namespace, *, compared_only: bool = False) -> None:
     if compared_only:
         conclusion = replace(conclusion, verdict="", sentence="")
     files = write_report(conclusion, out)

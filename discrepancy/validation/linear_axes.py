@@ -189,9 +189,7 @@ def candidates(axis: Axis, exclude: Sequence[str] = ()) -> list[Candidate]:
                 z = np.zeros((len(m.x), 2, 1))
                 t = np.linspace(-1, 1, len(m.x))
                 nominal = m.x if c == 0 else m.mass * m.a
-                z[:, c, 0] = {"sensor_offset": np.ones_like(t), "sensor_drift": t, "sensor_gain": nominal}[
-                    kind
-                ]
+                z[:, c, 0] = {"sensor_offset": np.ones_like(t), "sensor_drift": t, "sensor_gain": nominal}[kind]
                 blocks.append(z)
             if kind not in exclude:
                 out.append(Candidate(kind=kind, where=name, sensitivities=(tuple(blocks),)))

@@ -58,8 +58,10 @@ def masking_pair(seed: int, machine: str = "axis") -> Strengths:
     module = machine_module(machine)
     scan = Study(module.case(seed).problem(seed=seed)).explain().scan
     sizes = {f"{e['kind']}@{e['where']}": e["parameters"] for e in module.sizes(seed, list(module.names()))}
-    stated = {n: [v.get("stated", 0.0) for k, v in p.items() if k in kind_named(n.partition("@")[0]).strengths]
-              for n, p in sizes.items()}  # fmt: skip
+    stated = {
+        n: [v.get("stated", 0.0) for k, v in p.items() if k in kind_named(n.partition("@")[0]).strengths]
+        for n, p in sizes.items()
+    }
     rng = np.random.default_rng([seed, 17])
     pairs = _opposed(scan, {n: values[0] for n, values in stated.items() if len(values) == 1}, rng)
     if not pairs:
@@ -74,9 +76,10 @@ def _opposed(scan: ScanResult, stated: Mapping[str, float], rng: np.random.Gener
     columns = scan.scorer.columns
     owners = [g.candidate for g in columns.groups]
     rows = [
-        r for r in scan.rows
+        r
+        for r in scan.rows
         if r.name in stated and r.expected_strength.size == 1 and owners.count(columns.groups[r.group].candidate) == 1
-    ]  # fmt: skip
+    ]
     Z = np.concatenate([columns.Z[:, columns.groups[r.group].columns] for r in rows], axis=1)
     size = [float(columns.R[r.group][0, 0]) for r in rows]
     one_sided = [columns.groups[r.group].one_sided for r in rows]

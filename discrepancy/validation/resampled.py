@@ -316,9 +316,7 @@ def resampled_alarms(
                 scans.append(found)
                 curves = which == "curves"
                 missing = [
-                    r
-                    for r in found.rows
-                    if (significant_and_predictive(r) if curves else r.verdict is Verdict.MISSING)
+                    r for r in found.rows if (significant_and_predictive(r) if curves else r.verdict is Verdict.MISSING)
                 ]
                 least = min([least, *(r.p_value for r in found.rows)])
                 if missing:

@@ -146,17 +146,23 @@ def plot_covariances(path: Path) -> list[str]:
     trip = Trip(name="up", time=run.times, tension=run["F_c"], height=run["z_c"], acceleration=run["zdd_c"])
     one = sensor.run(trip)
     model = FilterModel(
-        sensor.system, ["z_c", "zdd_c"],
-        [RandomWalk(DELTA, name="right rail", rate=1e-6, std=2e-4),
-         RandomWalk("cabin_guide.left_deviation", name="left rail", rate=1e-6, std=2e-4)],
+        sensor.system,
+        ["z_c", "zdd_c"],
+        [
+            RandomWalk(DELTA, name="right rail", rate=1e-6, std=2e-4),
+            RandomWalk("cabin_guide.left_deviation", name="left rail", rate=1e-6, std=2e-4),
+        ],
         parameters={DELTA: 2.0e-3},
-    )  # fmt: skip
+    )
     prior = sensor.prior(trip)
     start = {k: v for k, v in dict(prior.state).items() if k != DELTA}
     both = extended_kalman_filter(
-        model, one.samples, Noise({**dict.fromkeys(sensor.system.state_names, 1e-8)}, {"z_c": 1e-8, "zdd_c": 1e-2}),
-        Prior(start, dict.fromkeys(start, 1e-4)), once=True,
-    )  # fmt: skip
+        model,
+        one.samples,
+        Noise({**dict.fromkeys(sensor.system.state_names, 1e-8)}, {"z_c": 1e-8, "zdd_c": 1e-2}),
+        Prior(start, dict.fromkeys(start, 1e-4)),
+        once=True,
+    )
     figure, axes = plt.subplots(1, 3, figsize=(10.5, 3.2), layout="constrained")
     for name, label in ((DELTA, "δ"), ("cabin.z", "z")):
         axes[0].plot(one.times, 1e3 * one.std(name), label=label)

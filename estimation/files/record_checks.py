@@ -209,10 +209,14 @@ def check_same_scale(records: Sequence[Record], may_be_constant: Collection[str]
             if a > 0.0 and b > 0.0 and max(a / b, b / a) > 1e3:
                 off[name] = b / a
         swapped = [
-            (p, q) for p in off for q in off
-            if p < q and (off[p] > 1.0) != (off[q] > 1.0) and 0.1 < _range(first, p) / _range(other, q) < 10.0
+            (p, q)
+            for p in off
+            for q in off
+            if p < q
+            and (off[p] > 1.0) != (off[q] > 1.0)
+            and 0.1 < _range(first, p) / _range(other, q) < 10.0
             and 0.1 < _range(first, q) / _range(other, p) < 10.0
-        ]  # fmt: skip
+        ]
         for p, q in swapped:
             faults.append(
                 RecordFault(

@@ -114,10 +114,26 @@ def extended_kalman_filter(
     covariance = padded(root_of(p) if square_root else p, ld)
     verdict = np.zeros(3)
     kernel.extended(
-        arguments.numbers, samples.times, samples.inputs, samples.readings, r, padded(q, ld), padded(root_of(q), ld),
-        x, covariance, settings, 0.0 if gate is None else float(gate), out, covariances, predicted, carried, rows,
-        innovations, space, verdict,
-    )  # fmt: skip
+        arguments.numbers,
+        samples.times,
+        samples.inputs,
+        samples.readings,
+        r,
+        padded(q, ld),
+        padded(root_of(q), ld),
+        x,
+        covariance,
+        settings,
+        0.0 if gate is None else float(gate),
+        out,
+        covariances,
+        predicted,
+        carried,
+        rows,
+        innovations,
+        space,
+        verdict,
+    )
     arguments.raise_python_error()
     likelihood, refused, bad = float(verdict[0]), int(verdict[1]), int(verdict[2])
     if bad >= 0:

@@ -137,9 +137,18 @@ def _moved(q: np.ndarray, r: np.ndarray, states: list[int], readings: list[int],
 
 
 def _likelihood(
-    model: FilterModel, records: list[FilterSamples], noise: Noise, q: np.ndarray, r: np.ndarray, states: list[int],
-    readings: list[int], prior: Prior | None, steps: int, say: Callable[[str], Any], options: dict[str, Any],
-) -> tuple[Noise, list[float], str]:  # fmt: skip
+    model: FilterModel,
+    records: list[FilterSamples],
+    noise: Noise,
+    q: np.ndarray,
+    r: np.ndarray,
+    states: list[int],
+    readings: list[int],
+    prior: Prior | None,
+    steps: int,
+    say: Callable[[str], Any],
+    options: dict[str, Any],
+) -> tuple[Noise, list[float], str]:
     from scipy.optimize import minimize
 
     count = sum(record.count for record in records)
@@ -163,16 +172,29 @@ def _likelihood(
 
     reach = _DECADES * np.log(10.0)
     done: Any = minimize(  # type: ignore[call-overload]
-        cost, start, method="L-BFGS-B", bounds=[(-reach, reach)] * start.size, callback=note,
+        cost,
+        start,
+        method="L-BFGS-B",
+        bounds=[(-reach, reach)] * start.size,
+        callback=note,
         options={"maxiter": steps, "eps": 1e-3},
-    )  # fmt: skip
+    )
     return _with(noise, *_moved(q, r, states, readings, np.exp(done.x))), log_likelihoods, str(done.message)
 
 
 def _expectation(
-    model: FilterModel, records: list[FilterSamples], noise: Noise, q: np.ndarray, r: np.ndarray, states: list[int],
-    readings: list[int], prior: Prior | None, steps: int, say: Callable[[str], Any], options: dict[str, Any],
-) -> tuple[Noise, list[float], str]:  # fmt: skip
+    model: FilterModel,
+    records: list[FilterSamples],
+    noise: Noise,
+    q: np.ndarray,
+    r: np.ndarray,
+    states: list[int],
+    readings: list[int],
+    prior: Prior | None,
+    steps: int,
+    say: Callable[[str], Any],
+    options: dict[str, Any],
+) -> tuple[Noise, list[float], str]:
     now, log_likelihoods, message = _with(noise, q, r), [], "the number of steps is used up"
     for step in range(steps + 1):
         runs = [extended_kalman_filter(model, record, now, prior, keep="everything", **options) for record in records]

@@ -70,9 +70,23 @@ def unscented_kalman_filter(
     size = n * ld + (2 * n + 1) * (n + m) + 8 * n + 4 * samples.inputs.shape[1] + m + m * m + n * m + n
     verdict = np.zeros(2)
     kernel.unscented(
-        arguments.numbers, samples.times, samples.inputs, samples.readings, r, padded(q, ld), x, padded(p, ld),
-        settings, float(np.sqrt(whole)), weights, out, kept, innovations, np.zeros(size + 8), verdict,
-    )  # fmt: skip
+        arguments.numbers,
+        samples.times,
+        samples.inputs,
+        samples.readings,
+        r,
+        padded(q, ld),
+        x,
+        padded(p, ld),
+        settings,
+        float(np.sqrt(whole)),
+        weights,
+        out,
+        kept,
+        innovations,
+        np.zeros(size + 8),
+        verdict,
+    )
     arguments.raise_python_error()
     likelihood, bad = float(verdict[0]), int(verdict[1])
     if bad >= 0:

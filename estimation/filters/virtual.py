@@ -99,8 +99,9 @@ def virtual_sensors(run: FilterRun, names: Sequence[str], every: int = 1) -> Vir
     model, system = run.model, run.model.system
     faults = [
         f"'{system.name}' was built without the output '{n}'{nearest(n, system.output_names)}"
-        for n in names if n not in system.output_names
-    ]  # fmt: skip
+        for n in names
+        if n not in system.output_names
+    ]
     if faults:
         raise FilterError(f"virtual sensors of '{system.name}'", faults)
     chosen = [system.index("output", n) for n in names]

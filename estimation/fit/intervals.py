@@ -170,9 +170,7 @@ def main() -> None:
 
     for n in (3, 4, 6, 8, 12, 20):
         robust, white = measure_coverage(n)
-        sys.stdout.write(
-            f"{n:3d} blocks: sandwich {100 * robust:5.1f} %   white noise {100 * white:5.1f} %\n"
-        )
+        sys.stdout.write(f"{n:3d} blocks: sandwich {100 * robust:5.1f} %   white noise {100 * white:5.1f} %\n")
 
 
 if __name__ == "__main__":

@@ -230,7 +230,12 @@ def _gradient_vanishes(gradient: np.ndarray, normal: np.ndarray, free: np.ndarra
 
 
 def step_within(
-    x: np.ndarray, normal: np.ndarray, gradient: np.ndarray, free: np.ndarray, damping: float, low: np.ndarray,
+    x: np.ndarray,
+    normal: np.ndarray,
+    gradient: np.ndarray,
+    free: np.ndarray,
+    damping: float,
+    low: np.ndarray,
     high: np.ndarray,
 ) -> tuple[np.ndarray, float]:
     """Return the damped step, limited by the bounds, and the decrease of the cost that it predicts."""

@@ -166,9 +166,7 @@ class Experiment:
         if key in self._cache.inputs_along:
             return self._cache.inputs_along[key]
         time = np.array(self.record.time)
-        inputs, rates = (
-            np.ascontiguousarray(of(time, p).reshape(time.size, -1)) for of in (table, table.derivative)
-        )
+        inputs, rates = (np.ascontiguousarray(of(time, p).reshape(time.size, -1)) for of in (table, table.derivative))
         if np.all(np.asarray(table.delay_parameter) < 0):
             self._cache.inputs_along[key] = inputs, rates
         return inputs, rates
@@ -347,9 +345,7 @@ class Experiment:
         self._cache.perturbation_response = system, p.copy(), x0.copy(), linearised
         return linearised
 
-    def _kept_perturbation_response(
-        self, system: System, p: np.ndarray, x0: np.ndarray
-    ) -> PerturbationResponse | None:
+    def _kept_perturbation_response(self, system: System, p: np.ndarray, x0: np.ndarray) -> PerturbationResponse | None:
         if self._cache.perturbation_response is None:
             return None
         of, at, start, linearised = self._cache.perturbation_response

@@ -183,9 +183,16 @@ class PerturbationResponse:
         values = [q.values if isinstance(q, InputPerturbation) else ones for q in perturbations]
         out = np.empty((*self.outputs.shape, len(perturbations)))
         propagate(
-            self.phi, self.gamma0, self.gamma1, self.c, self.d, channel,
-            np.ascontiguousarray(np.stack(values, axis=1)), room, out,
-        )  # fmt: skip
+            self.phi,
+            self.gamma0,
+            self.gamma1,
+            self.c,
+            self.d,
+            channel,
+            np.ascontiguousarray(np.stack(values, axis=1)),
+            room,
+            out,
+        )
         return out
 
 

@@ -104,9 +104,16 @@ class RecordSimulation:
                     b = min(a + step, times.size)
                     part = slice(first + a, first + b)
                     dy[part] = observe_along(
-                        system, times[a:b], states[a:b], inputs[part], p, directions, self.input_rates[part], delays,
+                        system,
+                        times[a:b],
+                        states[a:b],
+                        inputs[part],
+                        p,
+                        directions,
+                        self.input_rates[part],
+                        delays,
                         shape[part],
-                    )[:, self.outputs]  # fmt: skip
+                    )[:, self.outputs]
 
         if n == 0:  # the motion is given: nothing to integrate
             receive(0, time, np.zeros((time.size, 0)))

@@ -131,9 +131,7 @@ def _segment(count: int, rate: float, resolution: float | None) -> int:
     return int(min(max(wanted, 16), count))
 
 
-def spectral_density(
-    values: np.ndarray, rate: float, resolution: float | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def spectral_density(values: np.ndarray, rate: float, resolution: float | None = None) -> tuple[np.ndarray, np.ndarray]:
     """One-sided power spectral density by Welch's method, mean removed from each segment.
 
     Parameters
@@ -151,9 +149,7 @@ def spectral_density(
     """
     from scipy.signal import welch
 
-    frequency, density = welch(
-        values, fs=rate, nperseg=_segment(len(values), rate, resolution), detrend="constant"
-    )
+    frequency, density = welch(values, fs=rate, nperseg=_segment(len(values), rate, resolution), detrend="constant")
     return np.asarray(frequency), np.asarray(density)
 
 
@@ -169,9 +165,7 @@ def coherence(
 
     if len(x) != len(y):
         raise ValueError(f"series of {len(x)} and {len(y)} samples cannot be compared")
-    frequency, value = welch_coherence(
-        x, y, fs=rate, nperseg=_segment(len(x), rate, resolution), detrend="constant"
-    )
+    frequency, value = welch_coherence(x, y, fs=rate, nperseg=_segment(len(x), rate, resolution), detrend="constant")
     return np.asarray(frequency), np.asarray(value)
 
 

@@ -34,8 +34,7 @@ def _step(time: np.ndarray) -> float:
     step = float((time[-1] - time[0]) / (len(time) - 1))
     if not (step > 0.0 and np.all(np.abs(steps / step - 1.0) <= 0.25)):
         raise SignalError(
-            f"time is not evenly sampled (steps from {steps.min():.4g} to {steps.max():.4g} s): resample "
-            "it first"
+            f"time is not evenly sampled (steps from {steps.min():.4g} to {steps.max():.4g} s): resample it first"
         )
     return step
 
@@ -43,9 +42,7 @@ def _step(time: np.ndarray) -> float:
 def _design(cutoff_hz: float, step: float) -> np.ndarray:
     nyquist = 0.5 / step
     if not 0.0 < cutoff_hz < nyquist:
-        raise SignalError(
-            f"low-pass at {cutoff_hz:g} Hz must lie between 0 and half the sampling rate, {nyquist:g} Hz"
-        )
+        raise SignalError(f"low-pass at {cutoff_hz:g} Hz must lie between 0 and half the sampling rate, {nyquist:g} Hz")
     return _butterworth(cutoff_hz / nyquist)
 
 
@@ -227,8 +224,7 @@ class Preparation:
             if cutoff is not None:
                 low_pass(time, values, cutoff)  # raises where the filter itself is at fault
             raise SignalError(
-                f"{len(time)} samples are too few: {edge} are left out at each end and one in "
-                f"{self.decimate} kept"
+                f"{len(time)} samples are too few: {edge} are left out at each end and one in {self.decimate} kept"
             )
         if cutoff is None:
             return time[kept].copy(), values[kept].copy()
@@ -241,8 +237,10 @@ class Preparation:
         """Describe the steps for a record of this sampling rate (Hz), for its log."""
         lines = []
         if self.start is not None or self.stop is not None:
-            lines.append(f"window from {self.start if self.start is not None else 'start'} to "
-                         f"{self.stop if self.stop is not None else 'end'} s")  # fmt: skip
+            lines.append(
+                f"window from {self.start if self.start is not None else 'start'} to "
+                f"{self.stop if self.stop is not None else 'end'} s"
+            )
         if (cutoff := self.cutoff(rate)) is not None:
             lines.append(f"low-pass at {cutoff:.4g} Hz (Butterworth, zero phase)")
         if (edge := self.edge_samples(rate)) > 0:
@@ -290,14 +288,11 @@ def smooth_derivative(
     step, degree = _step(time), 3
     share = bandwidth_hz * 2.0 * step
     if not 0.0 < share <= 0.5:
-        raise SignalError(
-            f"bandwidth {bandwidth_hz:g} Hz must be positive and at most {0.25 / step:g} Hz at this rate"
-        )
+        raise SignalError(f"bandwidth {bandwidth_hz:g} Hz must be positive and at most {0.25 / step:g} Hz at this rate")
     half = max(2, round(((degree + 1) / share + 4.6) / 3.2))
     if len(time) < 4 * half + 2:
         raise SignalError(
-            f"{len(time)} samples are too few for a bandwidth of {bandwidth_hz:g} Hz, which needs "
-            f"{4 * half + 2}"
+            f"{len(time)} samples are too few for a bandwidth of {bandwidth_hz:g} Hz, which needs {4 * half + 2}"
         )
     result = savgol_filter(values, 2 * half + 1, degree, deriv=order, delta=step, axis=0, mode="interp")
     return np.asarray(result), slice(half, len(time) - half)

@@ -1,6 +1,6 @@
 """Three ways to fool oneself with the EMPS recordings, in figures: a copied output, the added pulses, a ripple.
 
-    VTSDT_DATA=/path/to/data python examples/emps/traps.py
+VTSDT_DATA=/path/to/data python examples/emps/traps.py
 """
 
 from __future__ import annotations

@@ -14,9 +14,16 @@ from gearbox.files.geometry import GearPair
 from multibody.base.parameter_file import load_parameters, number
 
 __all__ = [
-    "PAPER", "BearingParameters", "ContactParameters", "DriveParameters", "GearParameters", "MaterialParameters",
-    "ShaftParameters", "StageParameters", "hertz_stiffness",
-]  # fmt: skip
+    "PAPER",
+    "BearingParameters",
+    "ContactParameters",
+    "DriveParameters",
+    "GearParameters",
+    "MaterialParameters",
+    "ShaftParameters",
+    "StageParameters",
+    "hertz_stiffness",
+]
 
 #: The parameter file of the paper's gear stage.
 PAPER = Path(__file__).with_name("data") / "paper.toml"

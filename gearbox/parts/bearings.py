@@ -43,8 +43,14 @@ class BearingBushing(Component):
     damping_axial = Parameter(0.0, "N*s/m", "damping along z", min=0.0)
     clearance = Parameter(0.0, "m", "radial clearance: play from the middle to one side", min=0.0)
     elements = Parameter(9.0, "", "number of rolling elements", min=1.0, when="defects")
-    ratio = Parameter(0.2, "", "diameter of the elements over pitch diameter, times cos(contact angle)", min=1e-3,
-                      max=0.9, when="defects")  # fmt: skip
+    ratio = Parameter(
+        0.2,
+        "",
+        "diameter of the elements over pitch diameter, times cos(contact angle)",
+        min=1e-3,
+        max=0.9,
+        when="defects",
+    )
     outer_pit = Parameter(0.0, "m", "depth of a pit in the outer ring", when="defects")
     inner_pit = Parameter(0.0, "m", "depth of a pit in the inner ring", when="defects")
     element_pit = Parameter(0.0, "m", "depth of a pit in a rolling element", when="defects")

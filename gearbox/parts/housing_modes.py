@@ -79,8 +79,11 @@ class ModeSet:
             faults.append("damping ratios must lie between 0 and 1")
         faults += [f"there is no shape at '{place}'" for place in PLACES if place not in self.shapes]
         faults += [f"'{place}' is neither a seat nor a sensor" for place in self.shapes if place not in PLACES]
-        faults += [f"'{place}' is no name of a mount: begin it with mount_" for place in self.mounts
-                   if not place.startswith(MOUNT)]  # fmt: skip
+        faults += [
+            f"'{place}' is no name of a mount: begin it with mount_"
+            for place in self.mounts
+            if not place.startswith(MOUNT)
+        ]
         for place, shape in [(p, self.shapes[p]) for p in PLACES if p in self.shapes] + list(self.mounts.items()):
             if np.shape(shape) != (count, 3):
                 faults.append(
@@ -114,8 +117,11 @@ class ModeSet:
         >>> bool(np.allclose(modes.scaled(modulus=4.0).frequencies, 2.0 * modes.frequencies))
         True
         """
-        faults = [f"the factor of the {n} is {v:g}: give a positive number" for n, v in
-                  (("modulus", modulus), ("density", density)) if not v > 0.0]  # fmt: skip
+        faults = [
+            f"the factor of the {n} is {v:g}: give a positive number"
+            for n, v in (("modulus", modulus), ("density", density))
+            if not v > 0.0
+        ]
         if faults:
             raise GearError(f"the mode set '{self.name}'", faults)
         shapes, mounts = ({k: v / np.sqrt(density) for k, v in part.items()} for part in (self.shapes, self.mounts))
@@ -205,8 +211,11 @@ def read_modes(path: str | Path) -> ModeSet:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise GearError(source, [f"is not valid TOML: {error}"]) from None
     rows = content.get("mode")
-    faults = [f"has no entry '{k}'; it takes name, origin and [[mode]]"
-              for k in content if k not in ("name", "origin", "mode")]  # fmt: skip
+    faults = [
+        f"has no entry '{k}'; it takes name, origin and [[mode]]"
+        for k in content
+        if k not in ("name", "origin", "mode")
+    ]
     if not isinstance(rows, list) or not rows or not all(isinstance(r, dict) for r in rows):
         raise GearError(source, [*faults, "has no modes: give one [[mode]] for each"])
     mounts = [key for key in rows[0] if key.startswith(MOUNT)]
@@ -214,10 +223,11 @@ def read_modes(path: str | Path) -> ModeSet:
     for k, row in enumerate(rows):
         faults += [f"mode {k + 1}: there is no '{key}'" for key in wanted if key not in row]
         faults += [
-            f"mode {k + 1}: '{key}' is neither a seat nor a sensor" + (
-                ", nor a mount of mode 1" if key.startswith(MOUNT) else "")
-            for key in row if key not in wanted
-        ]  # fmt: skip
+            f"mode {k + 1}: '{key}' is neither a seat nor a sensor"
+            + (", nor a mount of mode 1" if key.startswith(MOUNT) else "")
+            for key in row
+            if key not in wanted
+        ]
         for key, size in wanted.items():
             if key in row and (fault := _entry_fault(row[key], size)):
                 faults.append(f"mode {k + 1}: '{key}' {fault}")

@@ -14,10 +14,14 @@ BOX = Path(__file__).parents[1] / "files" / "data" / "box.toml"
 #: Seats and sensors from the middle between the shafts' ends, m: axes at x = -57.5 and 79 mm, end walls at z = ±87 mm,
 #: floor at y = -125 mm.
 PLACES = {
-    "input_low": (-0.0575, 0.0, -0.087), "input_high": (-0.0575, 0.0, 0.087),
-    "output_low": (0.079, 0.0, -0.087), "output_high": (0.079, 0.0, 0.087),
-    "input_seat": (-0.0575, 0.03, 0.087), "output_seat": (0.079, 0.03, 0.087), "base": (0.02, -0.125, 0.087),
-}  # fmt: skip
+    "input_low": (-0.0575, 0.0, -0.087),
+    "input_high": (-0.0575, 0.0, 0.087),
+    "output_low": (0.079, 0.0, -0.087),
+    "output_high": (0.079, 0.0, 0.087),
+    "input_seat": (-0.0575, 0.03, 0.087),
+    "output_seat": (0.079, 0.03, 0.087),
+    "base": (0.02, -0.125, 0.087),
+}
 
 
 @lru_cache(maxsize=1)

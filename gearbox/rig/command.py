@@ -30,23 +30,44 @@ def main(arguments: list[str]) -> int:
         description="Write recordings of a virtual gear stage. They are synthetic. Without --hide nothing is hidden.",
     )
     parser.add_argument(
-        "--hide", metavar="KIND[@WHERE]", action="extend", nargs="+", default=[],
-        help="effect to hide; give several, or repeat the option")  # fmt: skip
+        "--hide",
+        metavar="KIND[@WHERE]",
+        action="extend",
+        nargs="+",
+        default=[],
+        help="effect to hide; give several, or repeat the option",
+    )
     parser.add_argument("--list", action="store_true", help="print what can be hidden, where, and its usual size")
     parser.add_argument("--out", metavar="DIR", help="folder to write into; made if it is not there")
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of all random numbers (default 0)")
     parser.add_argument(
-        "--manufacturing", metavar="FACTOR", type=float, default=0.0,
-        help="factor on the usual errors of manufacturing and assembly of a real stage (default 0: none)")  # fmt: skip
+        "--manufacturing",
+        metavar="FACTOR",
+        type=float,
+        default=0.0,
+        help="factor on the usual errors of manufacturing and assembly of a real stage (default 0: none)",
+    )
     parser.add_argument(
-        "--strength", metavar="FACTOR", type=float, default=1.0,
-        help="factor on the usual size of what is hidden (default 1)")  # fmt: skip
-    parser.add_argument("--noise", metavar="M_S2", type=float, default=0.3,
-                        help="noise of the accelerometers, m/s² (default 0.3)")  # fmt: skip
-    parser.add_argument("--housing", choices=("flexible", "rigid", "clamped"), default="flexible",
-                        help="of the rig and of the model under test (default flexible)")  # fmt: skip
-    parser.add_argument("--encoders", action="store_true",
-                        help="turn the stage slowly and record encoders and torque, for vtsdt diagnose")  # fmt: skip
+        "--strength",
+        metavar="FACTOR",
+        type=float,
+        default=1.0,
+        help="factor on the usual size of what is hidden (default 1)",
+    )
+    parser.add_argument(
+        "--noise", metavar="M_S2", type=float, default=0.3, help="noise of the accelerometers, m/s² (default 0.3)"
+    )
+    parser.add_argument(
+        "--housing",
+        choices=("flexible", "rigid", "clamped"),
+        default="flexible",
+        help="of the rig and of the model under test (default flexible)",
+    )
+    parser.add_argument(
+        "--encoders",
+        action="store_true",
+        help="turn the stage slowly and record encoders and torque, for vtsdt diagnose",
+    )
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     given = parser.parse_args(arguments)

@@ -31,8 +31,10 @@ signals/     one recording each; time in s from the beginning of the record, acc
              rad/s; the label "healthy" has no fault
 """
 SIGNALS = (
-    *(f"a_{sensor}_{axis}" for sensor in ("input_seat", "output_seat", "base") for axis in "xyz"), "speed_1", "speed_2",
-)  # fmt: skip
+    *(f"a_{sensor}_{axis}" for sensor in ("input_seat", "output_seat", "base") for axis in "xyz"),
+    "speed_1",
+    "speed_2",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,13 +148,20 @@ class Sample:
         """Return the row of labels.csv."""
         known = FAULTS.get(self.label)
         return {
-            "file": f"signals/{self.name}.{suffix}", "label": self.label, "kind": known.kind if known else HEALTHY,
-            "where": self.where, "severity": self.severity, "size": self.severity * known.size if known else 0.0,
-            "unit": known.unit if known else "", "tooth": self.tooth if known and known.tooth else "",
-            "phase_rad": self.phase if known and known.phase else "", "speed_rpm": self.speed,
-            "torque_Nm": self.torque, "start_angle_rad": self.start_angle,
+            "file": f"signals/{self.name}.{suffix}",
+            "label": self.label,
+            "kind": known.kind if known else HEALTHY,
+            "where": self.where,
+            "severity": self.severity,
+            "size": self.severity * known.size if known else 0.0,
+            "unit": known.unit if known else "",
+            "tooth": self.tooth if known and known.tooth else "",
+            "phase_rad": self.phase if known and known.phase else "",
+            "speed_rpm": self.speed,
+            "torque_Nm": self.torque,
+            "start_angle_rad": self.start_angle,
             "seed": " ".join(map(str, self.seed)),
-        }  # fmt: skip
+        }
 
 
 def record(stage: GearStage, sample: Sample, plan: DatasetPlan) -> pandas.DataFrame:
@@ -233,8 +242,9 @@ def write_dataset(
 
     plan = plan if plan is not None else DatasetPlan()
     folder = Path(folder)
-    content = json.loads(json.dumps({k: list(v) if isinstance(v, tuple | list) else v
-                                     for k, v in dataclasses.asdict(plan).items()}))  # fmt: skip
+    content = json.loads(
+        json.dumps({k: list(v) if isinstance(v, tuple | list) else v for k, v in dataclasses.asdict(plan).items()})
+    )
     plan_file = folder / "plan.json"
     if plan_file.exists() and json.loads(plan_file.read_text(encoding="utf-8")) != content:
         raise GearError(f"the folder '{folder}'", ["it holds a data set of another plan: take an empty folder"])

@@ -112,8 +112,10 @@ max_effects = 4
 
 
 def _readme(rig: GearRig) -> str:
-    rows = "\n".join(f"| `{n}.csv.gz` | {rpm:g} | {load:g} | {'fitting' if used else 'held out'} |"
-                     for n, rpm, load, used in CONDITIONS)  # fmt: skip
+    rows = "\n".join(
+        f"| `{n}.csv.gz` | {rpm:g} | {load:g} | {'fitting' if used else 'held out'} |"
+        for n, rpm, load, used in CONDITIONS
+    )
     return f"""# Recordings of a virtual gear stage with encoders
 
 **These data are synthetic.** They come from a simulation and not from a machine. They were made by
@@ -167,12 +169,23 @@ def make_encoders(
     for k, (name, rpm, load, _) in enumerate(CONDITIONS):
         progress(f"recording {k + 1} of {len(CONDITIONS)}: {name}")
         cycle = 60.0 / (rpm * TEETH[0])
-        run = stage.simulate(rpm, load, DURATION, rate=RATE, settle=CYCLES * cycle, parameters=values,
-                             method="DormandPrince54", rtol=1e-6, atol=1e-9)  # fmt: skip
+        run = stage.simulate(
+            rpm,
+            load,
+            DURATION,
+            rate=RATE,
+            settle=CYCLES * cycle,
+            parameters=values,
+            method="DormandPrince54",
+            rtol=1e-6,
+            atol=1e-9,
+        )
         stamps = np.arange(round(DURATION * RATE)) / RATE
         held = {"speed": rpm * np.pi / 30.0, "torque": load}
-        seen = {c.signal: np.full(stamps.size, held[c.signal]) if c.signal in held else np.asarray(run[c.signal])
-                for c in CHANNELS}  # fmt: skip
+        seen = {
+            c.signal: np.full(stamps.size, held[c.signal]) if c.signal in held else np.asarray(run[c.signal])
+            for c in CHANNELS
+        }
         rng = rig.stream(700 + k)
         columns = {c.column: logger.read(c, stamps, seen[c.signal], stamps, rng) for c in CHANNELS}
         write_csv(folder / f"{name}.csv.gz", stamps, columns)

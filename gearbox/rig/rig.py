@@ -91,8 +91,12 @@ class GearRig:
         faults = []
         if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
             faults.append(f"seed is {self.seed!r}: give a whole number, zero or more")
-        for name, value in (("manufacturing", self.manufacturing), ("noise", self.noise), ("path", self.path),
-                            ("wander", self.wander)):  # fmt: skip
+        for name, value in (
+            ("manufacturing", self.manufacturing),
+            ("noise", self.noise),
+            ("path", self.path),
+            ("wander", self.wander),
+        ):
             if not (np.isfinite(value) and value >= 0.0):
                 faults.append(f"{name} is {value}: give a number of zero or more")
         if not (np.isfinite(self.strength) and self.strength > 0.0):
@@ -232,8 +236,17 @@ def record(
         grid = np.linspace(beginning - 0.2, float(fine[-1]), 200)
         slow = omega * (1.0 + rig.wander * np.sin(2.0 * np.pi * 0.9 * grid + phase))
         run = stage.simulate(
-            true.speed_rpm, true.load_Nm, span + step, rate=1.0 / step, parameters=values, angle=float(angle),
-            inputs={"speed": (grid - beginning, slow)}, method="DormandPrince54", rtol=1e-7, atol=1e-10)  # fmt: skip
+            true.speed_rpm,
+            true.load_Nm,
+            span + step,
+            rate=1.0 / step,
+            parameters=values,
+            angle=float(angle),
+            inputs={"speed": (grid - beginning, slow)},
+            method="DormandPrince54",
+            rtol=1e-7,
+            atol=1e-10,
+        )
         rng = rig.stream(300 + k)
         columns: dict[str, Array] = {}
         for number, channel in enumerate(rig.channels):

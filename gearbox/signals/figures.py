@@ -132,8 +132,14 @@ def _one(
                 )
                 for x in drawn if shaft == "" else ():
                     axes.annotate(
-                        f"{x.mesh_order}×", (x.frequency, x.amplitude), xytext=(0, 5), textcoords="offset points",
-                        ha="center", fontsize=8, color=tone)  # fmt: skip
+                        f"{x.mesh_order}×",
+                        (x.frequency, x.amplitude),
+                        xytext=(0, 5),
+                        textcoords="offset points",
+                        ha="center",
+                        fontsize=8,
+                        color=tone,
+                    )
     positive = a[a > 0.0]
     floor = float(np.quantile(positive, 0.02)) if positive.size else 1e-5 * top
     axes.set_ylim(max(floor, 1e-5 * top) * 0.5, 4.0 * top)

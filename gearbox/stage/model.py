@@ -66,8 +66,9 @@ class Structure:
         faults = []
         for name in ("input_free", "output_free"):
             free = getattr(self, name)
-            faults += [f"{name}: there is no motion '{m}'; take some of {', '.join(MOTIONS)}" for m in free
-                      if m not in MOTIONS]  # fmt: skip
+            faults += [
+                f"{name}: there is no motion '{m}'; take some of {', '.join(MOTIONS)}" for m in free if m not in MOTIONS
+            ]
             if "spin" not in free:
                 faults.append(f"{name}: the spin must be free, or nothing turns")
         if self.housing not in ("flexible", "rigid", "clamped"):
@@ -287,12 +288,33 @@ def mesh_values(parameters: StageParameters) -> dict[str, float]:
     (square_1, cube_1), (square_2, cube_2) = pair.gap_coefficients(0), pair.gap_coefficients(1)
     thinner = pair.backlash / 2.0 if pair.backlash else 0.0
     return {
-        "teeth_1": float(pair.teeth_1), "teeth_2": float(pair.teeth_2), "base_1": pair.base_radii[0],
-        "base_2": pair.base_radii[1], "alpha": pair.working_pressure_angle, "beta_b": pair.base_helix_angle,
-        "width": pair.width, "base_pitch": pair.base_pitch, "edge_1": pair.path_end, "edge_2": -pair.path_start,
-        "square_1": square_1 * cos_b, "cube_1": cube_1 * cos_b, "square_2": square_2 * cos_b, "cube_2": cube_2 * cos_b,
-        "reach": pair.reach(_DEEPEST), "relief_1": pair.relief_1, "relief_2": pair.relief_2,
-        "relief_length_1": pair.relief_length_1, "relief_length_2": pair.relief_length_2,
-        "thickness": pair.tooth_thicknesses[0] - thinner, "backlash": pair.normal_backlash,
-        "K": c.K, "e": c.e, "C_D": c.C_D, "D_P": c.D_P, "mu_s": c.mu_s, "v_s": c.v_s, "mu_d": c.mu_d, "v_d": c.v_d,
-    }  # fmt: skip
+        "teeth_1": float(pair.teeth_1),
+        "teeth_2": float(pair.teeth_2),
+        "base_1": pair.base_radii[0],
+        "base_2": pair.base_radii[1],
+        "alpha": pair.working_pressure_angle,
+        "beta_b": pair.base_helix_angle,
+        "width": pair.width,
+        "base_pitch": pair.base_pitch,
+        "edge_1": pair.path_end,
+        "edge_2": -pair.path_start,
+        "square_1": square_1 * cos_b,
+        "cube_1": cube_1 * cos_b,
+        "square_2": square_2 * cos_b,
+        "cube_2": cube_2 * cos_b,
+        "reach": pair.reach(_DEEPEST),
+        "relief_1": pair.relief_1,
+        "relief_2": pair.relief_2,
+        "relief_length_1": pair.relief_length_1,
+        "relief_length_2": pair.relief_length_2,
+        "thickness": pair.tooth_thicknesses[0] - thinner,
+        "backlash": pair.normal_backlash,
+        "K": c.K,
+        "e": c.e,
+        "C_D": c.C_D,
+        "D_P": c.D_P,
+        "mu_s": c.mu_s,
+        "v_s": c.v_s,
+        "mu_d": c.mu_d,
+        "v_d": c.v_d,
+    }

@@ -94,8 +94,14 @@ class GearStage(GearModel):
         rate : float, Hz
         """
         run = self.simulate(
-            condition.speed_rpm, condition.load_Nm, duration, rate=rate, settle=_VIBRATION_SETTLE,
-            parameters=self.values(**values), **_VIBRATION_METHOD)  # fmt: skip
+            condition.speed_rpm,
+            condition.load_Nm,
+            duration,
+            rate=rate,
+            settle=_VIBRATION_SETTLE,
+            parameters=self.values(**values),
+            **_VIBRATION_METHOD,
+        )
         names = [name for name in self.outputs if name.startswith("a_")]
         return {name: Signal(run[name], rate, name=name, unit="m/s**2") for name in names}
 

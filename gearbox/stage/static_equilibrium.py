@@ -81,8 +81,11 @@ def static_state(
     cos_b = np.cos(pair.base_helix_angle)
     alpha = pair.working_pressure_angle
     guess: dict[str, float] = {}
-    push = {"x": abs(force) * cos_b * np.sin(alpha), "y": force * cos_b * np.cos(alpha),
-            "z": -force * np.sin(pair.base_helix_angle)}  # fmt: skip
+    push = {
+        "x": abs(force) * cos_b * np.sin(alpha),
+        "y": force * cos_b * np.cos(alpha),
+        "z": -force * np.sin(pair.base_helix_angle),
+    }
     across = float(np.hypot(push["x"], push["y"]))
     gives = {}
     for gear, side in enumerate(("input", "output")):
@@ -107,8 +110,10 @@ def static_state(
     lead = -wind
     # what is missing along the line of action goes into the output shaft's angle
     closing = (depth / cos_b + parted / cos_b) + (0.0 if sign > 0 else -pair.normal_backlash / cos_b)
-    ahead = {"input_shaft.spin_angle": lead,
-             "output_shaft.spin_angle": (closing - pair.base_radii[0] * lead) / pair.base_radii[1]}  # fmt: skip
+    ahead = {
+        "input_shaft.spin_angle": lead,
+        "output_shaft.spin_angle": (closing - pair.base_radii[0] * lead) / pair.base_radii[1],
+    }
     for name, value in {**guess, **ahead}.items():
         if name in system.state_names:
             state[system.index("state", name)] += value

@@ -106,8 +106,13 @@ def main(arguments: list[str]) -> int:
 
     with ProgressLine(given.quiet) as progress:
         result = update(
-            given.study, given.out, processes=given.processes, progress=progress, seed=given.seed,
-            objective=given.objective)  # fmt: skip
+            given.study,
+            given.out,
+            processes=given.processes,
+            progress=progress,
+            seed=given.seed,
+            objective=given.objective,
+        )
     if not given.quiet:
         _show(result, Path(given.out))
     return 0
@@ -143,9 +148,15 @@ def _show(result: UpdatingResult, out: Path) -> None:
         table.add_column(escape(name), justify="left" if name in ("condition", "used") else "right", no_wrap=True)
     for _, row in result.to_frame().iterrows():
         table.add_row(
-            row["condition"], f"{row['speed [r/min]']:.2f}", f"{row['load [N·m]']:.4g}",
-            "yes" if row["used for updating"] else "no", f"{row['before']:.4f}", f"{row['after']:.4f}",
-            f"{row['upper bound']:.4f}", f"{row['lag [ms]']:+.4f}")  # fmt: skip
+            row["condition"],
+            f"{row['speed [r/min]']:.2f}",
+            f"{row['load [N·m]']:.4g}",
+            "yes" if row["used for updating"] else "no",
+            f"{row['before']:.4f}",
+            f"{row['after']:.4f}",
+            f"{row['upper bound']:.4f}",
+            f"{row['lag [ms]']:+.4f}",
+        )
     console.print(table)
     start = result.start.similarity
     if start is not None:

@@ -34,8 +34,15 @@ def sensitivity(result: OneAtATimeResult, what: str = "objective [–]") -> Figu
     order = np.argsort(-result.ranges)
     for i, row in enumerate(order):
         tone, mark = _TONES[i % len(_TONES)], _MARKS[i % len(_MARKS)]
-        left.plot(result.levels, result.responses[row], f"{mark}-", color=tone, markersize=4, linewidth=1.1,
-                  label=result.space.names[row])  # fmt: skip
+        left.plot(
+            result.levels,
+            result.responses[row],
+            f"{mark}-",
+            color=tone,
+            markersize=4,
+            linewidth=1.1,
+            label=result.space.names[row],
+        )
     left.axhline(result.base_response, color="#777777", linewidth=0.8, linestyle=":")
     left.set_xlabel("parameter, scaled to its range [–]")
     left.set_ylabel(what)
@@ -62,8 +69,9 @@ def surface_study(result: UpdatingOutcome) -> Figure:
         left.plot(part["points"], part["r2_loo"], "s--", color=tone, markerfacecolor="white", label="each left out")
         left.plot(part["points"], part["test_r2"], "^:", color=tone, label="test points")
         right.plot(part["points"], part["test_max_relative_error"], "o-", color=tone, label=f"order {order}: largest")
-        right.plot(part["points"], part["test_mean_relative_error"], "s--", color=tone, markerfacecolor="white",
-                   label="mean")  # fmt: skip
+        right.plot(
+            part["points"], part["test_mean_relative_error"], "s--", color=tone, markerfacecolor="white", label="mean"
+        )
     lowest = float(np.nanmin(study[["r2_loo", "test_r2"]].to_numpy(dtype=float)))
     left.set_ylim(max(-1.05, min(lowest, 0.0) - 0.05), 1.03)
     if lowest < -1.05:
@@ -157,12 +165,24 @@ def conditions(result: UpdatingOutcome) -> Figure:
     axis.bar(place - 0.2, table["before"], 0.38, color=BEFORE["color"], label="before")
     axis.bar(place + 0.2, table["after"], 0.38, color=AFTER["color"], label="after")
     for i, bound in enumerate(table["upper bound"]):
-        axis.plot([i - 0.42, i + 0.42], [bound, bound], color="#000000", linewidth=1.4,
-                  label="highest that mesh lines can reach" if i == 0 else None)  # fmt: skip
+        axis.plot(
+            [i - 0.42, i + 0.42],
+            [bound, bound],
+            color="#000000",
+            linewidth=1.4,
+            label="highest that mesh lines can reach" if i == 0 else None,
+        )
     for x, key in ((-0.2, "before"), (0.2, "after")):
         for i, value in enumerate(table[key]):
-            axis.annotate(f"{value:.3f}", (i + x, max(value, 0.0)), xytext=(0, -11), textcoords="offset points",
-                          ha="center", fontsize=8, color="white")  # fmt: skip
+            axis.annotate(
+                f"{value:.3f}",
+                (i + x, max(value, 0.0)),
+                xytext=(0, -11),
+                textcoords="offset points",
+                ha="center",
+                fontsize=8,
+                color="white",
+            )
     names = [
         f"{row['condition']}\n{row['speed [r/min]']:.1f} r/min, {row['load [N·m]']:.4g} N·m\n"
         + ("used" if row["used for updating"] else "held out")

@@ -122,8 +122,13 @@ class Runs:
     def key(self, values: Mapping[str, float], condition: OperatingCondition) -> str:
         """Name of a run: the same for the same model, parameters, condition and settings."""
         content = [
-            _SCHEMA, self._identity, sorted((n, float(v)) for n, v in values.items()), float(condition.speed_rpm),
-            float(condition.load_Nm), asdict(self.settings)]  # fmt: skip
+            _SCHEMA,
+            self._identity,
+            sorted((n, float(v)) for n, v in values.items()),
+            float(condition.speed_rpm),
+            float(condition.load_Nm),
+            asdict(self.settings),
+        ]
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:24]
 
     def one(self, values: Mapping[str, float], condition: OperatingCondition) -> Run:

@@ -126,9 +126,7 @@ def _components(model: ModelGraph, net: Network, work: Assembly) -> None:
             work.states.append(Quantity(f"{owner}.{name}", state.unit, state.meaning, var, value=start))
             work.derivatives[var] = variable(owner, "_der", name)
         for name, item in component.of_kind(UnknownDeclaration).items():
-            work.unknowns.append(
-                Unknown(f"{owner}.{name}", variable(owner, name), variable(owner, "_zero", name))
-            )
+            work.unknowns.append(Unknown(f"{owner}.{name}", variable(owner, name), variable(owner, "_zero", name)))
             work.output(f"{owner}.{name}", item.unit, item.meaning, variable(owner, name))
         before = len(work.statements)
         try:
@@ -262,9 +260,7 @@ def _show(model: ModelGraph, net: Network, work: Assembly) -> None:
     for name, source in model.outputs.items():
         quantity = known.get(source) or _port_quantity(model, source)
         if quantity is None:
-            work.faults.append(
-                f"model output '{name}': there is no quantity '{source}'{nearest(source, known)}"
-            )
+            work.faults.append(f"model output '{name}': there is no quantity '{source}'{nearest(source, known)}")
         elif name not in known:
             work.output(name, quantity.unit, quantity.meaning, quantity.variable)
 

@@ -49,17 +49,13 @@ def accelerations(work: Assembly) -> None:
         right = []
         for c in members:
             terms = [f"{c.key}___F"]
-            terms += [
-                f"-{_entry(c.key, g.key)} * {g.acceleration}" for g in prescribed if (c.key, g.key) in matrix
-            ]
+            terms += [f"-{_entry(c.key, g.key)} * {g.acceleration}" for g in prescribed if (c.key, g.key) in matrix]
             right.append(" + ".join(terms))
         _solve(work, members, right, matrix)
     for g in prescribed:
         if g.reaction:
             inertia = [
-                f"{_entry(g.key, c.key)} * {c.acceleration}"
-                for c in (*free, *prescribed)
-                if (g.key, c.key) in matrix
+                f"{_entry(g.key, c.key)} * {c.acceleration}" for c in (*free, *prescribed) if (g.key, c.key) in matrix
             ]
             work.add(f"{g.reaction} = {total(inertia)} - {g.key}___F", g.name)
     for c in work.coordinates:
@@ -67,9 +63,7 @@ def accelerations(work: Assembly) -> None:
             work.unknowns.append(Unknown(c.name, c.velocity, f"{c.key}___F"))
 
 
-def _collect(
-    part: Contribution, matrix: dict[tuple[str, str], list[str]], force: dict[str, list[str]]
-) -> None:
+def _collect(part: Contribution, matrix: dict[tuple[str, str], list[str]], force: dict[str, list[str]]) -> None:
     n = len(part.rows)
     for r in range(n):
         for i, j_i in part.rows[r].items():

@@ -91,9 +91,7 @@ class Kinematics:
                 if node.prescriber is not None:
                     work.add(f"{base}__reaction = {base}___sum", node.label.name)
                 elif not node.grounded:
-                    work.unknowns.append(
-                        Unknown(f"{node.label.name}.voltage", f"{base}__voltage", f"{base}___sum")
-                    )
+                    work.unknowns.append(Unknown(f"{node.label.name}.voltage", f"{base}__voltage", f"{base}___sum"))
                 continue
             motion = self.of(node)
             terms = flows + motion.forces

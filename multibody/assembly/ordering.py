@@ -162,9 +162,7 @@ def _block(unknowns: list[Unknown], statements: list[Statement]) -> Block:
     derived = Differentiator(active, tangent_name).statements([copied(n) for n in nodes])
     bent = active_names(derived, seeds)
     branching = any(
-        isinstance(n, ast.If | ast.IfExp) and names_read(n.test) & active
-        for s in derived
-        for n in ast.walk(s)
+        isinstance(n, ast.If | ast.IfExp) and names_read(n.test) & active for s in derived for n in ast.walk(s)
     )
     affine = not branching and not any(d(u.residual) in bent for u in unknowns)
     return Block(unknowns, statements, affine)

@@ -111,7 +111,4 @@ def _named_after_another(name: str, entries: list[tuple[str, str, str, Node, Nod
 def _with_distinct_names(places: list[Place]) -> list[Place]:
     """Name the places of a part with several motions by its ports; two sides that a part joins keep the part's name."""
     count = Counter(p.name for p in places)
-    return [
-        replace(p, name=p.first_port) if count[p.name] > 1 and p.second is None else p
-        for p in places
-    ]
+    return [replace(p, name=p.first_port) if count[p.name] > 1 and p.second is None else p for p in places]

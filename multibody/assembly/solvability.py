@@ -46,9 +46,7 @@ def unsolvable(work: Assembly, blocks: Sequence[Block], text: str, kernels: Sequ
     kernels : sequence of str
         Source of the functions it calls.
     """
-    sizes = {
-        f"# implicit: {', '.join(u.name for u in b.unknowns)}": len(b.unknowns) for b in blocks if b.affine
-    }
+    sizes = {f"# implicit: {', '.join(u.name for u in b.unknowns)}": len(b.unknowns) for b in blocks if b.affine}
     lines = text.splitlines()
     size, marks = 0, {}
     for k, line in enumerate(lines):

@@ -36,9 +36,7 @@ def directed(model: ModelGraph, net: Network, work: Assembly) -> list[Coupling]:
     def possible(way: Coupling) -> bool:
         target = net.node_of[way.target]
         held = target.grounded or target.prescriber is not None or any(p.locked for p in target.ports)
-        circle = any(
-            id(target) in leads.get(s, set()) | {s} for s in (id(net.node_of[n]) for n in way.sources)
-        )
+        circle = any(id(target) in leads.get(s, set()) | {s} for s in (id(net.node_of[n]) for n in way.sources))
         return not held and id(target) not in leads and not circle
 
     for ways in options:
@@ -131,9 +129,7 @@ def follow(kin: Kinematics, net: Network, coupling: Coupling, work: Assembly) ->
         motion.bias = f"{motion.base}___bias"
         work.add(f"{motion.bias} = {total(bias)}", coupling.owner)
     known = {c.key: c.acceleration for c in work.coordinates}
-    terms = [f"{var} * {known[key]}" for key, var in motion.factors.items()] + (
-        [motion.bias] if motion.bias else []
-    )
+    terms = [f"{var} * {known[key]}" for key, var in motion.factors.items()] + ([motion.bias] if motion.bias else [])
     work.add(f"{motion.base}__acceleration = {total(terms)}", coupling.owner)
 
 

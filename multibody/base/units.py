@@ -14,10 +14,24 @@ __all__ = ["UnitError", "convert", "quantity", "same_dimension", "si_factor"]
 
 #: Conversions that most files need; without them every start would wait for pint to read its definitions.
 _USUAL = {
-    ("mm", "m"): 1e-3, ("cm", "m"): 1e-2, ("km", "m"): 1e3, ("um", "m"): 1e-6, ("µm", "m"): 1e-6, ("ms", "s"): 1e-3,
-    ("min", "s"): 60.0, ("h", "s"): 3600.0, ("kN", "N"): 1e3, ("kHz", "Hz"): 1e3, ("mA", "A"): 1e-3, ("mV", "V"): 1e-3,
-    ("g", "kg"): 1e-3, ("t", "kg"): 1e3, ("bar", "Pa"): 1e5, ("MPa", "Pa"): 1e6, ("GPa", "Pa"): 1e9,
-}  # fmt: skip
+    ("mm", "m"): 1e-3,
+    ("cm", "m"): 1e-2,
+    ("km", "m"): 1e3,
+    ("um", "m"): 1e-6,
+    ("µm", "m"): 1e-6,
+    ("ms", "s"): 1e-3,
+    ("min", "s"): 60.0,
+    ("h", "s"): 3600.0,
+    ("kN", "N"): 1e3,
+    ("kHz", "Hz"): 1e3,
+    ("mA", "A"): 1e-3,
+    ("mV", "V"): 1e-3,
+    ("g", "kg"): 1e-3,
+    ("t", "kg"): 1e3,
+    ("bar", "Pa"): 1e5,
+    ("MPa", "Pa"): 1e6,
+    ("GPa", "Pa"): 1e9,
+}
 
 
 class UnitError(ValueError):

@@ -17,9 +17,31 @@ __all__ = ["declaration_faults", "name_fault"]
 _RESERVED = frozenset(vars(Component)) | frozenset(
     ("der", "zero", "time", "values", "tables", "options", "starts", "faults", "units", "declarations", "assemble")
 )
-_COHERENT = frozenset([
-    "m", "kg", "s", "A", "K", "rad", "N", "J", "W", "V", "C", "F", "H", "ohm", "S", "T", "Wb", "Pa", "Hz", "mol", "cd",
-])
+_COHERENT = frozenset(
+    [
+        "m",
+        "kg",
+        "s",
+        "A",
+        "K",
+        "rad",
+        "N",
+        "J",
+        "W",
+        "V",
+        "C",
+        "F",
+        "H",
+        "ohm",
+        "S",
+        "T",
+        "Wb",
+        "Pa",
+        "Hz",
+        "mol",
+        "cd",
+    ]
+)
 
 
 def name_fault(name: str) -> str | None:

@@ -261,4 +261,3 @@ def out_of_bounds(item: Parameter, number: float) -> str | None:
         most = f"above its largest value {item.max:g}"
         return f"parameter '{item.name}' is {number:g} {item.unit}, {most}: {item.meaning}"
     return None
-

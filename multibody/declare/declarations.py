@@ -208,7 +208,11 @@ class Translation(Port):
     rate: ClassVar[str] = "velocity"
     flow: ClassVar[str] = "force"
     units: ClassVar[dict[str, str]] = {
-        "position": "m", "velocity": "m/s", "acceleration": "m/s**2", "force": "N", "reaction": "N",
+        "position": "m",
+        "velocity": "m/s",
+        "acceleration": "m/s**2",
+        "force": "N",
+        "reaction": "N",
     }
 
 
@@ -238,7 +242,11 @@ class Rotation(Port):
     rate: ClassVar[str] = "speed"
     flow: ClassVar[str] = "torque"
     units: ClassVar[dict[str, str]] = {
-        "angle": "rad", "speed": "rad/s", "acceleration": "rad/s**2", "torque": "N*m", "reaction": "N*m",
+        "angle": "rad",
+        "speed": "rad/s",
+        "acceleration": "rad/s**2",
+        "torque": "N*m",
+        "reaction": "N*m",
     }
     generic: ClassVar[dict[str, str]] = {"position": "angle", "velocity": "speed", "force": "torque"}
 
@@ -292,8 +300,15 @@ class Frame(Port):
     units: ClassVar[dict[str, str]] = {
         f"{what}{axis}": unit
         for what, unit in (
-            ("p", "m"), ("v", "m/s"), ("w", "rad/s"), ("a", "m/s**2"), ("al", "rad/s**2"), ("g", "m/s**2"),
-            ("f", "N"), ("m", "N*m"))
+            ("p", "m"),
+            ("v", "m/s"),
+            ("w", "rad/s"),
+            ("a", "m/s**2"),
+            ("al", "rad/s**2"),
+            ("g", "m/s**2"),
+            ("f", "N"),
+            ("m", "N*m"),
+        )
         for axis in "xyz"
     } | {f"r{i}{j}": "1" for i in "123" for j in "123"}
 
@@ -310,7 +325,8 @@ class Frame(Port):
     def _names(self, entries: tuple[float | str | None, ...], kinds: tuple[str, ...]) -> tuple[str | None, ...]:
         return tuple(
             e if e is None or isinstance(e, str) else f"{self.name}_{kind}"
-            for e, kind in zip(entries, kinds, strict=True))
+            for e, kind in zip(entries, kinds, strict=True)
+        )
 
     def brings(self) -> dict[str, Declaration]:
         """Return the parameters of the frame's position and attitude on the body."""

@@ -37,7 +37,8 @@ def in_both_domains(
     for domain, name in zip(_PORTS, names, strict=True):
         body: dict[str, Any] = {
             key: replace(item, unit=_units(item.unit, domain))  # type: ignore[attr-defined, call-arg]
-            for key, item in law.declarations.items() if getattr(item, "unit", None) is not None
+            for key, item in law.declarations.items()
+            if getattr(item, "unit", None) is not None
         }
         for item in body.values():
             if not isinstance(item, Declaration):

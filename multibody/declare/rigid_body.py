@@ -145,13 +145,9 @@ class RigidBody(Component):
         fault = inertia_fault(np.array(entries))
         faults = [fault] if fault else []
         if self.free and v["mass"] <= 0.0:
-            faults.append(
-                f"parameter 'mass' is {v['mass']:g} kg, but {', '.join(self.free)} can move: give it a mass"
-            )
+            faults.append(f"parameter 'mass' is {v['mass']:g} kg, but {', '.join(self.free)} can move: give it a mass")
         if self.body_rates and abs(abs(self.starts["pitch_start"]) - math.pi / 2) < 1e-3:
-            faults.append(
-                "'pitch_start' is a quarter turn, where roll and yaw are the same: turn its parent frame"
-            )
+            faults.append("'pitch_start' is a quarter turn, where roll and yaw are the same: turn its parent frame")
         return faults
 
 

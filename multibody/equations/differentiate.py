@@ -189,9 +189,7 @@ class Differentiator:
             return (
                 pre,
                 ast.UnaryOp(node.op, v),
-                ast.UnaryOp(ast.USub(), dv)
-                if negative and dv
-                else (dv if isinstance(node.op, ast.UAdd) else None),
+                ast.UnaryOp(ast.USub(), dv) if negative and dv else (dv if isinstance(node.op, ast.UAdd) else None),
             )
         if isinstance(node, ast.Compare | ast.BoolOp):
             return [], node, None
@@ -337,9 +335,7 @@ class Differentiator:
         if node.func.id.startswith("k_tables_"):  # p and its tangent, start, size, argument and its tangent
             p, start, size, argument = node.args
             if node.func.id.endswith("_slope"):
-                raise EquationError(
-                    "the slope of a table has no derivative: write the coupling without a table"
-                )
+                raise EquationError("the slope of a table has no derivative: write the coupling without a table")
             before, v, dv = self.expression(argument)
             tangent_args = [p, loaded("p_dot"), start, size, v, dv if dv is not None else const(0.0)]
             return before, ast.Call(loaded(self.kernel_tangent(node.func.id)), tangent_args, [])

@@ -116,8 +116,6 @@ def _unassigned(scope: Scope, statements: list[Statement]) -> list[str]:
                 f"{statement.origin}: '{shown}' is assigned in one branch only: give it a value in every branch, "
                 "or one before the branches"
             )
-        for name in sorted(
-            n for n in statement.reads & statement.writes - statement.unsure if "___local" in n
-        ):
+        for name in sorted(n for n in statement.reads & statement.writes - statement.unsure if "___local" in n):
             faults.append(f"{statement.origin}: '{readable(name)}' is used before it has a value")
     return faults

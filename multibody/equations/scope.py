@@ -44,16 +44,12 @@ class Scope:
         if head == "der" and len(path) == 2:
             if not isinstance(known.get(path[1]), State):
                 hint = nearest(path[1], self.component.of_kind(State))
-                raise EquationError(
-                    f"{where}: 'self.der.{path[1]}' is not the rate of a declared state{hint}"
-                )
+                raise EquationError(f"{where}: 'self.der.{path[1]}' is not the rate of a declared state{hint}")
             return ast.Name(variable(self.name, "_der", path[1]), ast.Load())
         if head == "zero" and len(path) == 2:
             if not isinstance(known.get(path[1]), Unknown):
                 hint = nearest(path[1], self.component.of_kind(Unknown))
-                raise EquationError(
-                    f"{where}: 'self.zero.{path[1]}' is not the equation of a declared unknown{hint}"
-                )
+                raise EquationError(f"{where}: 'self.zero.{path[1]}' is not the equation of a declared unknown{hint}")
             return ast.Name(variable(self.name, "_zero", path[1]), ast.Load())
         item = known.get(head)
         if isinstance(item, Option) and len(path) == 1:
@@ -73,11 +69,7 @@ class Scope:
     def _own_names(self, path: list[str]) -> list[str]:
         """Return a path with the name of a port's quantity in its own domain, for laws of both domains."""
         item = self.component.declarations.get(path[0])
-        return (
-            [path[0], item.generic.get(path[1], path[1])]
-            if isinstance(item, Port) and len(path) == 2
-            else path
-        )
+        return [path[0], item.generic.get(path[1], path[1])] if isinstance(item, Port) and len(path) == 2 else path
 
     def why_not_assigned(self, path: list[str], coupling: bool) -> str | None:
         """Return why ``self.<path>`` cannot stand on the left of an equation, or None if it can."""

@@ -102,9 +102,7 @@ def _differences(values: np.ndarray, d: int) -> tuple[np.ndarray, np.ndarray]:
     return second, fourth
 
 
-def breaks(
-    times: np.ndarray, marks: np.ndarray, kinds: np.ndarray, delays: np.ndarray
-) -> dict[str, np.ndarray]:
+def breaks(times: np.ndarray, marks: np.ndarray, kinds: np.ndarray, delays: np.ndarray) -> dict[str, np.ndarray]:
     """Collect for each delay the times at which a step must end."""
     instants, jumps, start, owner = [], [], [0], []
     for delay in np.unique(delays):

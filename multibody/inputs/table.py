@@ -79,11 +79,7 @@ class InputTable:
         values = np.array(self.values, dtype=np.float64, ndmin=2, order="C")
         count = values.shape[1] if values.ndim == 2 else 0
         names = tuple(self.names) or tuple(f"input {i}" for i in range(count))
-        kinds = (
-            (self.interpolation,) * count
-            if isinstance(self.interpolation, str)
-            else tuple(self.interpolation)
-        )
+        kinds = (self.interpolation,) * count if isinstance(self.interpolation, str) else tuple(self.interpolation)
         delays = np.full(count, -1) if self.delay_parameter is None else np.asarray(self.delay_parameter)
         _check(times, values, names, kinds, delays)
         code = np.array([INTERPOLATIONS.index(kind) for kind in kinds], dtype=np.int64).reshape(count)
@@ -271,9 +267,7 @@ def _check(
         faults.append(f"time {int(np.flatnonzero(~np.isfinite(times))[0])} is not finite")
     elif np.any(np.diff(times) <= 0.0):
         row = int(np.flatnonzero(np.diff(times) <= 0.0)[0])
-        faults.append(
-            f"times do not increase: {times[row + 1]:g} s follows {times[row]:g} s at row {row + 1}"
-        )
+        faults.append(f"times do not increase: {times[row + 1]:g} s follows {times[row]:g} s at row {row + 1}")
     if not faults or len(names) == count:
         for c in range(count):
             bad = np.flatnonzero(~np.isfinite(values[:, c]))
@@ -284,8 +278,6 @@ def _check(
             faults.append(f"input names appear twice: {', '.join(twice)}")
     for name, kind in zip(names, kinds, strict=False):
         if kind not in INTERPOLATIONS:
-            faults.append(
-                f"input '{name}': interpolation '{kind}' is unknown, take one of {', '.join(INTERPOLATIONS)}"
-            )
+            faults.append(f"input '{name}': interpolation '{kind}' is unknown, take one of {', '.join(INTERPOLATIONS)}")
     if faults:
         raise InputError("; ".join(faults))

@@ -61,9 +61,7 @@ class Measurement:
         if faults:
             raise ValueError("a measurement that cannot be: " + "; ".join(faults))
 
-    def apply(
-        self, times: np.ndarray, values: np.ndarray, rng: np.random.Generator | int
-    ) -> np.ndarray:
+    def apply(self, times: np.ndarray, values: np.ndarray, rng: np.random.Generator | int) -> np.ndarray:
         """Return the readings at the time stamps ``times``.
 
         Parameters

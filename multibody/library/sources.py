@@ -94,8 +94,7 @@ class TrapezoidalProfile(_Profile):
 
     def equations(self):
         after = self.time - self.start
-        s, self.velocity, self.acceleration, self.duration = trapezoidal(
-            after, self.distance, self.v_max, self.a_max)
+        s, self.velocity, self.acceleration, self.duration = trapezoidal(after, self.distance, self.v_max, self.a_max)
         self.position = self.offset + s
 
 
@@ -107,5 +106,6 @@ class SCurveProfile(_Profile):
     def equations(self):
         after = self.time - self.start
         s, self.velocity, self.acceleration, self.duration = jerk_limited(
-            after, self.distance, self.v_max, self.a_max, self.j_max)
+            after, self.distance, self.v_max, self.a_max, self.j_max
+        )
         self.position = self.offset + s

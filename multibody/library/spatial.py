@@ -67,19 +67,13 @@ class FrameForce(Component):
                 self.frame.r31 * self.force_x + self.frame.r32 * self.force_y + self.frame.r33 * self.force_z
             )
             self.frame.mx = (
-                self.frame.r11 * self.moment_x
-                + self.frame.r12 * self.moment_y
-                + self.frame.r13 * self.moment_z
+                self.frame.r11 * self.moment_x + self.frame.r12 * self.moment_y + self.frame.r13 * self.moment_z
             )
             self.frame.my = (
-                self.frame.r21 * self.moment_x
-                + self.frame.r22 * self.moment_y
-                + self.frame.r23 * self.moment_z
+                self.frame.r21 * self.moment_x + self.frame.r22 * self.moment_y + self.frame.r23 * self.moment_z
             )
             self.frame.mz = (
-                self.frame.r31 * self.moment_x
-                + self.frame.r32 * self.moment_y
-                + self.frame.r33 * self.moment_z
+                self.frame.r31 * self.moment_x + self.frame.r32 * self.moment_y + self.frame.r33 * self.moment_z
             )
         else:
             self.frame.fx = self.force_x
@@ -288,9 +282,7 @@ class FrameSpring(Component):
                 self.stiffness_roll * roll**2 + self.stiffness_pitch * pitch**2 + self.stiffness_yaw * yaw**2
             )
             rubbing = (
-                self.damping_roll * roll_rate**2
-                + self.damping_pitch * pitch_rate**2
-                + self.damping_yaw * yaw_rate**2
+                self.damping_roll * roll_rate**2 + self.damping_pitch * pitch_rate**2 + self.damping_yaw * yaw_rate**2
             )
         else:
             self.a.mx = -(dy * self.b.fz - dz * self.b.fy)
@@ -298,9 +290,7 @@ class FrameSpring(Component):
             self.a.mz = -(dx * self.b.fy - dy * self.b.fx)
             twisting = 0.0
             rubbing = 0.0
-        self.energy = (
-            0.5 * (self.stiffness_x * x**2 + self.stiffness_y * y**2 + self.stiffness_z * z**2) + twisting
-        )
+        self.energy = 0.5 * (self.stiffness_x * x**2 + self.stiffness_y * y**2 + self.stiffness_z * z**2) + twisting
         self.loss = self.damping_x * vx**2 + self.damping_y * vy**2 + self.damping_z * vz**2 + rubbing
 
 
@@ -342,15 +332,9 @@ class FrameSensor(Component):
         self.v_x = self.frame.vx
         self.v_y = self.frame.vy
         self.v_z = self.frame.vz
-        self.w_x = (
-            self.frame.r11 * self.frame.wx + self.frame.r21 * self.frame.wy + self.frame.r31 * self.frame.wz
-        )
-        self.w_y = (
-            self.frame.r12 * self.frame.wx + self.frame.r22 * self.frame.wy + self.frame.r32 * self.frame.wz
-        )
-        self.w_z = (
-            self.frame.r13 * self.frame.wx + self.frame.r23 * self.frame.wy + self.frame.r33 * self.frame.wz
-        )
+        self.w_x = self.frame.r11 * self.frame.wx + self.frame.r21 * self.frame.wy + self.frame.r31 * self.frame.wz
+        self.w_y = self.frame.r12 * self.frame.wx + self.frame.r22 * self.frame.wy + self.frame.r32 * self.frame.wz
+        self.w_z = self.frame.r13 * self.frame.wx + self.frame.r23 * self.frame.wy + self.frame.r33 * self.frame.wz
         self.a_x = self.frame.ax
         self.a_y = self.frame.ay
         self.a_z = self.frame.az

@@ -98,11 +98,7 @@ class ModelGraph:
         """Add a component under a name and return it as a `Part` whose attributes can be connected."""
         name = str(name)
         if not isinstance(component, Component):
-            what = (
-                f"the class {component.__name__}"
-                if isinstance(component, type)
-                else f"a {type(component).__name__}"
-            )
+            what = f"the class {component.__name__}" if isinstance(component, type) else f"a {type(component).__name__}"
             self._faults.append(f"'{name}' is {what}, not a component: add an instance of a Component class")
             component = Component()
         elif not hasattr(component, "values"):
@@ -205,9 +201,7 @@ class ModelGraph:
     def part(self, name: str) -> Part:
         """Return a component of the model as a `Part`."""
         if name not in self._components:
-            raise KeyError(
-                f"model '{self.name}' has no component '{name}'{nearest(name, self._components)}"
-            )
+            raise KeyError(f"model '{self.name}' has no component '{name}'{nearest(name, self._components)}")
         return Part(name, self._components[name])
 
     def find(self, endpoint: str) -> Location | None:

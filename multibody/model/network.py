@@ -49,10 +49,7 @@ class PortOf:
     def locked(self) -> bool:
         """True when the component's Boolean option takes the degree of freedom away."""
         options = self.component.options
-        return (
-            options.get(f"{self.port_name}_free", options.get("free", True)) is False
-            and self.inertia is not None
-        )
+        return options.get(f"{self.port_name}_free", options.get("free", True)) is False and self.inertia is not None
 
 
 @dataclass(eq=False)
@@ -122,9 +119,7 @@ def network(model: ModelGraph) -> Network:
     _signals(model, net)
     _nodes(ports, links, net)
     for name, reference in ports.items():
-        held = isinstance(reference.port, Frame) and (
-            reference.port.parent or reference.port.offset is not None
-        )
+        held = isinstance(reference.port, Frame) and (reference.port.parent or reference.port.offset is not None)
         free_alone = reference.inertia or reference.coordinate or held
         if name not in connected and not free_alone:
             meaning = reference.port.meaning or type(reference.component).__name__
@@ -146,16 +141,12 @@ def _name_faults(model: ModelGraph) -> list[str]:
     for name in model.components:
         first = name.partition(".")[0]
         if first in RESERVED:
-            faults.append(
-                f"component '{name}': '{first}' is the model's own name for something else: rename it"
-            )
+            faults.append(f"component '{name}': '{first}' is the model's own name for something else: rename it")
         owner, _, rest = name.rpartition(".")
         while owner:
             head = rest.partition(".")[0]
             if owner in model.components and head in model.components[owner].declarations:
-                faults.append(
-                    f"component '{name}' has the same name as '{head}' of component '{owner}': rename one"
-                )
+                faults.append(f"component '{name}' has the same name as '{head}' of component '{owner}': rename one")
             owner, _, before = owner.rpartition(".")
             rest = f"{before}.{rest}"
     return faults
@@ -197,14 +188,11 @@ def _connection(
             known = list(component.of_kind((Port, Input, Output)))  # type: ignore[arg-type]
             hint = nearest(item, known) or f"; it has {', '.join(known) or 'none'}"
             net.faults.append(
-                f"connection '{shown}': {type(component).__name__} '{owner}' has no port or signal "
-                f"'{item}'{hint}"
+                f"connection '{shown}': {type(component).__name__} '{owner}' has no port or signal '{item}'{hint}"
             )
             return
     if mechanical and (outputs or inputs):
-        net.faults.append(
-            f"connection '{shown}' mixes ports and signals: use a sensor or a source between them"
-        )
+        net.faults.append(f"connection '{shown}' mixes ports and signals: use a sensor or a source between them")
     elif mechanical:
         _join(mechanical, shown, ports, links, connected, net)
     else:
@@ -236,9 +224,7 @@ def _join(
 def _signal_connection(model: ModelGraph, shown: str, outputs: list[str], inputs: list[str], net: Network) -> None:
     if len(outputs) != 1:
         count = "no output" if not outputs else f"{len(outputs)} outputs"
-        net.faults.append(
-            f"connection '{shown}' has {count}: connect exactly one output to one or more inputs"
-        )
+        net.faults.append(f"connection '{shown}' has {count}: connect exactly one output to one or more inputs")
         return
     source = outputs[0]
     _, maker, out = model.find(source)  # type: ignore[misc]
@@ -252,9 +238,7 @@ def _signal_connection(model: ModelGraph, shown: str, outputs: list[str], inputs
                 f"{unit or '1'}: put a Gain between them or connect the right signal"
             )
         if target in net.sources:
-            net.faults.append(
-                f"input '{target}' has two sources, '{net.sources[target]}' and '{source}': add a Sum"
-            )
+            net.faults.append(f"input '{target}' has two sources, '{net.sources[target]}' and '{source}': add a Sum")
         net.sources[target] = source
 
 
@@ -262,23 +246,19 @@ def _signals(model: ModelGraph, net: Network) -> None:
     for entry in model.inputs.values():
         units: dict[str, str] = {}
         if not entry.targets:
-            net.faults.append(
-                f"model input '{entry.name}' feeds nothing: name the component inputs that take it"
-            )
+            net.faults.append(f"model input '{entry.name}' feeds nothing: name the component inputs that take it")
         for target in entry.targets:
             location = model.find(target)
             declaration = location.component.declarations.get(location.item) if location else None
             if not isinstance(declaration, Input):
                 known = [f"{n}.{i}" for n, c in model.components.items() for i in c.of_kind(Input)]
                 net.faults.append(
-                    f"model input '{entry.name}': '{target}' is not an input of a "
-                    f"component{nearest(target, known)}"
+                    f"model input '{entry.name}': '{target}' is not an input of a component{nearest(target, known)}"
                 )
                 continue
             if target in net.sources:
                 net.faults.append(
-                    f"input '{target}' has two sources, '{net.sources[target]}' and model input "
-                    f"'{entry.name}'"
+                    f"input '{target}' has two sources, '{net.sources[target]}' and model input '{entry.name}'"
                 )
             net.sources[target] = f"input:{entry.name}"
             units[target] = declaration.unit
@@ -288,8 +268,7 @@ def _signals(model: ModelGraph, net: Network) -> None:
             for target, unit in units.items():
                 if not same_dimension(first or "1", unit or "1"):
                     net.faults.append(
-                        f"model input '{entry.name}' feeds inputs of different units ({first} and {unit} at "
-                        f"'{target}')"
+                        f"model input '{entry.name}' feeds inputs of different units ({first} and {unit} at '{target}')"
                     )
     for owner, component in model.components.items():
         for name, item in component.of_kind(Input).items():

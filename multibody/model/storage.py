@@ -58,19 +58,19 @@ def save(model: ModelGraph, path: str | Path) -> Path:
             if values := getattr(component, part):
                 entry[part] = values
         if component.tables:
-            entry["tables"] = {
-                k: {"x": x.tolist(), "y": y.tolist()} for k, (x, y) in component.tables.items()
-            }
+            entry["tables"] = {k: {"x": x.tolist(), "y": y.tolist()} for k, (x, y) in component.tables.items()}
         components[name] = entry
     if faults:
         raise ModelError(model.name, faults)
-    inputs = [
-        {k: v for k, v in dataclasses.asdict(entry).items() if v is not None} for entry in model.inputs.values()
-    ]
+    inputs = [{k: v for k, v in dataclasses.asdict(entry).items() if v is not None} for entry in model.inputs.values()]
     content = {
-        "schema": SCHEMA, "name": model.name, "components": components, "connections": model.connections,
-        "inputs": inputs, "outputs": model.outputs,
-    }  # fmt: skip
+        "schema": SCHEMA,
+        "name": model.name,
+        "components": components,
+        "connections": model.connections,
+        "inputs": inputs,
+        "outputs": model.outputs,
+    }
     return write_json_atomically(path, content)
 
 
@@ -120,9 +120,7 @@ def load(path: str | Path, model_class: Callable[[str], M]) -> M:
 def _read(path: Path, faults: list[str]) -> dict[str, Any]:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = [key for key, _ in pairs]
-        faults.extend(
-            f"'{key}' appears twice in one object" for key in sorted({k for k in keys if keys.count(k) > 1})
-        )
+        faults.extend(f"'{key}' appears twice in one object" for key in sorted({k for k in keys if keys.count(k) > 1}))
         return dict(pairs)
 
     def refuse(word: str) -> float:
@@ -146,9 +144,7 @@ def _read(path: Path, faults: list[str]) -> dict[str, Any]:
         if key not in content:
             faults.append(f"the entry '{key}' is missing")
         elif not isinstance(content[key], kind):
-            faults.append(
-                f"the entry '{key}' has to be a {kind.__name__}, it is a {type(content[key]).__name__}"
-            )
+            faults.append(f"the entry '{key}' has to be a {kind.__name__}, it is a {type(content[key]).__name__}")
     faults += [f"unknown entry '{key}'{nearest(key, _TOP)}" for key in content if key not in _TOP]
     if faults:
         raise ModelError(f"{path}", faults)
@@ -160,9 +156,7 @@ def _component(name: str, entry: Any, folder: Path, faults: list[str]) -> Compon
     if not isinstance(entry, dict) or not isinstance(entry.get("class"), str):
         faults.append(f"{where}: give an object with 'class', such as \"multibody.library:Mass\"")
         return None
-    faults += [
-        f"{where}: unknown entry '{k}'{nearest(k, _PARTS)}" for k in entry if k not in (*_PARTS, "class")
-    ]
+    faults += [f"{where}: unknown entry '{k}'{nearest(k, _PARTS)}" for k in entry if k not in (*_PARTS, "class")]
     given: dict[str, Any] = {}
     for part in _PARTS:
         values = entry.get(part, {})
@@ -175,9 +169,7 @@ def _component(name: str, entry: Any, folder: Path, faults: list[str]) -> Compon
                     faults.append(f'{where}: table \'{key}\' has to be {{"x": [...], "y": [...]}}')
                     continue
                 value = (value["x"], value["y"])
-            elif part in ("values", "starts") and (
-                isinstance(value, bool) or not isinstance(value, int | float)
-            ):
+            elif part in ("values", "starts") and (isinstance(value, bool) or not isinstance(value, int | float)):
                 faults.append(f"{where}: '{key}' has to be a number in SI, it is {value!r}")
                 continue
             given[key] = value
@@ -200,9 +192,7 @@ def _input(model: ModelGraph, k: int, entry: Any, faults: list[str]) -> None:
     if not isinstance(targets, list) or not all(isinstance(t, str) for t in targets):
         faults.append(f"input '{name}': 'targets' has to be a list of component inputs")
         return
-    faults += [
-        f"input '{name}': unknown entry '{key}'{nearest(key, known)}" for key in entry if key not in known
-    ]
+    faults += [f"input '{name}': unknown entry '{key}'{nearest(key, known)}" for key in entry if key not in known]
     numbers = {key: entry[key] for key in ("default", "gain", "offset", "delay") if key in entry}
     for key, value in numbers.items():
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -219,9 +209,7 @@ def _input(model: ModelGraph, k: int, entry: Any, faults: list[str]) -> None:
 def _reference(cls: type, folder: Path) -> str:
     module = sys.modules.get(cls.__module__)
     if "." in cls.__qualname__ or getattr(module, cls.__qualname__, None) is not cls:
-        raise LookupError(
-            f"class {cls.__qualname__} is not at the top of a module: move it there to save the model"
-        )
+        raise LookupError(f"class {cls.__qualname__} is not at the top of a module: move it there to save the model")
     file = getattr(module, "__file__", None)
     if file is None:
         raise LookupError(f"class {cls.__qualname__} is not in a file: define it in one to save the model")
@@ -261,17 +249,13 @@ def _named_module(name: str) -> ModuleType:
     try:
         return module_named(name)
     except ImportError as error:
-        raise LookupError(
-            f"module '{name}' cannot be imported ({error}): install the package it belongs to"
-        ) from error
+        raise LookupError(f"module '{name}' cannot be imported ({error}): install the package it belongs to") from error
 
 
 def _file_module(path: Path) -> ModuleType:
     path = path.resolve()
     if not path.is_file():
-        raise LookupError(
-            f"the file '{path}' is needed for its component classes and does not exist: restore it"
-        )
+        raise LookupError(f"the file '{path}' is needed for its component classes and does not exist: restore it")
     for module in _modules_of(path):
         return module
     spec = importlib.util.spec_from_file_location(f"vtsdt_file_{path.stem}_{len(sys.modules)}", path)

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 __all__ = ["longest_steps", "observe_along"]
 
 
-
 def observe_along(
     system: CompiledSystem,
     times: np.ndarray,
@@ -62,9 +61,7 @@ def observe_along(
         lanes = np.zeros((p.size, MANY_LANES))
         lanes[:, : len(p_dot)] = p_dot.T
         some = np.empty((times.size, len(p_dot), derivatives.shape[2]))
-        along.observe_lanes_along(
-            wide.address, first, *at, lanes, shape, directions.channel, delays, room, some
-        )
+        along.observe_lanes_along(wide.address, first, *at, lanes, shape, directions.channel, delays, room, some)
         derivatives[:, first : first + len(p_dot)] = some
     return derivatives.transpose(0, 2, 1)
 

@@ -30,7 +30,6 @@ from multibody.solvers.kernels.along import lanes_along, rhs_along, tangents_alo
 __all__ = ["CompiledSystem"]
 
 
-
 class CompiledSystem:
     """The assembled equations ẋ = f(t, x, u, p), y = h(t, x, u, p) of a model.
 
@@ -132,9 +131,7 @@ class CompiledSystem:
         try:
             return self._index[kind][name]
         except KeyError:
-            raise KeyError(
-                f"'{self.name}' has no {kind} '{name}'{nearest(name, self._index[kind])}"
-            ) from None
+            raise KeyError(f"'{self.name}' has no {kind} '{name}'{nearest(name, self._index[kind])}") from None
 
     def unit(self, name: str) -> str:
         """Return the SI unit of an output, state, input or parameter."""
@@ -167,9 +164,7 @@ class CompiledSystem:
     ) -> np.ndarray:
         if isinstance(values, np.ndarray):
             if values.shape != (len(group),):
-                raise ModelError(
-                    self.name, [f"there are {len(group)} {kind}s, the array has the shape {values.shape}"]
-                )
+                raise ModelError(self.name, [f"there are {len(group)} {kind}s, the array has the shape {values.shape}"])
             return np.ascontiguousarray(values, dtype=float)
         vector = np.array([q.value for q in group])
         faults = []
@@ -341,9 +336,7 @@ class CompiledSystem:
         lanes_along(wide.address, *at, *lanes.values(), room, out)
         return out
 
-    def outputs_along(
-        self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray
-    ) -> np.ndarray:
+    def outputs_along(self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the outputs at every row of a trajectory, shape (nt, n_y).
 
         Of several parameter vectors, p (k, n_p), they have the shape (k, nt, n_y).
@@ -351,9 +344,7 @@ class CompiledSystem:
         shape = (times.size, len(self.outputs))
         times, states, inputs, every = _contiguous(times, states, inputs, np.atleast_2d(p))
         outputs, own, out = np.empty((len(every), *shape)), np.empty(every.shape[1]), np.empty(shape)
-        work = rhs_along.bound(
-            self.outputs_function.address, times, states, inputs, own, out
-        )
+        work = rhs_along.bound(self.outputs_function.address, times, states, inputs, own, out)
         for k, values in enumerate(every):
             own[:] = values
             work()

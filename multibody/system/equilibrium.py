@@ -119,9 +119,7 @@ def equilibrium(
             break
     if not np.max(np.abs(f[kept]), initial=0.0) <= tolerance * scale:
         worst = sorted(kept, key=lambda k: -abs(f[k]))[:8]
-        lines = "\n".join(
-            f"  - d/dt {system.state_names[k]} = {f[k]:.4g} {system.states[k].unit}/s" for k in worst
-        )
+        lines = "\n".join(f"  - d/dt {system.state_names[k]} = {f[k]:.4g} {system.states[k].unit}/s" for k in worst)
         raise SimulationError(
             f"'{system.name}' has no equilibrium near the guess; after {done} steps these rates remain:\n{lines}\n"
             "Hold a state (hold=…), give a better guess, or check for a force that nothing balances."

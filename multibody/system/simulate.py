@@ -81,15 +81,9 @@ def simulate(
     if step is not None and not step > 0.0:
         raise SimulationError(f"'{system.name}': the step is {step:g} s, it must be positive")
     if times is None:
-        times = (
-            np.linspace(t0, t1, 1001)
-            if step is None
-            else t0 + step * np.arange(int((t1 - t0) / step + 1e-9) + 1)
-        )
+        times = np.linspace(t0, t1, 1001) if step is None else t0 + step * np.arange(int((t1 - t0) / step + 1e-9) + 1)
     times = np.ascontiguousarray(times, dtype=float)
-    inside = (
-        times.ndim == 1 and times.size and times[0] >= t0 and times[-1] <= t1 and np.all(np.diff(times) > 0)
-    )
+    inside = times.ndim == 1 and times.size and times[0] >= t0 and times[-1] <= t1 and np.all(np.diff(times) > 0)
     if not inside:
         raise SimulationError(f"'{system.name}': times must increase and lie between {t0:g} s and {t1:g} s")
     p, x0 = system.parameter_vector(parameters), system.state_vector(initial)
@@ -141,11 +135,7 @@ def input_table(
             )
         return inputs
     given = dict(inputs or {})
-    faults = [
-        f"there is no input '{n}'{nearest(n, system.input_names)}"
-        for n in given
-        if n not in system.input_names
-    ]
+    faults = [f"there is no input '{n}'{nearest(n, system.input_names)}" for n in given if n not in system.input_names]
     declared = system.model.inputs
     columns: dict[str, Any] = {}
     grids: list[np.ndarray] = []
@@ -153,9 +143,7 @@ def input_table(
         value = given.get(q.name)
         if value is None:
             if q.name in declared and declared[q.name].default is None:
-                faults.append(
-                    f"input '{q.name}' ({q.unit}) is missing: give a number, (times, values) or a function"
-                )
+                faults.append(f"input '{q.name}' ({q.unit}) is missing: give a number, (times, values) or a function")
             columns[q.name] = q.value
         elif callable(value):
             columns[q.name] = 0.0
@@ -177,9 +165,7 @@ def input_table(
                 columns[q.name] = (t, v)
                 grids.append(t)
     if faults:
-        raise SimulationError(
-            f"'{system.name}' cannot be simulated:\n" + "\n".join(f"  - {f}" for f in faults)
-        )
+        raise SimulationError(f"'{system.name}' cannot be simulated:\n" + "\n".join(f"  - {f}" for f in faults))
     if not grids:
         return InputTable.constant(columns)
     delays = dict(system.input_delays)
@@ -364,4 +350,3 @@ def _failure(system: CompiledSystem, solution: Any, x0: np.ndarray, span: tuple[
         f"Last good state: {values}. Check what acts on that state there: a stiff contact, a force that jumps, "
         "or a parameter far from its usual size."
     )
-

@@ -125,11 +125,7 @@ class Trajectory:
         for axis, (unit, members) in zip(axes, panels.items(), strict=True):
             for name in members:
                 axis.plot(self.times, self[name], label=name, linewidth=1.0)
-            quantity = (
-                members[0].rsplit(".", 1)[-1]
-                if len({m.rsplit(".", 1)[-1] for m in members}) == 1
-                else "value"
-            )
+            quantity = members[0].rsplit(".", 1)[-1] if len({m.rsplit(".", 1)[-1] for m in members}) == 1 else "value"
             axis.set_ylabel(f"{quantity} [{unit or '1'}]")
             axis.legend(fontsize="small", loc="upper right")
             axis.grid(alpha=0.3)

@@ -18,7 +18,7 @@ identify = ["run0.csv", "run1.csv"]
 validate = ["run2.csv"]
 """
 
-MOTOR = '''
+MOTOR = """
 from multibody import Model
 from multibody import library as lib
 
@@ -32,7 +32,7 @@ def motor():
     m.connect(bearing.a, m.ground)
     m.input("supply.voltage", drive.voltage)
     return m
-'''
+"""
 
 Machine = Callable[[np.random.Generator], dict[str, np.ndarray]]
 

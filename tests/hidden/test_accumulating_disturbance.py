@@ -10,7 +10,7 @@ from plain_machines import RECORDS, diagnosed, low_passed, written
 
 from discrepancy.study.study import Study
 
-MODELS = '''
+MODELS = """
 from multibody import Model
 from multibody import library as lib
 
@@ -29,7 +29,7 @@ def drive():
     m.connect(front.a, rear.a, m.ground)
     m.input("inverter.torque", air.torque)
     return m
-'''
+"""
 
 STUDY = """
 [model]

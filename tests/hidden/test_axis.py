@@ -32,7 +32,9 @@ def test_nothing_hidden_nothing_named(seed):
 @pytest.mark.parametrize(
     ("hidden", "seed"),
     [
-        ("coulomb_friction@guide", 1), ("local_bump@guide", 6), ("constant_force@guide", 9),
+        ("coulomb_friction@guide", 1),
+        ("local_bump@guide", 6),
+        ("constant_force@guide", 9),
         ("input_delay@reference.position", 8),
     ],
 )

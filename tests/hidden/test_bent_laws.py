@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from discrepancy.report.schema import check_diagnosis
 
-MODELS = '''
+MODELS = """
 from multibody import Model
 from multibody import library as lib
 
@@ -36,7 +36,7 @@ def drive():
     m.connect(first.a, second.a, m.ground)
     m.input("drive.torque", source.torque)
     return m
-'''
+"""
 
 TABLE = """
 [model]
@@ -67,6 +67,7 @@ build = "models.py:drive"
 "load.speed" = "load_rad_per_s"
 """
 
+
 def table(rng: np.random.Generator) -> dict[str, np.ndarray]:
     """A table on a leaf spring that meets a rubber buffer 18 mm on one side of its middle."""
     t = np.arange(0.0, 5.0, 0.002)
@@ -88,15 +89,20 @@ def drive(rng: np.random.Generator, duration: float = 6.0) -> dict[str, np.ndarr
         twist = x[0] - x[2]
         passed = 117.0 * (twist - np.clip(twist, -0.005, 0.005)) + 0.03 * (x[1] - x[3])
         return [
-            x[1], (np.interp(s, t, torque) - 4e-3 * x[1] - passed) / 2.05e-3, x[3], (passed - 1e-2 * x[3]) / 7.9e-3,
-        ]  # fmt: skip
+            x[1],
+            (np.interp(s, t, torque) - 4e-3 * x[1] - passed) / 2.05e-3,
+            x[3],
+            (passed - 1e-2 * x[3]) / 7.9e-3,
+        ]
 
     x = solve_ivp(rates, (0.0, t[-1]), np.zeros(4), "LSODA", t, rtol=1e-8, atol=1e-10, max_step=0.002).y
     noise = 0.03 * rng.standard_normal((2, t.size))
     return {
-        "time_s": t, "torque_Nm": torque,
-        "motor_rad_per_s": np.round(x[1] + noise[0], 3), "load_rad_per_s": np.round(x[3] + noise[1], 3),
-    }  # fmt: skip
+        "time_s": t,
+        "torque_Nm": torque,
+        "motor_rad_per_s": np.round(x[1] + noise[0], 3),
+        "load_rad_per_s": np.round(x[3] + noise[1], 3),
+    }
 
 
 def test_a_buffer_that_a_table_meets_is_found(tmp_path):

@@ -38,10 +38,15 @@ class TwoSprings(Component):
 
 
 KIND = Kind(
-    "test_hardening", "parameter", "TwoSprings", ("hard",), KindText("hardening", "", "", ""), component=TwoSprings,
+    "test_hardening",
+    "parameter",
+    "TwoSprings",
+    ("hard",),
+    KindText("hardening", "", "", ""),
+    component=TwoSprings,
     sides=(("first", "_1"), ("second", "_2")),
     component_shapes=lambda part, ending: [{"middle": m} for m in (0.05, 0.1)] if ending == "_2" else [{}],
-)  # fmt: skip
+)
 if KIND.name not in kinds():
     register(KIND)
 
@@ -69,9 +74,14 @@ def record(name: str, hidden: dict[str, float], seed: int) -> Record:
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals)
 
 
-@pytest.mark.parametrize(("side", "hidden"), [
-    ("first", {"springs.hard_1": 4000.0}), ("second", {"springs.hard_2": 4000.0, "springs.middle_2": 0.05}), ("", {}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("side", "hidden"),
+    [
+        ("first", {"springs.hard_1": 4000.0}),
+        ("second", {"springs.hard_2": 4000.0, "springs.middle_2": 0.05}),
+        ("", {}),
+    ],
+)
 def test_a_built_in_effect_is_found_where_it_is(side: str, hidden: dict[str, float]) -> None:
     model = oscillator()
     groups = [
@@ -83,9 +93,15 @@ def test_a_built_in_effect_is_found_where_it_is(side: str, hidden: dict[str, flo
         UncertainParameter(name="springs.stiffness", value=400.0, std=40.0, min=1.0, max=4000.0, unit="N/m"),
     )
     problem = Problem(
-        name="springs", model=model, uncertain=uncertain, identify=groups[0], validate=groups[1],
-        max_effects=1, residual="simulation", include=("test_hardening@*", "coulomb_friction@*", "sensor_*"),
-    )  # fmt: skip
+        name="springs",
+        model=model,
+        uncertain=uncertain,
+        identify=groups[0],
+        validate=groups[1],
+        max_effects=1,
+        residual="simulation",
+        include=("test_hardening@*", "coulomb_friction@*", "sensor_*"),
+    )
     study = Study(problem)
     conclusion = study.diagnose()
     if not side:

@@ -54,10 +54,12 @@ def servo(rng: np.random.Generator, friction: float = 0.0, closed: bool = True) 
     t, found = t[::25], found[::25]
     noise = rng.standard_normal((3, t.size))
     return {
-        "time_s": t, "voltage_V": found[:, 0], "current_A": np.round(found[:, 1] + 0.01 * noise[0], 3),
+        "time_s": t,
+        "voltage_V": found[:, 0],
+        "current_A": np.round(found[:, 1] + 0.01 * noise[0], 3),
         "speed_rad_per_s": np.round(found[:, 2] + 0.15 * noise[1], 2),
         "angle_rad": np.round(found[:, 3] + 1e-3 * noise[2], 4),
-    }  # fmt: skip
+    }
 
 
 def test_a_reaction_to_a_disturbance_is_no_missing_effect(tmp_path):

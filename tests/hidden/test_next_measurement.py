@@ -99,8 +99,12 @@ def test_words_that_say_nothing_are_all_named():
 
 
 def test_bench_carries_out_a_plan(tmp_path):
-    study = make_axis(tmp_path / "rig", ["coulomb_friction@guide"], trips=2, plan=TripPlan.parse(
-        "speed=1.5,load=1.5,sensor=coupling.twist_torque"))
+    study = make_axis(
+        tmp_path / "rig",
+        ["coulomb_friction@guide"],
+        trips=2,
+        plan=TripPlan.parse("speed=1.5,load=1.5,sensor=coupling.twist_torque"),
+    )
     text = study.read_text()
     assert "mass = 60" in text
     assert '"coupling.twist_torque"' in text

@@ -9,7 +9,9 @@ import pytest
 from plain_machines import MOTOR, RECORDS, diagnosed, low_passed
 from scipy.integrate import solve_ivp
 
-MODELS = MOTOR + '''
+MODELS = (
+    MOTOR
+    + """
 
 def car():
     m = Model("quarter_car")
@@ -25,7 +27,8 @@ def car():
     for name in ("position", "velocity", "acceleration"):
         m.input(f"road.{name}", f"road.{name}")
     return m
-'''
+"""
+)
 
 FAN = """
 [model]
@@ -59,6 +62,7 @@ build = "models.py:car"
 "below.acceleration" = "wheel_m_per_s2"
 """
 
+
 def fan(rng: np.random.Generator, drag: float) -> dict[str, np.ndarray]:
     """A fan in air that the model does not know of; its angle is recorded over hundreds of turns."""
     t = np.arange(0.0, 10.0, 0.005)
@@ -72,9 +76,12 @@ def fan(rng: np.random.Generator, drag: float) -> dict[str, np.ndarray]:
     i, w, a = solve_ivp(rates, (0.0, t[-1]), [0.0, 0.0, 0.0], "LSODA", t, rtol=1e-8, atol=1e-9, max_step=0.01).y
     noise = rng.standard_normal((3, t.size))
     return {
-        "time_s": t, "voltage_V": u, "current_A": np.round(i + 0.01 * noise[0], 3),
-        "speed_rad_per_s": np.round(w + 0.15 * noise[1], 2), "angle_rad": np.round(a + 1e-3 * noise[2], 4),
-    }  # fmt: skip
+        "time_s": t,
+        "voltage_V": u,
+        "current_A": np.round(i + 0.01 * noise[0], 3),
+        "speed_rad_per_s": np.round(w + 0.15 * noise[1], 2),
+        "angle_rad": np.round(a + 1e-3 * noise[2], 4),
+    }
 
 
 def car(rng: np.random.Generator, rebound: float) -> dict[str, np.ndarray]:
@@ -99,9 +106,13 @@ def car(rng: np.random.Generator, rebound: float) -> dict[str, np.ndarray]:
     pull, push = forces(x, z, rate)
     noise = rng.standard_normal((2, t.size))
     return {
-        "time_s": t, "road_mm": 1e3 * z, "road_m_per_s": rate, "road_m_per_s2": np.gradient(rate, dt),
-        "body_m_per_s2": -pull / mb + 0.02 * noise[0], "wheel_m_per_s2": (pull - push) / mw + 0.05 * noise[1],
-    }  # fmt: skip
+        "time_s": t,
+        "road_mm": 1e3 * z,
+        "road_m_per_s": rate,
+        "road_m_per_s2": np.gradient(rate, dt),
+        "body_m_per_s2": -pull / mb + 0.02 * noise[0],
+        "wheel_m_per_s2": (pull - push) / mw + 0.05 * noise[1],
+    }
 
 
 def test_the_air_around_a_fan_is_found(tmp_path):

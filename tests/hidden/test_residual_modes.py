@@ -47,8 +47,11 @@ def with_effect(model, where, kind, **parameters):
     place = next(p for p in model.places() if where in (p.name, *p.also))
     names = {"coulomb", "breakaway"}
     return Effect.at_place(
-        kind, place, strengths={k: v for k, v in parameters.items() if k in names},
-        shape={k: v for k, v in parameters.items() if k not in names}).added_to(model)
+        kind,
+        place,
+        strengths={k: v for k, v in parameters.items() if k in names},
+        shape={k: v for k, v in parameters.items() if k not in names},
+    ).added_to(model)
 
 
 def coloured(rng, n, cutoff_hz, step):
@@ -87,11 +90,23 @@ def slide_problem(dry, seed):
         speed = 0.4 * np.sin(np.pi * time + one) + 0.2 * np.sin(1.32 * time + two)
         force = 20.0 * np.gradient(speed, step) + 3.0 * speed + dry * np.tanh(speed / 0.02)
         run = system.simulate(
-            (0.0, time[-1]), inputs={"drive.force": (time, force)}, initial={"carriage.velocity": speed[0]},
-            times=time, rtol=1e-8, atol=1e-10)
-        records.append(record_of(f"run{k}", time, {
-            "drive.force": (1.005 * force + 0.05 * rng.standard_normal(time.size), "N"),
-            "carriage.position": (run["carriage.position"] + 1e-4 * rng.standard_normal(time.size), "m")}))
+            (0.0, time[-1]),
+            inputs={"drive.force": (time, force)},
+            initial={"carriage.velocity": speed[0]},
+            times=time,
+            rtol=1e-8,
+            atol=1e-10,
+        )
+        records.append(
+            record_of(
+                f"run{k}",
+                time,
+                {
+                    "drive.force": (1.005 * force + 0.05 * rng.standard_normal(time.size), "N"),
+                    "carriage.position": (run["carriage.position"] + 1e-4 * rng.standard_normal(time.size), "m"),
+                },
+            )
+        )
     model, io = slide(), (("drive.force",), ("carriage.position",))
     uncertain = (
         UncertainParameter(name="guide.viscous", value=3.0, std=3.0, min=0.0),
@@ -152,11 +167,17 @@ def arm_problem(dry, seed):
         torque = (2.5 * coloured(rng, time.size, 1.0, step), 1.0 * coloured(rng, time.size, 1.5, step))
         start = {"upper.roll": 0.3 * rng.standard_normal(), "fore.roll": 0.3 * rng.standard_normal()}
         run = system.simulate(
-            (0.0, time[-1]), inputs={"shoulder.torque": (time, torque[0]), "elbow.torque": (time, torque[1])},
-            initial=start, times=time, rtol=1e-8, atol=1e-10)
+            (0.0, time[-1]),
+            inputs={"shoulder.torque": (time, torque[0]), "elbow.torque": (time, torque[1])},
+            initial=start,
+            times=time,
+            rtol=1e-8,
+            atol=1e-10,
+        )
         signals = {
             "shoulder.torque": (torque[0] + 0.005 * rng.standard_normal(time.size), "N*m"),
-            "elbow.torque": (torque[1] + 0.005 * rng.standard_normal(time.size), "N*m")}
+            "elbow.torque": (torque[1] + 0.005 * rng.standard_normal(time.size), "N*m"),
+        }
         for name in ("upper.roll", "fore.roll"):
             signals[name] = (run[name] + 1e-3 * rng.standard_normal(time.size), "rad")
         records.append(record_of(f"swing{k}", time, signals))
@@ -230,11 +251,19 @@ def drive_problem(seed, kind="", **parameters):
         level[1::4] *= 0.1
         reference = np.interp(time, np.linspace(0.0, 10.0, 25), np.repeat(np.r_[0.0, level], 2)[1:26])
         run = system.simulate(
-            (0.0, time[-1]), inputs={"reference": (time, reference)}, times=time, rtol=1e-8, atol=1e-10)
-        records.append(record_of(f"run{k}", time, {
-            "motor.torque": (run["control.output"] + 0.02 * rng.standard_normal(time.size), "N*m"),
-            "rotor.angle": (np.round(run["rotor.angle"] / turn) * turn, "rad"),
-            "rotor.speed": (run["rotor.speed"] + 0.05 * rng.standard_normal(time.size), "rad/s")}))
+            (0.0, time[-1]), inputs={"reference": (time, reference)}, times=time, rtol=1e-8, atol=1e-10
+        )
+        records.append(
+            record_of(
+                f"run{k}",
+                time,
+                {
+                    "motor.torque": (run["control.output"] + 0.02 * rng.standard_normal(time.size), "N*m"),
+                    "rotor.angle": (np.round(run["rotor.angle"] / turn) * turn, "rad"),
+                    "rotor.speed": (run["rotor.speed"] + 0.05 * rng.standard_normal(time.size), "rad/s"),
+                },
+            )
+        )
     model, io = drive(), (("motor.torque",), ("rotor.angle", "rotor.speed"))
     uncertain = (
         UncertainParameter(name="bearing.damping", value=0.01, std=0.01, min=0.0),

@@ -79,9 +79,14 @@ def study_of(true: dict[str, float], *more: UncertainParameter) -> Study:
     )
 
 
-@pytest.mark.parametrize(("kind", "name", "factor"), [
-    ("proportional_gain", "control.k_p", 1.3), ("resistance", "motor.R", 1.25), ("torque_constant", "motor.k_t", 0.9),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "name", "factor"),
+    [
+        ("proportional_gain", "control.k_p", 1.3),
+        ("resistance", "motor.R", 1.25),
+        ("torque_constant", "motor.k_t", 0.9),
+    ],
+)
 def test_a_value_that_is_stated_wrongly_is_found(kind: str, name: str, factor: float) -> None:
     true = factor * STATED[name]
     study = study_of({name: true})

@@ -43,8 +43,7 @@ def test_first_finding_is_friction_that_differs_with_direction(measured_data, mo
     # The worn screw, about 167 and 240 N*s/m by direction: sums of what the guide has and what was added.
     found = stage.identify.to_dict()
     sides = sorted(
-        found["guide.viscous"] + found[f"asymmetric_viscous_friction.guide.{side}"]
-        for side in ("forward", "backward")
+        found["guide.viscous"] + found[f"asymmetric_viscous_friction.guide.{side}"] for side in ("forward", "backward")
     )
     # Three standard deviations of the fit are 8 N*s/m.
     assert sides == pytest.approx([167.0, 240.0], abs=8.0)

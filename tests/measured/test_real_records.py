@@ -140,9 +140,7 @@ def test_lift_ride_must_be_told_what_is_allowed(measured_data: Path):
 
 def test_lift_ride_kinematics_come_out(measured_data: Path):
     path = measured_data / "lift_ride/lift_ride.csv"
-    (ride,) = read_records(
-        [path], **LIFT, rules=ReadRules(longest_gap=0.3, resample=50.0, start=4.2, stop=35.2)
-    )
+    (ride,) = read_records([path], **LIFT, rules=ReadRules(longest_gap=0.3, resample=50.0, start=4.2, stop=35.2))
     reading = ride.signals["acceleration"].values
     step = 1.0 / ride.rate
     # Provenance: 10.30 m/s2 at rest, cruise at 4.07 m/s, noise 0.033 to 0.036 m/s2.

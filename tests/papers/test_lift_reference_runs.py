@@ -51,11 +51,14 @@ def inputs_from(record, **columns):
     return {name: (t, record[column].to_numpy()) for name, column in columns.items()}
 
 
-@pytest.mark.parametrize(("name", "direction", "start", "straight"), [
-    ("lift_ref_up", "up", 0.0, False),
-    ("lift_ref_down", "down", 1.9, False),
-    ("lift_ref_aligned_up", "up", 0.0, True),
-])
+@pytest.mark.parametrize(
+    ("name", "direction", "start", "straight"),
+    [
+        ("lift_ref_up", "up", 0.0, False),
+        ("lift_ref_down", "down", 1.9, False),
+        ("lift_ref_aligned_up", "up", 0.0, True),
+    ],
+)
 def test_reference_model(reference_data, name, direction, start, straight):
     parameters = BENCH.straightened() if straight else BENCH
     run = Lift.reference(parameters, start=start, profile=True).trip(direction, **TIGHT)
@@ -77,14 +80,18 @@ def test_one_dimensional_model(reference_data):
 def test_cabin_model(reference_data):
     tension = inputs_from(read(reference_data, "lift_ref_up"), F_c="F_c")
     record = read(reference_data, "lift_cabin_up")
-    run = Lift.cabin().trip(
-        "up", inputs=tension, interpolation="cubic", guess={"cabin.z": record["z_c"][0]}, **TIGHT)
+    run = Lift.cabin().trip("up", inputs=tension, interpolation="cubic", guess={"cabin.z": record["z_c"][0]}, **TIGHT)
     compare(run, record, least=5)
 
 
-@pytest.mark.parametrize(("name", "start", "straight"), [
-    ("lift_ref_up", 0.0, False), ("lift_ref_down", 1.9, False), ("lift_ref_aligned_up", 0.0, True),
-])
+@pytest.mark.parametrize(
+    ("name", "start", "straight"),
+    [
+        ("lift_ref_up", 0.0, False),
+        ("lift_ref_down", 1.9, False),
+        ("lift_ref_aligned_up", 0.0, True),
+    ],
+)
 def test_the_state_at_rest_of_the_reference_model(reference_data, name, start, straight):
     given = json.loads((reference_data / "initial_states.json").read_text())[name]
     rest = Lift.reference(BENCH.straightened() if straight else BENCH, start=start).equilibrium()

@@ -87,9 +87,19 @@ def test_no_difference_is_unexplained_and_nothing_agrees_by_construction(lift: d
 
 def test_every_table_and_figure_of_the_paper_has_its_place(lift: dict[str, PaperChapter]) -> None:
     assert list(lift) == [
-        "Figs. 1 to 4 and 7", "Table 1", "Fig. 5", "Fig. 6", "Eqs. 15 to 30", "Table 2", "Fig. 8", "Fig. 9", "Fig. 10",
-        "Table 3 and Fig. 11", "Table 4 and Fig. 12", "Fig. 13",
-    ]  # fmt: skip
+        "Figs. 1 to 4 and 7",
+        "Table 1",
+        "Fig. 5",
+        "Fig. 6",
+        "Eqs. 15 to 30",
+        "Table 2",
+        "Fig. 8",
+        "Fig. 9",
+        "Fig. 10",
+        "Table 3 and Fig. 11",
+        "Table 4 and Fig. 12",
+        "Fig. 13",
+    ]
 
 
 def test_alignment_is_estimated_and_estimated_again_after_correction(lift: dict[str, PaperChapter]) -> None:
@@ -116,8 +126,15 @@ def test_pages_are_written(lift: dict[str, PaperChapter], tmp_path: Path) -> Non
     markdown = (tmp_path / "validation.md").read_text(encoding="utf-8")
     assert all(len(line.replace("\\|", "").split("|")) == 7 for line in markdown.splitlines() if line.startswith("| "))
     assert {p.stem for p in tmp_path.glob("*.png")} == {
-        "papers_fig5", "papers_fig6", "papers_fig8", "papers_fig9", "papers_fig10", "papers_fig11", "papers_fig12",
-        "papers_fig13"}  # fmt: skip
+        "papers_fig5",
+        "papers_fig6",
+        "papers_fig8",
+        "papers_fig9",
+        "papers_fig10",
+        "papers_fig11",
+        "papers_fig12",
+        "papers_fig13",
+    }
 
 
 def test_rows_need_their_reason() -> None:

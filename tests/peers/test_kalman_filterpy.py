@@ -113,9 +113,13 @@ def test_smoother_agrees_with_filterpy():
     y = 0.1 * np.cos(np.sqrt(30.0) * np.arange(300) * STEP)[:, None] + 0.01 * rng.standard_normal((300, 1))
     q, p = np.diag([1e-8, 1e-5]), np.diag([0.01, 0.1])
     run = extended_kalman_filter(
-        FilterModel(system, ["body.position"]), FilterSamples(np.arange(300) * STEP, np.zeros((300, 0)), y),
-        Noise(q, np.array([1e-4]), "per_step"), Prior(np.zeros(2), covariance=p), keep="everything", substeps=10,
-    )  # fmt: skip
+        FilterModel(system, ["body.position"]),
+        FilterSamples(np.arange(300) * STEP, np.zeros((300, 0)), y),
+        Noise(q, np.array([1e-4]), "per_step"),
+        Prior(np.zeros(2), covariance=p),
+        keep="everything",
+        substeps=10,
+    )
     from scipy.linalg import expm
 
     peer = filterpy.KalmanFilter(2, 1)
@@ -139,9 +143,15 @@ def test_unscented_filter_agrees_with_filterpy():
     model = FilterModel(system, ["bob.angle"], [RandomWalk("bearing.viscous", std=0.02)])
     samples = FilterSamples(np.arange(len(y)) * STEP, np.zeros((len(y), 0)), y)
     run = unscented_kalman_filter(
-        model, samples, Noise(Q, np.array([1e-4]), "per_step"), Prior(X, covariance=P), covariances=True, alpha=0.8,
-        beta=2.0, kappa=1.0,
-    )  # fmt: skip
+        model,
+        samples,
+        Noise(Q, np.array([1e-4]), "per_step"),
+        Prior(X, covariance=P),
+        covariances=True,
+        alpha=0.8,
+        beta=2.0,
+        kappa=1.0,
+    )
     points = filterpy.MerweScaledSigmaPoints(3, alpha=0.8, beta=2.0, kappa=1.0)
     peer = filterpy.UnscentedKalmanFilter(
         3, 1, STEP, hx=lambda x: x[:1], fx=lambda x, dt: step(system, x, dt), points=points

@@ -72,7 +72,9 @@ class Peer:
     def load(self, marker: int, function: Any) -> None:
         self.mbs.AddLoad(
             exudyn.itemInterface.LoadForceVector(
-                markerNumber=marker, loadVector=[0.0, 0.0, 0.0], loadVectorUserFunction=function))
+                markerNumber=marker, loadVector=[0.0, 0.0, 0.0], loadVectorUserFunction=function
+            )
+        )
 
     def where(self, marker: int, what: Any = None) -> np.ndarray:
         return np.array(self.mbs.GetMarkerOutput(marker, what or exudyn.OutputVariableType.Position))
@@ -108,7 +110,9 @@ class Peer:
         sensors = {
             n: self.mbs.AddSensor(
                 exudyn.itemInterface.SensorNode(
-                    nodeNumber=self.node, storeInternal=True, writeToFile=False, outputVariableType=kind))
+                    nodeNumber=self.node, storeInternal=True, writeToFile=False, outputVariableType=kind
+                )
+            )
             for n, kind in kinds.items()
         }
         self.mbs.Assemble()
@@ -134,10 +138,18 @@ def test_accelerations_of_half_a_second_of_motion() -> None:
     assert t.size == 101
     # short steps: where a flange touches, accelerations feel the error of positions 1e4 times
     ours = system.simulate(
-        UNTIL, inputs={"F_c": lambda s: tension(parameters, s)}, initial=start, times=t, method="DOP853", rtol=1e-11,
-        atol=1e-14, max_step=2e-4)
+        UNTIL,
+        inputs={"F_c": lambda s: tension(parameters, s)},
+        initial=start,
+        times=t,
+        method="DOP853",
+        rtol=1e-11,
+        atol=1e-14,
+        max_step=2e-4,
+    )
     rates = np.array(
-        [system.rhs(s, x, np.array([tension(parameters, s)])) for s, x in zip(t, ours.states, strict=True)])
+        [system.rhs(s, x, np.array([tension(parameters, s)])) for s, x in zip(t, ours.states, strict=True)]
+    )
     turns = Turn.from_euler("ZYX", ours.states[:, [5, 4, 3]])
     rates[:, 9:12] = turns.apply(rates[:, 9:12])  # from body to world axes
     assert np.abs(theirs["z"][:, 3] - ours["cabin.z"]).max() < 1e-8

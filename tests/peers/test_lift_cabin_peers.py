@@ -26,17 +26,21 @@ class Peer:
     def __init__(self, parameters: LiftParameters, anchor: float):
         body = parameters.cabin
         self.guide, self.body, self.anchor = parameters.cabin_guide, body, anchor
-        sites = {f"{side}_{end}": (sign * body.shoe_x, 0.0, height)
-                 for side, sign in (("left", -1), ("right", 1))
-                 for end, height in (("low", body.shoe_low), ("high", body.shoe_high))}
+        sites = {
+            f"{side}_{end}": (sign * body.shoe_x, 0.0, height)
+            for side, sign in (("left", -1), ("right", 1))
+            for end, height in (("low", body.shoe_low), ("high", body.shoe_high))
+        }
         sites["hitch"] = (0.0, 0.0, body.hitch)
         told = "".join(f'<site name="{n}" pos="{x!r} {y!r} {z!r}"/>' for n, (x, y, z) in sites.items())
         inertial = (
             f'<inertial mass="{body.mass!r}" pos="{" ".join(map(repr, body.com))}" '
-            f'fullinertia="{" ".join(map(repr, body.inertia))} 0 0 0"/>')
+            f'fullinertia="{" ".join(map(repr, body.inertia))} 0 0 0"/>'
+        )
         self.model = mujoco.MjModel.from_xml_string(
             f'<mujoco><option gravity="0 0 -9.80665"/><worldbody><body name="cabin">{inertial}<freejoint/>{told}'
-            "</body></worldbody></mujoco>")
+            "</body></worldbody></mujoco>"
+        )
         self.data = mujoco.MjData(self.model)
         self.sites = {n: mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, n) for n in sites}
         self.rail = PchipInterpolator(self.guide.right_x.height, self.guide.right_x.deviation)
@@ -57,7 +61,8 @@ class Peer:
 
     def push(self, site: str, force: np.ndarray) -> None:
         mujoco.mj_applyFT(
-            self.model, self.data, force, np.zeros(3), self.data.site_xpos[self.sites[site]], 1, self.data.qfrc_applied)
+            self.model, self.data, force, np.zeros(3), self.data.site_xpos[self.sites[site]], 1, self.data.qfrc_applied
+        )
 
     def force(self, name: str) -> np.ndarray:
         """State Eqs. 3 and 4 for one shoe."""

@@ -83,9 +83,7 @@ def double_pendulum() -> Model:
 
 def cart_pole() -> Model:
     model = Model("cart and pole")
-    model.add(
-        "cart", RigidBody(mass=2.0, I_xx=0.1, I_yy=0.1, I_zz=0.1, **{**LOCKED, "x": True}, v_x_start=0.3)
-    )
+    model.add("cart", RigidBody(mass=2.0, I_xx=0.1, I_yy=0.1, I_zz=0.1, **{**LOCKED, "x": True}, v_x_start=0.3))
     model.add(
         "pole",
         RigidBody(
@@ -158,9 +156,7 @@ def to_peer(model: Model, system, order: list[str], x: np.ndarray) -> tuple[np.n
         floating = len(body.free) == 6
         if floating and c in ANGLES:
             if c == "roll":
-                a = Turn.from_euler(
-                    "ZYX", [value[f"{owner}.{n}"] for n in ("yaw", "pitch", "roll")]
-                ).as_quat()
+                a = Turn.from_euler("ZYX", [value[f"{owner}.{n}"] for n in ("yaw", "pitch", "roll")]).as_quat()
                 qpos += [a[3], a[0], a[1], a[2]]
         else:
             qpos.append(value[name])

@@ -32,9 +32,7 @@ def trip_of(lift: Lift, direction: str, seed: int, tension_offset: float = 0.0) 
     raw = np.column_stack([run["F_c"] + tension_offset, run["z_c"], run["zdd_c"]])
     raw += np.array([0.3, 2e-5, 0.01]) * rng.standard_normal(raw.shape)
     tension, height, acceleration = low_pass(run.times, raw, 60.0).T
-    return Trip(
-        name=f"{direction} {seed}", time=run.times, tension=tension, height=height, acceleration=acceleration
-    )
+    return Trip(name=f"{direction} {seed}", time=run.times, tension=tension, height=height, acceleration=acceleration)
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +49,17 @@ def found(trips):
 def alignment_of(height: np.ndarray, curves: np.ndarray) -> Alignment:
     """An estimate from given curves of its trips."""
     return Alignment(
-        height=height, trips=tuple(f"{k}" for k in range(len(curves))), directions=np.ones(len(curves)), curves=curves,
-        threshold=THRESHOLD, tuning=TUNINGS["bounded"], tension_error=None, shoes=(0.03, 0.55), loose=1.2e-3,
+        height=height,
+        trips=tuple(f"{k}" for k in range(len(curves))),
+        directions=np.ones(len(curves)),
+        curves=curves,
+        threshold=THRESHOLD,
+        tuning=TUNINGS["bounded"],
+        tension_error=None,
+        shoes=(0.03, 0.55),
+        loose=1.2e-3,
         slope=3.8e3,
-    )  # fmt: skip
+    )
 
 
 def bench_rails():

@@ -30,9 +30,11 @@ def sensor():
     """A tenth of the quiet tuning's deviations: the cabin is nearly linear within them, as the statistics assume."""
     quiet = TUNINGS["quiet"]
     small = dataclasses.replace(
-        quiet, process={k: 1e-2 * v for k, v in quiet.process.items()}, height=1e-2 * quiet.height,
+        quiet,
+        process={k: 1e-2 * v for k, v in quiet.process.items()},
+        height=1e-2 * quiet.height,
         acceleration=1e-2 * quiet.acceleration,
-    )  # fmt: skip
+    )
     return GuideFilter(parameters=LiftParameters.bench(), tuning=small)
 
 
@@ -42,7 +44,7 @@ def prior(sensor):
     weight = sensor.parameters.cabin.mass * 9.80665
     rest = sensor.lift.equilibrium(
         0.8, system=sensor.system, parameters={DELTA: TRUE}, inputs={"F_c": weight}
-    ).to_dict()  # fmt: skip
+    ).to_dict()
     rest |= {"cabin.z": 0.8, "cabin.v_z": SPEED}
     std = {name: 1e-5 if name in ("cabin.z", "cabin.v_z") else 1e-6 for name in rest}
     return Prior({**rest, DELTA: TRUE}, {**std, DELTA: 2e-5})

@@ -117,7 +117,8 @@ def test_wound_rope_holds_its_stretch_when_both_ends_follow():
     moved = u | {"L": 1.5, "L_rate": 0.2, "position": 0.5, "velocity": 0.2}
     read = [
         system.outputs_at(0.0, system.start, np.array([values[n] for n in system.input_names]))[
-            system.index("output", "rope.tension")]
+            system.index("output", "rope.tension")
+        ]
         for values in (u, moved)
     ]
     assert read[0] == pytest.approx(1e4 * 0.001)

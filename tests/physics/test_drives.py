@@ -150,10 +150,14 @@ def acceleration(system, T, F):
     return system.outputs_at(0.0, system.start, np.array([T, F]))[k]
 
 
-@pytest.mark.parametrize(("gear", "load", "n"), [
-    (Gear(ratio=5.0), Inertia(J=2.0), 5.0), (Gear(ratio=-5.0), Inertia(J=2.0), -5.0),
-    (Screw(lead=0.02), Mass(m=80.0), 2.0 * np.pi / 0.02),
-])
+@pytest.mark.parametrize(
+    ("gear", "load", "n"),
+    [
+        (Gear(ratio=5.0), Inertia(J=2.0), 5.0),
+        (Gear(ratio=-5.0), Inertia(J=2.0), -5.0),
+        (Screw(lead=0.02), Mass(m=80.0), 2.0 * np.pi / 0.02),
+    ],
+)
 def test_reflected_inertia(gear, load, n):
     system = geared(gear, load)
     inertia = 0.01 + (2.0 if isinstance(load, Inertia) else 80.0) / n**2
@@ -181,7 +185,8 @@ def test_lossy_gear_follows_the_power(T, F, speed):
 def test_efficiency_one_is_the_ideal_gear():
     lossy = geared(Gear(ratio=5.0, efficiency=1.0), Inertia(J=2.0), speed=1.0)
     assert acceleration(lossy, 1.0, 2.0) == pytest.approx(
-        acceleration(geared(Gear(ratio=5.0), Inertia(J=2.0), speed=1.0), 1.0, 2.0), rel=1e-12)
+        acceleration(geared(Gear(ratio=5.0), Inertia(J=2.0), speed=1.0), 1.0, 2.0), rel=1e-12
+    )
     ideal = geared(Gear(ratio=5.0), Inertia(J=2.0))
     assert "implicit" not in ideal.texts["rhs"]  # the ideal gear needs no implicit equation
 
@@ -215,7 +220,8 @@ def test_crank_moves_as_its_geometry_says():
     run = system.simulate(3.0, rtol=1e-10, atol=1e-12)
     angle = run["wheel.angle"]
     np.testing.assert_allclose(
-        run["slider.position"], r * np.cos(angle) + np.sqrt(rod**2 - (r * np.sin(angle)) ** 2), atol=1e-12)
+        run["slider.position"], r * np.cos(angle) + np.sqrt(rod**2 - (r * np.sin(angle)) ** 2), atol=1e-12
+    )
     # nothing brakes it: the kinetic energy of both stays, although the speed of the wheel varies
     along = np.sqrt(rod**2 - (r * np.sin(angle)) ** 2)
     slope = -r * np.sin(angle) - r**2 * np.sin(angle) * np.cos(angle) / along

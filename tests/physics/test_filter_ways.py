@@ -43,9 +43,12 @@ def test_central_differences_give_what_exact_derivatives_give(problem):
     sensor, samples, noise, prior = problem
     exact = sensor.model()
     central = FilterModel(
-        exact.system, exact.measured, exact.latents, jacobian="central",
+        exact.system,
+        exact.measured,
+        exact.latents,
+        jacobian="central",
         bounds={DELTA: tuple(exact.bounds[exact.index(DELTA)] + exact.nominal(DELTA))},
-    )  # fmt: skip
+    )
     a, b = (extended_kalman_filter(model, samples, noise, prior) for model in (exact, central))
     assert np.abs(a[DELTA] - b[DELTA]).max() < 1e-7
 
@@ -73,9 +76,11 @@ def test_outputs_that_are_no_states_are_differentiated_at_once_too(monkeypatch):
     y = 15.0 * (0.1 * np.cos(np.sqrt(30.0) * times)[:, None]) ** 2
     joint = FilterModel(system, ["spring.energy"], [RandomWalk("spring.stiffness", rate=0.1, std=3.0)])
     given = (
-        joint, FilterSamples(times, np.zeros((200, 0)), y), Noise({"body.velocity": 1e-6}, {"spring.energy": 1e-6}),
+        joint,
+        FilterSamples(times, np.zeros((200, 0)), y),
+        Noise({"body.velocity": 1e-6}, {"spring.energy": 1e-6}),
         Prior({"body.position": 0.1}, {"body.position": 0.01, "body.velocity": 0.1}),
-    )  # fmt: skip
+    )
     fast = extended_kalman_filter(*given)
     monkeypatch.setattr("multibody.compile.vector_mode.along_directions", lambda tangent, count: None)
     np.testing.assert_allclose(fast.states, extended_kalman_filter(*given).states, rtol=1e-12, atol=1e-14)

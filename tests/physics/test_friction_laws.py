@@ -26,8 +26,12 @@ def test_coulomb_friction_stops_a_body_after_v0_squared_over_two_mu_g():
     a = F / M
     stop = v0 / a
     run = coasting("CoulombFriction", v0, coulomb=F, v_s=v_s).simulate(
-        1.5 * stop, times=stop * np.array([0.0, 0.3, 0.9, 0.999, 1.0, 1.001, 1.5]), rtol=1e-10, atol=1e-14,
-        method="LSODA")
+        1.5 * stop,
+        times=stop * np.array([0.0, 0.3, 0.9, 0.999, 1.0, 1.001, 1.5]),
+        rtol=1e-10,
+        atol=1e-14,
+        method="LSODA",
+    )
     # m v' = −F tanh(v/v_s) is solved by sinh(v/v_s) = sinh(v0/v_s) exp(−a t/v_s).  Against friction with a
     # jump the speed is at most v_s·arsinh(1/2) ahead, when that one stops, and the way (v_s²/a)·π²/12 longer
     # in the end
@@ -100,7 +104,8 @@ def test_load_dependent_friction_follows_the_load():
 def test_rotary_laws_are_the_same_laws():
     """With the same numbers a rotor of 1 kg m² coasts as a mass of 1 kg does, law by law."""
     values = {
-        "ViscousFriction": {"viscous": 0.4}, "CoulombFriction": {"coulomb": 0.5, "v_s": 0.05},
+        "ViscousFriction": {"viscous": 0.4},
+        "CoulombFriction": {"coulomb": 0.5, "v_s": 0.05},
         "AsymmetricFriction": {"coulomb_forward": 0.5, "coulomb_backward": 0.3, "v_s": 0.05},
         "StribeckFriction": {"coulomb": 0.3, "static": 0.5, "v_stribeck": 0.2, "v_s": 0.05},
         "QuadraticDrag": {"quadratic": 0.6},

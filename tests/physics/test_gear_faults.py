@@ -65,8 +65,11 @@ def test_a_healthy_stage_has_no_sidebands() -> None:
 
 
 def test_a_damaged_tooth_strikes_once_a_turn() -> None:
-    for label, where, own, other in (("tooth_crack", "input_gear", F_1, F_2), ("spall", "output_gear", F_2, F_1),
-                                     ("chipped_tooth", "input_gear", F_1, F_2)):  # fmt: skip
+    for label, where, own, other in (
+        ("tooth_crack", "input_gear", F_1, F_2),
+        ("spall", "output_gear", F_2, F_1),
+        ("chipped_tooth", "input_gear", F_1, F_2),
+    ):
         found = spectrum(label, where)
         mine = [line(found, "a_base_y", F_Z + k * own) for k in (-3, -2, -1, 1, 2, 3)]
         theirs = [line(found, "a_base_y", F_Z + k * other) for k in (-3, -2, -1, 1, 2, 3)]
@@ -86,9 +89,12 @@ def test_unbalance_turns_with_its_shaft() -> None:
 
 @pytest.mark.parametrize(
     ("label", "passes", "sidebands"),
-    [("bearing_outer", 9 / 2 * (1 - 0.2), 0.0), ("bearing_inner", 9 / 2 * (1 + 0.2), 1.0),
-     ("bearing_element", (1 - 0.2**2) / 0.2, 0.5 * (1 - 0.2))],
-)  # fmt: skip
+    [
+        ("bearing_outer", 9 / 2 * (1 - 0.2), 0.0),
+        ("bearing_inner", 9 / 2 * (1 + 0.2), 1.0),
+        ("bearing_element", (1 - 0.2**2) / 0.2, 0.5 * (1 - 0.2)),
+    ],
+)
 def test_bearing_pits_strike_at_their_frequency(label: str, passes: float, sidebands: float) -> None:
     """The lines of a pit stand at its passing frequency, ± the frequency with which its direction turns."""
     found, healthy = spectrum(label, "input_low")["windowed"], spectrum()["windowed"]

@@ -16,8 +16,10 @@ from gearbox.parts.shipped_housing import box_modes
 from gearbox.stage.stage import GearStage
 
 MASS, INERTIA, SPAN = 28.0, (0.35, 0.55, 0.62), 0.14
-FEET = {f"mount_{k}": (sx * SPAN, -0.125, sz * SPAN) for k, (sx, sz) in enumerate(
-    ((-1, -1), (-1, 1), (1, -1), (1, 1)), start=1)}  # fmt: skip
+FEET = {
+    f"mount_{k}": (sx * SPAN, -0.125, sz * SPAN)
+    for k, (sx, sz) in enumerate(((-1, -1), (-1, 1), (1, -1), (1, 1)), start=1)
+}
 
 
 def motion(place: tuple[float, float, float]) -> np.ndarray:

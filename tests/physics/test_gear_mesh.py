@@ -22,10 +22,19 @@ PAPER = StageParameters.paper()
 PAIR = PAPER.gears.pair()
 WITHOUT_LOSS = {"mesh.C_D": 0.0, "mesh.mu_s": 0.0, "mesh.mu_d": 0.0}
 FLAWS = {
-    "mesh.eccentricity_1": 15e-6, "mesh.eccentricity_2": 10e-6, "mesh.high_1": 0.4, "mesh.high_2": 2.0,
-    "mesh.profile_slope": 4e-6, "mesh.profile_form": -3e-6, "mesh.wear": 2e-6, "mesh.misalignment": 2e-4,
-    "mesh.pitch_1": 5e-6, "mesh.spall_1": 20e-6, "mesh.crack_2": 0.3, "mesh.chip_2": 0.2,
-}  # fmt: skip
+    "mesh.eccentricity_1": 15e-6,
+    "mesh.eccentricity_2": 10e-6,
+    "mesh.high_1": 0.4,
+    "mesh.high_2": 2.0,
+    "mesh.profile_slope": 4e-6,
+    "mesh.profile_form": -3e-6,
+    "mesh.wear": 2e-6,
+    "mesh.misalignment": 2e-4,
+    "mesh.pitch_1": 5e-6,
+    "mesh.spall_1": 20e-6,
+    "mesh.crack_2": 0.3,
+    "mesh.chip_2": 0.2,
+}
 
 
 @cache
@@ -304,8 +313,20 @@ def test_a_missing_tooth_carries_nothing_and_others_what_they_did() -> None:
     assert whole - same == pytest.approx(parts[2])  # tooth 32 of 32 is tooth 0
 
 
-@pytest.mark.parametrize("name", ["eccentricity_1", "pitch_1", "profile_slope", "wear", "misalignment", "variation_2",
-                                  "crack_1", "chip_2", "spall_1"])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    [
+        "eccentricity_1",
+        "pitch_1",
+        "profile_slope",
+        "wear",
+        "misalignment",
+        "variation_2",
+        "crack_1",
+        "chip_2",
+        "spall_1",
+    ],
+)
 def test_flaws_of_severity_zero_are_absent(name: str) -> None:
     plain, flawed = pair_system(), pair_system(imperfect=True)
     x = state_at(plain, np.random.default_rng(1), 0.3, 40e-6, moving=1.0)

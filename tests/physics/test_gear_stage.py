@@ -103,10 +103,18 @@ def test_without_load_the_gears_run_free() -> None:
 
 
 FLAWS = {
-    "mesh.eccentricity_1": 20e-6, "mesh.eccentricity_2": 15e-6, "mesh.crack_2": 0.2, "mesh.spall_1": 10e-6,
-    "mesh.profile_slope": 3e-6, "mesh.misalignment": 1e-4, "input_shaft.unbalance": 5e-4, "input_low.outer_pit": 3e-6,
-    "output_high.inner_pit": 2e-6, "input_high.element_pit": 2e-6, "output_low.clearance": 1e-6,
-}  # fmt: skip
+    "mesh.eccentricity_1": 20e-6,
+    "mesh.eccentricity_2": 15e-6,
+    "mesh.crack_2": 0.2,
+    "mesh.spall_1": 10e-6,
+    "mesh.profile_slope": 3e-6,
+    "mesh.misalignment": 1e-4,
+    "input_shaft.unbalance": 5e-4,
+    "input_low.outer_pit": 3e-6,
+    "output_high.inner_pit": 2e-6,
+    "input_high.element_pit": 2e-6,
+    "output_low.clearance": 1e-6,
+}
 
 
 @pytest.mark.parametrize("flawed", [False, True])
@@ -173,9 +181,14 @@ def test_stiff_bearings_pass_on_what_the_lever_rule_says() -> None:
     """The reduced form of a shaft that cannot move across: forces on the seats as from very stiff bearings."""
     s = stage()
     x = s.static_state(150.0)
-    full = s.build(outputs=[f"{side}_{end}.force_{axis}" for side in ("input", "output") for end in ("low", "high")
-                            for axis in "xyz"] + [f"mesh.force_{a}" for a in "xyz"] +
-                           ["mesh.moment_x", "mesh.moment_y_1", "mesh.moment_y_2"], compiled=False)  # fmt: skip
+    full = s.build(
+        outputs=[
+            f"{side}_{end}.force_{axis}" for side in ("input", "output") for end in ("low", "high") for axis in "xyz"
+        ]
+        + [f"mesh.force_{a}" for a in "xyz"]
+        + ["mesh.moment_x", "mesh.moment_y_1", "mesh.moment_y_2"],
+        compiled=False,
+    )
     y = dict(
         zip(
             full.output_names,

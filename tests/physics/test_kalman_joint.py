@@ -183,9 +183,12 @@ def test_a_force_that_nobody_measures_comes_out(system, latent):
     readings = run["body.position"][:, None] + 2e-5 * rng.standard_normal((times.size, 1))
     model = FilterModel(system, ["body.position"], [latent])
     found = extended_kalman_filter(
-        model, FilterSamples(times, np.column_stack([force, np.zeros(times.size)]), readings),
-        Noise({"body.velocity": 1e-8}, {"body.position": 4e-10}), Prior(std={"body.velocity": 0.1}), keep="everything",
-    )  # fmt: skip
+        model,
+        FilterSamples(times, np.column_stack([force, np.zeros(times.size)]), readings),
+        Noise({"body.velocity": 1e-8}, {"body.position": 4e-10}),
+        Prior(std={"body.velocity": 0.1}),
+        keep="everything",
+    )
     smoothed = found.smooth()
     middle = slice(50, 750)
     error = smoothed["disturbance"][middle] - hidden[middle]
@@ -200,9 +203,16 @@ def test_tuning_finds_the_noise_that_made_the_record(system, method):
     model = FilterModel(system, ["body.position"], [RandomWalk("spring.stiffness", std=8.0)])
     wrong = Noise({"body.position": 1e-9, "body.velocity": 1e-3}, {"body.position": 1e-6}, "per_step")
     found = tune(
-        model, samples, wrong, PRIOR, process=["body.velocity"], measurement=["body.position"], method=method,
-        steps=60, hold=True,
-    )  # fmt: skip
+        model,
+        samples,
+        wrong,
+        PRIOR,
+        process=["body.velocity"],
+        measurement=["body.position"],
+        method=method,
+        steps=60,
+        hold=True,
+    )
     table = found.to_frame()["tuned"]
     assert table["measurement body.position"] == pytest.approx(1e-8, rel=0.15)
     assert table["process body.velocity"] == pytest.approx(1e-5, rel=0.4)

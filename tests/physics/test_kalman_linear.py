@@ -71,9 +71,15 @@ def test_extended_filter_is_the_closed_form_filter(jacobian, square_root):
     wanted = kalman_filter(linear, samples.readings, x, p, samples.inputs)
     model = FilterModel(system, ["body.position", "body.acceleration"], jacobian=jacobian)
     run = extended_kalman_filter(
-        model, samples, noise, Prior(x, covariance=p), hold=True, substeps=20, keep="everything",
+        model,
+        samples,
+        noise,
+        Prior(x, covariance=p),
+        hold=True,
+        substeps=20,
+        keep="everything",
         square_root=square_root,
-    )  # fmt: skip
+    )
     assert np.abs(run.states - wanted.states).max() < 1e-10
     assert np.abs(run.predicted - wanted.predicted).max() < 1e-10
     assert np.abs(run.covariances - wanted.covariances).max() < 1e-10
@@ -151,9 +157,14 @@ def test_discretisations_converge_and_the_exponential_is_exact_for_a_linear_mach
         wanted = f @ (f @ p @ f.T + q) @ f.T + q
         for how in ("exponential", "euler", "variational"):
             run = extended_kalman_filter(
-                model, samples, Noise(density, np.array([1.0])), Prior(covariance=p), discretisation=how,
-                keep="everything", substeps=8,
-            )  # fmt: skip
+                model,
+                samples,
+                Noise(density, np.array([1.0])),
+                Prior(covariance=p),
+                discretisation=how,
+                keep="everything",
+                substeps=8,
+            )
             errors[how, step] = np.abs(run.kept["transitions"][1] - f).max()
             if how == "exponential":
                 errors["noise", step] = np.abs(run.covariances[2] - wanted).max()

@@ -15,7 +15,8 @@ from multibody.declare.component import Component
 from multibody.declare.declarations import Declaration, Option, Port
 
 COMPONENTS = {
-    name: cls for name in library.__all__
+    name: cls
+    for name in library.__all__
     if inspect.isclass(cls := getattr(library, name)) and issubclass(cls, Component)
 }
 BASES = {"Sliding", "Turning"}  # pairs of flanges for which subclasses state the law
@@ -33,7 +34,8 @@ def translation(m):
     """Two masses that vibrate against each other, a stop, play, ropes, weights, and sources of motion."""
     a, b = _body(m, "t.a", position=0.02, velocity=0.3), _body(m, "t.b", position=0.05, velocity=-0.2)
     for name, part in {
-        "t.spring": library.Spring(stiffness=300.0, length=0.02), "t.damper": library.Damper(damping=0.7),
+        "t.spring": library.Spring(stiffness=300.0, length=0.02),
+        "t.damper": library.Damper(damping=0.7),
         "t.pair": library.SpringDamper(stiffness=40.0, damping=0.2),
         "t.play": library.Backlash(gap=0.02, stiffness=500.0, damping=2.0),
         "t.stop": library.EndStop(stiffness=800.0, damping=5.0, limit=0.03),
@@ -54,8 +56,9 @@ def translation(m):
     rate = m.add("t.rate", library.Constant(unit="m/s", value=0.025))
     m.connect(length.output, rope.length)
     m.connect(rate.output, rope.length_rate)
-    move = m.add("t.move", library.SCurveProfile(
-        position_unit="m", distance=0.1, v_max=0.5, a_max=4.0, j_max=80.0, start=0.1))
+    move = m.add(
+        "t.move", library.SCurveProfile(position_unit="m", distance=0.1, v_max=0.5, a_max=4.0, j_max=80.0, start=0.1)
+    )
     driven = m.add("t.driven", library.PositionSource())
     for name in ("position", "velocity", "acceleration"):
         m.connect(f"t.move.{name}", f"t.driven.{name}")
@@ -66,8 +69,7 @@ def translation(m):
     m.connect(m.add("t.speed", library.Constant(unit="m/s", value=0.3)).output, pace.reference)
     m.connect(pace.flange, m.add("t.drag", library.Damper(damping=3.0)).a)
     m.connect("t.drag.b", "t.follower.flange")
-    m.connect(move.acceleration, m.add("t.force", library.Gain(
-        k=0.5, input_unit="m/s**2", output_unit="N")).input)
+    m.connect(move.acceleration, m.add("t.force", library.Gain(k=0.5, input_unit="m/s**2", output_unit="N")).input)
     m.connect(m.add("t.push", library.ForceSource()).force, "t.force.output")
     m.connect("t.push.flange", a)
 
@@ -76,7 +78,8 @@ def rotation(m):
     """Two rotors with everything that can stand between them, a pendulum, and sources of motion."""
     a, b = _rotor(m, "r.a", angle=0.1, speed=2.0), _rotor(m, "r.b", angle=-0.1, speed=-1.0)
     for name, part in {
-        "r.spring": library.TorsionSpring(stiffness=5.0), "r.damper": library.TorsionDamper(damping=0.02),
+        "r.spring": library.TorsionSpring(stiffness=5.0),
+        "r.damper": library.TorsionDamper(damping=0.02),
         "r.play": library.RotaryBacklash(gap=0.1, stiffness=20.0, damping=0.3),
         "r.stop": library.RotaryEndStop(stiffness=15.0, damping=0.2, limit=-0.2, side="lower"),
     }.items():
@@ -94,8 +97,12 @@ def rotation(m):
     m.connect(driven.flange, m.add("r.drag", library.TorsionDamper(damping=0.1)).a)
     m.connect("r.drag.b", a)
     pace = m.add("r.pace", library.SpeedSource(time_constant=0.1))
-    m.connect(m.add("r.table", library.TableReference(
-        unit="rad/s", points=([0.0, 0.3, 0.6, 1.0], [0.0, 2.0, -1.0, 0.0]))).output, pace.reference)
+    m.connect(
+        m.add(
+            "r.table", library.TableReference(unit="rad/s", points=([0.0, 0.3, 0.6, 1.0], [0.0, 2.0, -1.0, 0.0]))
+        ).output,
+        pace.reference,
+    )
     m.connect(pace.flange, m.add("r.link", library.TorsionSpring(stiffness=3.0)).a)
     m.connect("r.link.b", swing.flange)
     twist = m.add("r.twist", library.TorqueSource())
@@ -107,11 +114,23 @@ def rotation(m):
 def friction(m):
     """Each law between the ground and a mass (rotor) of its own, which coasts."""
     laws = {
-        "ViscousFriction": {"viscous": 0.4}, "CoulombFriction": {"coulomb": 0.5, "v_s": 0.05},
-        "AsymmetricFriction": {"coulomb_forward": 0.5, "coulomb_backward": 0.3, "viscous_forward": 0.1,
-                               "viscous_backward": 0.2, "v_s": 0.05},
-        "StribeckFriction": {"coulomb": 0.3, "static": 0.5, "v_stribeck": 0.2, "viscous": 0.1, "v_s": 0.05,
-                             "exponent": 1.7},
+        "ViscousFriction": {"viscous": 0.4},
+        "CoulombFriction": {"coulomb": 0.5, "v_s": 0.05},
+        "AsymmetricFriction": {
+            "coulomb_forward": 0.5,
+            "coulomb_backward": 0.3,
+            "viscous_forward": 0.1,
+            "viscous_backward": 0.2,
+            "v_s": 0.05,
+        },
+        "StribeckFriction": {
+            "coulomb": 0.3,
+            "static": 0.5,
+            "v_stribeck": 0.2,
+            "viscous": 0.1,
+            "v_s": 0.05,
+            "exponent": 1.7,
+        },
         "LoadDependentFriction": {"mu": 0.1, "coulomb": 0.05, "v_s": 0.05},
         "QuadraticDrag": {"quadratic": 0.6},
     }
@@ -131,13 +150,19 @@ def friction(m):
 def transmissions(m):
     """Rotors and masses joined by ideal and lossy transmissions, driven back and forth."""
     torque = m.add("x.sine", library.Sine(unit="N*m", amplitude=2.0, frequency=1.0)).output
-    for k, (part, other) in enumerate((
-        (library.Gear(ratio=3.0), _rotor), (library.Gear(ratio=-2.0, efficiency=0.8, v_s=0.5), _rotor),
-        (library.Screw(lead=0.5), _body), (library.Screw(lead=0.5, efficiency=0.7, v_s=0.1), _body),
-        (library.Rack(radius=0.1), _body), (library.Rack(radius=0.1, efficiency=0.9, v_s=0.1), _body),
-        (library.RigidShaft(offset=0.2), _rotor), (library.TorqueSensor(), _rotor),
-        (library.Crank(radius=0.1, rod=0.3), _body),
-    )):
+    for k, (part, other) in enumerate(
+        (
+            (library.Gear(ratio=3.0), _rotor),
+            (library.Gear(ratio=-2.0, efficiency=0.8, v_s=0.5), _rotor),
+            (library.Screw(lead=0.5), _body),
+            (library.Screw(lead=0.5, efficiency=0.7, v_s=0.1), _body),
+            (library.Rack(radius=0.1), _body),
+            (library.Rack(radius=0.1, efficiency=0.9, v_s=0.1), _body),
+            (library.RigidShaft(offset=0.2), _rotor),
+            (library.TorqueSensor(), _rotor),
+            (library.Crank(radius=0.1, rod=0.3), _body),
+        )
+    ):
         drive = m.add(f"x.drive{k}", library.TorqueSource())
         m.connect(torque, drive.torque)
         part = m.add(f"x.part{k}", part)
@@ -184,9 +209,12 @@ def electrical(m):
 def control(m):
     """A servo axis in cascade control with every sensor and signal block on it."""
     move = m.add("c.move", library.SCurveProfile(distance=1.0, v_max=3.0, a_max=30.0, j_max=600.0)).position
-    servo = m.add("c.servo", library.CascadedController(
-        k_position=10.0, k_speed=1.0, k_i=2.0, k_current=4.0, k_i_current=100.0, limit=5.0,
-        limit_voltage=24.0))
+    servo = m.add(
+        "c.servo",
+        library.CascadedController(
+            k_position=10.0, k_speed=1.0, k_i=2.0, k_current=4.0, k_i_current=100.0, limit=5.0, limit_voltage=24.0
+        ),
+    )
     motor = m.add("c.motor", library.DCMotorDrive(R=0.6, L=0.01, k_t=0.1))
     rotor = m.add("c.rotor", library.Inertia(J=0.01)).flange
     m.connect(motor.flange, rotor)
@@ -202,11 +230,16 @@ def control(m):
     cart = _body(m, "c.cart")
     for name, sensor in {"x": "PositionSensor", "v": "VelocitySensor", "w": "AccelerationSensor"}.items():
         m.connect(m.add(f"c.{name}", getattr(library, sensor)()).flange, cart)
-    axis = m.add("c.axis", library.PositionController(
-        position_unit="m", output_unit="N", k_position=5.0, k_speed=8.0, k_i=3.0, limit=20.0,
-        feedforward=True))
-    m.connect(m.add("c.target", library.TrapezoidalProfile(
-        position_unit="m", distance=0.2, v_max=0.5, a_max=3.0)).position, axis.reference)
+    axis = m.add(
+        "c.axis",
+        library.PositionController(
+            position_unit="m", output_unit="N", k_position=5.0, k_speed=8.0, k_i=3.0, limit=20.0, feedforward=True
+        ),
+    )
+    m.connect(
+        m.add("c.target", library.TrapezoidalProfile(position_unit="m", distance=0.2, v_max=0.5, a_max=3.0)).position,
+        axis.reference,
+    )
     m.connect("c.target.velocity", axis.reference_speed)
     m.connect("c.x.position", axis.position)
     m.connect("c.v.velocity", axis.speed)

@@ -23,8 +23,7 @@ BENCH = LiftParameters.bench()
 
 def test_a_shoe_pressed_by_hand_gives_the_spring_force_of_eq_3_and_the_friction_of_eq_4():
     K, L_g, mu, depth = 1.0e4, 0.5e-3, 0.2, 0.8e-3
-    f_x, f_y, f_z, normal = shoe(
-        1.0, depth + L_g, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, K, 50.0, L_g, 5e-5, mu, 0.01)
+    f_x, f_y, f_z, normal = shoe(1.0, depth + L_g, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, K, 50.0, L_g, 5e-5, mu, 0.01)
     assert f_x == pytest.approx(-K * depth, rel=1e-12)
     assert f_y == 0.0
     assert normal == pytest.approx(K * depth, rel=1e-12)
@@ -43,7 +42,11 @@ def test_a_rail_that_comes_nearer_by_its_deviation_presses_as_a_shoe_that_goes_t
 
 def test_within_its_clearance_a_shoe_feels_nothing():
     assert shoe(1.0, 0.4e-3, -0.4e-3, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1e4, 50.0, 0.5e-3, 5e-5, 0.2, 0.01) == (
-        0.0, 0.0, 0.0, 0.0)
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )
 
 
 @pytest.mark.parametrize("rate", [-5.0, -0.05, 0.05, 5.0])
@@ -69,7 +72,8 @@ def test_power_of_a_contact_is_stored_lost_or_done_by_the_rail():
         step = 1e-8
         moved = [
             (way, x + w * v_x, y + w * v_y, v_x, v_y, v_z, d_x + w * s_x * v_z, s_x, d_y + w * s_y * v_z)
-            for w in (-step, step)]
+            for w in (-step, step)
+        ]
         stored = [shoe_power(*place, *at[3:])[0] for place in moved]
         rate = (stored[1] - stored[0]) / (2 * step)
         # central differences of an energy of 1e-2 J over 2e-8 s: rounding leaves 1e-10 W, its bend less
@@ -147,11 +151,25 @@ def test_a_payload_adds_its_weight_where_it_stands():
 
 def test_one_shoe_body_on_rails_settles_at_weight_over_stiffness():
     model = Model("body pressed sideways")
-    body = model.add("body", Car(
-        mass=5.0, I_xx=1.0, I_yy=1.0, I_zz=1.0, shoe_x=0.2, shoe_low=-0.1, shoe_high=0.1,
-        z=False, roll=False, pitch=False, yaw=False))
-    guide = model.add("guide", GuidingSystem(
-        right_curved=False, stiffness=1e4, damping=200.0, clearance=1e-3, mu=0.1, half_gauge=0.2))
+    body = model.add(
+        "body",
+        Car(
+            mass=5.0,
+            I_xx=1.0,
+            I_yy=1.0,
+            I_zz=1.0,
+            shoe_x=0.2,
+            shoe_low=-0.1,
+            shoe_high=0.1,
+            z=False,
+            roll=False,
+            pitch=False,
+            yaw=False,
+        ),
+    )
+    guide = model.add(
+        "guide", GuidingSystem(right_curved=False, stiffness=1e4, damping=200.0, clearance=1e-3, mu=0.1, half_gauge=0.2)
+    )
     for place in ("left_low", "left_high", "right_low", "right_high"):
         model.connect(getattr(guide, place), getattr(body, place))
     from multibody.library.spatial import FrameForce
@@ -167,9 +185,17 @@ def test_accelerometer_on_a_tilted_floor_feels_the_cosine():
     from vtsdt.parts.car import Accelerometer
 
     model = Model("tilted")
-    body = model.add("body", Car(
-        mass=1.0, shoe_x=0.2, shoe_low=0.0, shoe_high=0.5, accelerometer_pitch=0.02,
-        **dict.fromkeys(("x", "y", "z", "roll", "pitch", "yaw"), False)))
+    body = model.add(
+        "body",
+        Car(
+            mass=1.0,
+            shoe_x=0.2,
+            shoe_low=0.0,
+            shoe_high=0.5,
+            accelerometer_pitch=0.02,
+            **dict.fromkeys(("x", "y", "z", "roll", "pitch", "yaw"), False),
+        ),
+    )
     sensor = model.add("sensor", Accelerometer(offset=0.1))
     model.connect(sensor.frame, body.accelerometer)
     model.add("mass", RigidBody(mass=1.0, x=False, y=False, roll=False, pitch=False, yaw=False))

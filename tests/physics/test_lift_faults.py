@@ -99,7 +99,9 @@ def test_the_shipped_file_and_one_that_extends_it_are_read(tmp_path):
 
 
 def test_all_faults_of_a_file_are_reported_together(tmp_path):
-    path = written(tmp_path, """
+    path = written(
+        tmp_path,
+        """
 extends = "bench"
 [cabin]
 mass = "32 m"
@@ -113,7 +115,8 @@ torque = 3.0
 height = [0.0, 1.0, 0.5]
 deviation = [0.0, 1.0, 2.0]
 unit = "mm"
-""")
+""",
+    )
     with pytest.raises(ParameterError) as caught:
         LiftParameters.load(path)
     message = str(caught.value)

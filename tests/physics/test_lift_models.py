@@ -19,15 +19,36 @@ from vtsdt.lift.reduction import cabin_against_reference, one_dimensional_agains
 from vtsdt.lift.structures import structure_table
 
 BODY = [
-    "x", "y", "z", "roll", "pitch", "yaw", "v_x", "v_y", "v_z", "w_x", "w_y", "w_z",
+    "x",
+    "y",
+    "z",
+    "roll",
+    "pitch",
+    "yaw",
+    "v_x",
+    "v_y",
+    "v_z",
+    "w_x",
+    "w_y",
+    "w_z",
 ]
 
 
 def test_state_names_and_order_of_the_reference_follow_table_1():
     drive = [
-        "pulley.angle", "pulley.speed", "support.plate_position", "support.tilt_A_angle", "support.tilt_B_angle",
-        "support.plate_velocity", "support.tilt_A_speed", "support.tilt_B_speed", "machine.i_d", "machine.i_q",
-        "control.x_d", "control.x_q", "control.x_omega",
+        "pulley.angle",
+        "pulley.speed",
+        "support.plate_position",
+        "support.tilt_A_angle",
+        "support.tilt_B_angle",
+        "support.plate_velocity",
+        "support.tilt_A_speed",
+        "support.tilt_B_speed",
+        "machine.i_d",
+        "machine.i_q",
+        "control.x_d",
+        "control.x_q",
+        "control.x_omega",
     ]
     wanted = [f"cabin.{n}" for n in BODY] + [f"counterweight.{n}" for n in BODY] + drive
     assert list(Lift.reference().system.state_names) == wanted
@@ -54,9 +75,13 @@ def test_state_counts_of_the_table():
 def test_structures_between_the_models_assemble(lateral, rotation, vertical, inclination):
     other, turning = rotation, not lateral  # the counterweight has another structure than the cabin
     structure = Structure(
-        cabin_lateral=lateral, cabin_rotation=rotation, counterweight_lateral=other, counterweight_rotation=turning,
-        support_vertical=vertical, support_inclination=inclination,
-    )  # fmt: skip
+        cabin_lateral=lateral,
+        cabin_rotation=rotation,
+        counterweight_lateral=other,
+        counterweight_rotation=turning,
+        support_vertical=vertical,
+        support_inclination=inclination,
+    )
     system = Lift(structure=structure).system
     bodies = sum(2 + 4 * a + 6 * b for a, b in ((lateral, rotation), (other, turning)))
     assert len(system.states) == bodies + 7 + 2 * vertical + 4 * inclination
@@ -64,7 +89,8 @@ def test_structures_between_the_models_assemble(lateral, rotation, vertical, inc
 
 def test_a_lift_without_inclination_of_its_support_makes_a_trip():
     run = Lift.one_dimensional(support_inclination=False, profile=True).trip(
-        "up", inputs={"friction_c": 0.0, "friction_cw": 0.0})
+        "up", inputs={"friction_c": 0.0, "friction_cw": 0.0}
+    )
     assert run["z_c"][-1] == pytest.approx(1.9, abs=5e-3)  # short of it by stretch and sag, about 3 mm
 
 
@@ -172,12 +198,14 @@ def test_modes_of_the_1d_model_are_those_of_its_rope_masses_without_damping():
     """A body on its rope with pulley and support held: ω² = EA/(L m)."""
     p = LiftParameters.bench()
     stiff = dataclasses.replace(
-        p, ropes=dataclasses.replace(p.ropes, damping=0.0), pulley=dataclasses.replace(p.pulley, J_p=1e6))
+        p, ropes=dataclasses.replace(p.ropes, damping=0.0), pulley=dataclasses.replace(p.pulley, J_p=1e6)
+    )
     lift = Lift.one_dimensional(stiff, support_vertical=False, support_inclination=False)
     found = modes_along_trip(lift, np.array([0.0])).modes[0].frequency
     wanted = [
         np.sqrt(p.ropes.EA / (length * m)) / (2 * np.pi)
-        for length, m in ((p.ropes.L_0_c, p.cabin.mass), (p.ropes.L_0_cw, p.counterweight.mass))]
+        for length, m in ((p.ropes.L_0_c, p.cabin.mass), (p.ropes.L_0_cw, p.counterweight.mass))
+    ]
     # the stretched rope is longer by 5e-4 of its length, but EA/L takes the free length; the pulley weighs 1e6
     assert found == pytest.approx(sorted(wanted), rel=1e-5)
 

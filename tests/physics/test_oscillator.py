@@ -17,8 +17,10 @@ CLOSE = 1e-7
 def oscillator(m=2.0, k=50.0, c=0.0, **start):
     model = Model("oscillator")
     body = model.add("body", Mass(m=m, **start))
-    spring, damper, push = (model.add(n, part) for n, part in (
-        ("spring", Spring(stiffness=k)), ("damper", Damper(damping=c)), ("push", ForceSource())))
+    spring, damper, push = (
+        model.add(n, part)
+        for n, part in (("spring", Spring(stiffness=k)), ("damper", Damper(damping=c)), ("push", ForceSource()))
+    )
     for part in (spring, damper):
         model.connect(part.a, model.ground)
         model.connect(part.b, body.flange)
@@ -50,10 +52,12 @@ def test_forced_vibration_settles_to_the_frequency_response():
     start = {"body.position": response.imag, "body.velocity": (1j * w * response).imag}
     t = np.linspace(0.0, 5.0, 50001)
     run = oscillator(m, k, c).simulate(
-        5.0, inputs={"F": (t, force * np.sin(w * t))}, initial=start, times=t[::100], **TIGHT)
+        5.0, inputs={"F": (t, force * np.sin(w * t))}, initial=start, times=t[::100], **TIGHT
+    )
     # straight lines between samples are off by (w·dt)²/8 = 6e-8 of the force
     np.testing.assert_allclose(
-        run["body.position"], (response * np.exp(1j * w * run.times)).imag, atol=1e-6 * abs(response))
+        run["body.position"], (response * np.exp(1j * w * run.times)).imag, atol=1e-6 * abs(response)
+    )
 
 
 def test_natural_frequency_and_damping_from_linearisation():

@@ -37,8 +37,7 @@ def loop(k_p, k_i, **limits):
 def test_pi_step_response_on_an_integrator():
     """s² + k_p s + k_i = 0 with k_p = 3, k_i = 2: y = 1 + e^{-t} − 2 e^{-2t}."""
     run = loop(3.0, 2.0).simulate(5.0, inputs={"r": 1.0}, **TIGHT)
-    np.testing.assert_allclose(
-        run["plant.total"], 1.0 + np.exp(-run.times) - 2.0 * np.exp(-2.0 * run.times), atol=1e-8)
+    np.testing.assert_allclose(run["plant.total"], 1.0 + np.exp(-run.times) - 2.0 * np.exp(-2.0 * run.times), atol=1e-8)
 
 
 def test_limited_pi_keeps_its_limit_and_winds_up_less():
@@ -105,7 +104,10 @@ def test_gain_takes_its_factor_in_its_own_units():
 
 
 MOVES = [  # distance, v, a, j: which limits are reached
-    (1.0, 0.5, 2.0, 20.0), (0.1, 0.5, 2.0, 20.0), (0.005, 0.5, 2.0, 20.0), (2.0, 0.5, 50.0, 20.0),
+    (1.0, 0.5, 2.0, 20.0),
+    (0.1, 0.5, 2.0, 20.0),
+    (0.005, 0.5, 2.0, 20.0),
+    (2.0, 0.5, 50.0, 20.0),
     (-0.7, 0.9, 1.5, 6.0),
 ]
 
@@ -136,7 +138,8 @@ def test_s_curve_takes_no_longer_than_its_limits_ask():
     assert end == pytest.approx(4.0 * (0.005 / 40.0) ** (1.0 / 3.0))
     # without a limit on jerk it becomes the trapezoid
     assert profiles.jerk_limited(0.4, 1.0, 0.5, 2.0, 1e9)[:2] == pytest.approx(
-        profiles.trapezoidal(0.4, 1.0, 0.5, 2.0)[:2], rel=1e-8)
+        profiles.trapezoidal(0.4, 1.0, 0.5, 2.0)[:2], rel=1e-8
+    )
 
 
 @pytest.mark.parametrize(("distance", "duration"), [(1.0, 2.25), (-0.02, 0.2)])

@@ -63,8 +63,7 @@ def test_free_fall_with_spin_moves_the_centre_of_mass_on_a_parabola():
     run = system.simulate(1.0, times=np.linspace(0, 1, 5), **TIGHT)
     place = np.array(
         [
-            [run[f"body.{a}"][k] for a in "xyz"]
-            + attitude(*(run[f"body.{a}"][k] for a in COORDINATES[3:])) @ COM
+            [run[f"body.{a}"][k] for a in "xyz"] + attitude(*(run[f"body.{a}"][k] for a in COORDINATES[3:])) @ COM
             for k in range(5)
         ]
     )
@@ -77,9 +76,7 @@ def test_free_fall_with_spin_moves_the_centre_of_mass_on_a_parabola():
 
 def test_torque_free_rotation_keeps_energy_and_angular_momentum():
     model = alone(
-        RigidBody(
-            **BLOCK | {"com_x": 0.0, "com_y": 0.0, "com_z": 0.0}, w_x_start=0.02, w_y_start=3.0, w_z_start=0.1
-        ),
+        RigidBody(**BLOCK | {"com_x": 0.0, "com_y": 0.0, "com_z": 0.0}, w_x_start=0.02, w_y_start=3.0, w_z_start=0.1),
         ("world", World(gravity_z=0.0)),
     )
     run = model.build().simulate(4.0, **TIGHT)
@@ -144,9 +141,7 @@ def test_physical_pendulum_has_the_exact_period(axis):
     run = model.build().simulate(period, times=np.linspace(0, period, 9), **TIGHT)
     sn = ellipj(ellipk(k2) - w0 * run.times, k2)[0]
     exact = 2 * np.arcsin(np.sqrt(k2) * sn)
-    assert (
-        np.abs(run[f"body.{axis}"] - exact).max() < 1e-9
-    )  # integrator tolerance times a hundred, over one period
+    assert np.abs(run[f"body.{axis}"] - exact).max() < 1e-9  # integrator tolerance times a hundred, over one period
     assert run[f"body.{axis}"][-1] == pytest.approx(start, abs=1e-9)
 
 
@@ -223,9 +218,7 @@ def test_every_subset_is_the_projection_of_the_full_body(free):
         - speeds(at - step * dq + 0.5 * step**2 * ddq, dq - step * ddq)
     ) / (2 * step)
     w = speeds(at, dq)[3:]
-    needed = jacobian[:3].T @ (2.0 * change[:3]) + jacobian[3:].T @ (
-        TENSOR @ change[3:] + np.cross(w, TENSOR @ w)
-    )
+    needed = jacobian[:3].T @ (2.0 * change[:3]) + jacobian[3:].T @ (TENSOR @ change[3:] + np.cross(w, TENSOR @ w))
     slope = np.array(
         [(energy(at + h * columns[:, c]) - energy(at - h * columns[:, c])) / (2 * h) for c in range(count)]
     )

@@ -158,9 +158,7 @@ def test_accelerometer_feels_tilt_at_rest():
 
 def test_motion_at_a_frame_against_differences_of_its_position():
     model = Model("tumbling block")
-    model.add(
-        "block", Block(**SOLID, w_x_start=1.0, w_y_start=2.0, w_z_start=-1.5, v_x_start=0.5, roll_start=0.3)
-    )
+    model.add("block", Block(**SOLID, w_x_start=1.0, w_y_start=2.0, w_z_start=-1.5, v_x_start=0.5, roll_start=0.3))
     model.add(
         "arm",
         Block(**SOLID, **{**LOCKED, "yaw": True, "roll": True}, yaw_rate_start=2.0, roll_rate_start=-1.0),
@@ -173,9 +171,7 @@ def test_motion_at_a_frame_against_differences_of_its_position():
     for axis in "xyz":
         p = run[f"sensor.{axis}"]
         # fourth order: h⁴ · fifth derivative (about 1e2) = 1e-10; second differences divide rounding by h²
-        assert run[f"sensor.v_{axis}"][2] == pytest.approx(
-            (p[0] - 8 * p[1] + 8 * p[3] - p[4]) / (12 * h), abs=1e-8
-        )
+        assert run[f"sensor.v_{axis}"][2] == pytest.approx((p[0] - 8 * p[1] + 8 * p[3] - p[4]) / (12 * h), abs=1e-8)
         second = (-p[0] + 16 * p[1] - 30 * p[2] + 16 * p[3] - p[4]) / (12 * h**2)
         assert run[f"sensor.a_{axis}"][2] == pytest.approx(second, abs=1e-6)
 
@@ -190,9 +186,7 @@ def test_frame_turned_against_the_body_gives_the_axis_of_the_joint():
     model.add("base", Base(mass=1.0, **LOCKED))
     model.add(
         "door",
-        RigidBody(
-            mass=1.0, com_x=0.3, I_xx=0.1, I_yy=0.1, I_zz=0.2, **{**LOCKED, "yaw": True}, yaw_start=0.5
-        ),
+        RigidBody(mass=1.0, com_x=0.3, I_xx=0.1, I_yy=0.1, I_zz=0.2, **{**LOCKED, "yaw": True}, yaw_start=0.5),
     )
     model.connect("door.parent", "base.hinge")
     system = model.build(compiled=False)

@@ -54,9 +54,7 @@ def test_double_pendulum():
         return [da, db, *np.linalg.solve(matrix, right)]
 
     run = two_link_arm(upper=1.4, fore=0.6).build().simulate(2.0, **TIGHT)
-    exact = solve_ivp(
-        rates, (0, 2), [1.4, 2.0, 0, 0], method="DOP853", t_eval=run.times, rtol=1e-12, atol=1e-13
-    ).y
+    exact = solve_ivp(rates, (0, 2), [1.4, 2.0, 0, 0], method="DOP853", t_eval=run.times, rtol=1e-12, atol=1e-13).y
     # two integrators at 1e-11, their errors grown by the pendulum's sensitivity (about e^5 in 2 s)
     np.testing.assert_allclose(run["upper.pitch"], exact[0], atol=1e-7)
     np.testing.assert_allclose(run["upper.pitch"] + run["fore.pitch"], exact[1], atol=1e-7)
@@ -85,9 +83,7 @@ def test_cart_and_pole():
         return [v, w, *np.linalg.solve(matrix, [-mc * np.sin(q) * w**2, -mc * G * np.sin(q)])]
 
     run = cart_pole().build().simulate(2.0, **TIGHT)
-    exact = solve_ivp(
-        rates, (0, 2), [0, 2.5, 0, 0], method="DOP853", t_eval=run.times, rtol=1e-12, atol=1e-13
-    ).y
+    exact = solve_ivp(rates, (0, 2), [0, 2.5, 0, 0], method="DOP853", t_eval=run.times, rtol=1e-12, atol=1e-13).y
     np.testing.assert_allclose(run["cart.x"], exact[0], atol=1e-8)
     np.testing.assert_allclose(run["pole.pitch"], exact[1], atol=1e-8)
     assert np.ptp(run["energy.stored"]) < 1e-8 * np.ptp(run["pole.potential_energy"])
@@ -185,9 +181,7 @@ def test_order_of_components_does_not_matter():
     model.connect("fore.parent", "upper.tip")
     swapped, plain = model.build(compiled=False), two_link_arm(upper=1.4, fore=0.6).build(compiled=False)
     assert swapped.state_names[:2] == ("fore.pitch", "fore.pitch_rate")
-    np.testing.assert_allclose(
-        swapped.rhs(0, swapped.start)[[2, 3, 0, 1]], plain.rhs(0, plain.start), rtol=1e-12
-    )
+    np.testing.assert_allclose(swapped.rhs(0, swapped.start)[[2, 3, 0, 1]], plain.rhs(0, plain.start), rtol=1e-12)
 
 
 def test_unbalance_force_is_m_e_omega_squared():
@@ -304,9 +298,7 @@ def test_rigidly_attached_body_adds_its_inertia():
     model.connect("payload.parent", "fore.tip")
     loaded = model.with_values({"fore.tip_z": -0.5}).build(compiled=False)
     total, com = 0.9 + 0.4, np.array([0.4 * 0.05, 0.9 * -0.25 + 0.4 * -0.5]) / 1.3
-    inertia = (0.01 + 0.9 * np.sum((com - [0.0, -0.25]) ** 2)) + (
-        0.002 + 0.4 * np.sum((com - [0.05, -0.5]) ** 2)
-    )
+    inertia = (0.01 + 0.9 * np.sum((com - [0.0, -0.25]) ** 2)) + (0.002 + 0.4 * np.sum((com - [0.05, -0.5]) ** 2))
     single = (
         two_link_arm(upper=0.4, fore=0.9)
         .with_values(

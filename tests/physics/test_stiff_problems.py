@@ -98,27 +98,55 @@ HIRES_PATTERN = np.array(
 # name, parameters, start, end, reference, absolute tolerance at a relative tolerance of 1e-7
 CASES = {
     "van_der_pol, mu = 1000": (
-        "van_der_pol", (1.0, 1e3), [2.0, 0.0], 2000.0, [0.1706167732170469e1, -0.8928097010248125e-3], 1e-9,
+        "van_der_pol",
+        (1.0, 1e3),
+        [2.0, 0.0],
+        2000.0,
+        [0.1706167732170469e1, -0.8928097010248125e-3],
+        1e-9,
     ),
     "van_der_pol, eps = 1e-6": (
-        "van_der_pol", (1e6, 1.0), [2.0, 0.0], 2.0, [0.1706167732170483e1, -0.8928097010247975], 1e-9,
+        "van_der_pol",
+        (1e6, 1.0),
+        [2.0, 0.0],
+        2.0,
+        [0.1706167732170483e1, -0.8928097010247975],
+        1e-9,
     ),
     "robertson": (
-        "robertson", (0.0,), [1.0, 0.0, 0.0], 1e11,
-        [0.2083340149701255e-7, 0.8333360770334713e-13, 0.9999999791665050], 1e-17,
+        "robertson",
+        (0.0,),
+        [1.0, 0.0, 0.0],
+        1e11,
+        [0.2083340149701255e-7, 0.8333360770334713e-13, 0.9999999791665050],
+        1e-17,
     ),
     "oregonator": (
-        "oregonator", (0.0,), [1.0, 2.0, 3.0], 360.0,
-        [0.1000814870318523e1, 0.1228178521549917e4, 0.1320554942846706e3], 1e-9,
+        "oregonator",
+        (0.0,),
+        [1.0, 2.0, 3.0],
+        360.0,
+        [0.1000814870318523e1, 0.1228178521549917e4, 0.1320554942846706e3],
+        1e-9,
     ),
     "hires": (
-        "hires", (0.0,), [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0057], 321.8122,
+        "hires",
+        (0.0,),
+        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0057],
+        321.8122,
         [
-            0.7371312573325668e-3, 0.1442485726316185e-3, 0.5888729740967575e-4, 0.1175651343283149e-2,
-            0.2386356198831331e-2, 0.6238968252742796e-2, 0.2849998395185769e-2, 0.2850001604814231e-2,
-        ], 1e-12,
+            0.7371312573325668e-3,
+            0.1442485726316185e-3,
+            0.5888729740967575e-4,
+            0.1175651343283149e-2,
+            0.2386356198831331e-2,
+            0.6238968252742796e-2,
+            0.2849998395185769e-2,
+            0.2850001604814231e-2,
+        ],
+        1e-12,
     ),
-}  # fmt: skip
+}
 
 
 def make(name, p, n, **options):
@@ -157,9 +185,7 @@ def test_work_does_not_follow_stiffness_for_the_stiff_method_only():
     for method in (DormandPrince54, Rodas5P, Automatic):
         for mu in (100.0, 1000.0):
             prob = make("van_der_pol", (1.0, mu), 2)
-            work[method, mu] = integrate(
-                prob, (0.0, 50.0), [2.0, 0.0], [50.0], method, rtol=1e-5, atol=1e-8
-            ).nfev
+            work[method, mu] = integrate(prob, (0.0, 50.0), [2.0, 0.0], [50.0], method, rtol=1e-5, atol=1e-8).nfev
     assert work[DormandPrince54, 1000.0] > 5 * work[DormandPrince54, 100.0]
     assert work[Rodas5P, 1000.0] < 1.5 * work[Rodas5P, 100.0]
     # The default pays for noticing: steps up to the edge of stability, then fifteen on it, 6 evaluations each.

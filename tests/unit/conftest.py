@@ -71,9 +71,7 @@ def record_of(name: str, seed: int, pauses: bool, hidden):
     rng = np.random.default_rng(seed)
     signals = {"reference.speed": RecordedSignal(reference, "m/s", "v_ref", "m/s")}
     for column, output, unit in (("drive_N", "drive.force", "N"), ("x_m", "carriage.position", "m")):
-        values = run.outputs[:, truth.index("output", output)] + NOISE[output] * rng.standard_normal(
-            time.size
-        )
+        values = run.outputs[:, truth.index("output", output)] + NOISE[output] * rng.standard_normal(time.size)
         signals[output] = RecordedSignal(values, unit, column, unit)
     return Record(name=name, path=Path(f"{name}.csv"), time=time, signals=signals, log=("time from column t [s]",))
 
@@ -151,9 +149,7 @@ def small_study():
         )
         entries = [
             e
-            for e in catalogue(
-                found.system, found.outputs, ("reference.speed",), include=[f"{n}@*" for n in names]
-            )
+            for e in catalogue(found.system, found.outputs, ("reference.speed",), include=[f"{n}@*" for n in names])
             if f"{e.kind.name}.{e.where}" not in found.model.components
         ]
         candidates, refused = candidate_sensitivities(linearised, entries)

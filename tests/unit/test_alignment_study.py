@@ -23,9 +23,17 @@ def estimated(curve: np.ndarray, spread: float = 0.05e-3) -> Alignment:
     """An estimate from ten trips that are off a curve to both sides."""
     off = spread * np.linspace(-1.5, 1.5, 10)[:, None]
     return Alignment(
-        height=HEIGHT, trips=tuple(f"{k}" for k in range(10)), directions=np.ones(10), curves=curve + off,
-        threshold=2.3e-3, tuning=TUNINGS["bounded"], tension_error=0.0, shoes=(0.03, 0.55), loose=1.2e-3, slope=3.8e3,
-    )  # fmt: skip
+        height=HEIGHT,
+        trips=tuple(f"{k}" for k in range(10)),
+        directions=np.ones(10),
+        curves=curve + off,
+        threshold=2.3e-3,
+        tuning=TUNINGS["bounded"],
+        tension_error=0.0,
+        shoes=(0.03, 0.55),
+        loose=1.2e-3,
+        slope=3.8e3,
+    )
 
 
 def bumps(*places: tuple[float, float, float]) -> np.ndarray:
@@ -73,8 +81,9 @@ def stubs(monkeypatch):
     class Case:
         def __init__(self, seed):
             self.seed, self.height, self.pressing = seed, HEIGHT, bumps()
-            self.evaluated = type("Visit", (), {"truth": dict.fromkeys(
-                ("cabin_guide.mu", "cabin_guide.stiffness", "cabin.mass"), 1.0)})  # fmt: skip
+            self.evaluated = type(
+                "Visit", (), {"truth": dict.fromkeys(("cabin_guide.mu", "cabin_guide.stiffness", "cabin.mass"), 1.0)}
+            )
 
         def scaled(self):
             return None, 1.0

@@ -66,19 +66,25 @@ def test_a_good_trip_is_prepared(tmp_path):
     ("change", "message"),
     [
         (lambda c: c | {"cabin_height_mm": 900.0 + 0.0 * c["time_s"] + 0.01 * np.sin(c["time_s"])}, "never moves"),
-        (lambda c: {("tension_c" if k == "tension_c_N" else k): v / (9.80665 if k == "tension_c_N" else 1.0)
-                    for k, v in c.items()}, "look like kg; give --tension-unit kgf"),
+        (
+            lambda c: {
+                ("tension_c" if k == "tension_c_N" else k): v / (9.80665 if k == "tension_c_N" else 1.0)
+                for k, v in c.items()
+            },
+            "look like kg; give --tension-unit kgf",
+        ),
         (lambda c: c | {"tension_c_N": 1e-3 * c["tension_c_N"]}, "look like kN"),
         (lambda c: c | {"tension_c_N": -c["tension_c_N"]}, "its sign is reversed"),
         (lambda c: c | {"tension_c_N": 0.6 * c["tension_c_N"]}, "check its unit and zero"),
-        (lambda c: c | {"cabin_acceleration_m_per_s2": np.clip(c["cabin_acceleration_m_per_s2"] * 3, -0.4, 0.4) / 3},
-         "acceleration is clipped"),
+        (
+            lambda c: c | {"cabin_acceleration_m_per_s2": np.clip(c["cabin_acceleration_m_per_s2"] * 3, -0.4, 0.4) / 3},
+            "acceleration is clipped",
+        ),
         (lambda c: c | {"cabin_acceleration_m_per_s2": -c["cabin_acceleration_m_per_s2"]}, "have opposite signs"),
         (lambda c: c | {"cabin_height_mm": 1900.0 - c["cabin_height_mm"]}, "the height of the cabin and not of the c"),
         (lambda c: c | {"cabin_acceleration_m_per_s2": c["cabin_acceleration_m_per_s2"] / 9.80665}, "looks like g"),
         (lambda c: c | {"cabin_acceleration_m_per_s2": c["cabin_acceleration_m_per_s2"] + 9.81}, "contains gravity"),
-        (lambda c: c | {"cabin_acceleration_m_per_s2": np.roll(c["cabin_acceleration_m_per_s2"], 900)},
-         "do not match"),
+        (lambda c: c | {"cabin_acceleration_m_per_s2": np.roll(c["cabin_acceleration_m_per_s2"], 900)}, "do not match"),
         (lambda c: c | {"cabin_height_mm": 1e3 * c["cabin_height_mm"]}, "the cabin travels 1900 m"),
         (lambda c: c | {"time_s": np.where(np.arange(3000) > 1500, c["time_s"] + 0.7, c["time_s"])}, "gap"),
         (
@@ -87,20 +93,28 @@ def test_a_good_trip_is_prepared(tmp_path):
         ),
         (lambda c: {k: v[::20] for k, v in c.items()}, "sampled at 25 Hz"),
     ],
-)  # fmt: skip
+)
 def test_each_fault_of_a_recording_is_named(tmp_path, change, message):
     assert message in refused(tmp_path, change(signals()))
 
 
 def test_swapped_sensors_are_reported_with_the_remedy(tmp_path):
     c = signals()
-    plain = {"time_s": c["time_s"], "tension": c["cabin_height_mm"] / 1e3, "height": c["tension_c_N"],
-             "acceleration": c["cabin_acceleration_m_per_s2"]}  # fmt: skip
+    plain = {
+        "time_s": c["time_s"],
+        "tension": c["cabin_height_mm"] / 1e3,
+        "height": c["tension_c_N"],
+        "acceleration": c["cabin_acceleration_m_per_s2"],
+    }
     message = refused(tmp_path, plain)
     assert "look swapped" in message
     assert "--tension height --height tension" in message
-    plain = {"time_s": c["time_s"], "tension": c["cabin_acceleration_m_per_s2"], "height": c["cabin_height_mm"] / 1e3,
-             "acceleration": c["tension_c_N"]}  # fmt: skip
+    plain = {
+        "time_s": c["time_s"],
+        "tension": c["cabin_acceleration_m_per_s2"],
+        "height": c["cabin_height_mm"] / 1e3,
+        "acceleration": c["tension_c_N"],
+    }
     assert "the tension (column 'tension') and the acceleration (column 'acceleration') look swapped" in refused(
         tmp_path, plain
     )
@@ -124,9 +138,7 @@ def test_columns_are_found_by_their_names_or_asked_for(tmp_path):
 
 
 def test_balance_finds_what_is_no_friction(tmp_path):
-    paths = [
-        write(tmp_path / f"{k}.csv", signals(direction, 7.0, 2.5)) for k, direction in enumerate((1, -1, 1, -1))
-    ]
+    paths = [write(tmp_path / f"{k}.csv", signals(direction, 7.0, 2.5)) for k, direction in enumerate((1, -1, 1, -1))]
     trips = read_trips(paths)
     height = np.linspace(0.1, 1.8, 50)
     assert balance(trips, LiftParameters.bench(), height) == pytest.approx(2.5, abs=0.05)
@@ -166,8 +178,13 @@ def test_command_writes_page_json_rail_and_figures(tmp_path, capsys):
     message = capsys.readouterr().out
     assert "vtsdt what-if" in message
     assert {p.name for p in out.iterdir()} == {
-        "alignment.json", "report.html", "profile.csv", "alignment.png", "rail.png", "trips.png",
-    }  # fmt: skip
+        "alignment.json",
+        "report.html",
+        "profile.csv",
+        "alignment.png",
+        "rail.png",
+        "trips.png",
+    }
     content = json.loads((out / "alignment.json").read_text())
     assert len(content["height_m"]) == len(content["median_mm"]) == len(content["trips"][0]["delta_mm"])
     assert content["observability"]["detectable"]

@@ -74,11 +74,17 @@ def trees(draw):
     for k in range(n):
         parent = draw(st.integers(-1, k - 1))
         geared = parent >= 0 and draw(st.booleans())
-        nodes.append({
-            "parent": parent, "geared": geared, "J": draw(SIZES), "k": draw(SIZES) * 100.0,
-            "c": draw(SIZES) * 0.1,
-            "ratio": draw(SIZES) * draw(st.sampled_from([1.0, -1.0])), "x": draw(st.floats(-0.2, 0.2)),
-        })  # fmt: skip
+        nodes.append(
+            {
+                "parent": parent,
+                "geared": geared,
+                "J": draw(SIZES),
+                "k": draw(SIZES) * 100.0,
+                "c": draw(SIZES) * 0.1,
+                "ratio": draw(SIZES) * draw(st.sampled_from([1.0, -1.0])),
+                "x": draw(st.floats(-0.2, 0.2)),
+            }
+        )
     return nodes
 
 
@@ -136,19 +142,19 @@ def test_rates_are_those_of_the_matrix_model(nodes):
     rng = np.random.default_rng(3)
     q, v = rng.normal(size=(2, t.shape[1]))
     angle, speed = t @ q, t @ v
-    x = np.array([
-        (angle if name.endswith("angle") else speed)[int(name.split(".")[0].removeprefix("rotor"))]
-        for name in system.state_names
-    ])  # fmt: skip
+    x = np.array(
+        [
+            (angle if name.endswith("angle") else speed)[int(name.split(".")[0].removeprefix("rotor"))]
+            for name in system.state_names
+        ]
+    )
     wanted = t @ np.linalg.solve(mass, -stiffness @ q - damping @ v)
     shown = dict(zip(system.output_names, system.outputs_at(0.0, x), strict=True))
     for k in range(len(nodes)):
         assert shown[f"rotor{k}.angle"] == pytest.approx(angle[k], rel=1e-12, abs=1e-12)
         assert shown[f"rotor{k}.speed"] == pytest.approx(speed[k], rel=1e-12, abs=1e-12)
         # conditioning of the mass matrix: ratios up to 25 in a row of five gears
-        assert shown[f"rotor{k}.acceleration"] == pytest.approx(
-            wanted[k], rel=1e-7, abs=1e-7 * np.abs(wanted).max()
-        )
+        assert shown[f"rotor{k}.acceleration"] == pytest.approx(wanted[k], rel=1e-7, abs=1e-7 * np.abs(wanted).max())
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
@@ -268,9 +274,7 @@ def test_locked_mass_of_a_two_inertia_node():
     model.connect(one.flange, two.flange)
     system = model.build(compiled=False)
     assert system.state_names == ()
-    assert (
-        dict(zip(system.output_names, system.outputs_at(0.0, system.start), strict=True))["one.angle"] == 0.3
-    )
+    assert dict(zip(system.output_names, system.outputs_at(0.0, system.start), strict=True))["one.angle"] == 0.3
 
 
 def test_inertias_on_one_node_add_up():

@@ -91,11 +91,15 @@ def test_equations_in_lanes_are_those_of_each_lane(count):
 
 @pytest.mark.parametrize(
     "line",
-    ["dx[0] = p[int(x[0])]", "while x[0] > p[0]:\n        dx[0] = 1.0", "k = 0\n    if x[0] > 0.0:\n        k = 1\n"
-     "    dx[0] = p[k]", "dx[0] = 1.0\n    if x[0] > 0.0:\n        return",
-     "dx[0] = 0.0\n    if x[0] > 0.0:\n        dx[0] = part(x[0])",
-     "dx[0] = part(x[0]) if x[0] > 0.0 else 0.0"],
-)  # fmt: skip
+    [
+        "dx[0] = p[int(x[0])]",
+        "while x[0] > p[0]:\n        dx[0] = 1.0",
+        "k = 0\n    if x[0] > 0.0:\n        k = 1\n    dx[0] = p[k]",
+        "dx[0] = 1.0\n    if x[0] > 0.0:\n        return",
+        "dx[0] = 0.0\n    if x[0] > 0.0:\n        dx[0] = part(x[0])",
+        "dx[0] = part(x[0]) if x[0] > 0.0 else 0.0",
+    ],
+)
 def test_what_cannot_be_batched_is_left_to_each_run(line):
     text = f"def part(x):\n    return 2.0 * x\n\n\ndef rhs(t, x, u, p, dx):\n    {line}\n"
     assert batched_rhs(native.compile_text(text, "batched", "rhs", 4), 4) == 0
@@ -144,7 +148,8 @@ def swing():
     times = np.linspace(0.0, 2.0, 81)
     rng = np.random.default_rng(4)
     table = InputTable.from_columns(
-        times, {"a": np.cumsum(rng.normal(size=81)), "b": np.sign(np.sin(9.0 * times))}, {"b": "hold"}, {"a": 2})
+        times, {"a": np.cumsum(rng.normal(size=81)), "b": np.sign(np.sin(9.0 * times))}, {"b": "hold"}, {"a": 2}
+    )
     rhs = native.compile_text(SWING, "swing", "rhs", 4)
     return NativeProblem(rhs, [9.0, 0.2, 0.013, 0.4], table, 2)
 
@@ -206,8 +211,9 @@ def test_what_passes_by_shortens_the_steps_of_its_own_run_alone(swing, at_once):
 
 def test_runs_that_fail_leave_the_others_of_their_lanes_as_they_are(swing, at_once):
     blown = replace(swing, p=swing.p * [-1e8, 1.0, 1.0, 1e9])
-    broken = native.compile_text("def rhs(t, x, u, p, dx):\n    dx[0] = x[1]\n    dx[1] = -p[0] / (1.5 - t) ** 2\n",
-                                 "swing", "rhs", 4)  # fmt: skip
+    broken = native.compile_text(
+        "def rhs(t, x, u, p, dx):\n    dx[0] = x[1]\n    dx[1] = -p[0] / (1.5 - t) ** 2\n", "swing", "rhs", 4
+    )
     many = [(problem, start) for problem, start in changed(swing, 12)]
     many[5] = blown, many[5][1]
     many[7] = replace(swing, rhs=broken), many[7][1]  # other equations: one after another
@@ -230,8 +236,9 @@ def test_the_default_method_changes_methods_in_a_batch_as_it_does_alone(at_once,
     system, rng = lift.system, np.random.default_rng(2)
     table = input_table(system, {"omega_ref": lift.speed_reference("up"), "friction_c": 0.0, "friction_cw": 0.0})
     problem = native_problem(system, system.p, table, tangent=True)
-    many = [(replace(problem, p=system.p * (1.0 + 0.01 * rng.normal(size=system.p.size))), system.start)
-            for _ in range(11)]  # fmt: skip
+    many = [
+        (replace(problem, p=system.p * (1.0 + 0.01 * rng.normal(size=system.p.size))), system.start) for _ in range(11)
+    ]
     t, changes = np.linspace(0.0, 4.0, 401), 0
     for run, (one, start) in zip(batch(many, (0.0, 4.0), t, 2, rtol=rtol), many, strict=True):
         history = []
@@ -249,7 +256,11 @@ def test_long_runs_are_looked_at_for_stiffness_and_go_on(swing, at_once, monkeyp
     tangent = native.compile_text(
         "import math\n\n\ndef rhs_tangent(t, x, u, p, x_dot, u_dot, p_dot, out):\n    out[0] = x_dot[1]\n"
         "    out[1] = -p[0] * math.cos(x[0]) * x_dot[0] - p[1] * x_dot[1] + u[1] * x_dot[0]\n"
-        "    if x[0] > p[3]:\n        out[1] -= 400.0 * x_dot[0]\n", "swing", "rhs_tangent", 7)  # fmt: skip
+        "    if x[0] > p[3]:\n        out[1] -= 400.0 * x_dot[0]\n",
+        "swing",
+        "rhs_tangent",
+        7,
+    )
     many = list(changed(replace(swing, tangent=tangent), 14))
     t = np.linspace(0.0, 2.0, 41)
     options = dict(rtol=1e-6, atol=1e-9)
@@ -261,10 +272,15 @@ def test_long_runs_are_looked_at_for_stiffness_and_go_on(swing, at_once, monkeyp
 def test_stiff_runs_leave_their_lanes(at_once):
     text = "def rhs(t, x, u, p, dx):\n    dx[0] = -p[0] * (x[0] - u[0])\n"
     tangent = "def rhs_tangent(t, x, u, p, x_dot, u_dot, p_dot, out):\n" + (
-        "    out[0] = -p[0] * (x_dot[0] - u_dot[0]) - p_dot[0] * (x[0] - u[0])\n")  # fmt: skip
+        "    out[0] = -p[0] * (x_dot[0] - u_dot[0]) - p_dot[0] * (x[0] - u[0])\n"
+    )
     stiff = NativeProblem(
-        native.compile_text(text, "decay", "rhs", 4), [5e4], InputTable.constant([1.0]), 1,
-        native.compile_text(tangent, "decay", "rhs_tangent", 7))  # fmt: skip
+        native.compile_text(text, "decay", "rhs", 4),
+        [5e4],
+        InputTable.constant([1.0]),
+        1,
+        native.compile_text(tangent, "decay", "rhs_tangent", 7),
+    )
     many = [(replace(stiff, p=[5e4 + k]), np.array([0.1 * k])) for k in range(80)]
     t = np.linspace(0.0, 1.0, 11)
     for run, (problem, start) in zip(batch(many, (0.0, 1.0), t, 1, rtol=1e-5), many, strict=True):

@@ -85,9 +85,7 @@ def test_columns_are_read_with_their_units_and_match_the_case_in_memory(plain: P
         for name in SI:
             assert record.signals[name].unit == made.signals[name].unit
             # Ten digits are written.
-            np.testing.assert_allclose(
-                record.signals[name].values, made.signals[name].values, rtol=2e-9, atol=1e-12
-            )
+            np.testing.assert_allclose(record.signals[name].values, made.signals[name].values, rtol=2e-9, atol=1e-12)
 
 
 def test_the_model_beside_the_data_is_the_model_under_test(plain: Path) -> None:
@@ -166,9 +164,7 @@ def test_sensor_errors_go_through_the_measuring_chain(kind: str) -> None:
     channel = Channel("y", "y_mm", "m", "mm")
     fine = logger.fine_grid(2.0, 1.0)
     stamps = logger.stamps(2.0)
-    read = logger.read(
-        channel, fine, 0.3 * fine, stamps, np.random.default_rng(0), [SensorError("y", kind, 0.01)]
-    )
+    read = logger.read(channel, fine, 0.3 * fine, stamps, np.random.default_rng(0), [SensorError("y", kind, 0.01)])
     expected = {
         "offset": 0.3 * stamps + 0.01,
         "gain": 1.01 * 0.3 * stamps,
@@ -182,9 +178,7 @@ def test_input_error_reaches_the_machine_and_not_the_record() -> None:
     one, other = axis_case(seed=5, trips=2), axis_case(seed=5, trips=2, hide=["input_offset"])
     size = other.truth["effects"][0]["parameters"]["offset"]["value"]
     a, b = one.identify[0], other.identify[0]
-    np.testing.assert_array_equal(
-        a.signals["reference.position"].values, b.signals["reference.position"].values
-    )
+    np.testing.assert_array_equal(a.signals["reference.position"].values, b.signals["reference.position"].values)
     # A steady shift of the reference is a steady shift of the carriage; 2 µm is the resolution twice.
     shift = np.mean(b.signals["carriage.position"].values - a.signals["carriage.position"].values)
     assert shift == pytest.approx(size, abs=2e-6)

@@ -203,7 +203,11 @@ def test_command_lists_and_refuses(capsys: pytest.CaptureFixture[str], tmp_path:
     assert main(["validate", "papers", "--only", "boat", "--out", str(tmp_path)]) == 2
     assert "invalid choice: 'boat'" in capsys.readouterr().err
     assert _public_words(["--seed", "3", "--hide", "a@b", "c", "--trips", "4", "--out", "x"]) == [
-        "--seed", "3", "--trips", "4"]  # fmt: skip
+        "--seed",
+        "3",
+        "--trips",
+        "4",
+    ]
 
 
 def test_every_motion_of_a_lift_has_a_name_of_its_own() -> None:

@@ -95,9 +95,7 @@ def test_a_section_is_written_in_the_place_of_its_old_one(runner: ModuleType, tm
     assert again.count("processor time") == 1
 
 
-def test_no_new_round_once_the_time_is_spent_but_never_fewer_than_three(
-    runner: ModuleType, tmp_path: Path
-) -> None:
+def test_no_new_round_once_the_time_is_spent_but_never_fewer_than_three(runner: ModuleType, tmp_path: Path) -> None:
     group = _group(runner, tmp_path)
     runner.measure(group, rounds=50, seconds=0.0, rng=random.Random(1))
     assert [len(entry.times) for entry in group.entries] == [3, 3]  # type: ignore[attr-defined]
@@ -111,9 +109,7 @@ def test_no_new_round_once_the_time_is_spent_but_never_fewer_than_three(
         ('def bench_a():\n    """a"""\n    return 1.0\n', "bench_a must return the callable"),
     ],
 )
-def test_faults_of_a_benchmark_file_are_named(
-    runner: ModuleType, tmp_path: Path, text: str, message: str
-) -> None:
+def test_faults_of_a_benchmark_file_are_named(runner: ModuleType, tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         _group(runner, tmp_path, text)
 

@@ -159,9 +159,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("words", "says"), BAD.values(), ids=BAD)
-def test_bad_input_gives_one_message_and_no_traceback(
-    run: Run, tmp_path: Path, words: list[str], says: str
-) -> None:
+def test_bad_input_gives_one_message_and_no_traceback(run: Run, tmp_path: Path, words: list[str], says: str) -> None:
     (tmp_path / "taken").write_text("x")
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "axis.py").write_text(MODEL)
@@ -245,15 +243,19 @@ def test_study_commands_hand_their_arguments_over(run: Run, monkeypatch: pytest.
     assert run("diagnose", "s.toml", "--out", "o", "--seed", "4", "--max-effects", "2", "--quiet")[0] == 0
     assert isinstance(seen["diagnose"].pop("progress"), ProgressLine)
     assert seen["diagnose"] == {
-        "study": "s.toml", "out": "o", "seed": 4, "max_effects": 2, "resume": False, "quiet": True, "debug": False,
-    }  # fmt: skip
+        "study": "s.toml",
+        "out": "o",
+        "seed": 4,
+        "max_effects": 2,
+        "resume": False,
+        "quiet": True,
+        "debug": False,
+    }
     assert run("compare", "s.toml", "--out", "o")[0] == 0
     assert (seen["compare"]["study"], seen["compare"]["seed"], seen["compare"]["quiet"]) == ("s.toml", None, False)
 
 
-def test_a_command_gets_the_words_after_its_own(
-    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_command_gets_the_words_after_its_own(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "rig_of_test.py").write_text("def main(arguments):\n    print(arguments)\n    return 7\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setitem(COMMANDS, ("bench", "lift"), Command("rig_of_test:main", "a rig"))
@@ -278,9 +280,7 @@ def test_version(run: Run) -> None:
 
 def test_output_into_a_closed_pipe_is_no_error() -> None:
     command = f"'{sys.executable}' -m vtsdt --help | head -n 0; exit ${{PIPESTATUS[0]}}"
-    done = subprocess.run(
-        ["bash", "-c", command], capture_output=True, text=True, check=False, env=os.environ
-    )
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, env=os.environ)
     assert done.returncode == 0
     assert done.stderr == ""
 
@@ -297,8 +297,7 @@ def test_progress_on_a_terminal_is_taken_away_again() -> None:
     import pty
 
     code = (
-        "from multibody.base.progress import ProgressLine\n"
-        "with ProgressLine() as p:\n    p('working')\nprint('done')\n"
+        "from multibody.base.progress import ProgressLine\nwith ProgressLine() as p:\n    p('working')\nprint('done')\n"
     )
     main, other = pty.openpty()
     subprocess.run(

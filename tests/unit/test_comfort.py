@@ -10,8 +10,31 @@ from vtsdt.lift.comfort import ComfortError, peak_to_peak, ride_comfort
 from vtsdt.lift.vibration_weighting import WEIGHTINGS, weighted
 
 # Factors times 1000 at third octaves from 0.5 Hz, ISO 2631-1:1997, Table 3, W_k; printed to three digits
-W_K = (418, 459, 477, 482, 484, 494, 531, 631, 804, 967, 1039, 1054, 1036, 988, 902, 768, 636, 513, 405, 314, 246,
-       186, 132)  # fmt: skip
+W_K = (
+    418,
+    459,
+    477,
+    482,
+    484,
+    494,
+    531,
+    631,
+    804,
+    967,
+    1039,
+    1054,
+    1036,
+    988,
+    902,
+    768,
+    636,
+    513,
+    405,
+    314,
+    246,
+    186,
+    132,
+)
 # W_d, the same table, from 0.5 to 4 Hz
 W_D = (853, 944, 992, 1011, 1008, 968, 890, 776, 642, 512)
 

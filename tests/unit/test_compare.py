@@ -36,8 +36,7 @@ def test_missing_friction_shows_as_missing_work(small_study) -> None:
     way = np.sum(
         np.abs(
             np.diff(
-                given.model * 0
-                + compare(small_study.stages[0]).of("validate", output="carriage.position")[0].model
+                given.model * 0 + compare(small_study.stages[0]).of("validate", output="carriage.position")[0].model
             )
         )
     )

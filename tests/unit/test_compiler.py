@@ -33,14 +33,23 @@ def rhs(*lines: str) -> str:
 
 
 ARITHMETIC = rhs(
-    "a = x[0]", "b = x[1]",
-    "dx[0] = a + b * 3 - 1 / (1 + b * b)", "dx[1] = a % b if b != 0.0 else 0.0", "dx[2] = abs(a ** 3) + b ** 2",
-    "dx[3] = (1.0 + a * a) ** -2", "dx[4] = min(a, b, 0.5)", "dx[5] = max(a, b)", "dx[6] = abs(a) - math.fabs(b)",
-    "dx[7] = -a if a < b <= 1.0 else +b", "dx[8] = math.tanh(a) + math.atan2(a, b) + math.hypot(a, b)",
-    "dx[9] = math.copysign(a, b) + math.floor(b)", "dx[10] = math.exp(-abs(a)) * math.sin(a) * math.cos(a)",
+    "a = x[0]",
+    "b = x[1]",
+    "dx[0] = a + b * 3 - 1 / (1 + b * b)",
+    "dx[1] = a % b if b != 0.0 else 0.0",
+    "dx[2] = abs(a ** 3) + b ** 2",
+    "dx[3] = (1.0 + a * a) ** -2",
+    "dx[4] = min(a, b, 0.5)",
+    "dx[5] = max(a, b)",
+    "dx[6] = abs(a) - math.fabs(b)",
+    "dx[7] = -a if a < b <= 1.0 else +b",
+    "dx[8] = math.tanh(a) + math.atan2(a, b) + math.hypot(a, b)",
+    "dx[9] = math.copysign(a, b) + math.floor(b)",
+    "dx[10] = math.exp(-abs(a)) * math.sin(a) * math.cos(a)",
     "dx[11] = 1.0 if a > 0.0 and not b > 0.0 or a == b else t",
-    "dx[12] = math.sqrt(abs(a)) ** 1.5 + math.pow(abs(b), 0.5)", "dx[13] = a ** 0 + b ** 1",
-)  # fmt: skip
+    "dx[12] = math.sqrt(abs(a)) ** 1.5 + math.pow(abs(b), 0.5)",
+    "dx[13] = a ** 0 + b ** 1",
+)
 number = st.floats(-50.0, 50.0)
 
 
@@ -68,13 +77,33 @@ def test_whole_numbers_divide_as_in_python(a, b):
 
 def test_loops_branches_breaks_and_swaps():
     text = rhs(
-        "total = 0", "for i in range(2, 9, 3):", "    total = total + i * 0.5", "k = 0", "while True:", "    k += 1",
-        "    if k == 3:", "        continue", "    if k > 6 or x[k] > 10.0:", "        break",
-        "dx[0] = total", "dx[1] = k", "for j in range(7, 0, -2):", "    total -= j", "dx[2] = total",
-        "dx[3], dx[4] = x[1], x[0]", "dx[3], dx[4] = dx[4], dx[3]", "i = 1", "if x[0] > 0.0:", "    i = 2.5",
-        "dx[5] = i", "c = d = x[2]", "dx[5] += c - d",
-        "flag = x[0] > 100.0", "flag = not flag", "dx[6] = 1.0 if flag else 2.0",
-    )  # fmt: skip
+        "total = 0",
+        "for i in range(2, 9, 3):",
+        "    total = total + i * 0.5",
+        "k = 0",
+        "while True:",
+        "    k += 1",
+        "    if k == 3:",
+        "        continue",
+        "    if k > 6 or x[k] > 10.0:",
+        "        break",
+        "dx[0] = total",
+        "dx[1] = k",
+        "for j in range(7, 0, -2):",
+        "    total -= j",
+        "dx[2] = total",
+        "dx[3], dx[4] = x[1], x[0]",
+        "dx[3], dx[4] = dx[4], dx[3]",
+        "i = 1",
+        "if x[0] > 0.0:",
+        "    i = 2.5",
+        "dx[5] = i",
+        "c = d = x[2]",
+        "dx[5] += c - d",
+        "flag = x[0] > 100.0",
+        "flag = not flag",
+        "dx[6] = 1.0 if flag else 2.0",
+    )
     for x in ([1.0, 2.0, 3.0, 4.0, 11.0, 6.0, 7.0, 8.0], [-1.0] * 8):
         compiled, plain = both(text, x, 7)
         np.testing.assert_array_equal(compiled, plain)
@@ -100,17 +129,29 @@ def test_results_of_several_values_pass_through_functions():
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_not_finite_numbers_compare_as_in_python(value):
-    text = rhs("dx[0] = min(x[0], 1.0)", "dx[1] = max(1.0, x[0])", "dx[2] = 1.0 if x[0] != x[0] else 0.0",
-               "dx[3] = 1.0 if math.isfinite(x[0]) else 0.0", "dx[4] = 1.0 if x[0] < 2.0 else 0.0")  # fmt: skip
+    text = rhs(
+        "dx[0] = min(x[0], 1.0)",
+        "dx[1] = max(1.0, x[0])",
+        "dx[2] = 1.0 if x[0] != x[0] else 0.0",
+        "dx[3] = 1.0 if math.isfinite(x[0]) else 0.0",
+        "dx[4] = 1.0 if x[0] < 2.0 else 0.0",
+    )
     compiled, plain = both(text, [value], 5)
     np.testing.assert_array_equal(compiled, plain)
 
 
 @pytest.mark.parametrize(
     "line",
-    ["dx[0] = sum(x)", "dx[0] = [1.0][0]", "dx[0] = math.gamma(x[0])", "dx[0] = unknown", "dx[0] = x[0] @ x[0]",
-     "y = 1.0 if x[0] > 0 else p", "for i in (1, 2):\n        dx[0] = i"],
-)  # fmt: skip
+    [
+        "dx[0] = sum(x)",
+        "dx[0] = [1.0][0]",
+        "dx[0] = math.gamma(x[0])",
+        "dx[0] = unknown",
+        "dx[0] = x[0] @ x[0]",
+        "y = 1.0 if x[0] > 0 else p",
+        "for i in (1, 2):\n        dx[0] = i",
+    ],
+)
 def test_what_is_outside_the_subset_is_refused(line):
     unit = unit_of_text(rhs(line), "text")
     with pytest.raises(Outside):

@@ -104,9 +104,7 @@ def test_a_tie_is_listed_apart(conclusion, evidence) -> None:
     )
     rivals = (tie, *stage.accepted.rivals[1:])
     tied = replace(stage, accepted=replace(stage.accepted, rivals=rivals))
-    found = to_diagnosis(
-        replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence
-    )
+    found = to_diagnosis(replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence)
     assert check_diagnosis(found) == []
     assert [r["delta_bic"] for r in found["effects"][0]["indistinguishable_from"]] == [1.2]
     assert [r["kind"] for r in found["effects"][0]["runners_up"]] == ["local_bump"]
@@ -126,9 +124,7 @@ def test_an_unknown_effect_has_its_curve(conclusion) -> None:
         p_value=1e-4,
         delta_bic=-40.0,
     )
-    found = to_diagnosis(
-        replace(conclusion, verdict="unknown effect", stages=conclusion.stages[:2], unknown=curve)
-    )
+    found = to_diagnosis(replace(conclusion, verdict="unknown effect", stages=conclusion.stages[:2], unknown=curve))
     assert check_diagnosis(found) == []
     effect = found["effects"][0]
     assert effect["kind"] == "unknown_force"
@@ -139,9 +135,11 @@ def test_an_unknown_effect_has_its_curve(conclusion) -> None:
 
 
 def test_what_is_not_finite_becomes_null() -> None:
-    assert plain(
-        {"a": np.float64(np.inf), "b": (np.int64(2), np.bool_(True)), "c": np.array([1.0, np.nan])}
-    ) == {"a": None, "b": [2, True], "c": [1.0, None]}
+    assert plain({"a": np.float64(np.inf), "b": (np.int64(2), np.bool_(True)), "c": np.array([1.0, np.nan])}) == {
+        "a": None,
+        "b": [2, True],
+        "c": [1.0, None],
+    }
 
 
 @pytest.mark.parametrize(

@@ -74,9 +74,7 @@ class _Real(ast.NodeTransformer):
     """Compare real parts only."""
 
     def visit_Compare(self, node):
-        wrapped = [
-            ast.Call(ast.Name("re", ast.Load()), [self.visit(v)], []) for v in (node.left, *node.comparators)
-        ]
+        wrapped = [ast.Call(ast.Name("re", ast.Load()), [self.visit(v)], []) for v in (node.left, *node.comparators)]
         return ast.Compare(wrapped[0], node.ops, wrapped[1:])
 
 
@@ -108,15 +106,11 @@ def agree(text: str, point: dict[str, float], direction: dict[str, float]) -> No
     plain: dict = {"math": math, **point}
     try:
         value, slope = along(text, point, direction)
-        near = [
-            along(text, {k: v + h * direction[k] for k, v in point.items()}, direction) for h in (1e-9, -1e-9)
-        ]
+        near = [along(text, {k: v + h * direction[k] for k, v in point.items()}, direction) for h in (1e-9, -1e-9)]
         exec(text, plain)
         got = written(text, point, direction)
     except (ZeroDivisionError, ValueError, OverflowError, TypeError):
-        assume(
-            False
-        )  # also where the complex plane has a value and the real line has none, such as a root of -1
+        assume(False)  # also where the complex plane has a value and the real line has none, such as a root of -1
     assume(math.isfinite(value) and math.isfinite(slope) and abs(value) < 1e8 and abs(slope) < 1e8)
     assert got[0] == pytest.approx(plain["y"], rel=1e-14, abs=1e-300)
     # at a tie or a jump, rounding decides which branch the complex numbers take: nothing to compare there
@@ -244,9 +238,7 @@ def test_power_of_an_exponent_that_varies():
     for x, p in ((0.0, 2.0), (0.0, 1.0), (2.0, 3.0)):
         value, slope = written("y = x ** p", {"x": x, "p": p}, {"x": 1.0, "p": 0.0})
         assert (value, slope) == (x**p, p * x ** (p - 1))
-    assert written("y = x ** p", {"x": 2.0, "p": 3.0}, {"x": 0.0, "p": 1.0})[1] == pytest.approx(
-        8 * math.log(2)
-    )
+    assert written("y = x ** p", {"x": 2.0, "p": 3.0}, {"x": 0.0, "p": 1.0})[1] == pytest.approx(8 * math.log(2))
 
 
 @pytest.mark.parametrize("text", ["y = x % x", "y = {x: 1}", "y = [x]"])
@@ -467,9 +459,7 @@ def one(component: Component) -> Model:
 def test_declared_unknown():
     system = one(Root()).build(compiled=False)
     assert system.rhs(0.0, system.start)[1] == pytest.approx(-1.0, abs=1e-14)  # z = 2 solves z³ + z = 10
-    assert system.jacobian("x", 0.0, system.start)[1, 0] == pytest.approx(
-        -0.5 / 13.0, rel=1e-12
-    )  # dz/dx = 1/(3z²+1)
+    assert system.jacobian("x", 0.0, system.start)[1, 0] == pytest.approx(-0.5 / 13.0, rel=1e-12)  # dz/dx = 1/(3z²+1)
     jacobians_agree(system, system.start)
 
 

@@ -166,9 +166,9 @@ def test_the_line_is_that_of_the_fault(tmp_path):
 def test_every_line_at_fault_is_reported(tmp_path):
     with pytest.raises(ModelError) as caught:
         built(made("self.y = wrong\nself.der.s = alsowrong\nself.k = 1.0", tmp_path))
-    assert [w in f for w, f in zip(("'wrong'", "'alsowrong'", "'k'"), caught.value.faults, strict=False)][
-        :2
-    ] == [True] * 2
+    assert [w in f for w, f in zip(("'wrong'", "'alsowrong'", "'k'"), caught.value.faults, strict=False)][:2] == [
+        True
+    ] * 2
     assert len(caught.value.faults) == 3
 
 
@@ -204,9 +204,7 @@ def test_function_outside_the_subset(case, tmp_path):
 
 def test_class_whose_source_cannot_be_read():
     space: dict = {"Part": Part}
-    exec(
-        "class Made(Part):\n    def equations(self):\n        self.y = 1.0\n        self.der.s = 0.0\n", space
-    )
+    exec("class Made(Part):\n    def equations(self):\n        self.y = 1.0\n        self.der.s = 0.0\n", space)
     message = refused(space["Made"])
     assert "component 'part'" in message
     assert "cannot be read: define the class in a file" in message

@@ -36,8 +36,7 @@ def test_study_of_an_example_is_sound(path, tmp_path, monkeypatch):
     assert study.validate
     system = load_model(study, Model).build(compiled=False)
     names = {
-        kind: {q.name: q.unit for q in getattr(system, kind)}
-        for kind in ("parameters", "inputs", "outputs", "states")
+        kind: {q.name: q.unit for q in getattr(system, kind)} for kind in ("parameters", "inputs", "outputs", "states")
     }
     assert check_names(study, **names) == ()
 

@@ -37,8 +37,13 @@ def problem(rate, cubic=0.0, table=None, directions=None):
     text = native.load_source(SOURCE, "test_exponential")
     table = table or InputTable.constant({"push": 0.0})
     return NativeProblem(
-        rhs=native.compile_rhs(text, "pair"), p=np.array([rate, cubic]), table=table, n=4,
-        tangent=native.compile_tangent(text, "pair_tangent"), directions=directions)  # fmt: skip
+        rhs=native.compile_rhs(text, "pair"),
+        p=np.array([rate, cubic]),
+        table=table,
+        n=4,
+        tangent=native.compile_tangent(text, "pair_tangent"),
+        directions=directions,
+    )
 
 
 def exact(rate, t):
@@ -90,8 +95,10 @@ def test_samples_lie_on_the_path_of_the_fast_motion() -> None:
 def test_steps_end_where_an_input_jumps() -> None:
     times = np.array([0.0, 0.3, 0.3 + 1e-9, 1.0])
     table = InputTable.from_columns(times, {"push": np.array([0.0, 0.0, 5.0, 5.0])}, "linear", {})
-    runs = [integrate(problem(1e4, table=table), (0.0, 1.0), START, [1.0], m, rtol=1e-7, atol=1e-11).y[:, -1]
-            for m in (Exponential43, DormandPrince54)]  # fmt: skip
+    runs = [
+        integrate(problem(1e4, table=table), (0.0, 1.0), START, [1.0], m, rtol=1e-7, atol=1e-11).y[:, -1]
+        for m in (Exponential43, DormandPrince54)
+    ]
     assert runs[0] == pytest.approx(runs[1], abs=1e-6)
 
 

@@ -69,9 +69,7 @@ def test_period_of_a_ripple(run):
 def test_law_of_a_bump_and_its_curve(run):
     reg, noise, blocks = run
     f = force(reg, "bump") + noise
-    r = explain_force(
-        f, {"position": reg["position"]}, direction=np.sign(reg["speed"]), blocks=blocks, draws=60
-    )
+    r = explain_force(f, {"position": reg["position"]}, direction=np.sign(reg["speed"]), blocks=blocks, draws=60)
     c = r.best.curve
     assert abs(c.grid[np.argmin(c.value)] - 0.1) < 0.05
     best = suggest_laws(f, reg["position"], c, blocks=blocks)[0]

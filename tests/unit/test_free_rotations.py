@@ -70,9 +70,12 @@ def recorded(model: Model, signal: np.ndarray, unit: str):
 
 @pytest.mark.parametrize(
     ("build", "size", "unit", "turns"),
-    [(fan, 12.0, "V", ["rotor.angle"]), (two_rotors, 0.5, "N*m", ["rotor.angle", "other.angle"]),
-     (pendulum, 0.4, "N*m", [])],
-)  # fmt: skip
+    [
+        (fan, 12.0, "V", ["rotor.angle"]),
+        (two_rotors, 0.5, "N*m", ["rotor.angle", "other.angle"]),
+        (pendulum, 0.4, "N*m", []),
+    ],
+)
 def test_angles_that_nothing_depends_on_rotate_freely(build, size, unit, turns):
     model = build()
     (experiment,) = recorded(model, size * np.sin(1.3 * TIME) + 0.3 * size * np.sin(0.4 * TIME), unit)
@@ -80,8 +83,9 @@ def test_angles_that_nothing_depends_on_rotate_freely(build, size, unit, turns):
     states, outputs = free_rotations([estimate_states(experiment, system, system.p)])
     assert sorted(n for n, free in zip(system.state_names, states, strict=True) if free) == sorted(turns)
     assert dict(zip(experiment.outputs, outputs, strict=True)) == {
-        "rotor.angle": "rotor.angle" in turns, "rotor.speed": False
-    }  # fmt: skip
+        "rotor.angle": "rotor.angle" in turns,
+        "rotor.speed": False,
+    }
 
 
 def test_a_rotor_whose_angle_is_recorded_is_simulated():

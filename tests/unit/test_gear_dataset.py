@@ -14,8 +14,14 @@ from gearbox.rig.dataset import DatasetPlan, write_dataset
 from gearbox.stage.faults import FAULTS, combined, damageable, fault
 from gearbox.stage.stage import GearStage
 
-SMALL = DatasetPlan(labels=("healthy", "unbalance@output_shaft"), severities=(0.5,), speeds=(1000.0, 1006.0),
-                    repeats=2, duration=0.02, rate=2000.0)  # fmt: skip
+SMALL = DatasetPlan(
+    labels=("healthy", "unbalance@output_shaft"),
+    severities=(0.5,),
+    speeds=(1000.0, 1006.0),
+    repeats=2,
+    duration=0.02,
+    rate=2000.0,
+)
 
 
 class _Run:

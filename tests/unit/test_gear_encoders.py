@@ -54,8 +54,12 @@ def test_the_model_starts_where_the_recordings_do(folder) -> None:
     times = np.arange(seen.size) / rig_encoders.RATE
     model, true = build(), GearRig(seed=3).true_values()
     run = model.build(outputs=["transmission_error"]).simulate(
-        (0.0, float(times[-1])), inputs={"speed": 600.0 * np.pi / 30.0, "torque": 120.0}, times=times,
-        parameters={"mesh.K": true["K"], "mesh.C_D": true["C_D"], "mesh.e": true["e_F"]}, rtol=1e-6)  # fmt: skip
+        (0.0, float(times[-1])),
+        inputs={"speed": 600.0 * np.pi / 30.0, "torque": 120.0},
+        times=times,
+        parameters={"mesh.K": true["K"], "mesh.C_D": true["C_D"], "mesh.e": true["e_F"]},
+        rtol=1e-6,
+    )
     mine = 1e6 * np.asarray(run["transmission_error"])
     late = times > 0.02
     period = round(rig_encoders.RATE / (10.0 * 32))  # samples of one tooth: ten turns a second, 32 teeth

@@ -111,7 +111,7 @@ def test_profile_shift_and_centre_distance_agree() -> None:
         ({"shift_1": 2.0}, "pointed"),
         ({"width": float("nan")}, "positive"),
     ],
-)  # fmt: skip
+)
 def test_gears_that_cannot_run_are_refused_with_the_reason(changes: dict[str, float], told: str) -> None:
     with pytest.raises(GearError, match=told):
         GearPair.paper(**changes)

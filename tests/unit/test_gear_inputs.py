@@ -39,8 +39,12 @@ def test_a_mode_file_with_wrong_sizes_is_refused_by_mode_and_key(tmp_path: Path)
         read_modes(path)
     told = str(caught.value)
     assert "wrong.toml" in told
-    for part in ("mode 1: 'input_low' has 2 values", "mode 1: 'damping' is 'much'", "mode 2: there is no 'base'",
-                 "mode 2: 'roof' is neither a seat nor a sensor"):  # fmt: skip
+    for part in (
+        "mode 1: 'input_low' has 2 values",
+        "mode 1: 'damping' is 'much'",
+        "mode 2: there is no 'base'",
+        "mode 2: 'roof' is neither a seat nor a sensor",
+    ):
         assert part in told
 
 
@@ -109,8 +113,14 @@ def test_a_parameter_file_names_every_fault(tmp_path: Path) -> None:
     with pytest.raises(GearError) as caught:
         StageParameters.load(path)
     told = str(caught.value)
-    for part in ("stage.toml", "[gears] has no entry 'teeth1'", "did you mean 'teeth_1'", "[gears] width",
-                 "[contact] K is -1", "[house] is not a section"):  # fmt: skip
+    for part in (
+        "stage.toml",
+        "[gears] has no entry 'teeth1'",
+        "did you mean 'teeth_1'",
+        "[gears] width",
+        "[contact] K is -1",
+        "[house] is not a section",
+    ):
         assert part in told
 
 

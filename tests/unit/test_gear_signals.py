@@ -119,7 +119,7 @@ def test_condition():
         (lambda: order_track(stage(), np.zeros(25_600), 512), "does not rise"),
         (lambda: synchronous_average(order_track(stage(), revolutions_at_speed(stage(), 1.2), 512)), "fewer than two"),
     ],
-)  # fmt: skip
+)
 def test_bad_signals_are_refused_by_name(make, told):
     with pytest.raises(SignalError, match=told):
         make()
@@ -251,8 +251,13 @@ def test_order_tracking_sharpens_lines_that_the_speed_smears():
     lines = fit_lines(tracked.cut(2.0, 70.0), [7.0, 32.0])
     assert smeared < 0.5 < 0.99 < lines.share
     assert np.abs(lines.amplitudes) == pytest.approx([0.2, 1.0], rel=0.02)
-    with_pulses = order_track(signal, revolutions_from_pulses(signal, np.interp(np.arange(-1, 82), turns, np.arange(
-        turns.size) / RATE, left=-0.05, right=4.05)), 256)  # fmt: skip
+    with_pulses = order_track(
+        signal,
+        revolutions_from_pulses(
+            signal, np.interp(np.arange(-1, 82), turns, np.arange(turns.size) / RATE, left=-0.05, right=4.05)
+        ),
+        256,
+    )
     assert fit_lines(with_pulses.cut(5.0, 60.0), [7.0, 32.0]).share > 0.95
 
 

@@ -17,18 +17,41 @@ ROOT = Path(__file__).resolve().parents[2]
 #: packages as `MAY_IMPORT` says.  "" is what lies beside the rooms, in the package's own folder.
 HOUSE: dict[str, tuple[str, ...]] = {
     "multibody": (
-        "base", "declare", "equations", "model", "assembly", "inputs", "compile", "solvers", "system", "machine",
-        "library", "",
+        "base",
+        "declare",
+        "equations",
+        "model",
+        "assembly",
+        "inputs",
+        "compile",
+        "solvers",
+        "system",
+        "machine",
+        "library",
+        "",
     ),
     "surrogate": ("",),
     "estimation": ("files", "signals", "response", "fit", "filters", ""),
     "discrepancy": (
-        "statistics", "drawing", "effects", "problem", "residual", "sensitivities", "stages", "search", "questions",
-        "conclusion", "report", "study", "rigs", "validation", "",
+        "statistics",
+        "drawing",
+        "effects",
+        "problem",
+        "residual",
+        "sensitivities",
+        "stages",
+        "search",
+        "questions",
+        "conclusion",
+        "report",
+        "study",
+        "rigs",
+        "validation",
+        "",
     ),
     "vtsdt": ("files", "parts", "lift", "rig", "alignment", "whatif", "papers", "cli", ""),
     "gearbox": ("files", "signals", "parts", "stage", "rig", "updating", "papers", ""),
-}  # fmt: skip
+}
 PACKAGES = tuple(HOUSE)
 GROUND = {"multibody", "estimation", "surrogate", "discrepancy"}
 MAY_IMPORT: dict[str, set[str]] = {

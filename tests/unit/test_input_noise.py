@@ -42,9 +42,11 @@ def record(name: str, noise: float, seed: int, jitter: float = 0.0) -> Record:
     stamps = time + jitter * STEP * rng.uniform(-1.0, 1.0, time.size)
     read = push + noise * rng.standard_normal(time.size)
     return Record(
-        name=name, path=Path(f"{name}.csv"), time=stamps,
+        name=name,
+        path=Path(f"{name}.csv"),
+        time=stamps,
         signals={"push": RecordedSignal(read, "N", "push", "N"), "body.position": RecordedSignal(x, "m", "x", "m")},
-    )  # fmt: skip
+    )
 
 
 def problem_of(noise: float, jitter: float = 0.0, **settings: object) -> Problem:

@@ -31,9 +31,7 @@ def compiled(table, t, p=(0.0,)):
 
 
 def test_values_at_and_between_samples():
-    table = InputTable.from_columns(
-        [0.0, 1.0, 3.0], {"h": [1.0, 2.0, 5.0], "l": [1.0, 2.0, 5.0]}, {"h": "hold"}
-    )
+    table = InputTable.from_columns([0.0, 1.0, 3.0], {"h": [1.0, 2.0, 5.0], "l": [1.0, 2.0, 5.0]}, {"h": "hold"})
     np.testing.assert_array_equal(table([0.0, 0.5, 1.0, 2.0, 3.0])[:, 0], [1.0, 1.0, 2.0, 2.0, 5.0])
     np.testing.assert_allclose(table([0.0, 0.5, 1.0, 2.0, 3.0])[:, 1], [1.0, 1.5, 2.0, 3.5, 5.0], rtol=1e-15)
     # Constant beyond both ends, and no slope there.

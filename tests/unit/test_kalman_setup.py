@@ -45,9 +45,11 @@ def samples(count=50):
 def test_all_faults_of_a_model_are_told_at_once(system):
     with pytest.raises(FilterError) as told:
         FilterModel(
-            system, ["body.positon"], [RandomWalk("spring.stifness"), RandomWalk("force"), RandomWalk("force")],
+            system,
+            ["body.positon"],
+            [RandomWalk("spring.stifness"), RandomWalk("force"), RandomWalk("force")],
             steps={"body.speed": 1e-3},
-        )  # fmt: skip
+        )
     text = str(told.value)
     for part in ("body.position", "spring.stiffness", "several states are called force", "'body.speed'"):
         assert part in text
@@ -141,8 +143,10 @@ def test_measured_outputs_that_are_states_or_rates_cost_no_evaluation(system):
     run = extended_kalman_filter(
         FilterModel(system, ["body.position", "body.acceleration", "spring.energy"], [RandomWalk("force")]),
         FilterSamples(np.zeros(1), np.array([[2.0]]), np.zeros((1, 3))),
-        Noise({}, np.ones(3)), Prior(x[:2]), keep="everything",
-    )  # fmt: skip
+        Noise({}, np.ones(3)),
+        Prior(x[:2]),
+        keep="everything",
+    )
     y = system.outputs_at(0.0, x[:2], np.array([2.0]))
     wanted = [y[system.index("output", name)] for name in model.measured]
     assert np.allclose(-run.innovations[0], wanted, atol=1e-14)

@@ -126,9 +126,7 @@ def test_large_residuals_teach_their_curvature(of, start, minimum, monkeypatch):
             yield Piece(jacobian, np.arange(x.size), residual)
 
         bound = np.full(len(start), 1e6)
-        return solve(
-            lambda x: [of(x)[0]], pieces, np.array(start), -bound, bound, tolerance=1e-10, max_evaluations=100
-        )
+        return solve(lambda x: [of(x)[0]], pieces, np.array(start), -bound, bound, tolerance=1e-10, max_evaluations=100)
 
     learned = run()
     assert 2.0 * learned.cost == pytest.approx(minimum, rel=1e-5)

@@ -31,8 +31,10 @@ def test_a_residual_left_out_is_that_of_a_fit_to_the_others(sticking, with_law):
     inside = with_law.identify.fits[0].residual
     assert found.shape[0] == sum(len(e.measured) for e in problem.identify)
     for c, name in enumerate(first.outputs):
-        size = {k: float(np.sqrt(np.mean(v[:rows, c] ** 2))) * u for k, v, u in (
-            ("found", found, weights[name]), ("held out", held, 1.0), ("inside", inside, 1.0))}  # fmt: skip
+        size = {
+            k: float(np.sqrt(np.mean(v[:rows, c] ** 2))) * u
+            for k, v, u in (("found", found, weights[name]), ("held out", held, 1.0), ("inside", inside, 1.0))
+        }
         assert size["found"] == pytest.approx(size["held out"], rel=0.05), (name, size)
         assert size["found"] > 0.999 * size["inside"]
 

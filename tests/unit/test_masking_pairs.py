@@ -35,9 +35,14 @@ def scanned(seed=0, sizes=(0.0, 0.0), away=0.2, one_sided=(False, False), noise=
         Candidate(kind="two", where="guide", sensitivities=(tuple(two),), strengths=("first", "second")),
     ]
     found = scan(
-        Residual(e, DT, ("y",)), Sensitivities([], [np.zeros((N, 1, 0))] * BLOCKS), candidates,
-        whiten=False, noise_floor=[noise], seed=seed, draws=100,
-    )  # fmt: skip
+        Residual(e, DT, ("y",)),
+        Sensitivities([], [np.zeros((N, 1, 0))] * BLOCKS),
+        candidates,
+        whiten=False,
+        noise_floor=[noise],
+        seed=seed,
+        draws=100,
+    )
     return found, e, (a, b, other, two)
 
 

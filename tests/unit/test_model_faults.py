@@ -219,9 +219,7 @@ def test_unknown_component_and_port_with_nearest_name():
 
 
 def test_attribute_of_a_part_with_nearest_name():
-    with pytest.raises(
-        AttributeError, match=r"Mass 'body' has no port or signal 'flage'; did you mean 'flange'\?"
-    ):
+    with pytest.raises(AttributeError, match=r"Mass 'body' has no port or signal 'flage'; did you mean 'flange'\?"):
         _ = oscillator().part("body").flage
     with pytest.raises(KeyError, match="did you mean 'body'"):
         oscillator().part("boddy")
@@ -294,9 +292,7 @@ def test_model_input_and_output_declared_twice():
     for _ in range(2):
         model.input("x", "part.force")
         model.output("y", "body.position")
-    assert {"the model input 'x' is declared twice", "the model output 'y' is declared twice"} <= set(
-        faults(model)
-    )
+    assert {"the model input 'x' is declared twice", "the model output 'y' is declared twice"} <= set(faults(model))
 
 
 def test_model_output_that_does_not_exist():
@@ -463,9 +459,7 @@ def test_circuit_without_ground():
 
 def test_damper_between_two_nodes_without_mass():
     """Springs on both sides of a damper: the forces do not determine the speeds of its ends."""
-    model = rotors(
-        ("one", Spring(stiffness=1.0)), ("damper", Damper(damping=1.0)), ("two", Spring(stiffness=2.0))
-    )
+    model = rotors(("one", Spring(stiffness=1.0)), ("damper", Damper(damping=1.0)), ("two", Spring(stiffness=2.0)))
     model.connect("one.a", model.ground)
     model.connect("one.b", "damper.a")
     model.connect("damper.b", "two.a")

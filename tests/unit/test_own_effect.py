@@ -14,7 +14,7 @@ from discrepancy.effects.shape_grids import MotionRange
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "add-effect.md"
 
-MACHINE = '''
+MACHINE = """
 import math
 
 {example}
@@ -41,7 +41,7 @@ runs = [m.build().simulate(1.0, inputs={{"force": 5.0}}) for m in models]
 way = [float(r["body.position"][-1]) for r in runs]
 assert abs(way[0] - way[1]) < 1e-12, way
 assert way[2] < 0.9 * way[0], way
-'''
+"""
 
 
 def test_the_kind_of_the_page_is_offered_and_strength_zero_is_absence(tmp_path):

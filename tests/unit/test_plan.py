@@ -75,9 +75,12 @@ def test_a_derivative_that_was_never_written_is_written_from_the_model(new_proce
 
 def test_whatever_differs_is_another_plan(new_process):
     given = [
-        oscillator(), oscillator(101.0), oscillator().copy("other name"),
-        oscillator().with_values({"body.position": 0.2}), Lift.cabin(),
-    ]  # fmt: skip
+        oscillator(),
+        oscillator(101.0),
+        oscillator().copy("other name"),
+        oscillator().with_values({"body.position": 0.2}),
+        Lift.cabin(),
+    ]
     wider = oscillator()
     wider.feature("stripe", 0.02, "body.velocity")
     for model in (*given, wider):

@@ -46,10 +46,15 @@ def study_of(true_mass: float, std: float) -> Study:
     uncertain = (UncertainParameter(name="carriage.m", value=20.0, std=std, min=1.0, unit="kg"),)
     return Study(
         Problem(
-            name="slide", model=model, uncertain=uncertain, identify=experiments, noise={"carriage.position": 2e-4},
-            include=("added_inertia@*", "coulomb_friction@*", "linear_stiffness@*"), residual="simulation",
+            name="slide",
+            model=model,
+            uncertain=uncertain,
+            identify=experiments,
+            noise={"carriage.position": 2e-4},
+            include=("added_inertia@*", "coulomb_friction@*", "linear_stiffness@*"),
+            residual="simulation",
         )
-    )  # fmt: skip
+    )
 
 
 def test_a_wrong_mass_is_named_beside_the_effect_that_would_replace_it():

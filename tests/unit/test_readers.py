@@ -20,21 +20,53 @@ from multibody.base.units import UnitError
 # Spelling of a column, its SI unit, and the factor from the file's number to SI, by definition of the units
 # (rpm = 2 pi / 60 rad/s, bar = 1e5 Pa, standard gravity 9.80665 m/s2).
 SPELLINGS = [
-    ("F_c [N]", "N", 1.0), ("force_kN", "N", 1e3), ("F (mN)", "N", 1e-3), ("load in kN", "N", 1e3),
-    ("z [mm]", "m", 1e-3), ("z_mm", "m", 1e-3), ("position_ref_m", "m", 1.0), ("s [µm]", "m", 1e-6),
-    ("a_m_per_s2", "m/s**2", 1.0), ("acc [m/s²]", "m/s**2", 1.0), ("acc [m/s2]", "m/s**2", 1.0),
-    ("acc_m_s2", "m/s**2", 1.0), ("a [g_0]", "m/s**2", 9.80665), ("acc_g", "m/s**2", 9.80665),
-    ("v_mm_per_s", "m/s", 1e-3), ("v [m/min]", "m/s", 1.0 / 60.0), ("v_km_h", "m/s", 1.0 / 3.6),
-    ("w_rad_per_s", "rad/s", 1.0), ("w_rad_s", "rad/s", 1.0), ("speed (rpm)", "rad/s", np.pi / 30.0),
-    ("speed_rpm", "rad/s", np.pi / 30.0), ("n [U/min]", "rad/s", np.pi / 30.0),
+    ("F_c [N]", "N", 1.0),
+    ("force_kN", "N", 1e3),
+    ("F (mN)", "N", 1e-3),
+    ("load in kN", "N", 1e3),
+    ("z [mm]", "m", 1e-3),
+    ("z_mm", "m", 1e-3),
+    ("position_ref_m", "m", 1.0),
+    ("s [µm]", "m", 1e-6),
+    ("a_m_per_s2", "m/s**2", 1.0),
+    ("acc [m/s²]", "m/s**2", 1.0),
+    ("acc [m/s2]", "m/s**2", 1.0),
+    ("acc_m_s2", "m/s**2", 1.0),
+    ("a [g_0]", "m/s**2", 9.80665),
+    ("acc_g", "m/s**2", 9.80665),
+    ("v_mm_per_s", "m/s", 1e-3),
+    ("v [m/min]", "m/s", 1.0 / 60.0),
+    ("v_km_h", "m/s", 1.0 / 3.6),
+    ("w_rad_per_s", "rad/s", 1.0),
+    ("w_rad_s", "rad/s", 1.0),
+    ("speed (rpm)", "rad/s", np.pi / 30.0),
+    ("speed_rpm", "rad/s", np.pi / 30.0),
+    ("n [U/min]", "rad/s", np.pi / 30.0),
     ("w [deg/s]", "rad/s", np.pi / 180.0),
-    ("phi_deg", "rad", np.pi / 180.0), ("phi [°]", "rad", np.pi / 180.0), ("phi [rev]", "rad", 2.0 * np.pi),
-    ("T_Nm", "N*m", 1.0), ("T [mNm]", "N*m", 1e-3), ("torque [kN·m]", "N*m", 1e3), ("T_Nmm", "N*m", 1e-3),
-    ("u_V", "V", 1.0), ("i_mA", "A", 1e-3), ("i [A]", "A", 1.0), ("p_bar", "Pa", 1e5), ("p [MPa]", "Pa", 1e6),
-    ("duty_percent", "", 0.01), ("duty [%]", "", 0.01), ("ratio [-]", "", 1.0), ("c [N/mm]", "N/m", 1e3),
-    ("m_g", "kg", 1e-3), ("plain", "N", 1.0), ("angle_a", "rad", 1.0), ("w (filtered)", "rad/s", 1.0),
-    ("k_N_per_m", "N/m", 1.0), ("d_Nms_per_rad", "N*m*s", 1.0), ("q[0]", "m", 1.0),
-]  # fmt: skip
+    ("phi_deg", "rad", np.pi / 180.0),
+    ("phi [°]", "rad", np.pi / 180.0),
+    ("phi [rev]", "rad", 2.0 * np.pi),
+    ("T_Nm", "N*m", 1.0),
+    ("T [mNm]", "N*m", 1e-3),
+    ("torque [kN·m]", "N*m", 1e3),
+    ("T_Nmm", "N*m", 1e-3),
+    ("u_V", "V", 1.0),
+    ("i_mA", "A", 1e-3),
+    ("i [A]", "A", 1.0),
+    ("p_bar", "Pa", 1e5),
+    ("p [MPa]", "Pa", 1e6),
+    ("duty_percent", "", 0.01),
+    ("duty [%]", "", 0.01),
+    ("ratio [-]", "", 1.0),
+    ("c [N/mm]", "N/m", 1e3),
+    ("m_g", "kg", 1e-3),
+    ("plain", "N", 1.0),
+    ("angle_a", "rad", 1.0),
+    ("w (filtered)", "rad/s", 1.0),
+    ("k_N_per_m", "N/m", 1.0),
+    ("d_Nms_per_rad", "N*m*s", 1.0),
+    ("q[0]", "m", 1.0),
+]
 TIMES = [
     ("time_s", 1.0),
     ("t [ms]", 1e-3),
@@ -53,9 +85,7 @@ def write(path: Path, names: list[str], table: np.ndarray, dialect: str) -> None
 
         pq.write_table(pa.table({name: table[:, k] for k, name in enumerate(names)}), path)
         return
-    delimiter = {"comma": ",", "semicolon": ";", "decimal comma": ";", "tab": "\t", "tab comma": "\t"}[
-        dialect
-    ]
+    delimiter = {"comma": ",", "semicolon": ";", "decimal comma": ";", "tab": "\t", "tab comma": "\t"}[dialect]
     lines = ["# rig 3, channel list below", delimiter.join(names)]
     for row in table:
         cells = [repr(float(each)) for each in row]
@@ -137,16 +167,12 @@ def test_damage_is_refused_with_its_line(tmp_path, seed, damage, row):
     elif damage == "missing cell":
         lines[line] = lines[line].split(",")[0]
     else:
-        lines[line:] = [
-            f"{float(each.split(',')[0]) + 3.0:.2f},{each.split(',')[1]}" for each in lines[line:]
-        ]
+        lines[line:] = [f"{float(each.split(',')[0]) + 3.0:.2f},{each.split(',')[1]}" for each in lines[line:]]
     path = tmp_path / "damaged.csv"
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(RecordError) as refused:
         read_record(path, time="time_s", columns={"force": "force_N"}, units={"force": "N"})
-    place = {"double row": line + 2, "swap rows": line + 2, "jump": line, "drop row": line}.get(
-        damage, line + 1
-    )
+    place = {"double row": line + 2, "swap rows": line + 2, "jump": line, "drop row": line}.get(damage, line + 1)
     assert re.search(rf"\blines? (\d+, )*{place}\b", str(refused.value))
     assert "damaged.csv" in str(refused.value)
 
@@ -243,9 +269,7 @@ def test_unit_can_be_said_where_the_name_is_silent_or_wrong(tmp_path):
 
 def test_quoted_header_windows_text_and_latin_letters(tmp_path):
     path = tmp_path / "a.csv"
-    text = '"Zeit [s]";"Kraft, links [kN]";"Winkel [°]"\r\n' + "".join(
-        f"{k};{k},5;{k}\r\n" for k in range(12)
-    )
+    text = '"Zeit [s]";"Kraft, links [kN]";"Winkel [°]"\r\n' + "".join(f"{k};{k},5;{k}\r\n" for k in range(12))
     path.write_bytes(text.encode("cp1252"))
     record = read_record(
         path,

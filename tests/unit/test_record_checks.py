@@ -94,7 +94,7 @@ REFUSED = {
     "decimal commas": (["time_s,x_mm,F_N", "0,0,1,5,2,5", "0,1,1,5,2,5"], ["6 cells where", "semicolons"]),
     "copied column": (changed(F_N=table()["x_mm"]), ["'x_mm' and 'F_N': the same numbers in every row"]),
     "constant in all": (changed(F_N=np.full(COUNT, 3.0)), ["column 'F_N': constant at 3 in every record"]),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", REFUSED)
@@ -179,9 +179,7 @@ def test_swapped_columns_between_files_are_refused(tmp_path):
     swapped = {"time_s": columns["time_s"], "x_mm": columns["F_N"] * 1.1, "F_N": columns["x_mm"] * 0.9}
     paths = [write(tmp_path / "a.csv", text(columns)), write(tmp_path / "b.csv", text(swapped))]
     with pytest.raises(RecordError, match=r"b.csv, columns 'F_N' and 'x_mm': look swapped"):
-        read_records(
-            paths, time="time_s", columns={"x": "x_mm", "F": "F_N"}, measured_units={"x": "", "F": ""}
-        )
+        read_records(paths, time="time_s", columns={"x": "x_mm", "F": "F_N"}, measured_units={"x": "", "F": ""})
 
 
 def warnings_of(records: tuple[Record, ...]) -> str:
@@ -232,9 +230,7 @@ def test_nan_rows_are_left_out_only_when_allowed(tmp_path):
     assert any("interpolated linearly" in line for line in record.log)
     assert len(record.time) == COUNT
     # Linear interpolation errs by at most h²/8 max|x''| = 0.02²/8 · 0.01 · 49 m.
-    np.testing.assert_allclose(
-        record.signals["x"].values, 1e-3 * table()["x_mm"], atol=0.02**2 / 8 * 0.49 + 1e-10
-    )
+    np.testing.assert_allclose(record.signals["x"].values, 1e-3 * table()["x_mm"], atol=0.02**2 / 8 * 0.49 + 1e-10)
 
 
 def test_nan_at_the_end_is_left_out_without_interpolation(tmp_path):

@@ -118,9 +118,7 @@ def test_an_engineer_finds_what_it_is_and_how_to_confirm_it(page, conclusion) ->
 
 
 def test_names_from_files_cannot_break_the_page(conclusion, evidence) -> None:
-    found = render(
-        replace(conclusion, name="<script>alert(1)</script>", warnings=("a < b & c",)), evidence, []
-    )
+    found = render(replace(conclusion, name="<script>alert(1)</script>", warnings=("a < b & c",)), evidence, [])
     assert "<script>" not in found
     assert "a &lt; b &amp; c" in found
 
@@ -138,9 +136,7 @@ def test_other_answers_have_their_page(conclusion, evidence) -> None:
             ),
         ),
     )
-    text = _text(
-        render(replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence, [])
-    )
+    text = _text(render(replace(conclusion, verdict="ambiguous", stages=(*conclusion.stages[:-1], tied)), evidence, []))
     assert "These records cannot distinguish it from: Stribeck friction" in text
 
     two = replace(conclusion, stages=conclusion.stages[:2])
@@ -168,9 +164,7 @@ def test_other_answers_have_their_page(conclusion, evidence) -> None:
 
     # Compared only: nobody asked what is missing, and the page does not pretend that somebody did.
     page = render(replace(two, verdict=""), evidence2, [])
-    assert re.findall(r'<section id="(\w+)">', page) == [
-        s for s in SECTIONS if s not in ("missing", "else", "hidden")
-    ]
+    assert re.findall(r'<section id="(\w+)">', page) == [s for s in SECTIONS if s not in ("missing", "else", "hidden")]
 
 
 def test_without_held_out_records_the_page_says_so(conclusion, tmp_path) -> None:

@@ -14,10 +14,19 @@ from multibody.declare.rigid_body import RigidBody
 from multibody.declare.signature import RequiredWhere, written_docstring
 
 MODULES = (
-    "multibody.library", "multibody.library.spatial", "vtsdt.parts.car", "vtsdt.parts.control", "vtsdt.parts.guide",
-    "vtsdt.parts.machine", "vtsdt.parts.rope", "gearbox.parts.bearings", "gearbox.parts.mesh", "gearbox.parts.shafts",
-    "discrepancy.effects.laws", "discrepancy.effects.sensor_errors",
-)  # fmt: skip
+    "multibody.library",
+    "multibody.library.spatial",
+    "vtsdt.parts.car",
+    "vtsdt.parts.control",
+    "vtsdt.parts.guide",
+    "vtsdt.parts.machine",
+    "vtsdt.parts.rope",
+    "gearbox.parts.bearings",
+    "gearbox.parts.mesh",
+    "gearbox.parts.shafts",
+    "discrepancy.effects.laws",
+    "discrepancy.effects.sensor_errors",
+)
 CLASSES = {
     cls
     for module in map(importlib.import_module, MODULES)

@@ -93,8 +93,10 @@ def test_what_one_record_alone_shows_does_not_reject_the_model(monkeypatch, smal
         return SimpleNamespace(name=name, p_value=p, carries_over=carries_over, verdict=verdict)
 
     rows = [
-        row("of one record", 1e-4, False), row("negligible", 1e-5, True, Verdict.NEGLIGIBLE), row("lasting", 0.2, True),
-    ]  # fmt: skip
+        row("of one record", 1e-4, False),
+        row("negligible", 1e-5, True, Verdict.NEGLIGIBLE),
+        row("lasting", 0.2, True),
+    ]
     scan = SimpleNamespace(rows=tuple(rows), scorer=None)
     monkeypatch.setattr(omnibus, "scan", lambda *_, **__: scan)
     monkeypatch.setattr(omnibus, "generic_candidates", lambda *_: [])

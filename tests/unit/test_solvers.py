@@ -114,9 +114,7 @@ def test_known_solution_forwards_and_backwards(method, span, t_eval):
     # As SciPy's test_integration: weighted error below 15 tolerances.
     prob = problem("rational")
     points = np.linspace(*span, 23) if t_eval else None
-    done = solve(
-        method, prob, span, rational_exact(span[0]), rtol=1e-6, atol=1e-9, t_eval=points, dense_output=True
-    )
+    done = solve(method, prob, span, rational_exact(span[0]), rtol=1e-6, atol=1e-9, t_eval=points, dense_output=True)
     assert done.success
     assert done.status == 0
     assert done.t[0] == span[0]
@@ -157,9 +155,7 @@ def test_order_of_the_interpolant(method):
     fine = np.linspace(0.0, 1.0, 101)
     exact = solve_ivp(prob.fun, (0.0, 1.0), [1.0, 0.5], "DOP853", fine, rtol=1e-13, atol=1e-14).y
     for h in steps:
-        done = solve(
-            method, prob, (0.0, 1.0), [1.0, 0.5], rtol=1e3, atol=1e3, max_step=h, first_step=h, t_eval=fine
-        )
+        done = solve(method, prob, (0.0, 1.0), [1.0, 0.5], rtol=1e3, atol=1e3, max_step=h, first_step=h, t_eval=fine)
         errors.append(np.abs(done.y - exact).max())
     slopes = np.diff(np.log(errors)) / np.diff(np.log(steps))
     # Order 4 inside a step: local error of order 5 that does not add up, so the global slope is between 4 and
@@ -331,9 +327,7 @@ def test_held_inputs_end_steps_at_their_jumps(method, span):
 def test_a_thousand_jumps_do_not_stall(method):
     times = np.linspace(0.0, 1.0, 1001)
     table = InputTable.from_columns(times, {"u": np.sign(np.sin(37.0 * np.arange(1001)))}, "hold")
-    done = integrate(
-        problem("oscillator", (4.0, 0.1), table), (0.0, 1.0), [0.0, 0.0], [1.0], method, rtol=1e-6
-    )
+    done = integrate(problem("oscillator", (4.0, 0.1), table), (0.0, 1.0), [0.0, 0.0], [1.0], method, rtol=1e-6)
     assert done.success
     assert done.nfev < 1001 * 20
 

@@ -155,8 +155,7 @@ def test_written_sums_have_the_value_of_the_numbers():
     number = np.array([[eval(t, {}, names) for t in row] for row in m])
     vector = np.array([eval(t, {}, names) for t in v])
     written = [
-        eval(t, {}, names)
-        for t in cross(v, tuple(plus(times(x, y), "-i") for x, y in zip(m[1], v, strict=True)))
+        eval(t, {}, names) for t in cross(v, tuple(plus(times(x, y), "-i") for x, y in zip(m[1], v, strict=True)))
     ]
     np.testing.assert_allclose(written, np.cross(vector, number[1] * vector - names["i"]), rtol=1e-12)
     squared = [[eval(t, {}, names) for t in row] for row in matmul(m, m)]

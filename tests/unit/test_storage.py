@@ -125,9 +125,7 @@ def test_user_file_moves_with_the_model_and_is_needed(tmp_path):
     content = json.loads((tmp_path / "two" / "model.json").read_text())
     assert content["components"]["part"]["class"] == "cushions.py:Cushion"
     (tmp_path / "two" / "cushions.py").unlink()
-    with pytest.raises(
-        ModelError, match=r"cushions\.py' is needed for its component classes and does not exist"
-    ):
+    with pytest.raises(ModelError, match=r"cushions\.py' is needed for its component classes and does not exist"):
         Model.load(tmp_path / "two" / "model.json")
 
 

@@ -115,8 +115,11 @@ def test_firefly_steps_have_the_moments_they_claim(steps, mean, deviation):
     options = {"population": 4000, "iterations": 1, "alpha": 0.02, "steps": steps}
     maximise(
         lambda x: (seen.append(x[:, 0].copy()), np.zeros(len(x)))[1],
-        cube, options=options, polish=0, vectorised=True,
-    )  # fmt: skip
+        cube,
+        options=options,
+        polish=0,
+        vectorised=True,
+    )
     inner = np.abs(seen[0] - 0.5) < 0.35  # steps of 5 standard deviations never reach a bound from there
     step = (seen[1] - seen[0])[inner] / 0.02
     # Some 2800 steps: their mean has a standard error of 0.02, their deviation of 0.014; five of them.
@@ -132,9 +135,7 @@ def test_firefly_counts_population_times_iterations():
 
 
 def test_polish_never_lowers_and_uses_the_gradient_if_there_is_one():
-    surface = ResponseSurface.from_coefficients(
-        DesignSpace.unit_cube(("a", "b")), [0, 1, 1, -1, -1, 0.5], order=2
-    )
+    surface = ResponseSurface.from_coefficients(DesignSpace.unit_cube(("a", "b")), [0, 1, 1, -1, -1, 0.5], order=2)
     exact = maximise(surface, surface.space, budget=300)
     blind = maximise(surface.predict, surface.space, budget=300, vectorised=True)
     # Stationary point of a + b - a² - b² + ab/2: a = b = 2/3, value 2/3.

@@ -5,9 +5,7 @@ import pytest
 
 from surrogate import DesignSpace, evaluate, latin_hypercube
 
-TABLE3 = DesignSpace(
-    ("K", "C_D", "e_F"), ("N/mm^1.5", "N*s/mm", ""), (4.3e5, 86.0, 1.5), (12.9e5, 860.0, 2.5)
-)
+TABLE3 = DesignSpace(("K", "C_D", "e_F"), ("N/mm^1.5", "N*s/mm", ""), (4.3e5, 86.0, 1.5), (12.9e5, 860.0, 2.5))
 
 
 def test_scaling_is_min_max_and_exact_at_the_bounds():
@@ -26,9 +24,7 @@ def test_frames_name_units():
 
 
 def test_subset_keeps_bounds_and_order():
-    assert TABLE3.subset(["e_F", "K"]) == DesignSpace(
-        ("e_F", "K"), ("", "N/mm^1.5"), (1.5, 4.3e5), (2.5, 12.9e5)
-    )
+    assert TABLE3.subset(["e_F", "K"]) == DesignSpace(("e_F", "K"), ("", "N/mm^1.5"), (1.5, 4.3e5), (2.5, 12.9e5))
     with pytest.raises(ValueError, match=r"no parameter rho; the space has K, C_D, e_F"):
         TABLE3.subset(["rho"])
 

@@ -56,9 +56,7 @@ def test_paper_terms_stand_in_the_order_of_eq_18():
     assert set(polynomial_terms(3, 3, "full").names("abc")) - set(names) == {"a*b*c"}
 
 
-@pytest.mark.parametrize(
-    ("order", "terms"), [(1, "paper"), (2, "paper"), (3, "paper"), (3, "full"), (3, "eq11")]
-)
+@pytest.mark.parametrize(("order", "terms"), [(1, "paper"), (2, "paper"), (3, "paper"), (3, "full"), (3, "eq11")])
 def test_polynomials_are_recovered_exactly(order, terms):
     true, found = fitted(order=order, terms=terms)
     # Rounding times the condition number of the scaled terms (about 1e3 for a cubic).
@@ -77,14 +75,10 @@ def test_gradient_and_hessian_agree_with_differences():
         span = ahead[0, i] - behind[0, i]
         # Central differences of a cubic err by h² f'''/6, of its gradient not at all but for rounding.
         slope = (surface(ahead) - surface(behind)) / span * SPACE.span[i]
-        np.testing.assert_allclose(
-            surface.gradient(SPACE.from_unit(t))[:, i] * SPACE.span[i], slope, atol=1e-7
-        )
+        np.testing.assert_allclose(surface.gradient(SPACE.from_unit(t))[:, i] * SPACE.span[i], slope, atol=1e-7)
         curve = (surface.gradient(ahead) - surface.gradient(behind)) / span
         scale = SPACE.span[i] * SPACE.span
-        np.testing.assert_allclose(
-            surface.hessian(SPACE.from_unit(t))[:, i] * scale, curve * scale, atol=1e-8
-        )
+        np.testing.assert_allclose(surface.hessian(SPACE.from_unit(t))[:, i] * scale, curve * scale, atol=1e-8)
 
 
 def test_leave_one_out_equals_refitting_without_each_point():

@@ -97,9 +97,12 @@ def test_missing_unknown_and_broken_inputs_are_reported_together():
                 "f.three": ([0.0, 1.0], [1.0, math.nan]),
             },
         )
-    for words in ("no input 'f.ome'; did you mean 'f.one'", "input 'f.one' (N) is missing",
-                  "times must increase",
-                  "1 values are not finite"):  # fmt: skip
+    for words in (
+        "no input 'f.ome'; did you mean 'f.one'",
+        "input 'f.one' (N) is missing",
+        "times must increase",
+        "1 values are not finite",
+    ):
         assert words in str(caught.value)
 
 

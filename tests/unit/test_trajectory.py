@@ -81,6 +81,4 @@ def test_plot_into_too_few_axes_says_so(run):
 
 
 def test_trajectory_shows_what_it_is(run):
-    assert repr(run) == (
-        f"Trajectory('m': 101 samples from 0 s to 1 s, {len(run.system.output_names)} outputs, RK45)"
-    )
+    assert repr(run) == (f"Trajectory('m': 101 samples from 0 s to 1 s, {len(run.system.output_names)} outputs, RK45)")

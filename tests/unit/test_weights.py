@@ -44,8 +44,16 @@ def problem() -> FitProblem:
     rng, true = np.random.default_rng(3), 0.88 * STIFFNESS
     force = -MASS * G + 2.0 * np.sin(2 * np.pi * 0.7 * TIME)
     rest = -MASS * G / true
-    run = hanging(true).build().simulate(
-        (0.0, TIME[-1]), inputs={"drive.force": (TIME, force)}, times=TIME, initial={"mass.position": rest}, rtol=1e-8
+    run = (
+        hanging(true)
+        .build()
+        .simulate(
+            (0.0, TIME[-1]),
+            inputs={"drive.force": (TIME, force)},
+            times=TIME,
+            initial={"mass.position": rest},
+            rtol=1e-8,
+        )
     )
     place = run["mass.position"] + drifting(rng, 0.5, 2e-4)
     speed = run["mass.velocity"] + drifting(rng, 0.02, 2e-3)

@@ -137,8 +137,10 @@ def test_errors_of_a_rail_have_its_spread_and_a_length() -> None:
 def test_uncertainties_from_a_table() -> None:
     result = uncertainties_from({"*.mu": 0.2, "cabin.mass": {"std": 0.5, "relative": False}, "lubrication": 0.02})
     assert result == (
-        Uncertainty("*.mu", 0.2), Uncertainty("cabin.mass", 0.5, False), Uncertainty("lubrication", 0.02, False)
-    )  # fmt: skip
+        Uncertainty("*.mu", 0.2),
+        Uncertainty("cabin.mass", 0.5, False),
+        Uncertainty("lubrication", 0.02, False),
+    )
     assert result[0].names() == ("cabin_guide.mu", "counterweight_guide.mu")
 
 
@@ -166,13 +168,26 @@ def _study(draws: int = 20) -> WhatIf:
     }
     actions = tuple(Action(n, *energies(*v)) for n, v in made.items())
     section = SectionSaving(
-        low=1.07, high=1.35, worst=1.24, deviation=2.95e-3, spread=2e-4, probability=0.999, saving=0.44,
+        low=1.07,
+        high=1.35,
+        worst=1.24,
+        deviation=2.95e-3,
+        spread=2e-4,
+        probability=0.999,
+        saving=0.44,
         drawn=tuple(0.44 + 0.05 * rng.standard_normal(draws)),
-    )  # fmt: skip
+    )
     return WhatIf(
-        actions=actions, sections=(section,), rail=BENCH, threshold=2.3e-3, lubrication=0.9, direction="up",
-        uncertainties=(("*.mu", "10 %"),), drawn=({},) * draws, seed=0,
-    )  # fmt: skip
+        actions=actions,
+        sections=(section,),
+        rail=BENCH,
+        threshold=2.3e-3,
+        lubrication=0.9,
+        direction="up",
+        uncertainties=(("*.mu", "10 %"),),
+        drawn=({},) * draws,
+        seed=0,
+    )
 
 
 def test_savings_are_differences_within_a_draw() -> None:
@@ -207,7 +222,12 @@ def test_the_page_opens_alone_and_the_json_can_be_read(tmp_path: Path) -> None:
     assert 'src="data:image/png' in text
     assert "http" not in text
     assert {p.name for p in tmp_path.iterdir()} == {
-        "report.html", "what-if.json", "rail.png", "energies.png", "savings.png"}  # fmt: skip
+        "report.html",
+        "what-if.json",
+        "rail.png",
+        "energies.png",
+        "savings.png",
+    }
     content = json.loads((tmp_path / "what-if.json").read_text())
     assert content["actions"]["straightened"]["saving"]["value"] == pytest.approx(1.19)
     year = content["year"]["both"]
@@ -250,10 +270,13 @@ def test_all_faults_of_settings_are_reported(tmp_path: Path) -> None:
         read_settings(path)
     text = str(message.value)
     for part in (
-        "no table [profil]; did you mean 'profile'", "no entry 'lubrikation'; did you mean 'lubrication'",
-        "threshold_mm is 0.0", "no file matches 'none*.csv'", "no quantity 'F_cc'",
+        "no table [profil]; did you mean 'profile'",
+        "no entry 'lubrikation'; did you mean 'lubrication'",
+        "threshold_mm is 0.0",
+        "no file matches 'none*.csv'",
+        "no quantity 'F_cc'",
         "[[configuration]] 1: 'trips' is missing",
-    ):  # fmt: skip
+    ):
         assert part in text, part
 
 
@@ -264,9 +287,11 @@ def test_masses_from_tensions_at_rest() -> None:
         t = np.arange(1000) / 500.0
         moving = (t > 0.2).astype(float)
         values = {
-            "omega_ref": moving, "payload": np.full(1000, load),
+            "omega_ref": moving,
+            "payload": np.full(1000, load),
             "F_c": (33.0 + load) * 9.80665 + friction + 5.0 * moving,
-            "F_cw": np.full(1000, 34.0 * 9.80665)}  # fmt: skip
+            "F_cw": np.full(1000, 34.0 * 9.80665),
+        }
         return Record(
             name="r",
             path=Path("r"),

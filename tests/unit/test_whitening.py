@@ -20,9 +20,7 @@ def test_sensor_noise_on_slow_drift_becomes_white():
     rho = np.array([out[k:] @ out[:-k] / (out @ out) for k in range(1, 30)])
     # 12 000 samples: one standard error of a correlation is 0.009; five of them leave room for 29 lags.
     assert np.max(np.abs(rho)) < 0.046
-    assert np.std(out) == pytest.approx(
-        1.0, abs=0.04
-    )  # 1/sqrt(2·12000) = 0.0065 per standard error, plus the fit
+    assert np.std(out) == pytest.approx(1.0, abs=0.04)  # 1/sqrt(2·12000) = 0.0065 per standard error, plus the fit
     # The drift must be seen: a filter shorter than a second could not know the level.
     assert w.filters[0].memory * 0.01 > 0.2
 

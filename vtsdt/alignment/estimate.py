@@ -80,9 +80,7 @@ def align(
             raise AlignmentError([f"tuning is '{tuning}': give one of {', '.join(TUNINGS)}"])
         tuning = TUNINGS[tuning]
     progress("prepare the model of the cabin")
-    sensor = GuideFilter(
-        parameters=lift, tuning=tuning, loaded=any(t.payload != 0.0 for t in trips), options=options
-    )
+    sensor = GuideFilter(parameters=lift, tuning=tuning, loaded=any(t.payload != 0.0 for t in trips), options=options)
     low, high = min(t.height.min() for t in trips), max(t.height.max() for t in trips)
     height = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step + 0.0  # no minus zero
     error = balance(trips, lift, height) if balanced else None
@@ -121,9 +119,11 @@ def align(
 
             moving = np.flatnonzero(np.abs(trip.speed) > LEAST_SPEED)
             observability = observability_of(
-                sensor.run(trip, error or 0.0, keep="everything"), window=400, instants=40,
+                sensor.run(trip, error or 0.0, keep="everything"),
+                window=400,
+                instants=40,
                 part=slice(int(moving[0]), int(moving[-1]) + 1) if moving.size else None,
-            )  # fmt: skip
+            )
     if faults:
         raise AlignmentError(faults)
     return Alignment(

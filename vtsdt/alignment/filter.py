@@ -30,9 +30,20 @@ __all__ = ["DEFAULT", "DELTA", "MAX_SPEED_ERROR", "TUNINGS", "GuideFilter", "Tun
 DELTA = "cabin_guide.right_deviation"
 _LATERAL = ("x", "y", "roll", "pitch", "yaw", "v_x", "v_y", "w_x", "w_y", "w_z")
 _TABLE_2 = {
-    "x": 1e-2, "y": 1e-2, "z": 1e-2, "v_x": 1e-1, "v_y": 1e-1, "v_z": 1e-1, "roll": 1e-4, "pitch": 1e-4, "yaw": 1e-4,
-    "w_x": 1e-3, "w_y": 1e-3, "w_z": 1e-3, "delta": 1e-3,
-}  # fmt: skip
+    "x": 1e-2,
+    "y": 1e-2,
+    "z": 1e-2,
+    "v_x": 1e-1,
+    "v_y": 1e-1,
+    "v_z": 1e-1,
+    "roll": 1e-4,
+    "pitch": 1e-4,
+    "yaw": 1e-4,
+    "w_x": 1e-3,
+    "w_y": 1e-3,
+    "w_z": 1e-3,
+    "delta": 1e-3,
+}
 _START = 1.0e-3  # m, δ above the play at the start
 #: Tolerated error of the filter's speed, m/s, and share of the samples that may exceed it.
 MAX_SPEED_ERROR, _MAX_SHARE = 0.1, 0.2
@@ -77,20 +88,26 @@ TUNINGS = {
     for t in (
         Tuning(name="table2", process=_TABLE_2, meaning="Table 2 of the paper as printed, its Q per second"),
         Tuning(
-            name="bounded", process=_lateral_times(1e-2),
+            name="bounded",
+            process=_lateral_times(1e-2),
             meaning="Table 2 with the noise of the lateral states, which the guides bound, a hundred times smaller",
         ),
         Tuning(
-            name="quiet", process={**{k: 1e-2 * v for k, v in _lateral_times(1e-4).items()}, "delta": 1e-6},
-            height=1e-8, acceleration=1e-2,
+            name="quiet",
+            process={**{k: 1e-2 * v for k, v in _lateral_times(1e-4).items()}, "delta": 1e-6},
+            height=1e-8,
+            acceleration=1e-2,
             meaning="readings weighted by the accuracy of the bench's sensors, and more weight on the model",
         ),
         Tuning(
-            name="likelihood", process=_LIKELIHOOD, height=4.0e-10, acceleration=2.2e-4,
+            name="likelihood",
+            process=_LIKELIHOOD,
+            height=4.0e-10,
+            acceleration=2.2e-4,
             meaning="variances that maximise the likelihood of two unfiltered trips of the virtual lift",
         ),
     )
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -145,9 +162,12 @@ class GuideFilter:
 
         walk = RandomWalk(DELTA, rate=self.tuning.process["delta"], std=1e-3)
         return FilterModel(
-            self.system, ["z_c", "zdd_c"], [walk], parameters={"payload.mass": payload} if self.loaded else None,
+            self.system,
+            ["z_c", "zdd_c"],
+            [walk],
+            parameters={"payload.mass": payload} if self.loaded else None,
             bounds={DELTA: (self.play + _TOUCH, self.parameters.cabin_guide.gap)},
-        )  # fmt: skip
+        )
 
     def noise(self) -> Noise:
         """Return the tuning in the form that the filter takes."""
@@ -157,8 +177,9 @@ class GuideFilter:
         process = {names[k]: v for k, v in self.tuning.process.items() if k != "delta"}
         return Noise(
             {**process, DELTA: self.tuning.process["delta"]},
-            {"z_c": self.tuning.height, "zdd_c": self.tuning.acceleration}, "density_times_step",
-        )  # fmt: skip
+            {"z_c": self.tuning.height, "zdd_c": self.tuning.acceleration},
+            "density_times_step",
+        )
 
     def prior(self, trip: Trip) -> Prior:
         """Return the initial state estimate: at rest between the rails at the trip's first height."""
@@ -167,9 +188,11 @@ class GuideFilter:
         delta = self.play + _START
         values = {DELTA: delta, **({"payload.mass": trip.payload} if self.loaded else {})}
         rest = self.lift.equilibrium(
-            float(trip.height[0]), system=self.system, parameters=values,
+            float(trip.height[0]),
+            system=self.system,
+            parameters=values,
             inputs={"F_c": (self.parameters.cabin.mass + trip.payload) * 9.80665},
-        ).to_dict()  # fmt: skip
+        ).to_dict()
         rest["cabin.z"] = float(trip.height[0])
         std = {name: 1e-4 for name in rest}
         return Prior({**rest, DELTA: delta}, {**std, DELTA: 1e-3})

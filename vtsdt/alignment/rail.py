@@ -72,9 +72,15 @@ def pressing_deviation(parameters: LiftParameters, height: np.ndarray) -> np.nda
 
 
 def rail_profile(
-    height: np.ndarray, deviation: np.ndarray, std: np.ndarray, shoes: Sequence[float], *, length: float = 0.15,
-    size: float = 0.5e-3, step: float = 0.02,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    height: np.ndarray,
+    deviation: np.ndarray,
+    std: np.ndarray,
+    shoes: Sequence[float],
+    *,
+    length: float = 0.15,
+    size: float = 0.5e-3,
+    step: float = 0.02,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a rail whose equivalent deviation is the given one: heights, deviation, standard deviation.
 
     Two levels of shoes see the mean of the rail at two heights, so waves of twice their distance are not observable:

@@ -37,9 +37,13 @@ def plain_trip(parameters: LiftParameters, direction: int, payload: float = 0.0)
     height = moves[:, 0] + (0.0 if direction > 0 else travel)
     tension = (parameters.cabin.mass + payload) * (9.80665 + moves[:, 2]) + _FRICTION * np.tanh(moves[:, 1] / 0.01)
     return Trip(
-        name="up" if direction > 0 else "down", time=time, tension=tension, height=height, acceleration=moves[:, 2],
+        name="up" if direction > 0 else "down",
+        time=time,
+        tension=tension,
+        height=height,
+        acceleration=moves[:, 2],
         payload=payload,
-    )  # fmt: skip
+    )
 
 
 def rehearse() -> None:

@@ -48,11 +48,20 @@ def write(alignment: Alignment, out: Path, parameters: LiftParameters, trips: Se
     loader = ChoiceLoader([PackageLoader("vtsdt", "templates"), PackageLoader("discrepancy", "templates")])
     environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     text = environment.get_template("alignment.html").render(
-        name=parameters.name, sentences=alignment.sentences(), pictures=sources, captions=_CAPTIONS,
-        headline=_headline(alignment), trips=_trip_rows(alignment, trips), sections=_section_rows(alignment),
-        threshold=f"{1e3 * alignment.threshold:.2g}", tuning=alignment.tuning, observability=_observability(alignment),
-        notes=alignment.notes, loose=f"{1e3 * alignment.loose:.2g}", per_newton=f"{1e3 / alignment.slope:.2f}",
-    )  # fmt: skip
+        name=parameters.name,
+        sentences=alignment.sentences(),
+        pictures=sources,
+        captions=_CAPTIONS,
+        headline=_headline(alignment),
+        trips=_trip_rows(alignment, trips),
+        sections=_section_rows(alignment),
+        threshold=f"{1e3 * alignment.threshold:.2g}",
+        tuning=alignment.tuning,
+        observability=_observability(alignment),
+        notes=alignment.notes,
+        loose=f"{1e3 * alignment.loose:.2g}",
+        per_newton=f"{1e3 / alignment.slope:.2f}",
+    )
     page = out / "report.html"
     page.write_text(text, encoding="utf-8")
     return page
@@ -82,12 +91,15 @@ def _write_profile(alignment: Alignment, path: Path) -> None:
 def _section_rows(alignment: Alignment) -> list[dict[str, str]]:
     return [
         {
-            "range": f"{s.low:.2f} to {s.high:.2f} m", "largest": f"{1e3 * s.largest:.2f} mm", "at": f"{s.at:.2f} m",
-            "excess": f"{1e3 * (s.largest - alignment.threshold):.2f} mm", "share": f"{s.share:.0%}",
+            "range": f"{s.low:.2f} to {s.high:.2f} m",
+            "largest": f"{1e3 * s.largest:.2f} mm",
+            "at": f"{s.at:.2f} m",
+            "excess": f"{1e3 * (s.largest - alignment.threshold):.2f} mm",
+            "share": f"{s.share:.0%}",
             "confidence": _percent(s.confidence),
         }
         for s in alignment.sections
-    ]  # fmt: skip
+    ]
 
 
 def _percent(probability: float) -> str:
@@ -102,13 +114,15 @@ def _trip_rows(alignment: Alignment, trips: Sequence[Trip]) -> list[dict[str, st
         difference = curve[known] - alignment.estimate[known]
         rows.append(
             {
-                "name": trip.name, "direction": "up" if trip.direction > 0 else "down",
+                "name": trip.name,
+                "direction": "up" if trip.direction > 0 else "down",
                 "range": f"{round(trip.height.min(), 2) + 0.0:.2f} to {trip.height.max():.2f} m",
-                "payload": f"{trip.payload:.3g} kg", "offset": f"{trip.offset:+.3f} m/s²",
+                "payload": f"{trip.payload:.3g} kg",
+                "offset": f"{trip.offset:+.3f} m/s²",
                 "median": f"{1e3 * np.median(curve[known]):.2f} mm" if known.any() else "none",
                 "difference": f"{1e3 * np.sqrt(np.mean(difference**2)):.2f} mm" if known.any() else "none",
             }
-        )  # fmt: skip
+        )
     return rows
 
 
@@ -121,9 +135,13 @@ def _observability(alignment: Alignment) -> dict[str, Any] | None:
         middle, last = observed.std[name]
         unit, factor = _display_unit(name)
         rows.append(
-            {"name": name, "middle": f"{factor * middle:.3g} {unit}", "last": f"{factor * last:.3g} {unit}",
-             "bounded": "yes" if observed.bounded(name) else "no"}
-        )  # fmt: skip
+            {
+                "name": name,
+                "middle": f"{factor * middle:.3g} {unit}",
+                "last": f"{factor * last:.3g} {unit}",
+                "bounded": "yes" if observed.bounded(name) else "no",
+            }
+        )
     return {"sentences": observed.sentences(), "rows": rows}
 
 

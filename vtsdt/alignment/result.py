@@ -218,10 +218,12 @@ class Alignment:
         import pandas
 
         data = {
-            "estimate [mm]": 1e3 * self.estimate, "median [mm]": 1e3 * self.median,
-            "lower quartile [mm]": 1e3 * self.quantile(0.25), "upper quartile [mm]": 1e3 * self.quantile(0.75),
+            "estimate [mm]": 1e3 * self.estimate,
+            "median [mm]": 1e3 * self.median,
+            "lower quartile [mm]": 1e3 * self.quantile(0.25),
+            "upper quartile [mm]": 1e3 * self.quantile(0.75),
             "std of the estimate [mm]": 1e3 * self.std,
-        }  # fmt: skip
+        }
         data |= {f"{name} [mm]": 1e3 * curve for name, curve in zip(self.trips, self.curves, strict=True)}
         return pandas.DataFrame(data, index=pandas.Index(self.height, name="height [m]"))
 
@@ -242,9 +244,14 @@ class Alignment:
             "upper_quartile_mm": _rounded(1e3 * self.quantile(0.75)),
             "std_mm": _rounded(1e3 * self.std),
             "sections": [
-                {"from_m": round(s.low, 4), "to_m": round(s.high, 4), "largest_mm": round(1e3 * s.largest, 4),
-                 "at_m": round(s.at, 4), "share_of_trips": round(s.share, 4),
-                 "confidence": round(s.confidence, 4)}
+                {
+                    "from_m": round(s.low, 4),
+                    "to_m": round(s.high, 4),
+                    "largest_mm": round(1e3 * s.largest, 4),
+                    "at_m": round(s.at, 4),
+                    "share_of_trips": round(s.share, 4),
+                    "confidence": round(s.confidence, 4),
+                }
                 for s in self.sections
             ],
             "undecided": [{"from_m": round(a, 4), "to_m": round(b, 4)} for a, b in self.undecided],
@@ -252,14 +259,21 @@ class Alignment:
                 {"name": name, "direction": "up" if d > 0 else "down", "delta_mm": _rounded(1e3 * curve)}
                 for name, d, curve in zip(self.trips, self.directions, self.curves, strict=True)
             ],
-            "profile": {"height_m": _rounded(height), "delta_mm": _rounded(1e3 * delta),
-                        "spread_mm": _rounded(1e3 * spread)},
-            "observability": None if observed is None else {
-                "detectable": observed.detectable, "rank": observed.rank, "states": len(observed.names),
+            "profile": {
+                "height_m": _rounded(height),
+                "delta_mm": _rounded(1e3 * delta),
+                "spread_mm": _rounded(1e3 * spread),
+            },
+            "observability": None
+            if observed is None
+            else {
+                "detectable": observed.detectable,
+                "rank": observed.rank,
+                "states": len(observed.names),
                 "bounded": {name: observed.bounded(name) for name in observed.names},
             },
             "notes": list(self.notes),
-        }  # fmt: skip
+        }
 
     def plot(self, axes: Any = None, truth: np.ndarray | None = None) -> Any:
         """Draw δ over height: trips, median, quartiles, threshold (Fig. 9 of the paper); returns the figure.

@@ -122,9 +122,7 @@ class Score:
         return cls(**{**stored, "wrong": tuple(WrongSection(**w) for w in stored["wrong"])})
 
 
-def score(
-    alignment: Alignment, height: np.ndarray, truth: np.ndarray, in_plane: np.ndarray | None = None
-) -> Score:
+def score(alignment: Alignment, height: np.ndarray, truth: np.ndarray, in_plane: np.ndarray | None = None) -> Score:
     """Compare an estimate with the truth.
 
     Parameters
@@ -136,28 +134,33 @@ def score(
         The sum of both rails' deviations in x.
     """
     inside = (
-        (alignment.height >= HEIGHTS[0] - 1e-9) & (alignment.height <= HEIGHTS[1] + 1e-9)
+        (alignment.height >= HEIGHTS[0] - 1e-9)
+        & (alignment.height <= HEIGHTS[1] + 1e-9)
         & np.isfinite(alignment.estimate)
-    )  # fmt: skip
+    )
     at, estimate, std = alignment.height[inside], alignment.estimate[inside], alignment.std[inside]
     true = np.interp(at, height, truth)
     estimated_sections = sections(at, estimate, THRESHOLD, std)
     true_sections = sections(at, true, THRESHOLD)
     wrong: list[WrongSection] = []
     pairs: tuple[tuple[Literal["false", "missed"], Ranges, Ranges], ...] = (
-        ("false", estimated_sections, true_sections), ("missed", true_sections, estimated_sections),
-    )  # fmt: skip
+        ("false", estimated_sections, true_sections),
+        ("missed", true_sections, estimated_sections),
+    )
     for kind, ranges, others in pairs:
         for low, high in _without_counterpart(ranges, others):
             here = (at >= low - 1e-9) & (at <= high + 1e-9)
             k = int(np.argmax(np.where(here, estimate, -np.inf)))
-            undecided = kind == "missed" and any(
-                a <= high + 1e-9 and low - 1e-9 <= b for a, b in alignment.undecided
-            )
+            undecided = kind == "missed" and any(a <= high + 1e-9 and low - 1e-9 <= b for a, b in alignment.undecided)
             wrong.append(
                 WrongSection(
-                    kind=kind, low=low, high=high, true=float(true[here].max()), estimate=float(estimate[k]),
-                    std=float(std[k]), undecided=undecided,
+                    kind=kind,
+                    low=low,
+                    high=high,
+                    true=float(true[here].max()),
+                    estimate=float(estimate[k]),
+                    std=float(std[k]),
+                    undecided=undecided,
                 )
             )
     in_section = np.array([any(low - 1e-9 <= h <= high + 1e-9 for low, high in estimated_sections) for h in at])
@@ -174,9 +177,7 @@ def score(
         farthest=max((abs(w.true - THRESHOLD) for w in wrong), default=0.0),
         agreement=float(np.mean(in_section == (true > THRESHOLD))),
         expected_correlation=alignment.expected_correlation,
-        in_plane_correlation=(
-            None if in_plane is None else correlation(estimate, np.interp(at, height, in_plane))
-        ),
+        in_plane_correlation=(None if in_plane is None else correlation(estimate, np.interp(at, height, in_plane))),
         mean_error=float(np.mean(estimate - true)),
         coverage=float(np.mean(np.abs(estimate - true) < 1.96 * std)),
         wrong=tuple(wrong),

@@ -73,9 +73,12 @@ def _curved(parameters: LiftParameters) -> LiftParameters:
 
 
 def sensor_table(
-    trip: Trip, parameters: LiftParameters | None = None, *, sensors: dict[str, dict[str, float]] | None = None,
+    trip: Trip,
+    parameters: LiftParameters | None = None,
+    *,
+    sensors: dict[str, dict[str, float]] | None = None,
     progress: Progress = silent,
-) -> list[SensorRow]:  # fmt: skip
+) -> list[SensorRow]:
     """Return, for sets of sensors, how well they determine the four deviations along a trip.
 
     The states follow the trip with the deviations that the sensors of the paper estimate; only covariances matter, so
@@ -115,9 +118,11 @@ def sensor_table(
     base = paper.run(trip)
     delta = float(np.median(base[DELTA]))
     rest = lift.equilibrium(
-        float(trip.height[0]), system=system, parameters={DELTA: delta},
+        float(trip.height[0]),
+        system=system,
+        parameters={DELTA: delta},
         inputs={"F_c": given.cabin.mass * 9.80665},
-    ).to_dict()  # fmt: skip
+    ).to_dict()
     rest["cabin.z"] = float(trip.height[0])
     process = {name: 1e-8 for name in system.state_names}
     rows = []
@@ -127,9 +132,13 @@ def sensor_table(
         # Sensors that do not exist read what the model expects: they shift no estimate, only the covariances.
         noise = Noise(process, {"z_c": 1e-8, "zdd_c": 1e-2, **{n: s**2 for n, s in further.items()}})
         run = extended_kalman_filter(
-            model, FilterSamples(trip.time, trip.tension, _expected(model, trip, rest)), noise,
-            Prior(rest, {**dict.fromkeys(rest, 1e-4)}), keep="everything", once=True,
-        )  # fmt: skip
+            model,
+            FilterSamples(trip.time, trip.tension, _expected(model, trip, rest)),
+            noise,
+            Prior(rest, {**dict.fromkeys(rest, 1e-4)}),
+            keep="everything",
+            once=True,
+        )
         observed = observability(run, window=400, instants=30)
         cruising = slice(len(trip.time) // 2, 4 * len(trip.time) // 5)
         std = {name: float(np.median(run.std(name)[cruising])) for name in _QUANTITIES}
@@ -159,6 +168,8 @@ def to_frame(rows: Sequence[SensorRow]) -> pandas.DataFrame:
     """Return the rows as a table."""
     import pandas
 
-    data = [{"sensors": r.sensors, **{f"{q} [mm]": 1e3 * s for q, s in r.std.items()}, "detectable": r.detectable}
-            for r in rows]  # fmt: skip
+    data = [
+        {"sensors": r.sensors, **{f"{q} [mm]": 1e3 * s for q, s in r.std.items()}, "detectable": r.detectable}
+        for r in rows
+    ]
     return pandas.DataFrame(data).set_index("sensors")

@@ -81,9 +81,12 @@ def _evaluated(height: np.ndarray) -> np.ndarray:
 
 
 def run_study(
-    seeds: Sequence[int], folder: Path, progress: Progress = silent, groups: Sequence[str] | None = None,
+    seeds: Sequence[int],
+    folder: Path,
+    progress: Progress = silent,
+    groups: Sequence[str] | None = None,
     full: int | None = None,
-) -> list[LiftScores]:  # fmt: skip
+) -> list[LiftScores]:
     """Return the scores of virtual lifts, using those that the folder already has.
 
     Parameters

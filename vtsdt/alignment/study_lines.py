@@ -15,9 +15,16 @@ from vtsdt.alignment.score import Score
 from vtsdt.alignment.virtual_lifts import EVALUATED_TRIPS, LiftCase
 
 __all__ = [
-    "EVERY_LIFT", "FIRST_UNSEEN_SEED", "IF_SHORT", "TEN_TRIPS", "TWENTY_TRIPS", "UNDISTURBED", "LiftScores", "Line",
+    "EVERY_LIFT",
+    "FIRST_UNSEEN_SEED",
+    "IF_SHORT",
+    "TEN_TRIPS",
+    "TWENTY_TRIPS",
+    "UNDISTURBED",
+    "LiftScores",
+    "Line",
     "lines",
-]  # fmt: skip
+]
 
 #: Lines that the page quotes.
 TEN_TRIPS, UNDISTURBED, TWENTY_TRIPS = "ten trips, default tuning", "none, four trips", "20 trips"

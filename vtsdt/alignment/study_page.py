@@ -88,11 +88,18 @@ def _by_lift(lifts: Sequence[LiftScores]) -> list[str]:
             continue
         others = [lift.score(what) for what in (UNDISTURBED, TWENTY_TRIPS)]
         cells += [
-            f"{ten.correlation:.3f}", f"{ten.median_correlation:.3f}", f"{_or_nan(ten.in_plane_correlation):.3f}",
-            f"{_or_nan(ten.expected_correlation):.3f}", *("" if s is None else f"{s.correlation:.3f}" for s in others),
-            f"{1e3 * ten.rms:.2f}", f"{1e3 * ten.mean_error:+.2f}", f"{ten.false}", f"{ten.missed}",
-            f"{ten.agreement:.0%}", f"{_or_nan(ten.coverage):.0%}",
-        ]  # fmt: skip
+            f"{ten.correlation:.3f}",
+            f"{ten.median_correlation:.3f}",
+            f"{_or_nan(ten.in_plane_correlation):.3f}",
+            f"{_or_nan(ten.expected_correlation):.3f}",
+            *("" if s is None else f"{s.correlation:.3f}" for s in others),
+            f"{1e3 * ten.rms:.2f}",
+            f"{1e3 * ten.mean_error:+.2f}",
+            f"{ten.false}",
+            f"{ten.missed}",
+            f"{ten.agreement:.0%}",
+            f"{_or_nan(ten.coverage):.0%}",
+        ]
         rows.append(f"| {lift.seed} | {' | '.join(cells)} |")
     return rows
 
@@ -172,8 +179,9 @@ def _shortfall(lift: LiftScores, ten: Score) -> str:
         "height"
     )
     for what, words in (
-        (UNDISTURBED, f"{UNDISTURBED_TRIPS} trips without the disturbing force"), (TWENTY_TRIPS, "20 trips"),
-    ):  # fmt: skip
+        (UNDISTURBED, f"{UNDISTURBED_TRIPS} trips without the disturbing force"),
+        (TWENTY_TRIPS, "20 trips"),
+    ):
         other = lift.score(what)
         if other is not None:
             reached = "reach it" if other.passed else f"fall short as well ({', '.join(other.shortfalls())})"

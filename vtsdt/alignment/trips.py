@@ -173,10 +173,15 @@ def read_trips(
     wanted = find_columns(paths[0], columns)
     time = wanted.pop("time", "time_s")
     records = read_records(
-        list(paths), time=time, columns=wanted, units={r: ROLES[r][0] for r in wanted}, measured_units=units,
-        rules=ReadRules(start=start, stop=stop), may_be_constant=tuple(wanted),
+        list(paths),
+        time=time,
+        columns=wanted,
+        units={r: ROLES[r][0] for r in wanted},
+        measured_units=units,
+        rules=ReadRules(start=start, stop=stop),
+        may_be_constant=tuple(wanted),
         defaults={"payload": 0.0} if "payload" in wanted and not (columns or {}).get("payload") else None,
-    )  # fmt: skip
+    )
     given = parameters if parameters is not None else LiftParameters.bench()
     faults = [fault for record in records for fault in _faults(record, given)]
     if faults:
@@ -200,9 +205,15 @@ def prepare(record: Record, low_pass_hz: float = 60.0) -> Trip:
     if cutoff < low_pass_hz:
         notes.append(f"{record.name}: low-passed at {cutoff:g} Hz, because its rate is {record.rate:.4g} Hz")
     return Trip(
-        name=record.name, time=time, tension=tension, height=height, acceleration=acceleration - offset,
-        payload=payload, offset=offset, notes=tuple(notes),
-    )  # fmt: skip
+        name=record.name,
+        time=time,
+        tension=tension,
+        height=height,
+        acceleration=acceleration - offset,
+        payload=payload,
+        offset=offset,
+        notes=tuple(notes),
+    )
 
 
 def _speed_change(time: np.ndarray, height: np.ndarray) -> float:

@@ -131,11 +131,18 @@ def maximum_likelihood(
         # Each trip has its own initial state, so each is tuned alone; the geometric mean is used.
         results = [
             tune(
-                model, part, sensor.noise(), sensor.prior(trip), process=[names[k] for k in _FREE],
-                measurement=["z_c", "zdd_c"], steps=steps, progress=progress, once=True,
+                model,
+                part,
+                sensor.noise(),
+                sensor.prior(trip),
+                process=[names[k] for k in _FREE],
+                measurement=["z_c", "zdd_c"],
+                steps=steps,
+                progress=progress,
+                once=True,
             )
             for part, trip in zip(trips.raw, trips.smooth, strict=True)
-        ]  # fmt: skip
+        ]
         values = np.exp(np.mean([np.log(tuned.to_frame()["tuned"].to_numpy()) for tuned in results], axis=0))
         process = {**tuning.process, **dict(zip(_FREE, map(float, values), strict=False))}
         tuning = dataclasses.replace(
@@ -170,9 +177,12 @@ def fit_tuning(trips: TunedTrips, tuning: Tuning) -> TuningFit:
     squares = np.nanmean(np.concatenate([run.normalised**2 for run in runs]), axis=0) if runs else (np.nan, np.nan)
     shares = [_at_bound(sensor, trip) for trip in trips.smooth]
     return TuningFit(
-        tuning=tuning, likelihood=float(likelihood), height=float(squares[0]), acceleration=float(squares[1]),
+        tuning=tuning,
+        likelihood=float(likelihood),
+        height=float(squares[0]),
+        acceleration=float(squares[1]),
         bound=float(np.mean(shares)),
-    )  # fmt: skip
+    )
 
 
 def _at_bound(sensor: GuideFilter, trip: Trip) -> float:
@@ -212,22 +222,29 @@ def page_text(rows: Sequence[TuningFit], searches: Sequence[Sequence[Tuned]], co
         Which made them.
     """
     text = [
-        "# Tuning of the alignment's filter", "", f"Written by `{command}`.", "",
+        "# Tuning of the alignment's filter",
+        "",
+        f"Written by `{command}`.",
+        "",
         "The noise that the joint filter of [`vtsdt align`](../howto/align.md) assumes: densities of the process noise "
         "(unit² per second) and variances of the readings, for Table 2 of González et al. 2020 as printed, for the "
         "other tunings that ship, and for the present maximum of the marginal likelihood. Likelihood and innovations "
         "are those of two trips of a virtual lift, up and down, as sampled: low-passed readings are not white, so "
         "their likelihood has no meaning. The last column is for the same trips low-passed, as the command uses "
-        "them.", "",
-        table_text(rows), "",
+        "them.",
+        "",
+        table_text(rows),
+        "",
         "Innovations² over expected are 1 where the filter estimates its own error correctly; far below 1 the assumed "
         "noise is too large, far above 1 too small. δ at its lower bound: the share of the samples at which the "
         "estimated cabin has lost contact with the rail. There the shoes are loose, no reading depends on δ, and the "
-        "filter explains friction by lateral motion that a cabin between rails cannot make.", "",
+        "filter explains friction by lateral motion that a cabin between rails cannot make.",
+        "",
         "The noise of x decides this. 1e-2 m²/s, as printed, is 3 mm between samples at 1 kHz, and 1e-4 m²/s is 0.3 "
         "mm; the play of a shoe is 0.6 mm. Table 2 also assumes an accelerometer accurate to 0.3 mm/s² and a height "
-        "accurate to 10 mm.", "",
-    ]  # fmt: skip
+        "accurate to 10 mm.",
+        "",
+    ]
     for k, results in enumerate(searches):
         for trip, tuned in enumerate(results):
             before, after = tuned.log_likelihoods[0], tuned.log_likelihoods[-1]
@@ -245,7 +262,7 @@ def page_text(rows: Sequence[TuningFit], searches: Sequence[Sequence[Tuned]], co
         ]
     text += [
         "",
-        "The estimates with each of them are in the lines \"tuning\" of [the study on the virtual "
+        'The estimates with each of them are in the lines "tuning" of [the study on the virtual '
         "lift](../benchmarks/guide-alignment.md).",
     ]
     return "\n".join(text) + "\n"

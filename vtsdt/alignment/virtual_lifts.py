@@ -27,9 +27,19 @@ from vtsdt.rig.rails import rail_tables
 from vtsdt.rig.rig import LiftRig
 
 __all__ = [
-    "EVALUATED_TRIPS", "RAIL_SHIFT", "SCALING_TRIPS", "UNDISTURBED_TRIPS", "LiftCase", "Visit", "make_case",
-    "prefixed", "prepared", "recorded", "visit", "with_sensor_errors",
-]  # fmt: skip
+    "EVALUATED_TRIPS",
+    "RAIL_SHIFT",
+    "SCALING_TRIPS",
+    "UNDISTURBED_TRIPS",
+    "LiftCase",
+    "Visit",
+    "make_case",
+    "prefixed",
+    "prepared",
+    "recorded",
+    "visit",
+    "with_sensor_errors",
+]
 
 #: How far the whole rail is moved for the paper's scaling, m.
 RAIL_SHIFT = 1e-3
@@ -111,9 +121,15 @@ class LiftCase:
 
 
 def visit(
-    seed: int, number: int, trips: int, *, shift: float = 0.0, force: float = 1.0,
-    parameters: LiftParameters | None = None, progress: Progress = silent,
-) -> Visit:  # fmt: skip
+    seed: int,
+    number: int,
+    trips: int,
+    *,
+    shift: float = 0.0,
+    force: float = 1.0,
+    parameters: LiftParameters | None = None,
+    progress: Progress = silent,
+) -> Visit:
     """Record trips of a virtual lift.
 
     Parameters
@@ -137,9 +153,16 @@ def visit(
         moved = dataclasses.replace(guide.right_x, deviation=tuple(d + shift for d in guide.right_x.deviation))
         given = dataclasses.replace(given, cabin_guide=dataclasses.replace(guide, right_x=moved))
     rig = LiftRig(
-        seed=seed, trips=trips, under_test="cabin", only_express=True, logger=Logger(rate=1000.0, fine=4), rails=None,
-        parameters=given, configuration=number, disturbance=RigDisturbance(force),
-    )  # fmt: skip
+        seed=seed,
+        trips=trips,
+        under_test="cabin",
+        only_express=True,
+        logger=Logger(rate=1000.0, fine=4),
+        rails=None,
+        parameters=given,
+        configuration=number,
+        disturbance=RigDisturbance(force),
+    )
     drawn = perturb(rig.uncertain, rig.stream(1))
     values = {name: float(getattr(v, "value", v)) for name, v in dict(drawn).items()}
     nominal = {u.name: u.value for u in rig.uncertain}
@@ -151,9 +174,10 @@ def recorded(rig: LiftRig, values: dict[str, float], progress: Progress) -> Reco
     """Return the readings of a virtual lift's sensors on each of its trips."""
     _, runs = rig.record(values, (), (), [f"trip {k + 1}" for k in range(rig.trips)], progress)
     columns = {
-        "tension": ("tension_c_N", 1.0), "height": ("cabin_height_mm", 1e-3),
+        "tension": ("tension_c_N", 1.0),
+        "height": ("cabin_height_mm", 1e-3),
         "acceleration": ("cabin_acceleration_m_per_s2", 1.0),
-    }  # fmt: skip
+    }
     return tuple(
         {"time": stamps, **{k: factor * table[column] for k, (column, factor) in columns.items()}}
         for _, stamps, table in runs
@@ -176,10 +200,14 @@ def make_case(seed: int, trips: int = EVALUATED_TRIPS, progress: Progress = sile
     height = np.arange(round(travel / _STEP) + 1) * _STEP
     rails = evaluated.parameters.cabin_guide.profiles()
     return LiftCase(
-        seed=seed, evaluated=evaluated, before=before, after=after, height=height,
+        seed=seed,
+        evaluated=evaluated,
+        before=before,
+        after=after,
+        height=height,
         pressing=pressing_deviation(evaluated.parameters, height),
         in_plane=equivalent_deviation(rails, (cabin.shoe_low, cabin.shoe_high), height),
-    )  # fmt: skip
+    )
 
 
 def prefixed(progress: Progress, prefix: str) -> Progress:
@@ -200,10 +228,18 @@ def prepared(records: Sequence[dict[str, np.ndarray]]) -> list[Trip]:
 
 
 def with_sensor_errors(
-    records: Sequence[dict[str, np.ndarray]], seed: int, *, tension_gain: float = 0.0, tension_offset: float = 0.0,
-    tension_noise: float = 0.0, acceleration_noise: float = 0.0, acceleration_offset: float = 0.0,
-    height_noise: float = 0.0, height_offset: float = 0.0, height_gain: float = 0.0,
-) -> list[dict[str, np.ndarray]]:  # fmt: skip
+    records: Sequence[dict[str, np.ndarray]],
+    seed: int,
+    *,
+    tension_gain: float = 0.0,
+    tension_offset: float = 0.0,
+    tension_noise: float = 0.0,
+    acceleration_noise: float = 0.0,
+    acceleration_offset: float = 0.0,
+    height_noise: float = 0.0,
+    height_offset: float = 0.0,
+    height_gain: float = 0.0,
+) -> list[dict[str, np.ndarray]]:
     """Return records with further errors of their sensors: gain errors (1 is 100 %), offsets, white noise."""
     rng = np.random.default_rng([seed, 77])
     changed = []
@@ -212,12 +248,15 @@ def with_sensor_errors(
         changed.append(
             {
                 "time": record["time"],
-                "tension": (1.0 + tension_gain) * record["tension"] + tension_offset
+                "tension": (1.0 + tension_gain) * record["tension"]
+                + tension_offset
                 + tension_noise * rng.standard_normal(size),
-                "height": (1.0 + height_gain) * record["height"] + height_offset
+                "height": (1.0 + height_gain) * record["height"]
+                + height_offset
                 + height_noise * rng.standard_normal(size),
-                "acceleration": record["acceleration"] + acceleration_offset
+                "acceleration": record["acceleration"]
+                + acceleration_offset
                 + acceleration_noise * rng.standard_normal(size),
             }
-        )  # fmt: skip
+        )
     return changed

@@ -27,13 +27,22 @@ def main(arguments: Sequence[str]) -> int:
     with ProgressLine(args.quiet) as progress:
         progress("read the trips")
         trips = read_trips(
-            args.trips, columns=columns, units=units, parameters=parameters, low_pass_hz=args.low_pass,
-            start=args.start, stop=args.stop,
-        )  # fmt: skip
+            args.trips,
+            columns=columns,
+            units=units,
+            parameters=parameters,
+            low_pass_hz=args.low_pass,
+            start=args.start,
+            stop=args.stop,
+        )
         alignment = align(
-            trips, parameters, tuning=args.tuning, threshold=1e-3 * args.threshold, balanced=not args.no_balance,
+            trips,
+            parameters,
+            tuning=args.tuning,
+            threshold=1e-3 * args.threshold,
+            balanced=not args.no_balance,
             progress=progress,
-        )  # fmt: skip
+        )
         progress("write the report")
         page = write(alignment, out, parameters, trips)
     if not args.quiet:
@@ -56,21 +65,29 @@ def _parser() -> Parser:
     add("trips", metavar="TRIP", nargs="+", help="recordings, one trip each (CSV, Parquet or MATLAB)")
     add("--lift", metavar="FILE.toml", default=None, help="parameters of the lift (default: the shipped bench)")
     add(
-        "--threshold", metavar="MM", type=number(True, "threshold"), default=1e3 * THRESHOLD,
+        "--threshold",
+        metavar="MM",
+        type=number(True, "threshold"),
+        default=1e3 * THRESHOLD,
         help="deviation to be corrected, mm (default 2.3)",
-    )  # fmt: skip
+    )
     add(
-        "--tuning", choices=tuple(TUNINGS), default=DEFAULT,
+        "--tuning",
+        choices=tuple(TUNINGS),
+        default=DEFAULT,
         help="; ".join(f"{t.name}: {t.meaning}" for t in TUNINGS.values()) + f" (default {DEFAULT})",
-    )  # fmt: skip
+    )
     for role in ("time", *ROLES):
         add(f"--{role}", metavar="COLUMN", default=None, help=f"column of the {role}, if its name is unusual")
     for role in ROLES:
         add(f"--{role}-unit", metavar="UNIT", default=None, help=_unit_help(role))
     add(
-        "--low-pass", metavar="HZ", type=number(True, "frequency"), default=60.0,
+        "--low-pass",
+        metavar="HZ",
+        type=number(True, "frequency"),
+        default=60.0,
         help="of all signals (default 60; the model does not hold above it)",
-    )  # fmt: skip
+    )
     add("--start", metavar="S", type=float, default=None, help="use the record from this time on, s")
     add("--stop", metavar="S", type=float, default=None, help="use the record up to this time, s")
     add("--no-balance", action="store_true", help="do not correct the zero of the tension and the cabin's mass")

@@ -31,9 +31,17 @@ def main(arguments: Sequence[str]) -> int:
             message = list_table(list_axis(strength=args.strength, dry=args.dry_friction))
         else:
             study = make_axis(
-                args.out, args.hide, args.seed, args.trips, args.strength, args.disturbance,
-                dry=args.dry_friction, over=args.unknown_over, plan=plan, progress=progress,
-            )  # fmt: skip
+                args.out,
+                args.hide,
+                args.seed,
+                args.trips,
+                args.strength,
+                args.disturbance,
+                dry=args.dry_friction,
+                over=args.unknown_over,
+                plan=plan,
+                progress=progress,
+            )
             message = (
                 f"{args.trips} synthetic recordings of a virtual axis are in {study.parent}\n"
                 f"next: vtsdt diagnose {study} --out {study.parent / 'diagnosis'}"
@@ -50,29 +58,43 @@ def _parser() -> Parser:
     )
     add = parser.add_argument
     add(
-        "--hide", metavar="KIND[@WHERE]", action="extend", nargs="+", default=[],
+        "--hide",
+        metavar="KIND[@WHERE]",
+        action="extend",
+        nargs="+",
+        default=[],
         help="effect to hide; give several, or repeat the option",
-    )  # fmt: skip
+    )
     add("--list", action="store_true", help="print what can be hidden, where, and its usual size")
     add("--seed", metavar="N", type=whole(0, "seed"), default=0, help="of all random numbers (default 0)")
     add("--trips", metavar="N", type=whole(2, "number of trips"), default=8, help="recordings (default 8)")
     add(
-        "--strength", metavar="FACTOR", type=number(True, "factor"), default=1.0,
+        "--strength",
+        metavar="FACTOR",
+        type=number(True, "factor"),
+        default=1.0,
         help="factor on the usual size of what is hidden (default 1)",
-    )  # fmt: skip
+    )
     add(
-        "--disturbance", metavar="N", type=number(False, "force"), default=3.0,
+        "--disturbance",
+        metavar="N",
+        type=number(False, "force"),
+        default=3.0,
         help="root mean square of the force that disturbs the carriage, N (default 3)",
-    )  # fmt: skip
+    )
     add("--dry-friction", action="store_true", help="the guide has dry friction, which the model knows")
     add(
-        "--trip", metavar="PLAN", default="",
+        "--trip",
+        metavar="PLAN",
+        default="",
         help="other trips of the same machine, as diagnose proposes them: speed=0.5,amplitude=1.5,mirror,stops=3,"
         "load=1.5,sensor=OUTPUT, any of these",
-    )  # fmt: skip
+    )
     add(
-        "--unknown-over", metavar="WHAT", default="position",
+        "--unknown-over",
+        metavar="WHAT",
+        default="position",
         help="what unknown_force depends on: position, speed or time (default position)",
-    )  # fmt: skip
+    )
     common(parser, out=False)
     return parser

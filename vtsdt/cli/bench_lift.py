@@ -47,9 +47,14 @@ def main(arguments: Sequence[str]) -> int:
             rows = rig.list()
         elif many:
             studies = make_configurations(
-                args.out, args.configurations, args.hide,
-                rig=rig, parameter_file=args.lift, command=command, progress=progress,
-            )  # fmt: skip
+                args.out,
+                args.configurations,
+                args.hide,
+                rig=rig,
+                parameter_file=args.lift,
+                command=command,
+                progress=progress,
+            )
         else:
             studies = [
                 make_lift(args.out, args.hide, rig=rig, parameter_file=args.lift, command=command, progress=progress)
@@ -69,52 +74,78 @@ def _parser() -> Parser:
     parser = Parser(
         prog="vtsdt bench lift",
         description=(
-            "Write recordings of a virtual lift, as a rig would, with a study file. "
-            "Without --hide nothing is hidden."
+            "Write recordings of a virtual lift, as a rig would, with a study file. Without --hide nothing is hidden."
         ),
     )
     add = parser.add_argument
     add(
-        "--hide", metavar="KIND[@WHERE]", action="extend", nargs="+", default=[],
+        "--hide",
+        metavar="KIND[@WHERE]",
+        action="extend",
+        nargs="+",
+        default=[],
         help="effect to hide; give several, or repeat the option",
-    )  # fmt: skip
+    )
     add("--list", action="store_true", help="print what can be hidden, where, and its usual size")
     add("--seed", metavar="N", type=whole(0, "seed"), default=0, help="of all random numbers (default 0)")
     add(
-        "--model", metavar="NAME", default="one_dimensional",
+        "--model",
+        metavar="NAME",
+        default="one_dimensional",
         help=f"under test: {', '.join(MODELS)} (default the first)",
-    )  # fmt: skip
+    )
     add("--trips", metavar="N", type=whole(2, "number of trips"), default=10, help="recordings (default 10)")
     add(
-        "--rate", metavar="HZ", type=number(True, "rate"), default=None,
+        "--rate",
+        metavar="HZ",
+        type=number(True, "rate"),
+        default=None,
         help="rows a second (default 250; 1000 with --configurations)",
-    )  # fmt: skip
+    )
     add(
-        "--loads", metavar="KG", type=number(False, "mass"), nargs="+", default=[],
+        "--loads",
+        metavar="KG",
+        type=number(False, "mass"),
+        nargs="+",
+        default=[],
         help="payloads in turn (default 0 2 4 for the 1D model)",
-    )  # fmt: skip
+    )
     add(
-        "--guides", metavar="HOW", default="drawn", choices=("drawn", "given"),
+        "--guides",
+        metavar="HOW",
+        default="drawn",
+        choices=("drawn", "given"),
         help="drawn from a spectrum, or given by the lift's parameters (default drawn)",
-    )  # fmt: skip
+    )
     add("--lift", metavar="FILE.toml", default=None, help="parameters of the lift (default: the shipped bench)")
     add(
-        "--strength", metavar="FACTOR", type=number(True, "factor"), default=1.0,
+        "--strength",
+        metavar="FACTOR",
+        type=number(True, "factor"),
+        default=1.0,
         help="factor on the usual size of what is hidden (default 1)",
-    )  # fmt: skip
+    )
     add(
-        "--disturbance", metavar="N", type=number(False, "force"), default=1.0,
+        "--disturbance",
+        metavar="N",
+        type=number(False, "force"),
+        default=1.0,
         help="root mean square of the force that disturbs the cabin, N (default 1)",
-    )  # fmt: skip
+    )
     add(
-        "--unknown-over", metavar="WHAT", default="position",
+        "--unknown-over",
+        metavar="WHAT",
+        default="position",
         help="what unknown_force depends on: position, speed or time",
-    )  # fmt: skip
+    )
     add("--express", action="store_true", help="all trips from end to end, up and down in turn")
     add(
-        "--configurations", metavar="N", type=whole(1, "number of configurations"), default=0,
+        "--configurations",
+        metavar="N",
+        type=whole(1, "number of configurations"),
+        default=0,
         help="write N folders, each with newly set guides; implies --express",
-    )  # fmt: skip
+    )
     common(parser, out=False)
     return parser
 

@@ -18,13 +18,16 @@ def diagnose(arguments: Sequence[str]) -> int:
         "diagnosis.json, report.html, figures and model.json.",
     )
     parser.add_argument(
-        "--max-effects", metavar="N", type=whole(0, "number of effects"),
+        "--max-effects",
+        metavar="N",
+        type=whole(0, "number of effects"),
         help="effects added at most; default: the study's",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--resume", action="store_true",
+        "--resume",
+        action="store_true",
         help="continue from history.json in DIR: after an interruption, or to rebuild the stages of another history",
-    )  # fmt: skip
+    )
     common(parser)
     args = parser.parse_args(list(arguments))
     check_out(args.out)
@@ -38,7 +41,7 @@ def compare(arguments: Sequence[str]) -> int:
     """Run ``vtsdt compare``."""
     parser = _parser(
         "compare", "Compare a model with recordings and say where the model fails. Nothing is added to it."
-    )  # fmt: skip
+    )
     common(parser)
     args = parser.parse_args(list(arguments))
     check_out(args.out)

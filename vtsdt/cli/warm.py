@@ -17,9 +17,14 @@ if TYPE_CHECKING:
 __all__ = ["MODELS", "REHEARSALS", "main", "shipped", "warm"]
 
 #: Parts of a compiled system, and what each is.
-_PARTS = {"rhs_function": "rates", "outputs_function": "outputs", "rhs_tangent": "Jacobian of the rates",
-          "rhs_columns": "its columns side by side", "outputs_tangent": "Jacobian of the outputs",
-          "speeds_function": "speeds of what passes by"}  # fmt: skip
+_PARTS = {
+    "rhs_function": "rates",
+    "outputs_function": "outputs",
+    "rhs_tangent": "Jacobian of the rates",
+    "rhs_columns": "its columns side by side",
+    "outputs_tangent": "Jacobian of the outputs",
+    "speeds_function": "speeds of what passes by",
+}
 
 #: The shipped models by name: the function that builds each.
 MODELS = {

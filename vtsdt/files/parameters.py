@@ -29,7 +29,7 @@ __all__ = [
     "RopeParameters",
     "SupportParameters",
     "TripParameters",
-]  # fmt: skip
+]
 
 #: The parameter file of the shipped bench.
 BENCH = Path(__file__).with_name("data") / "bench.toml"
@@ -213,8 +213,10 @@ class LiftParameters:
     def straightened(self, largest: float | None = None) -> LiftParameters:
         """Return the lift with all rail deviations above ``largest`` (m) corrected to it; None: straight rails."""
         return dataclasses.replace(
-            self, cabin_guide=self.cabin_guide.straightened(largest),
-            counterweight_guide=self.counterweight_guide.straightened(largest))
+            self,
+            cabin_guide=self.cabin_guide.straightened(largest),
+            counterweight_guide=self.counterweight_guide.straightened(largest),
+        )
 
     def lubricated(self, factor: float) -> LiftParameters:
         """Return the lift with both friction coefficients times ``factor``."""
@@ -249,21 +251,25 @@ def _misfits(lift: LiftParameters) -> Iterator[str]:
         if hoistway.rail_bottom > low:
             yield (
                 f"[hoistway] the rails begin at {hoistway.rail_bottom:g} m, but the {side}'s lower shoes reach down to "
-                f"{low:g} m: lower rail_bottom")
+                f"{low:g} m: lower rail_bottom"
+            )
         if hoistway.rail_top < high:
             yield (
                 f"[hoistway] the rails end at {hoistway.rail_top:g} m, but the {side}'s upper shoes reach {high:g} m "
-                "at the end of the travel: raise rail_top or shorten the travel")
+                "at the end of the travel: raise rail_top or shorten the travel"
+            )
         if guide.clearance >= guide.gap:
             yield (
                 f"[{side}_guide] the clearance {guide.clearance * 1e3:g} mm is not smaller than the gap of "
-                f"{guide.gap * 1e3:g} mm: the shoe would not hold the rail (are the units right?)")
+                f"{guide.gap * 1e3:g} mm: the shoe would not hold the rail (are the units right?)"
+            )
         for name, profile in guide.profiles().items():
             yield from _profile_faults(f"[{side}_guide.{name}]", profile, low, high, guide)
     if lift.ropes.L_0_c <= hoistway.travel:
         yield (
             f"[ropes] L_0_c is {lift.ropes.L_0_c:g} m with the cabin at the bottom, so no rope is left on its side "
-            f"after {lift.ropes.L_0_c:g} m of a travel of {hoistway.travel:g} m")
+            f"after {lift.ropes.L_0_c:g} m of a travel of {hoistway.travel:g} m"
+        )
 
 
 def _profile_faults(name: str, profile: RailProfile, low: float, high: float, guide: GuideParameters) -> Iterator[str]:
@@ -272,10 +278,12 @@ def _profile_faults(name: str, profile: RailProfile, low: float, high: float, gu
     if profile.height[-1] < high:
         yield (
             f"{name} ends at {profile.height[-1]:g} m, but the shoes reach {high:g} m: the rail is shorter than "
-            "the travel")
+            "the travel"
+        )
     for h, d in zip(profile.height, profile.deviation, strict=True):
         if abs(d) > guide.gap:
             yield (
                 f"{name} deviates by {d * 1e3:g} mm at {h:g} m, more than the shoe's gap of {guide.gap * 1e3:g} mm "
-                "(are the units right?)")
+                "(are the units right?)"
+            )
             return

@@ -153,12 +153,14 @@ def corrective_actions(
     straight = as_is.straightened(threshold)
     # with tables of the same size all four cases have one structure, which is compiled once
     as_is = dataclasses.replace(
-        as_is, cabin_guide=as_is.cabin_guide.resampled_as(straight.cabin_guide),
-        counterweight_guide=as_is.counterweight_guide.resampled_as(straight.counterweight_guide))
+        as_is,
+        cabin_guide=as_is.cabin_guide.resampled_as(straight.cabin_guide),
+        counterweight_guide=as_is.counterweight_guide.resampled_as(straight.counterweight_guide),
+    )
     cases = {
-        "original": as_is, "straightened": straight, "lubrication": as_is.lubricated(lubrication),
+        "original": as_is,
+        "straightened": straight,
+        "lubrication": as_is.lubricated(lubrication),
         "both": straight.lubricated(lubrication),
     }
-    return {
-        name: energy_balance(Lift.reference(given, profile=True), **options).trip for name, given in cases.items()
-    }
+    return {name: energy_balance(Lift.reference(given, profile=True), **options).trip for name, given in cases.items()}

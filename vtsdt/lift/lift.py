@@ -48,22 +48,44 @@ class Lift(LiftModel):
     """
 
     @classmethod
-    def reference(cls, parameters: LiftParameters | None = None, *, start: float = 0.0, payload: Any = None,
-                  name: str | None = None, **structure: bool) -> Lift:
+    def reference(
+        cls,
+        parameters: LiftParameters | None = None,
+        *,
+        start: float = 0.0,
+        payload: Any = None,
+        name: str | None = None,
+        **structure: bool,
+    ) -> Lift:
         """Return the reference model: 37 states, input omega_ref (and tau_L)."""
         return cls(parameters, Structure(**structure), start=start, payload=payload, name=name)
 
     @classmethod
-    def one_dimensional(cls, parameters: LiftParameters | None = None, *, start: float = 0.0, payload: Any = None,
-                        name: str | None = None, **structure: bool) -> Lift:
+    def one_dimensional(
+        cls,
+        parameters: LiftParameters | None = None,
+        *,
+        start: float = 0.0,
+        payload: Any = None,
+        name: str | None = None,
+        **structure: bool,
+    ) -> Lift:
         """Return the 1D model: 17 states, inputs omega_ref and the two friction forces."""
         locked = dict.fromkeys(
-            ("cabin_lateral", "cabin_rotation", "counterweight_lateral", "counterweight_rotation"), False)
+            ("cabin_lateral", "cabin_rotation", "counterweight_lateral", "counterweight_rotation"), False
+        )
         return cls(parameters, Structure(**{**locked, **structure}), start=start, payload=payload, name=name)
 
     @classmethod
-    def cabin(cls, parameters: LiftParameters | None = None, *, start: float = 0.0, payload: Any = None,
-              name: str | None = None, **structure: bool) -> Lift:
+    def cabin(
+        cls,
+        parameters: LiftParameters | None = None,
+        *,
+        start: float = 0.0,
+        payload: Any = None,
+        name: str | None = None,
+        **structure: bool,
+    ) -> Lift:
         """Return the cabin model: 12 states, input the tension F_c."""
         return cls(parameters, Structure(**{"drive": False, **structure}), start=start, payload=payload, name=name)
 

@@ -86,8 +86,13 @@ class LiftModel(Model):
     """
 
     def __init__(
-        self, parameters: LiftParameters | None = None, structure: Structure | None = None, *, start: float = 0.0,
-        payload: tuple[float, float, float, float] | None = None, name: str | None = None,
+        self,
+        parameters: LiftParameters | None = None,
+        structure: Structure | None = None,
+        *,
+        start: float = 0.0,
+        payload: tuple[float, float, float, float] | None = None,
+        name: str | None = None,
     ):
         self.parameters = parameters if parameters is not None else LiftParameters.bench()
         self.structure = structure if structure is not None else Structure()
@@ -120,8 +125,12 @@ class LiftModel(Model):
         accelerometer = self.add("accelerometer", Accelerometer())
         self.connect(accelerometer.frame, "cabin.accelerometer")
         if s.sensors and s.drive:
-            chains = {"omega": ("machine.omega", "rad/s"), "i_q": ("machine.i_q_measured", "A"),
-                      "F_c": ("ropes.F_c", "N"), "F_cw": ("ropes.F_cw", "N")}
+            chains = {
+                "omega": ("machine.omega", "rad/s"),
+                "i_q": ("machine.i_q_measured", "A"),
+                "F_c": ("ropes.F_c", "N"),
+                "F_cw": ("ropes.F_cw", "N"),
+            }
             for name, (source, unit) in chains.items():
                 chain = self.add(f"sensor_{name}", SensorChannel(unit=unit))
                 self.connect(source, chain.input)
@@ -136,9 +145,24 @@ class LiftModel(Model):
         x, y, z = body.com
         i_xx, i_yy, i_zz = body.inertia
         free = {**dict.fromkeys(_LATERAL, lateral), **dict.fromkeys(_ROTATIONS, rotation)}
-        self.add(name, Car(
-            mass=body.mass, com_x=x, com_y=y, com_z=z, I_xx=i_xx, I_yy=i_yy, I_zz=i_zz, hitch_z=body.hitch,
-            shoe_x=body.shoe_x, shoe_low=body.shoe_low, shoe_high=body.shoe_high, z_start=height, **free))
+        self.add(
+            name,
+            Car(
+                mass=body.mass,
+                com_x=x,
+                com_y=y,
+                com_z=z,
+                I_xx=i_xx,
+                I_yy=i_yy,
+                I_zz=i_zz,
+                hitch_z=body.hitch,
+                shoe_x=body.shoe_x,
+                shoe_low=body.shoe_low,
+                shoe_high=body.shoe_high,
+                z_start=height,
+                **free,
+            ),
+        )
 
     def _guide(self, side: str, guide: GuideParameters, body: BodyParameters, lateral: bool, friction: str) -> None:
         name = f"{side}_guide"
@@ -154,9 +178,17 @@ class LiftModel(Model):
             straight = ((self.parameters.hoistway.rail_bottom, self.parameters.hoistway.rail_top), (0.0, 0.0))
             tables = {"left_y": straight, "right_y": straight, **tables}
         values = {k: getattr(guide, k) for k in ("stiffness", "damping", "clearance", "mu", "v_s", "ramp")}
-        part = self.add(name, GuidingSystem(
-            left_curved="left_x" in given, right_curved="right_x" in given, y_curved=bent_y,
-            half_gauge=body.shoe_x, **values, **tables))
+        part = self.add(
+            name,
+            GuidingSystem(
+                left_curved="left_x" in given,
+                right_curved="right_x" in given,
+                y_curved=bent_y,
+                half_gauge=body.shoe_x,
+                **values,
+                **tables,
+            ),
+        )
         for place in ("left_low", "left_high", "right_low", "right_high"):
             self.connect(getattr(part, place), f"{side}.{place}")
 
@@ -165,9 +197,16 @@ class LiftModel(Model):
         values = dataclasses.asdict
         h_c, h_cw = self.rim_heights
         pulley = self.add("pulley", DrivingPulley(J_p=p.pulley.J_p))
-        ropes = Ropes(**{
-            **values(p.ropes), "R_p": p.pulley.R_p, "L_0_c": p.ropes.L_0_c - self.start,
-            "L_0_cw": p.ropes.L_0_cw + self.start, "H_c": h_c, "H_cw": h_cw})
+        ropes = Ropes(
+            **{
+                **values(p.ropes),
+                "R_p": p.pulley.R_p,
+                "L_0_c": p.ropes.L_0_c - self.start,
+                "L_0_cw": p.ropes.L_0_cw + self.start,
+                "H_c": h_c,
+                "H_cw": h_cw,
+            }
+        )
         rim, tilt = self.ground, self.ground
         if s.support_vertical:
             given = values(p.support)
@@ -204,15 +243,28 @@ class LiftModel(Model):
 
     def _name_signals(self) -> None:
         s = self.structure
-        names = {"z_c": "cabin.z", "v_c": "cabin.v_z", "zdd_c": "cabin.a_z", "fric_c": "cabin_guide.friction",
-                 "a_c": "accelerometer.reading"}
+        names = {
+            "z_c": "cabin.z",
+            "v_c": "cabin.v_z",
+            "zdd_c": "cabin.a_z",
+            "fric_c": "cabin_guide.friction",
+            "a_c": "accelerometer.reading",
+        }
         if s.cabin_lateral or s.cabin_rotation:
             names["Nsum_c"] = "cabin_guide.normal"
         if s.drive:
             names |= {
-                "omega": "pulley.speed", "phi": "pulley.angle", "i_q": "machine.i_q", "i_d": "machine.i_d",
-                "V_q": "control.V_q", "V_d": "control.V_d", "tau_e": "machine.torque", "F_c": "ropes.F_c",
-                "F_cw": "ropes.F_cw", "z_cw": "counterweight.z", "zdd_cw": "counterweight.a_z",
+                "omega": "pulley.speed",
+                "phi": "pulley.angle",
+                "i_q": "machine.i_q",
+                "i_d": "machine.i_d",
+                "V_q": "control.V_q",
+                "V_d": "control.V_d",
+                "tau_e": "machine.torque",
+                "F_c": "ropes.F_c",
+                "F_cw": "ropes.F_cw",
+                "z_cw": "counterweight.z",
+                "zdd_cw": "counterweight.a_z",
                 "fric_cw": "counterweight_guide.friction",
             }
             if s.counterweight_lateral or s.counterweight_rotation:

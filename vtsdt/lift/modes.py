@@ -60,11 +60,14 @@ class Modes:
         """Return a table of frequency, damping, share of vertical motion and strongest state."""
         import pandas
 
-        return pandas.DataFrame({
-            "frequency [Hz]": self.frequency, "damping ratio [1]": self.damping,
-            "vertical share [1]": self.vertical_share,
-            "strongest state": [self.states[int(k)] for k in np.argmax(self.participation, axis=1)],
-        })
+        return pandas.DataFrame(
+            {
+                "frequency [Hz]": self.frequency,
+                "damping ratio [1]": self.damping,
+                "vertical share [1]": self.vertical_share,
+                "strongest state": [self.states[int(k)] for k in np.argmax(self.participation, axis=1)],
+            }
+        )
 
 
 def _is_vertical(state: str) -> bool:
@@ -93,9 +96,12 @@ def modes_of(matrix: np.ndarray, states: tuple[str, ...], least: float = 0.5) ->
     poles = values[chosen]
     size = np.abs(poles)
     return Modes(
-        frequency=size / (2 * np.pi), damping=-poles.real / size, participation=share[is_mechanical],
-        shapes=right[:, chosen].T, states=states,
-    )  # fmt: skip
+        frequency=size / (2 * np.pi),
+        damping=-poles.real / size,
+        participation=share[is_mechanical],
+        shapes=right[:, chosen].T,
+        states=states,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,13 +140,22 @@ class ModesAlong:
         if axes is None:
             _, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
         for vertical, marker in ((True, "." if first else "s"), (False, "x" if first else "+")):
-            points = [(length, f) for length, m in zip(self.cable_length, self.modes, strict=True)
-                      for f in m.frequency[m.vertical == vertical] if f <= largest]
+            points = [
+                (length, f)
+                for length, m in zip(self.cable_length, self.modes, strict=True)
+                for f in m.frequency[m.vertical == vertical]
+                if f <= largest
+            ]
             if points:
                 label = f"{self.name}: {'vertical' if vertical else 'lateral and rotational'}"
                 axes.plot(
-                    *zip(*points, strict=True), marker, markersize=5, linestyle="none", label=label,
-                    markerfacecolor=None if first else "none")
+                    *zip(*points, strict=True),
+                    marker,
+                    markersize=5,
+                    linestyle="none",
+                    label=label,
+                    markerfacecolor=None if first else "none",
+                )
         axes.set_xlabel("cable length at the cabin's side [m]")
         axes.set_ylabel("natural frequency [Hz]")
         axes.legend(fontsize="small")

@@ -18,14 +18,27 @@ if TYPE_CHECKING:
 __all__ = ["animate_trip", "diagram", "mode_shapes", "trip_strip"]
 
 _PLACES = {
-    "cabin_guide": (0.0, 1.0), "cabin": (1.0, 1.0), "counterweight": (3.0, 1.0), "counterweight_guide": (4.0, 1.0),
-    "ropes": (2.0, 2.0), "pulley": (2.0, 3.0), "support": (3.0, 3.6), "machine": (1.0, 3.6), "control": (0.0, 3.6),
-    "reference": (0.0, 2.6), "accelerometer": (1.0, 0.0), "payload": (0.0, 0.0), "rope": (1.0, 2.0),
+    "cabin_guide": (0.0, 1.0),
+    "cabin": (1.0, 1.0),
+    "counterweight": (3.0, 1.0),
+    "counterweight_guide": (4.0, 1.0),
+    "ropes": (2.0, 2.0),
+    "pulley": (2.0, 3.0),
+    "support": (3.0, 3.6),
+    "machine": (1.0, 3.6),
+    "control": (0.0, 3.6),
+    "reference": (0.0, 2.6),
+    "accelerometer": (1.0, 0.0),
+    "payload": (0.0, 0.0),
+    "rope": (1.0, 2.0),
     "ground": (4.0, 3.0),
 }
 _STYLE = {
-    "frame": ("tab:blue", "-"), "translation": ("tab:green", "-"), "rotation": ("tab:red", "-"),
-    "electrical": ("tab:orange", "-"), "signal": ("dimgray", "--"),
+    "frame": ("tab:blue", "-"),
+    "translation": ("tab:green", "-"),
+    "rotation": ("tab:red", "-"),
+    "electrical": ("tab:orange", "-"),
+    "signal": ("dimgray", "--"),
 }
 _STRIP = (("z_c", "z_cw"), ("v_c",), ("zdd_c",), ("F_c", "F_cw"), ("fric_c", "fric_cw"), ("i_q", "i_d"), ("z_m",))
 
@@ -53,15 +66,29 @@ def diagram(model: Model, axes: Any = None) -> Any:
     for name in names:
         kind = type(model.components[name]).__name__ if name in model.components else ""
         label = f"{name}\n({kind})" if kind else name
-        axes.text(*at[name], label, ha="center", va="center", fontsize=8, zorder=2,
-                  bbox={"boxstyle": "round", "facecolor": "white", "edgecolor": "black"})
+        axes.text(
+            *at[name],
+            label,
+            ha="center",
+            va="center",
+            fontsize=8,
+            zorder=2,
+            bbox={"boxstyle": "round", "facecolor": "white", "edgecolor": "black"},
+        )
     for name, entry in model.inputs.items():
         for target in entry.targets:
             owner = model.find(target)
             if owner is not None:
                 x, y = at[owner[0]]
-                axes.annotate(name, (x, y), (x - 0.45, y - 0.42), fontsize=8, color="dimgray",
-                              arrowprops={"arrowstyle": "->", "color": "dimgray"}, zorder=1)
+                axes.annotate(
+                    name,
+                    (x, y),
+                    (x - 0.45, y - 0.42),
+                    fontsize=8,
+                    color="dimgray",
+                    arrowprops={"arrowstyle": "->", "color": "dimgray"},
+                    zorder=1,
+                )
     axes.margins(0.15)
     axes.set_axis_off()
     axes.set_title(model.name)
@@ -101,7 +128,8 @@ def trip_strip(run: Trajectory) -> Any:
     rows = [[n for n in row if n in run.names] for row in _STRIP]
     rows = [row for row in rows if row]
     figure, axes = plt.subplots(
-        len(rows), 1, sharex=True, squeeze=False, figsize=(8, 1.5 * len(rows) + 0.6), layout="constrained")
+        len(rows), 1, sharex=True, squeeze=False, figsize=(8, 1.5 * len(rows) + 0.6), layout="constrained"
+    )
     for axis, row in zip(axes[:, 0], rows, strict=True):
         for name in row:
             axis.plot(run.times, run[name], label=name, linewidth=1.0)
@@ -141,9 +169,17 @@ def mode_shapes(lift: Lift, height: float = 0.0, *, vertical: bool = True, size:
 
 #: States that are drawn, and the length in m that one unit of each moves.
 _DRAWN = {
-    "cabin.x": 1.0, "cabin.z": 1.0, "cabin.pitch": 0.3, "counterweight.x": 1.0, "counterweight.z": 1.0,
-    "counterweight.pitch": 0.3, "pulley.angle": 0.1, "support.plate_position": 1.0, "support.position": 1.0,
-    "support.tilt_A_angle": 0.14, "support.tilt_B_angle": 0.16,
+    "cabin.x": 1.0,
+    "cabin.z": 1.0,
+    "cabin.pitch": 0.3,
+    "counterweight.x": 1.0,
+    "counterweight.z": 1.0,
+    "counterweight.pitch": 0.3,
+    "pulley.angle": 0.1,
+    "support.plate_position": 1.0,
+    "support.position": 1.0,
+    "support.tilt_A_angle": 0.14,
+    "support.tilt_B_angle": 0.16,
 }
 
 

@@ -35,7 +35,8 @@ class Reduction:
 
         names = list(self.errors)
         figure, axes = plt.subplots(
-            len(names), 2, sharex=True, squeeze=False, figsize=(10, 1.9 * len(names) + 0.5), layout="constrained")
+            len(names), 2, sharex=True, squeeze=False, figsize=(10, 1.9 * len(names) + 0.5), layout="constrained"
+        )
         t = self.reference.times
         for row, name in zip(axes, names, strict=True):
             unit = self.reference.unit(name) or "1"
@@ -51,9 +52,7 @@ class Reduction:
 
 
 def _errors(reference: Trajectory, reduced: Trajectory, names: tuple[str, ...]) -> dict[str, float]:
-    return {
-        n: float(np.sqrt(np.mean((reduced[n] - reference[n]) ** 2)) / np.std(reference[n])) for n in names
-    }
+    return {n: float(np.sqrt(np.mean((reduced[n] - reference[n]) ** 2)) / np.std(reference[n])) for n in names}
 
 
 def one_dimensional_against_reference(
@@ -65,8 +64,11 @@ def one_dimensional_against_reference(
     full = Lift.reference(parameters, start=start, profile=True).trip(direction, **options)
     friction = {n: (full.times, full[n]) for n in ("fric_c", "fric_cw")}
     reduced = Lift.one_dimensional(parameters, start=start, profile=True).trip(
-        direction, interpolation="cubic",
-        inputs={"friction_c": friction["fric_c"], "friction_cw": friction["fric_cw"]}, **options)
+        direction,
+        interpolation="cubic",
+        inputs={"friction_c": friction["fric_c"], "friction_cw": friction["fric_cw"]},
+        **options,
+    )
     names = ("zdd_c", "zdd_cw", "F_c", "F_cw", "i_q", "omega", "z_c")
     return Reduction(full, reduced, _errors(full, reduced, names))
 
@@ -82,6 +84,10 @@ def cabin_against_reference(
     start = 0.0 if direction == "up" else (parameters or LiftParameters.bench()).hoistway.travel
     full = Lift.reference(parameters, start=start, profile=True).trip(direction, **options)
     reduced = Lift.cabin(parameters, start=start).trip(
-        direction, interpolation="cubic", guess={"cabin.z": float(full["z_c"][0])},
-        inputs={"F_c": (full.times, full["F_c"])}, **options)
+        direction,
+        interpolation="cubic",
+        guess={"cabin.z": float(full["z_c"][0])},
+        inputs={"F_c": (full.times, full["F_c"])},
+        **options,
+    )
     return Reduction(full, reduced, _errors(full, reduced, ("zdd_c", "v_c", "z_c", "fric_c", "Nsum_c")))

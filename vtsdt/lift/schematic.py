@@ -46,8 +46,10 @@ class Schematic:
         axes.set_xlabel(f"x [m], lateral motion × {exaggeration:g}")
         axes.set_ylabel("height [m]")
         width = p.cabin.shoe_x + 0.15
-        axes.set_xlim(-width, (self.centre["counterweight"] + p.counterweight.shoe_x + 0.15)
-                      if "counterweight" in self.sides else width)
+        axes.set_xlim(
+            -width,
+            (self.centre["counterweight"] + p.counterweight.shoe_x + 0.15) if "counterweight" in self.sides else width,
+        )
         axes.set_ylim(p.hoistway.rail_bottom - 0.1, self.top + 0.4)
 
     def _rails(self, centre: float, body: BodyParameters, guide: GuideParameters) -> None:
@@ -85,5 +87,6 @@ class Schematic:
         turn = -state.get("pulley.angle", 0.0) if angle is None else angle
         self.spoke.set_data(
             [middle, middle + p.pulley.R_p * math.sin(turn)],
-            [height + 0.1, height + 0.1 + p.pulley.R_p * math.cos(turn)])
+            [height + 0.1, height + 0.1 + p.pulley.R_p * math.cos(turn)],
+        )
         return [*self.boxes.values(), *self.ropes.values(), self.plate, self.spoke]

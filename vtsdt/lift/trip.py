@@ -72,8 +72,11 @@ def state_at_rest(
         guess.setdefault("cabin.z", height - drop_c - sag)
         return _settled(system, guess, inputs, ("cabin.z", "cabin.v_z", *hold), options)
     guesses = {
-        "cabin.z": height - drop_c - sag, "counterweight.z": p.hoistway.travel - height - drop_cw - sag,
-        "pulley.angle": -distance / p.pulley.R_p, "support.plate_position": -sag, "support.position": -sag,
+        "cabin.z": height - drop_c - sag,
+        "counterweight.z": p.hoistway.travel - height - drop_cw - sag,
+        "pulley.angle": -distance / p.pulley.R_p,
+        "support.plate_position": -sag,
+        "support.position": -sag,
     }
     guess = {**{k: v for k, v in guesses.items() if k in system.state_names}, **guess}
     return _settled(system, guess, inputs, ("pulley.angle", *hold), options)
@@ -91,8 +94,10 @@ def _settled(
             values = {"parameters": options["parameters"]} if options.get("parameters") is not None else {}
             held = {"omega_ref": 0.0, **inputs} if "omega_ref" in system.input_names else inputs
             run = system.simulate(_SETTLING, inputs=held, initial=known, times=np.array([_SETTLING]), **values)
-            known = {**dict(zip(system.state_names, map(float, run.states[-1]), strict=True)),
-                     **{n: known.get(n, 0.0) for n in hold}}
+            known = {
+                **dict(zip(system.state_names, map(float, run.states[-1]), strict=True)),
+                **{n: known.get(n, 0.0) for n in hold},
+            }
     return system.equilibrium(guess=known, inputs=inputs, hold=hold, **options)
 
 
@@ -119,7 +124,8 @@ def check_reference(lift: LiftModel, times: np.ndarray, omega: np.ndarray, heigh
         if np.any(short := length <= 0.0):
             faults.append(
                 f"the rope on the {side}'s side has no length left at {times[np.argmax(short)]:.3f} s, where the "
-                f"reference takes the cabin to {at[np.argmax(short)]:.3f} m")
+                f"reference takes the cabin to {at[np.argmax(short)]:.3f} m"
+            )
     for name, outside in (("top", at > p.hoistway.travel + _MARGIN), ("bottom", at < -_MARGIN)):
         if np.any(outside):
             k = int(np.argmax(outside))
@@ -127,14 +133,21 @@ def check_reference(lift: LiftModel, times: np.ndarray, omega: np.ndarray, heigh
             faults.append(
                 f"the reference leaves the hoistway at its {name} ({end:g} m) at {times[k]:.3f} s and goes on to "
                 f"{at.max() if name == 'top' else at.min():.3f} m; omega_ref is the pulley's speed in rad/s, positive "
-                "lets the cabin down")
+                "lets the cabin down"
+            )
     if faults:
         raise SimulationError(f"'{lift.name}' cannot make this trip:\n" + "\n".join(f"  - {f}" for f in faults))
 
 
 def simulate_trip(
-    lift: LiftModel, direction: str = "up", *, inputs: Mapping[str, Any] | None = None, step: float = 1e-3,
-    height: float | None = None, guess: Mapping[str, float] | None = None, system: System | None = None,
+    lift: LiftModel,
+    direction: str = "up",
+    *,
+    inputs: Mapping[str, Any] | None = None,
+    step: float = 1e-3,
+    height: float | None = None,
+    guess: Mapping[str, float] | None = None,
+    system: System | None = None,
     **options: Any,
 ) -> Trajectory:
     """Simulate a trip from rest.

@@ -48,9 +48,7 @@ def chapters_of_alignment(paper: str, progress: Progress) -> list[PaperChapter]:
     before = align(trips, scaled, observe=False)
     true = equivalent_deviation({"right_x": nominal.cabin_guide.right_x}, before.shoes, before.height)
     straight = _straightened(nominal.cabin_guide, before)
-    after = align(
-        _recorded(straight, 1, _AFTER, prefixed(progress, "Fig. 13: ")), scaled, observe=False
-    )  # fmt: skip
+    after = align(_recorded(straight, 1, _AFTER, prefixed(progress, "Fig. 13: ")), scaled, observe=False)
     return [_figure_8(paper, trips), _figure_9(paper, before, true, factor), _figure_13(paper, before, after)]
 
 

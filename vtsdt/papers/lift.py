@@ -89,8 +89,9 @@ def _table_1() -> PaperChapter:
             )
         )
         given: dict[str, Any] = {
-            "1D": {"friction_c": -7.0, "friction_cw": 4.0}, "cabin": {"F_c": 32.0 * 9.80665},
-        }.get(name, {})  # fmt: skip
+            "1D": {"friction_c": -7.0, "friction_cw": 4.0},
+            "cabin": {"F_c": 32.0 * 9.80665},
+        }.get(name, {})
         lift.trip("up", inputs=given)
         taken = []
         for _ in range(3):
@@ -238,9 +239,20 @@ def _equations() -> PaperChapter:
 
 #: Diagonals of Q and R as printed.
 TABLE_2 = {
-    "x": 1e-2, "y": 1e-2, "z": 1e-2, "v_x": 1e-1, "v_y": 1e-1, "v_z": 1e-1, "roll": 1e-4, "pitch": 1e-4, "yaw": 1e-4,
-    "w_x": 1e-3, "w_y": 1e-3, "w_z": 1e-3, "delta": 1e-3,
-}  # fmt: skip
+    "x": 1e-2,
+    "y": 1e-2,
+    "z": 1e-2,
+    "v_x": 1e-1,
+    "v_y": 1e-1,
+    "v_z": 1e-1,
+    "roll": 1e-4,
+    "pitch": 1e-4,
+    "yaw": 1e-4,
+    "w_x": 1e-3,
+    "w_y": 1e-3,
+    "w_z": 1e-3,
+    "delta": 1e-3,
+}
 
 
 def _table_2() -> PaperChapter:

@@ -67,6 +67,4 @@ class Hoist(Component):
             self.hitch.fx = per_length * dx
             self.hitch.fy = per_length * dy
             self.hitch.fz = per_length * dz
-        self.power = (
-            self.hitch.fx * self.hitch.vx + self.hitch.fy * self.hitch.vy + self.hitch.fz * self.hitch.vz
-        )
+        self.power = self.hitch.fx * self.hitch.vx + self.hitch.fy * self.hitch.vy + self.hitch.fz * self.hitch.vz

@@ -45,7 +45,12 @@ class MachineSupport(Component):
     rim = Translation("vertical motion of the rim")
 
     state_order = (
-        "plate_position", "tilt_A_angle", "tilt_B_angle", "plate_velocity", "tilt_A_speed", "tilt_B_speed",
+        "plate_position",
+        "tilt_A_angle",
+        "tilt_B_angle",
+        "plate_velocity",
+        "tilt_A_speed",
+        "tilt_B_speed",
     )
 
     energy = Energy(meaning="energy of the mounts")
@@ -67,13 +72,17 @@ class MachineSupport(Component):
             w_a = self.tilt_A.speed
             w_b = self.tilt_B.speed
             f_1, a_1, b_1, e_1, h_1 = mount(
-                self.mount_x, self.mount_y, z, a, b, v, w_a, w_b, self.stiffness, self.damping)
+                self.mount_x, self.mount_y, z, a, b, v, w_a, w_b, self.stiffness, self.damping
+            )
             f_2, a_2, b_2, e_2, h_2 = mount(
-                self.mount_x, -self.mount_y, z, a, b, v, w_a, w_b, self.stiffness, self.damping)
+                self.mount_x, -self.mount_y, z, a, b, v, w_a, w_b, self.stiffness, self.damping
+            )
             f_3, a_3, b_3, e_3, h_3 = mount(
-                -self.mount_x, self.mount_y, z, a, b, v, w_a, w_b, self.stiffness, self.damping)
+                -self.mount_x, self.mount_y, z, a, b, v, w_a, w_b, self.stiffness, self.damping
+            )
             f_4, a_4, b_4, e_4, h_4 = mount(
-                -self.mount_x, -self.mount_y, z, a, b, v, w_a, w_b, self.stiffness, self.damping)
+                -self.mount_x, -self.mount_y, z, a, b, v, w_a, w_b, self.stiffness, self.damping
+            )
             self.plate.force = f_1 + f_2 + f_3 + f_4 - self.mass * self.g
             self.tilt_A.torque = a_1 + a_2 + a_3 + a_4
             self.tilt_B.torque = b_1 + b_2 + b_3 + b_4

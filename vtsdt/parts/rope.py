@@ -92,12 +92,33 @@ class Ropes(Component):
         self.m_c = self.lambda_m * self.L_c
         self.m_cw = self.lambda_m * self.L_cw
         self.cabin.fx, self.cabin.fy, self.cabin.fz, self.F_c, e_c, heat_c = rope(
-            self.cabin.px, self.cabin.py, self.cabin.pz, self.cabin.vx, self.cabin.vy, self.cabin.vz,
-            self.H_c + self.rim.position, self.rim.velocity, self.L_c, rate, stiffness, self.damping)
+            self.cabin.px,
+            self.cabin.py,
+            self.cabin.pz,
+            self.cabin.vx,
+            self.cabin.vy,
+            self.cabin.vz,
+            self.H_c + self.rim.position,
+            self.rim.velocity,
+            self.L_c,
+            rate,
+            stiffness,
+            self.damping,
+        )
         self.counterweight.fx, self.counterweight.fy, self.counterweight.fz, self.F_cw, e_cw, heat_cw = rope(
-            self.counterweight.px, self.counterweight.py, self.counterweight.pz,
-            self.counterweight.vx, self.counterweight.vy, self.counterweight.vz,
-            self.H_cw + self.rim.position, self.rim.velocity, self.L_cw, -rate, stiffness, self.damping)
+            self.counterweight.px,
+            self.counterweight.py,
+            self.counterweight.pz,
+            self.counterweight.vx,
+            self.counterweight.vy,
+            self.counterweight.vz,
+            self.H_cw + self.rim.position,
+            self.rim.velocity,
+            self.L_cw,
+            -rate,
+            stiffness,
+            self.damping,
+        )
         fall = -self.cabin.gz
         self.F_c_pulley = self.F_c + self.m_c * fall
         self.F_cw_pulley = self.F_cw + self.m_cw * fall

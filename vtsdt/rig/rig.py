@@ -52,11 +52,11 @@ _CHANNELS = {
     "F_c": Channel("F_c", "tension_c_N", "N", "N", noise=0.3, resolution=0.05, analogue=True),
     "F_cw": Channel("F_cw", "tension_cw_N", "N", "N", noise=0.3, resolution=0.05, analogue=True),
     "a_c": Channel(
-        "a_c", "cabin_acceleration_m_per_s2", "m/s**2", "m/s**2", noise=0.01, resolution=1e-3, analogue=True),
+        "a_c", "cabin_acceleration_m_per_s2", "m/s**2", "m/s**2", noise=0.01, resolution=1e-3, analogue=True
+    ),
     "cabin.z": Channel("cabin.z", "cabin_height_mm", "m", "mm", noise=2e-5, resolution=0.01),
-    "counterweight.z": Channel(
-        "counterweight.z", "counterweight_height_mm", "m", "mm", noise=2e-5, resolution=0.01),
-}  # fmt: skip
+    "counterweight.z": Channel("counterweight.z", "counterweight_height_mm", "m", "mm", noise=2e-5, resolution=0.01),
+}
 _MEASURED = ("omega", "pulley.angle", "i_q", "F_c", "F_cw", "a_c", "cabin.z", "counterweight.z")
 _INPUTS = {
     "one_dimensional": ("omega_ref", "tau_L", "friction_c", "friction_cw", "payload"),
@@ -70,11 +70,17 @@ SENSED = tuple(n for n in _CHANNELS if n not in ("omega_ref", "payload"))
 _BODY = ("x", "y", "roll", "pitch", "yaw")
 _FREE = {
     "one_dimensional": (
-        "pulley.angle", "cabin.z", "counterweight.z", "support.plate_position", "support.tilt_B_angle",
-        "machine.i_q", "control.x_q", "control.x_omega",
+        "pulley.angle",
+        "cabin.z",
+        "counterweight.z",
+        "support.plate_position",
+        "support.tilt_B_angle",
+        "machine.i_q",
+        "control.x_q",
+        "control.x_omega",
     ),
     "cabin": ("cabin.z", *(f"cabin.{n}" for n in _BODY)),
-}  # fmt: skip
+}
 # Laterally, cabin and counterweight start at rest.  As free initial states these ten are hidden by sticking friction:
 # fits then took three times as long and ended with a larger misfit.
 _FREE["reference"] = _FREE["one_dimensional"]
@@ -138,10 +144,20 @@ class LiftRig(Rig):
     #: Clearly visible with a disturbance of 1 N.
     force: ClassVar[float] = 6.0
     visible: ClassVar[Mapping[str, float]] = {
-        "omega_ref": 0.02, "tau_L": 0.1, "friction_c": 2.0, "friction_cw": 2.0, "payload": 0.2, "omega": 0.02,
-        "pulley.angle": 0.01, "i_q": 0.05, "F_c": 3.0, "F_cw": 3.0, "a_c": 0.1, "cabin.z": 1e-3,
+        "omega_ref": 0.02,
+        "tau_L": 0.1,
+        "friction_c": 2.0,
+        "friction_cw": 2.0,
+        "payload": 0.2,
+        "omega": 0.02,
+        "pulley.angle": 0.01,
+        "i_q": 0.05,
+        "F_c": 3.0,
+        "F_cw": 3.0,
+        "a_c": 0.1,
+        "cabin.z": 1e-3,
         "counterweight.z": 1e-3,
-    }  # fmt: skip
+    }
 
     def faults(self) -> list[str]:
         """Return the faults of the settings."""

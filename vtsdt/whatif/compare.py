@@ -25,9 +25,15 @@ if TYPE_CHECKING:
     from estimation.files.record import Record
 
 __all__ = [
-    "COLUMNS", "TABLE_3", "UNITS", "TripComparison", "compare_trips", "read_measured_trips", "with_measured_masses",
+    "COLUMNS",
+    "TABLE_3",
+    "UNITS",
+    "TripComparison",
+    "compare_trips",
+    "read_measured_trips",
+    "with_measured_masses",
     "with_rail",
-]  # fmt: skip
+]
 
 #: Columns of the virtual lift by quantity; a settings file can name others.
 COLUMNS = {
@@ -42,14 +48,25 @@ COLUMNS = {
     "z_c": "cabin_height_mm",
 }
 UNITS = {
-    "omega_ref": "rad/s", "tau_L": "N*m", "payload": "kg", "omega": "rad/s", "i_q": "A", "F_c": "N", "F_cw": "N",
-    "a_c": "m/s**2", "z_c": "m",
-}  # fmt: skip
+    "omega_ref": "rad/s",
+    "tau_L": "N*m",
+    "payload": "kg",
+    "omega": "rad/s",
+    "i_q": "A",
+    "F_c": "N",
+    "F_cw": "N",
+    "a_c": "m/s**2",
+    "z_c": "m",
+}
 #: Quantities of Table 3: (name, unit, the paper's RMSE, its correlation).
 TABLE_3 = (
-    ("F_cw", "N", 5.75, 0.63), ("i_q", "A", 0.03, 0.98), ("F_fric", "N", 1.45, 0.72), ("F_c", "N", 4.8, 0.63),
-    ("a_c", "m/s²", 0.33, 0.59), ("alpha", "rad/s²", 2.39, 0.87),
-)  # fmt: skip
+    ("F_cw", "N", 5.75, 0.63),
+    ("i_q", "A", 0.03, 0.98),
+    ("F_fric", "N", 1.45, 0.72),
+    ("F_c", "N", 4.8, 0.63),
+    ("a_c", "m/s²", 0.33, 0.59),
+    ("alpha", "rad/s²", 2.39, 0.87),
+)
 #: Low-pass of measurement and model alike, and of the friction, Hz.
 LOW_PASS, FRICTION_LOW_PASS = 60.0, 5.0
 _DEFAULTS = {"tau_L": 0.0, "payload": 0.0}

@@ -203,10 +203,12 @@ def _section_row(s: Any) -> dict[str, str]:
     text = "> 99 %" if s.probability > 0.99 else f"{100 * s.probability:.0f} %"  # never claims certainty
     probability = text if s.spread > 0.0 else "not known"
     return {
-        "where": f"{s.low:.2f} to {s.high:.2f} m", "worst": f"{s.worst:.2f} m",
-        "deviation": f"{1e3 * s.deviation:.2f}{spread} mm", "probability": probability,
+        "where": f"{s.low:.2f} to {s.high:.2f} m",
+        "worst": f"{s.worst:.2f} m",
+        "deviation": f"{1e3 * s.deviation:.2f}{spread} mm",
+        "probability": probability,
         "saving": f"{s.interval.text()} J",
-    }  # fmt: skip
+    }
 
 
 def _plan_row(study: WhatIf, name: str, year: dict[str, Any] | None) -> dict[str, str]:

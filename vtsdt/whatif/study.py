@@ -159,9 +159,16 @@ def what_if(
         for k, r in enumerate(ranges if sections else [])
     )
     return WhatIf(
-        actions=actions, sections=savings, rail=rail, threshold=threshold, lubrication=lubrication, direction=direction,
-        uncertainties=tuple(uncertainty_texts(uncertainties)), drawn=tuple(drawn[1:]), seed=seed,
-    )  # fmt: skip
+        actions=actions,
+        sections=savings,
+        rail=rail,
+        threshold=threshold,
+        lubrication=lubrication,
+        direction=direction,
+        uncertainties=tuple(uncertainty_texts(uncertainties)),
+        drawn=tuple(drawn[1:]),
+        seed=seed,
+    )
 
 
 _MU = ("cabin_guide.mu", "counterweight_guide.mu")
@@ -243,9 +250,15 @@ def _section_saving(
     probability = 0.5 * (1.0 + math.erf(over / math.sqrt(2.0)))
     savings = [a.E_c + a.E_cw - b.E_c - b.E_cw for a, b in pairs]
     return SectionSaving(
-        low=heights[0], high=heights[1], worst=float(fine[k]), deviation=float(delta[k]), spread=spread,
-        probability=probability, saving=savings[0], drawn=tuple(savings[1:]),
-    )  # fmt: skip
+        low=heights[0],
+        high=heights[1],
+        worst=float(fine[k]),
+        deviation=float(delta[k]),
+        spread=spread,
+        probability=probability,
+        saving=savings[0],
+        drawn=tuple(savings[1:]),
+    )
 
 
 def uncertainties_from(table: Mapping[str, Any]) -> tuple[Uncertainty, ...]:

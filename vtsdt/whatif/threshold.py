@@ -152,9 +152,12 @@ def configuration_of(
     energy = np.asarray(energies, dtype=float)
     error = float(energy.std(ddof=1) / np.sqrt(energy.size)) if energy.size > 1 else float("nan")
     return Configuration(
-        name=name, median=float(np.median(deviation)), largest=float(deviation.max()), energy=float(energy.mean()),
+        name=name,
+        median=float(np.median(deviation)),
+        largest=float(deviation.max()),
+        energy=float(energy.mean()),
         energy_std=error,
-    )  # fmt: skip
+    )
 
 
 def friction_loss(

@@ -139,8 +139,27 @@ def inner_product(a, b, n):
 
 
 @entry
-def extended(numbers, times, inputs, values, noise, q, q_root, x, p, settings, gate, out, covariances, predicted,
-             carried, rows_kept, innovations, space, verdict):  # fmt: skip
+def extended(
+    numbers,
+    times,
+    inputs,
+    values,
+    noise,
+    q,
+    q_root,
+    x,
+    p,
+    settings,
+    gate,
+    out,
+    covariances,
+    predicted,
+    carried,
+    rows_kept,
+    innovations,
+    space,
+    verdict,
+):
     """Filter all samples; verdict (3,) takes the log likelihood, readings refused, and the row not finite or −1.
 
     x (n,), p (n, ld) and their roots are prior and end; out (samples, 3 n) takes states before and after the

@@ -37,8 +37,24 @@ def mean_of(points, width, count, first, rest, out):
 
 
 @entry
-def unscented(numbers, times, inputs, values, noise, q, x, p, settings, reach, weights, out, covariances,
-              innovations, space, verdict):  # fmt: skip
+def unscented(
+    numbers,
+    times,
+    inputs,
+    values,
+    noise,
+    q,
+    x,
+    p,
+    settings,
+    reach,
+    weights,
+    out,
+    covariances,
+    innovations,
+    space,
+    verdict,
+):
     """Filter all samples; arrays as in `extended`; verdict (2,) takes log likelihood and the row that failed or −1."""
     c = pointer(numbers)
     n, m, ld, width = c[ALL], c[M], c[LD], c[N_U]

@@ -56,8 +56,7 @@ def fixtures(net: Network, faults: list[str]) -> dict[str, Fixture]:
         if not holders and not node.grounded and (users or len(attached) > 1):
             names = ", ".join(f"'{p.name}'" for p in node.ports)
             faults.append(
-                f"nothing fixes the frame at {names}: connect it to a frame of a body, a FixedFrame or "
-                "the ground"
+                f"nothing fixes the frame at {names}: connect it to a frame of a body, a FixedFrame or the ground"
             )
             continue
         fixture = (

@@ -278,6 +278,4 @@ def joint_reactions(
             for k, a in enumerate(LENGTHS):
                 for what, unit, vector in (("force", "N", force), ("moment", "N*m", moment)):
                     var = w.set(f"joint_{what}_{a}", vector[k])
-                    w.work.output(
-                        f"{b.name}.joint_{what}_{a}", unit, f"{what} of the parent frame on the body", var
-                    )
+                    w.work.output(f"{b.name}.joint_{what}_{a}", unit, f"{what} of the parent frame on the body", var)

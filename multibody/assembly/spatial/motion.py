@@ -140,9 +140,7 @@ def move(
         "arm",
         [
             plus(a, b)
-            for a, b in zip(
-                turn(parent.rotation, offset), turn(base, _texts(m.value for m in slides)), strict=True
-            )
+            for a, b in zip(turn(parent.rotation, offset), turn(base, _texts(m.value for m in slides)), strict=True)
         ],
     )
     sliding = w.vector("sliding", turn(base, _texts(m.speed for m in slides)))
@@ -240,9 +238,5 @@ def _axes_turning(w: Writer, axes: Matrix, rates: Vector, body_rates: bool) -> V
 def _world_axes(w: Writer, base: Matrix, columns: Matrix, turns: list[Moving]) -> Matrix:
     cz, sz = w.cosine_sine("joint_z", turns[2].value)
     between: Vector = (neg(sz), cz, ZERO)
-    pitch = (
-        w.vector("pitch_axis_in_world", turn(base, between))
-        if between != (ZERO, ONE, ZERO)
-        else transpose(base)[1]
-    )
+    pitch = w.vector("pitch_axis_in_world", turn(base, between)) if between != (ZERO, ONE, ZERO) else transpose(base)[1]
     return columns[0], pitch, transpose(base)[2]

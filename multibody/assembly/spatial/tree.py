@@ -94,9 +94,7 @@ def _coordinates(name: str, body: RigidBody, net: Network, kin: Kinematics, w: W
             start = body.starts[f"{coordinate}_start"]
             unit = "m" if coordinate in LENGTHS else "rad"
             value = (
-                work.parameter(
-                    f"{name}.{coordinate}_start", unit, f"{coordinate} at which it is locked", start
-                )
+                work.parameter(f"{name}.{coordinate}_start", unit, f"{coordinate} at which it is locked", start)
                 if start
                 else ZERO
             )
@@ -129,9 +127,7 @@ def _coordinates(name: str, body: RigidBody, net: Network, kin: Kinematics, w: W
                     f"coordinate {shown}",
                     position,
                 )
-                work.output(
-                    f"{name}.{rate}", "m/s" if coordinate in LENGTHS else "rad/s", f"speed {rate}", speed
-                )
+                work.output(f"{name}.{rate}", "m/s" if coordinate in LENGTHS else "rad/s", f"speed {rate}", speed)
     if body.body_rates:
         own.update(_body_rates(name, body, w))
     return own
@@ -142,9 +138,7 @@ def _body_rates(name: str, body: RigidBody, w: Writer) -> dict[str, Moving]:
     angles = [f"{w.base}__angle_{a}" for a in ANGLES]
     speeds = [f"{w.base}__speed_w_{a}" for a in LENGTHS]
     work = w.work
-    (cx, sx), (cy, sy), _ = (
-        w.cosine_sine(f"joint_{axis}", a) for axis, a in zip(LENGTHS, angles, strict=True)
-    )
+    (cx, sx), (cy, sy), _ = (w.cosine_sine(f"joint_{axis}", a) for axis, a in zip(LENGTHS, angles, strict=True))
     p, q, r = speeds
     swept = w.set("swept", f"({q} * {sx} + {r} * {cx}) / {cy}")
     rates = (f"{p} + {sy} * {swept}", f"{q} * {cx} - {r} * {sx}", swept)
@@ -183,8 +177,7 @@ def _frame(work: Assembly, fixture: Fixture, carrier: Carrier, gravity: Vector) 
         (
             "a",
             tuple(  # type: ignore[list-item]
-                plus(a, b, c)
-                for a, b, c in zip(carrier.actual.origin, cross(turned, arm), inward, strict=True)
+                plus(a, b, c) for a, b, c in zip(carrier.actual.origin, cross(turned, arm), inward, strict=True)
             ),
         ),
         ("al", turned),
