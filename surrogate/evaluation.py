@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from surrogate.space import DesignSpace
 
-__all__ = ["evaluate", "is_vectorised"]
+__all__ = ["evaluate"]
 
 Array = NDArray[np.float64]
 

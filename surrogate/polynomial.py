@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["TERM_SETS", "Terms", "polynomial_terms"]
+__all__ = ["Terms", "polynomial_terms"]
 
 Array = NDArray[np.float64]
 TermSet = Literal["paper", "full", "eq11"]

@@ -18,7 +18,6 @@ from multibody.base.quantity_text import quantity_text
 __all__ = [
     "answer",
     "curve_statement",
-    "kind_title",
     "manual_checks",
     "poor_fit_note",
     "title_of",

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from estimation.signals.metrics import Agreement
 
-__all__ = ["ComparedSignal", "comparison_figure", "draw_residual_spectrum"]
+__all__ = ["comparison_figure", "draw_residual_spectrum"]
 
 
 class ComparedSignal(Protocol):

@@ -15,7 +15,7 @@ from multibody.declare.declarations import Input, Option, Output, Parameter, Pow
 from multibody.declare.domains import in_both_domains
 from multibody.library.laws import asymmetric, contact, coulomb, one_sided, quadratic
 
-__all__ = ["CURVE_OVER", "CURVE_POINTS", "LAWS", "AddedInertia", "AddedMass", "DryLaw", "Law", "add_law"]
+__all__ = ["CURVE_OVER", "CURVE_POINTS", "LAWS", "AddedInertia", "DryLaw", "Law", "add_law"]
 
 CURVE_OVER = ("position", "speed", "time", "friction")
 CURVE_POINTS = 17

@@ -22,7 +22,7 @@ from multibody.base.references import module_named
 from multibody.base.spelling import nearest_or_choices
 from multibody.base.units import UnitError
 
-__all__ = ["check_names", "load_builder", "load_model"]
+__all__ = ["check_names", "load_model"]
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from multibody.base.spelling import nearest_or_choices
 
-__all__ = ["FoundFiles", "find_files", "held_out_faults"]
+__all__ = ["find_files", "held_out_faults"]
 
 
 _WITH_DEFAULT = re.compile(r"\$\{(\w+):-([^}]*)\}")

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from estimation.files.read_rules import ReadRules
     from estimation.files.record import Record
 
-__all__ = ["StudyError", "StudyFile", "StudyRecords", "read_study"]
+__all__ = ["StudyError", "StudyFile", "read_study"]
 
 _TABLES = ("model", "uncertain", "inputs", "outputs", "records", "candidates", "study", "initial", "offsets")
 #: Tables that another command reads from the same file, and checks itself.

@@ -17,7 +17,7 @@ from discrepancy.statistics.hat_functions import hat_functions, quantile_knots
 from estimation.response.perturbations import InputPerturbation
 from multibody.base.parallel import available_cores
 
-__all__ = ["examined_connections", "failing_connections"]
+__all__ = ["examined_connections"]
 
 _SPEED_KNOTS = 8
 _POSITION_KNOTS = 6

@@ -18,7 +18,7 @@ from discrepancy.stages.stage import Stage
 from estimation.signals.metrics import spectral_density
 from multibody.base.quantity_text import quantity_text
 
-__all__ = ["REGIMES", "WhereItFails", "locate", "regimes_of"]
+__all__ = ["WhereItFails", "locate", "regimes_of"]
 
 Entry = dict[str, Any]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-__all__ = ["STOP", "TripPlan"]
+__all__ = ["TripPlan"]
 
 #: How long the machine stands at a stop, and how long it takes to come to it, s.
 STOP, RAMP = 0.6, 0.2

@@ -11,7 +11,7 @@ from discrepancy.statistics.thresholds import DECISIVE_BIC
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["ENOUGH", "NextMeasurement", "Proposal", "chance", "repeats_needed"]
+__all__ = ["NextMeasurement", "Proposal", "chance", "repeats_needed"]
 
 #: Probability of a decisive difference of BIC that is enough.
 ENOUGH = 0.8

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from discrepancy.questions.force_curves import CurveReport, Explanation
     from estimation.fit.calibrate import Calibration
 
-__all__ = ["UnknownCurve", "UnknownForce", "describe_accepted_curve", "describe_force", "find_unidentified_force"]
+__all__ = ["UnknownCurve", "UnknownForce", "describe_accepted_curve", "find_unidentified_force"]
 
 #: Simple laws that are listed.
 LAWS = 4

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-__all__ = ["SCHEMA", "VERDICTS", "WHERE_LISTS", "check_diagnosis"]
+__all__ = ["SCHEMA", "VERDICTS", "check_diagnosis"]
 
 SCHEMA = 1
 VERDICTS = ("nothing missing", "effect found", "unknown effect", "ambiguous")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from discrepancy.stages.stage import Stage
     from multibody.machine.model import Model
 
-__all__ = ["Picture", "pictures", "render", "write_report"]
+__all__ = ["pictures", "render", "write_report"]
 
 _log = logging.getLogger(__name__)
 _DPI = 150

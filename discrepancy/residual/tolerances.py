@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from estimation.response.experiment import Experiment
     from multibody.machine.model import System
 
-__all__ = ["LEAST_EVALUATIONS", "MOST_TIMES", "tolerance", "with_tolerances"]
+__all__ = ["LEAST_EVALUATIONS", "tolerance", "with_tolerances"]
 
 MOST_TIMES = 100  # evaluations of a simulation, over those of the model as given, before it is given up
 LEAST_EVALUATIONS = 100_000  # that are always allowed: a model at rest takes next to none

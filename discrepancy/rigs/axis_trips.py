@@ -6,7 +6,7 @@ import numpy as np
 
 from multibody.library.profiles import jerk_limited
 
-__all__ = ["CYCLE", "TRAVEL", "trip"]
+__all__ = ["CYCLE", "trip"]
 
 #: Longest way from home, m, and time between two values of the reference, s.
 TRAVEL, CYCLE = 0.8, 1e-3

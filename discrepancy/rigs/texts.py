@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from discrepancy.rigs.rig import Rig
     from estimation.fit.calibrate import UncertainParameter
 
-__all__ = ["channel_table", "how_it_ran", "how_it_was_recorded", "list_table", "prior_table", "study"]
+__all__ = ["how_it_ran", "how_it_was_recorded", "list_table", "prior_table", "study"]
 
 
 def study(

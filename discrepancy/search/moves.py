@@ -46,7 +46,6 @@ __all__ = [
     "Decision",
     "Exchange",
     "ScanSettings",
-    "TriedModel",
     "find_redundant_effect",
     "predicts_better",
     "propose_curve",

@@ -23,7 +23,7 @@ from estimation.response.perturbations import InputPerturbation
 if TYPE_CHECKING:
     from multibody.assembly.places import Place
 
-__all__ = ["ForceEquations", "ForcePosterior", "exponential_correlation", "force_posterior", "force_responses"]
+__all__ = ["ForceEquations", "exponential_correlation", "force_posterior", "force_responses"]
 
 #: Values of the force in a record, and in all records together.
 MOST, MOST_TOGETHER = 120, 720

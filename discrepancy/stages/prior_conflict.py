@@ -12,7 +12,7 @@ from multibody.base.quantity_text import quantity_text
 if TYPE_CHECKING:
     from estimation.fit.calibration import Calibration, UncertainParameter
 
-__all__ = ["CONFLICT_STD", "conflict_text", "needs_prior_conflict", "prior_conflicts", "prior_penalty"]
+__all__ = ["conflict_text", "needs_prior_conflict", "prior_conflicts", "prior_penalty"]
 
 CONFLICT_STD = 3.0  # deviations from its stated value at which a parameter counts as outside
 

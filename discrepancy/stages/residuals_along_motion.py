@@ -16,7 +16,7 @@ from estimation.signals.preparation import Preparation
 if TYPE_CHECKING:
     from multibody.assembly.places import Place
 
-__all__ = ["PlaceMotion", "ResidualsAlongMotion", "coupled_places", "residuals_along_motion"]
+__all__ = ["PlaceMotion", "ResidualsAlongMotion", "residuals_along_motion"]
 
 LEAST_BLOCKS = 8
 MOST_BLOCKS = 40

@@ -22,7 +22,7 @@ from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from multibody.base.json_file import write_json_atomically
 from multibody.machine.model import Model
 
-__all__ = ["SCHEMA", "fingerprint", "read_history", "restore", "save_history"]
+__all__ = ["SCHEMA", "fingerprint", "restore", "save_history"]
 
 SCHEMA = 1
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from discrepancy.validation.trials import file_name
 
-__all__ = ["OURS", "PeerTrial", "peer_page", "peer_trial", "read_peers", "run_peers"]
+__all__ = ["OURS", "PeerTrial", "peer_page", "run_peers"]
 
 OURS = "this program"
 TRUE = "the true effect, fitted"

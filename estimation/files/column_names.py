@@ -9,7 +9,7 @@ import numpy as np
 
 from multibody.base.units import UnitError, convert, same_dimension
 
-__all__ = ["ColumnName", "pint_unit", "read_column_name", "si_unit_of", "to_si"]
+__all__ = ["pint_unit", "read_column_name", "si_unit_of", "to_si"]
 
 # Suffixes are listed, not guessed: 'angle_a' or 'sensor_left' must not become years or litres.  Left the
 # ending as it stands in a column name, right the unit as multibody.base.units understands it.

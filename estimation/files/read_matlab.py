@@ -11,7 +11,7 @@ import numpy as np
 from estimation.files.faults import RecordError
 from estimation.files.table import FileTable, column_faults, present_columns, table_from_arrays
 
-__all__ = ["load_arrays", "read_matlab"]
+__all__ = ["read_matlab"]
 
 
 def read_matlab(path: Path, columns: list[str], labels: list[str], optional: Collection[str]) -> FileTable:

@@ -12,7 +12,7 @@ from estimation.filters.smoother import backward_pass, smoother_gains
 if TYPE_CHECKING:
     from multibody.system.linearize import Linearization
 
-__all__ = ["LinearModel", "LinearRun", "kalman_filter", "rauch_tung_striebel", "van_loan"]
+__all__ = ["LinearModel", "kalman_filter", "rauch_tung_striebel", "van_loan"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -14,7 +14,7 @@ from estimation.filters.run import FilterRun
 if TYPE_CHECKING:
     import pandas
 
-__all__ = ["Observability", "Undetectable", "gramian", "observability", "undetectable_modes"]
+__all__ = ["Observability", "observability"]
 
 _RANK = 1e-9
 _UNDAMPED = 1e-6

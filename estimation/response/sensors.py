@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["SENSOR_KINDS", "SensorError", "apply_sensors"]
+__all__ = ["SensorError", "apply_sensors"]
 
 SENSOR_KINDS = ("offset", "gain", "drift", "delay")
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gearbox.files.errors import GearError
 
-__all__ = ["ContactLines", "GearPair", "corner_gap", "involute"]
+__all__ = ["GearPair", "corner_gap", "involute"]
 
 Array = NDArray[np.float64]
 

@@ -15,12 +15,6 @@ from multibody.base.parameter_file import load_parameters, number
 
 __all__ = [
     "PAPER",
-    "BearingParameters",
-    "ContactParameters",
-    "DriveParameters",
-    "GearParameters",
-    "MaterialParameters",
-    "ShaftParameters",
     "StageParameters",
     "hertz_stiffness",
 ]

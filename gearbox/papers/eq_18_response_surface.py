@@ -14,7 +14,7 @@ from multibody.base.progress import Progress, silent
 if TYPE_CHECKING:
     from gearbox.updating.result import UpdatingResult
 
-__all__ = ["eq_18", "eq_18_chapter", "figs_9_10"]
+__all__ = ["eq_18_chapter", "figs_9_10"]
 
 
 #: Eq. 18 as printed: coefficients of 1, t1, t2, t3, t1², t2², t3², t1t2, t1t3, t2t3, then the cubes and mixed squares.

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Success",
     "chain_on_rig",
-    "lost_directions",
     "one_load",
     "rig_recordings",
     "rig_vibration",

@@ -8,7 +8,7 @@ from gearbox.parts.tooth_contact import bell
 from multibody.declare.component import Component
 from multibody.declare.declarations import Energy, Input, Option, Output, Parameter, Power, Rotation, Translation
 
-__all__ = ["BearingBushing", "SeatLoad", "pulse", "share_beyond"]
+__all__ = ["BearingBushing", "SeatLoad", "pulse"]
 
 
 def share_beyond(x, y, clearance):

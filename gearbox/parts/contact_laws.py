@@ -6,8 +6,7 @@ import math
 
 # fmt: off
 __all__ = [
-    "PER_UNIT", "friction_coefficient", "friction_coefficients", "impact", "near_powers", "power", "signed_force",
-    "smooth_step",
+    "friction_coefficient", "friction_coefficients", "impact", "near_powers", "power", "signed_force",
 ]
 
 #: A contact of stiffness K carries K newtons when pressed in by 1 mm: Table 2 gives K in N/mm^e.

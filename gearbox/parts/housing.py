@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from multibody.assembly.equation_set import Assembly
 
-__all__ = ["MAX_MODES", "FlexibleHousing", "housing_component"]
+__all__ = ["housing_component"]
 
 MAX_MODES = 40
 

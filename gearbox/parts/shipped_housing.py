@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gearbox.parts.housing_modes import ModeSet, read_modes, rigid_modes
 
-__all__ = ["BOX", "PLACES", "box_modes", "rigid_box"]
+__all__ = ["PLACES", "box_modes", "rigid_box"]
 
 #: The mode file of the box.
 BOX = Path(__file__).parents[1] / "files" / "data" / "box.toml"

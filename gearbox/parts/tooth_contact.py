@@ -13,8 +13,7 @@ import math
 from gearbox.parts.contact_laws import friction_coefficient, friction_coefficients, impact, near_powers, signed_force
 
 # fmt: off
-__all__ = ["bell", "closeness", "extent", "four", "held", "let_go", "line", "patch", "pitted", "relieved",
-           "summed", "tip"]
+__all__ = ["bell", "closeness", "extent", "four", "held", "let_go", "line", "patch", "summed", "tip"]
 
 #: Abscissas of the Gauss-Legendre rule with four points on [-1, 1], the difference of their squares, half weights.
 INNER, OUTER, BETWEEN = 0.3399810435848563, 0.8611363115940526, 0.6259686373402064

@@ -23,7 +23,7 @@ from multibody.base.progress import Progress, silent
 if TYPE_CHECKING:
     from gearbox.stage.stage import GearStage
 
-__all__ = ["CONDITIONS", "GearRig", "RigRecording", "record", "true_stage", "truth"]
+__all__ = ["CONDITIONS", "GearRig", "record", "true_stage", "truth"]
 
 Array = NDArray[np.float64]
 

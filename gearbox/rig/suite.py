@@ -21,7 +21,7 @@ from gearbox.rig.rig import TEETH, GearRig
 if TYPE_CHECKING:
     from discrepancy.problem.problem import Problem
 
-__all__ = ["SCALED", "TRIALS", "UNKNOWN", "GearCase", "case", "names", "sizes"]
+__all__ = ["SCALED", "TRIALS", "UNKNOWN", "case", "names", "sizes"]
 
 #: The rig hides no force that is of no kind.
 UNKNOWN = ""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gearbox.signals.signal import Signal, SignalError
 
-__all__ = ["LineFit", "energy_share", "find_mesh_frequency", "fit_lines", "harmonics_in"]
+__all__ = ["energy_share", "find_mesh_frequency", "fit_lines", "harmonics_in"]
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from multibody.base.errors import ModelError
 from multibody.machine.model import System
 from multibody.system.trajectory import Trajectory
 
-__all__ = ["cheapest_method", "contact_rate", "run"]
+__all__ = ["cheapest_method", "run"]
 
 Array = NDArray[np.float64]
 

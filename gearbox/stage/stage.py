@@ -18,7 +18,7 @@ from gearbox.stage.static_equilibrium import moving_state, static_state
 from multibody.machine.model import Model
 from multibody.system.trajectory import Trajectory
 
-__all__ = ["VIBRATION_RATE", "GearStage", "build", "simulate"]
+__all__ = ["GearStage", "build", "simulate"]
 
 #: Sampling rate of simulated signals, Hz: that of the paper's measurement.
 VIBRATION_RATE = 25_600.0

@@ -14,7 +14,7 @@ from multibody.base.progress import Progress, silent
 if TYPE_CHECKING:
     from gearbox.updating.result import UpdatingResult
 
-__all__ = ["STORE", "main", "update"]
+__all__ = ["main", "update"]
 
 #: File with the simulations, in the folder that is written to.
 STORE = "simulations.jsonl"

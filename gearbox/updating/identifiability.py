@@ -7,7 +7,7 @@ may move before the recordings would notice.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from surrogate import DesignSpace
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Identifiability", "compare_identifiability", "identifiability"]
+__all__ = ["Identifiability", "identifiability"]
 
 Array = NDArray[np.float64]
 
@@ -208,21 +208,3 @@ def _nuisance(objective: AmplitudeObjective, model: NDArray[np.complex128]) -> A
             scaled[:, s] = model[:, s]
             columns.append(_real(scaled))
     return np.column_stack(columns)
-
-
-def compare_identifiability(results: Sequence[Identifiability]) -> pd.DataFrame:
-    """The worst-known direction of each, side by side."""
-    import pandas as pd
-
-    return pd.DataFrame(
-        [
-            {
-                "compared": result.what,
-                "numbers": result.numbers,
-                "lost directions": len(result.lost),
-                "least known": result.words(len(result.std) - 1),
-                "std [share of range]": result.std[-1],
-            }
-            for result in results
-        ]
-    )

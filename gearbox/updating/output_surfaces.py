@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from gearbox.updating.objectives import AmplitudeObjective
 from surrogate import DesignSpace, ResponseSurface, SurrogateWarning, TestQuality, fit_response_surface
 
-__all__ = ["OutputSurfaces", "fit_output_surfaces", "output_surface_study"]
+__all__ = ["OutputSurfaces", "output_surface_study"]
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from gearbox.signals.similarity import LAG_RULES, LagRule
 from gearbox.updating.errors import UpdatingError
 from surrogate import DesignSpace
 
-__all__ = ["ObjectiveKind", "UpdatingSettings"]
+__all__ = ["UpdatingSettings"]
 
 ObjectiveKind = Literal["similarity", "amplitudes"]
 Method = Literal["firefly", "differential_evolution", "direct", "multistart"]

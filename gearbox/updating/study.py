@@ -22,7 +22,7 @@ from gearbox.updating.tables import ParameterEntry, UpdatingTable, read_updating
 from gearbox.updating.virtual import Settings, VibrationModel
 from surrogate import DesignSpace
 
-__all__ = ["UpdatingStudy", "load_vibration", "read_updating_study"]
+__all__ = ["load_vibration", "read_updating_study"]
 
 
 #: Beginnings of the names of modules that no simulation depends on.

@@ -12,7 +12,7 @@ from typing import Any, Protocol, TypeVar, get_type_hints
 from multibody.base.spelling import nearest
 from multibody.base.units import UnitError, quantity
 
-__all__ = ["ParameterError", "ParameterSet", "load_parameters", "number"]
+__all__ = ["ParameterError", "load_parameters", "number"]
 
 
 class ParameterError(ValueError):
@@ -77,7 +77,7 @@ def number(
 
 
 def load_parameters(
-    cls: type[Parameters],
+    cls: Callable[..., Parameters],
     path: str | Path,
     kind: str,
     bases: Mapping[str, Callable[[], Parameters]],
@@ -87,7 +87,7 @@ def load_parameters(
 
     Parameters
     ----------
-    cls : type
+    cls : type of ParameterSet
         Dataclass with the fields ``name`` and one dataclass for each section.
     path : str or Path
     kind : str

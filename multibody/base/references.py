@@ -6,7 +6,7 @@ import importlib
 import warnings
 from types import ModuleType
 
-__all__ = ["current_name", "module_named"]
+__all__ = ["module_named"]
 
 
 def current_name(name: str) -> str:

@@ -178,13 +178,9 @@ class ReturningFunction:
         self.function, self.size = function, size
         self._u, self._p = u, p
 
-    def __call__(
-        self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None
-    ) -> np.ndarray:
+    def __call__(self, t: float, x: np.ndarray, u: np.ndarray | None = None, p: np.ndarray | None = None) -> np.ndarray:
         """Return the values at one instant, shape (size,)."""
-        return self.function(
-            t, x, self._u if u is None else u, self._p if p is None else p, np.empty(self.size)
-        )
+        return self.function(t, x, self._u if u is None else u, self._p if p is None else p, np.empty(self.size))
 
     @property
     def _numba_type_(self) -> Any:
@@ -241,9 +237,7 @@ def _undecorated(module: ModuleType, name: str) -> Callable[..., None]:
     return plain[name]
 
 
-def compile_text(
-    text: str, stem: str, name: str, arrays: int, compiled: bool = True, lanes: int = 0
-) -> NativeFunction:
+def compile_text(text: str, stem: str, name: str, arrays: int, compiled: bool = True, lanes: int = 0) -> NativeFunction:
     """Return the function ``name(t, *arrays)`` of a source text with a C address.
 
     Parameters

@@ -10,7 +10,7 @@ import numpy as np
 from multibody.declare.component import Component
 from multibody.declare.declarations import Frame, Option, Parameter, Rotation, State, Translation
 
-__all__ = ["ANGLES", "COORDINATES", "LENGTHS", "RigidBody", "World", "inertia_fault"]
+__all__ = ["ANGLES", "COORDINATES", "LENGTHS", "RigidBody", "World"]
 
 LENGTHS = ("x", "y", "z")
 ANGLES = ("roll", "pitch", "yaw")

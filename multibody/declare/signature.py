@@ -22,7 +22,7 @@ from multibody.declare.declarations import (
     Unit,
 )
 
-__all__ = ["Declaring", "DocstringOfDeclarations", "RequiredWhere", "SignatureOfDeclarations", "written_docstring"]
+__all__ = ["DocstringOfDeclarations", "RequiredWhere", "SignatureOfDeclarations", "written_docstring"]
 
 _SETTABLE = Parameter | Table | Option | Unit | State
 _ENERGY_BALANCE = Energy | Power

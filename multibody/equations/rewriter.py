@@ -17,7 +17,7 @@ from multibody.equations import tables
 from multibody.equations.scope import Scope
 from multibody.equations.statements import constant, local_variable, variable
 
-__all__ = ["ARITY", "Rewriter", "as_list", "simplified"]
+__all__ = ["Rewriter", "simplified"]
 
 ARITY = {
     **dict.fromkeys(["sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"], 1),

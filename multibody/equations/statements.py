@@ -11,7 +11,6 @@ from typing import Any
 from multibody.base.parsing import parse
 
 __all__ = [
-    "Flow",
     "Statement",
     "constant",
     "copied",

@@ -16,17 +16,13 @@ __all__ = [
     "cubic_rate",
     "cubic_rate_slope",
     "cubic_rate_tangent",
-    "cubic_slope",
-    "cubic_tangent",
     "interval",
     "linear",
     "linear_rate",
     "linear_rate_slope",
     "linear_rate_tangent",
-    "linear_slope",
     "linear_tangent",
     "packed",
-    "pchip_slopes",
 ]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from multibody.inputs.breaks import breaks, rough
 
-__all__ = ["INTERPOLATIONS", "InputError", "InputTable"]
+__all__ = ["InputError", "InputTable"]
 
 INTERPOLATIONS = ("hold", "linear", "cubic")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["jerk_limited", "jerk_limited_phases", "ramp_up", "trapezoid_phases", "trapezoidal"]
+__all__ = ["jerk_limited", "trapezoidal"]
 
 
 def trapezoid_phases(distance, v, a):

@@ -9,7 +9,7 @@ from multibody.base.spelling import nearest
 from multibody.declare.component import Component
 from multibody.declare.declarations import Input, Output, Port
 
-__all__ = ["GROUND", "Endpoint", "Location", "ModelGraph", "ModelInput", "Part"]
+__all__ = ["GROUND", "Endpoint", "ModelGraph", "ModelInput", "Part"]
 
 GROUND = "ground"
 

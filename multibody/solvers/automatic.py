@@ -118,9 +118,7 @@ class Automatic(DormandPrince54):
             return MORE
         return status
 
-    def go_on(
-        self, status: int, clock: np.ndarray, tally: np.ndarray, y: np.ndarray, last: np.ndarray
-    ) -> int:
+    def go_on(self, status: int, clock: np.ndarray, tally: np.ndarray, y: np.ndarray, last: np.ndarray) -> int:
         """Go on after explicit steps that were taken elsewhere, until there are explicit steps to be taken again.
 
         Parameters

@@ -32,7 +32,7 @@ from multibody.solvers.kernels.stepping import (
 )
 from multibody.solvers.problem import NativeProblem, ProblemError
 
-__all__ = ["NativeSolver", "Samples", "StoredSteps"]
+__all__ = ["NativeSolver", "Samples"]
 
 STORE_BYTES = 1 << 20
 CHUNK_BYTES = 1 << 23
@@ -64,9 +64,7 @@ class Samples:
         Largest step that was taken.
     """
 
-    def __init__(
-        self, times: Any, receive: Callable[[int, np.ndarray, np.ndarray], None] | None = None
-    ) -> None:
+    def __init__(self, times: Any, receive: Callable[[int, np.ndarray, np.ndarray], None] | None = None) -> None:
         self.times = np.ascontiguousarray(times, dtype=np.float64)
         self.receive = receive
         self.states = np.empty((0, 0))
@@ -120,9 +118,7 @@ def _tolerance(name: str, value: Any, problem: NativeProblem, least: float = 0.0
         return full
     given = np.asarray(value, dtype=np.float64)
     if given.shape not in ((), (problem.n,), (problem.size,)):
-        raise ProblemError(
-            f"{name} has the shape {given.shape}; give a number or one for each of {problem.n} states"
-        )
+        raise ProblemError(f"{name} has the shape {given.shape}; give a number or one for each of {problem.n} states")
     if not np.all(np.isfinite(given)) or np.any(given < 0.0):
         raise ProblemError(f"{name} must be finite and not negative")
     given = np.maximum(given, least)
@@ -211,9 +207,7 @@ class NativeSolver(OdeSolver):
             raise ProblemError(f"max_step must be positive, it is {max_step}")
         span = abs(t_bound - t0)
         if first_step is not None and not 0.0 < first_step <= max(span, sys.float_info.min):
-            raise ProblemError(
-                f"first_step must be positive and within the interval of {span:g} s, it is {first_step}"
-            )
+            raise ProblemError(f"first_step must be positive and within the interval of {span:g} s, it is {first_step}")
         self.problem = problem
         self.y = self.y.astype(np.float64)
         self.max_step, self.max_evaluations = min(max_step, problem.largest_step), max_evaluations
@@ -270,9 +264,7 @@ class NativeSolver(OdeSolver):
         t = self._samples.times
         if not self._samples.follow(float(self.direction)):
             raise ProblemError("sample times must follow the direction of integration")
-        if t.size and (
-            self.direction * (t[0] - self.t) < 0.0 or self.direction * (t[-1] - self.t_bound) > 0.0
-        ):
+        if t.size and (self.direction * (t[0] - self.t) < 0.0 or self.direction * (t[-1] - self.t_bound) > 0.0):
             raise ProblemError(f"sample times must be within {self.t:g} s and {self.t_bound:g} s")
         self._sample_t, self._sample_y = t, self._samples.begin(self.n)
         forward = self.direction > 0.0
@@ -340,9 +332,8 @@ class NativeSolver(OdeSolver):
         derivative = self.problem.derivative(self.t, self.y[: self.problem.n])
         bad = np.flatnonzero(~np.isfinite(derivative))
         if bad.size:
-            return (
-                f"the derivative of {self.problem.name_of(int(bad[0]))} is not finite at t = {self.t:.9g} s"
-                + (f" ({bad.size} derivatives in all)" if bad.size > 1 else "")
+            return f"the derivative of {self.problem.name_of(int(bad[0]))} is not finite at t = {self.t:.9g} s" + (
+                f" ({bad.size} derivatives in all)" if bad.size > 1 else ""
             )
         return (
             f"the step became too small at t = {self.t:.9g} s; the largest scaled error was that of "
@@ -351,8 +342,6 @@ class NativeSolver(OdeSolver):
 
     def _dense_output_impl(self) -> DenseOutput:
         if self._samples is not None:
-            raise RuntimeError(
-                "samples replace dense output: leave out samples to use t_eval, events or dense_output"
-            )
+            raise RuntimeError("samples replace dense output: leave out samples to use t_eval, events or dense_output")
         steps = int(self._tally[DONE])
         return StoredSteps(self.t_old, self.t, float(self.direction), steps, self._store)

@@ -13,7 +13,7 @@ from multibody.solvers.problem import NativeProblem, ProblemError
 from multibody.solvers.rosenbrock import Rodas5P, relative_cost
 from multibody.solvers.run import integrate
 
-__all__ = ["Choice", "choose_method", "jacobian", "spectral_radius"]
+__all__ = ["choose_method", "jacobian", "spectral_radius"]
 
 # Length of the stability region of the Dormand-Prince pair on the negative real axis.
 REACH = 3.3
@@ -45,9 +45,7 @@ class Choice:
 def jacobian(problem: NativeProblem, t: float, x: np.ndarray) -> np.ndarray:
     """Return ∂f/∂x at (t, x), shape (n, n), by directional derivatives."""
     if problem.tangent is None:
-        raise ProblemError(
-            "the Jacobian needs the tangent of the right-hand side: NativeProblem(..., tangent=...)"
-        )
+        raise ProblemError("the Jacobian needs the tangent of the right-hand side: NativeProblem(..., tangent=...)")
     u = problem.table(t, problem.p)
     no_u, no_p = np.zeros_like(u), np.zeros_like(problem.p)
     matrix, column = np.zeros((problem.n, problem.n)), np.empty(problem.n)
@@ -90,9 +88,7 @@ def choose_method(
         As for the integration itself.
     """
     if problem.tangent is None:
-        return Choice(
-            DormandPrince54, "explicit: there is no tangent for the Jacobian of the stiff method", 0.0, 0.0
-        )
+        return Choice(DormandPrince54, "explicit: there is no tangent for the Jacobian of the stiff method", 0.0, 0.0)
     x0 = np.asarray(x0, dtype=np.float64)
     plain = NativeProblem(
         problem.rhs,
@@ -106,9 +102,7 @@ def choose_method(
     span = abs(t_span[1] - t_span[0])
     samples = Samples(np.linspace(*t_span, PROBE_POINTS))
     coarse = np.maximum(np.asarray(rtol, dtype=np.float64), 1e-2)
-    probe = integrate(
-        plain, t_span, x0, method=Rodas5P, samples=samples, rtol=coarse, atol=atol, max_step=max_step
-    )
+    probe = integrate(plain, t_span, x0, method=Rodas5P, samples=samples, rtol=coarse, atol=atol, max_step=max_step)
     points = zip(samples.times[: samples.count], samples.states[: samples.count], strict=True)
     radii = [spectral_radius(plain, t_span[0], x0), *(spectral_radius(plain, t, x) for t, x in points)]
     fastest = max(radii)
@@ -125,9 +119,7 @@ def choose_method(
         f"where accuracy allows {span / accurate:.2g} s"
     )
     if gain > 1.0:
-        return Choice(
-            Rodas5P, f"stiff: {words}; estimated {gain:.1f} times cheaper than explicit", fastest, gain
-        )
+        return Choice(Rodas5P, f"stiff: {words}; estimated {gain:.1f} times cheaper than explicit", fastest, gain)
     if stable <= accurate:
         words = f"accuracy and not stability limits the step (fastest eigenvalue {fastest:.3g} 1/s)"
     return Choice(DormandPrince54, f"explicit: {words}; a stiff step costs more than it saves", fastest, gain)

@@ -13,7 +13,7 @@ from multibody.solvers.kernels.exponential import LEFT
 from multibody.solvers.kernels.stepping import DONE, EVALUATIONS, JACOBIANS, WANTED, T
 from multibody.solvers.problem import ProblemError
 
-__all__ = ["Exponential43", "fast_motion"]
+__all__ = ["Exponential43"]
 
 #: Steps after which the direction of the fast motion is looked at again, before and after one was found.
 SPELLS = (1024, 16384)

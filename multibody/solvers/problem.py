@@ -183,9 +183,7 @@ class NativeProblem:
         faults = []
         delays = self.table.kernel["delays"]
         if np.any(delays >= self.p.size):
-            faults.append(
-                f"a delay parameter has the index {delays.max()}, but there are {self.p.size} parameters"
-            )
+            faults.append(f"a delay parameter has the index {delays.max()}, but there are {self.p.size} parameters")
         if not np.all(np.isfinite(self.p)):
             faults.append(f"parameter {int(np.flatnonzero(~np.isfinite(self.p))[0])} is not finite")
         d = self.directions
@@ -198,9 +196,7 @@ class NativeProblem:
                     f"the problem has {self.n} and {self.p.size}"
                 )
             if d.channel is not None and np.any(d.channel >= self.table.n_inputs):
-                faults.append(
-                    f"a direction acts on input {d.channel.max()}, but there are {self.table.n_inputs}"
-                )
+                faults.append(f"a direction acts on input {d.channel.max()}, but there are {self.table.n_inputs}")
         if self.colours is not None:
             faults += self._colour_faults(np.asarray(self.colours))
         if (self.speeds is None) != (self.widths is None):
@@ -278,9 +274,7 @@ class NativeProblem:
             weight = np.zeros((d.count, self.table.n_inputs))
             for column in np.flatnonzero(table["delays"] >= 0):
                 weight[:, column] = -d.p_dot[:, table["delays"][column]]
-            directions = {
-                name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")
-            }
+            directions = {name: np.asarray(getattr(d, name)) for name in ("p_dot", "channel", "shape_t", "shape")}
             directions["weight"] = weight
             channel = directions["channel"]
             fading = (channel < 0) & ~np.any(d.p_dot, axis=1)
@@ -314,9 +308,7 @@ class NativeProblem:
             return own
         added = InputTable(times, shape).kernel
         table = {name: np.append(own[name], added[name]) for name in ("breaks", "jumps", "break_delay")}
-        table["break_start"] = np.append(
-            own["break_start"], own["break_start"][-1] + added["break_start"][1:]
-        )
+        table["break_start"] = np.append(own["break_start"], own["break_start"][-1] + added["break_start"][1:])
         return {name: value for name, value in own.items() if name != "numbers"} | table
 
     def derivative(self, t: float, x: np.ndarray) -> np.ndarray:

@@ -29,13 +29,9 @@ class Rodas5P(NativeSolver):
     KERNEL: ClassVar[Any] = rodas
     IMPLICIT = True
 
-    def __init__(
-        self, fun: Any, t0: float, y0: Any, t_bound: float, problem: Any = None, **options: Any
-    ) -> None:
+    def __init__(self, fun: Any, t0: float, y0: Any, t_bound: float, problem: Any = None, **options: Any) -> None:
         if problem is not None and problem.tangent is None:
-            raise ProblemError(
-                "Rodas5P needs the tangent of the right-hand side: NativeProblem(..., tangent=...)"
-            )
+            raise ProblemError("Rodas5P needs the tangent of the right-hand side: NativeProblem(..., tangent=...)")
         super().__init__(fun, t0, y0, t_bound, problem=problem, **options)
 
     def _allocate(self, slots: int) -> None:

@@ -73,9 +73,7 @@ def integrate(
     if events is not None or dense_output:
         if events is not None:
             common.setdefault("internal_steps", 1)
-        return solve_ivp(
-            _unused, t_span, y0, t_eval=t_eval, events=events, dense_output=dense_output, **common
-        )
+        return solve_ivp(_unused, t_span, y0, t_eval=t_eval, events=events, dense_output=dense_output, **common)
     kept = samples is None and t_eval is not None
     if kept:
         samples = Samples(t_eval)
@@ -88,9 +86,7 @@ def integrate(
     return solution
 
 
-def _by_scipy(
-    problem: NativeProblem, t_span: tuple[float, float], x0: Any, method: str, **options: Any
-) -> Any:
+def _by_scipy(problem: NativeProblem, t_span: tuple[float, float], x0: Any, method: str, **options: Any) -> Any:
     from multibody.solvers.scipy_methods import IMPLICIT, solve_with_stops
 
     options["max_step"] = min(options.get("max_step", np.inf), problem.largest_step)

@@ -11,7 +11,7 @@ import numpy as np
 from multibody.system.compiled import CompiledSystem
 from multibody.system.trajectory import Trajectory
 
-__all__ = ["Feature", "StepLimits", "finer_step", "narrow_features", "step_limits"]
+__all__ = ["StepLimits", "finer_step", "narrow_features", "step_limits"]
 
 
 @dataclass(frozen=True)

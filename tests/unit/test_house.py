@@ -190,6 +190,29 @@ def test_the_import_check_sees_what_it_forbids(tmp_path: Path) -> None:
     ]
 
 
+def _listed(path: Path) -> list[str]:
+    """Names in the ``__all__`` of a file."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
+            return [str(each.value) for each in ast.walk(node.value) if isinstance(each, ast.Constant)]
+    return []
+
+
+def test_no_public_name_is_dead() -> None:
+    """What a file lists in ``__all__`` is used in another file: of the packages, of the tests, or of the docs."""
+    patterns = ("*.py", "*.pyi", "*.md", "*.toml", "*.html")
+    folders = (*PACKAGES, "tests", "docs", "examples", "benchmarks")
+    others = [path for folder in folders for pattern in patterns for path in (ROOT / folder).rglob(pattern)]
+    users: dict[str, set[Path]] = {}
+    for path in others:
+        for word in set(re.findall(r"\w+", path.read_text(encoding="utf-8"))):
+            users.setdefault(word, set()).add(path)
+    files = [path for path in FILES.values() if path.name != "__init__.py"]
+    listed = [(path, name) for path in files for name in _listed(path)]
+    assert len(listed) > 100
+    assert [f"{path.relative_to(ROOT)}: {name}" for path, name in listed if users[name] == {path}] == []
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_importing_a_package_is_light(package: str) -> None:
     code = f"import sys, {package}; print([m for m in {HEAVY!r} if m in sys.modules])"

@@ -11,7 +11,7 @@ from vtsdt.alignment.estimate import THRESHOLD
 from vtsdt.alignment.result import Alignment
 from vtsdt.alignment.sections import sections
 
-__all__ = ["HEIGHTS", "MAX_RMS", "MAX_WRONG", "MIN_CORRELATION", "Score", "WrongSection", "score"]
+__all__ = ["HEIGHTS", "MAX_RMS", "MAX_WRONG", "MIN_CORRELATION", "Score", "score"]
 
 #: Heights that are evaluated, m: those of the paper's Fig. 9.
 HEIGHTS = (0.1, 1.8)

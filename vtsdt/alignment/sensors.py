@@ -19,7 +19,7 @@ from vtsdt.lift.lift import Lift
 if TYPE_CHECKING:
     import pandas
 
-__all__ = ["SENSORS", "SensorRow", "sensor_table", "table_text"]
+__all__ = ["SENSORS", "sensor_table", "table_text"]
 
 #: Sets of further sensors: outputs of the cabin model and the standard deviation of their noise.
 SENSORS: dict[str, dict[str, float]] = {

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from estimation.filters.samples import FilterSamples
     from estimation.filters.tuning import Tuned
 
-__all__ = ["TunedTrips", "TuningFit", "fit_tuning", "maximum_likelihood", "page_text", "recorded", "table_text"]
+__all__ = ["page_text", "recorded", "table_text"]
 
 _FREE = ("z", "v_z", "delta")
 #: Searches, each from the geometric mean over the trips of the previous one.

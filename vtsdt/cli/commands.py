@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from vtsdt.cli.arguments import CommandError, Parser
 
-__all__ = ["COMMANDS", "GROUPS", "Command", "parser"]
+__all__ = ["COMMANDS", "Command", "parser"]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from multibody.system.trajectory import Trajectory
     from vtsdt.lift.lift import Lift
 
-__all__ = ["Modes", "ModesAlong", "modes_along_run", "modes_along_trip", "modes_of"]
+__all__ = ["Modes", "ModesAlong", "modes_along_run", "modes_along_trip"]
 
 _VERTICAL = ("z", "v_z")
 _BODIES = ("cabin", "counterweight")

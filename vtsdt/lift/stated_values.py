@@ -12,7 +12,7 @@ from vtsdt.parts.control import FieldOrientedControl
 from vtsdt.parts.guide import GuidingSystem
 from vtsdt.parts.machine import GearedPMSM
 
-__all__ = ["LIFT_KINDS"]
+__all__ = []
 
 _TUNED = "The drive was tuned again, another parameter set is loaded, units differ from the model's."
 _READ = "Read the parameter set from the drive, or record a step of the reference."

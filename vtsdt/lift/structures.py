@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from vtsdt.lift.lift import Lift
 
-__all__ = ["StructureRow", "structure_table", "table_text"]
+__all__ = ["structure_table", "table_text"]
 
 
 @dataclass(frozen=True)

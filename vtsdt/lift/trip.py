@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from multibody.system.equilibrium import Equilibrium
     from multibody.system.trajectory import Trajectory
 
-__all__ = ["check_reference", "simulate_trip", "state_at_rest"]
+__all__ = ["simulate_trip", "state_at_rest"]
 
 _G = 9.80665
 #: Simulated standstill in which the shoes settle between the rails, s, and how often it is tried.

@@ -15,7 +15,7 @@ from typing import Any
 from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter
 from multibody.base.progress import Progress, silent
 
-__all__ = ["CHAPTERS", "count", "to_json", "to_markdown", "validate", "write", "write_docs_page"]
+__all__ = ["CHAPTERS", "count", "to_json", "validate", "write", "write_docs_page"]
 
 #: Modules with the chapters of each machine, imported when needed: ``chapters(progress)`` yields them.
 CHAPTERS = {"lift": "vtsdt.papers.lift", "gearbox": "gearbox.papers.gearbox"}

@@ -16,7 +16,7 @@ from vtsdt.files.parameters import LiftParameters, ParameterError
 from vtsdt.files.rail_profile import RailProfile
 from vtsdt.lift.lift import Lift
 
-__all__ = ["MODELS", "WeighedLoad", "add_weighed_load", "build", "with_rails"]
+__all__ = ["MODELS", "add_weighed_load", "build", "with_rails"]
 
 #: Models that ``vtsdt bench lift --model`` offers.
 MODELS = ("one_dimensional", "reference", "cabin")

@@ -23,7 +23,7 @@ from vtsdt.whatif.settings import Settings
 from vtsdt.whatif.study import what_if
 from vtsdt.whatif.threshold import Threshold, configuration_of, friction_loss, threshold_of
 
-__all__ = ["run_what_if", "threshold_from"]
+__all__ = ["run_what_if"]
 
 
 def run_what_if(settings: Settings, out: str | Path, progress: Progress = silent) -> tuple[WhatIf, Path]:

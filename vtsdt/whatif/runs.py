@@ -24,7 +24,7 @@ from vtsdt.lift.lift import Lift
 if TYPE_CHECKING:
     from multibody.machine.model import System
 
-__all__ = ["SimulatedTrip", "TripRunner", "Variant"]
+__all__ = ["TripRunner", "Variant"]
 
 #: Step of the samples from which energies are integrated, s.
 STEP = 2e-3

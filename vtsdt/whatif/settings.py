@@ -13,7 +13,7 @@ from multibody.base.spelling import nearest
 from vtsdt.whatif.compare import COLUMNS
 from vtsdt.whatif.study import Uncertainty, default_uncertainties, uncertainties_from
 
-__all__ = ["ConfigurationFiles", "Settings", "read_settings"]
+__all__ = ["Settings", "read_settings"]
 
 _TABLES: dict[str, tuple[str, ...]] = {
     "lift": ("parameters",),

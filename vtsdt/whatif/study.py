@@ -22,7 +22,7 @@ from vtsdt.lift.energy import TripEnergy
 from vtsdt.whatif.result import Action, SectionSaving, WhatIf
 from vtsdt.whatif.runs import TripRunner, Variant
 
-__all__ = ["ACTIONS", "Uncertainty", "default_uncertainties", "what_if"]
+__all__ = ["Uncertainty", "default_uncertainties", "what_if"]
 
 ACTIONS = ("original", "straightened", "lubrication", "both")
 #: Distance of the points of drawn rails, m.

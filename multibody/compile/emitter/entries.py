@@ -17,7 +17,7 @@ import numpy as np
 from multibody.compile.emitter.kinds import FLOAT, INT, TRUTH, Array, Kind, kind_and_address, kind_of_argument
 from multibody.compile.settings import jit_enabled
 
-__all__ = ["Entry", "Inner", "Instruction", "module_texts"]
+__all__ = ["Entry", "Inner", "Instruction"]
 
 _C: dict[Kind, Any] = {FLOAT: ctypes.c_double, INT: ctypes.c_int64, TRUTH: ctypes.c_bool}
 _IMPORT = re.compile(r"^\s*(?:from\s+([\w.]+)\s+import|import\s+([\w.]+))", re.MULTILINE)

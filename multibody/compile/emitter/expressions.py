@@ -194,9 +194,7 @@ class Expressions(Arithmetic):
                 raise self.refuse(node, "the shape of an array takes a number")
             return Value(INT, array.shape[node.slice.value])
         place = self.place(node)
-        return self.emit(
-            place.kind, f"load {llvm_type(place.kind)}, ptr {place.name}{self.access(place.kind)}"
-        )
+        return self.emit(place.kind, f"load {llvm_type(place.kind)}, ptr {place.name}{self.access(place.kind)}")
 
     # ---------------------------------------------------------------- calls
 

@@ -25,16 +25,9 @@ from multibody.compile.emitter.kinds import (
 )
 from multibody.compile.emitter.units import Unit
 
-__all__ = ["Kinds", "is_condition", "store_counts"]
+__all__ = ["Kinds", "store_counts"]
 
 _RETURN = "return"
-
-
-def is_condition(node: ast.expr) -> bool:
-    """Tell whether an expression is true or false."""
-    return isinstance(node, ast.Compare | ast.BoolOp) or (
-        isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)
-    )
 
 
 def store_counts(body: list[ast.stmt]) -> dict[str, int]:

@@ -192,8 +192,24 @@ def ended(ticks, counts):
 
 @entry
 def advance_batched(
-    address, numbers, clock, tally, y, last, work, store_t, store_y, store_k, rtol, atol, times, samples, place, wide,
-    steps, lanes
+    address,
+    numbers,
+    clock,
+    tally,
+    y,
+    last,
+    work,
+    store_t,
+    store_y,
+    store_k,
+    rtol,
+    atol,
+    times,
+    samples,
+    place,
+    wide,
+    steps,
+    lanes,
 ):
     """Integrate every run to its end, or as far as it goes by itself; how it stands goes into its tally.
 
@@ -255,15 +271,30 @@ def advance_batched(
                 give_back(size, start, k, left, shift(rates, r * size))
                 counts[WANTED] -= before
                 counts[STATUS] = march(
-                    c, ticks, counts, size, size, left, pointer(work), 1, spans, start, k, relative, absolute,
-                    rows, sample_t, rows, sample_y)
+                    c,
+                    ticks,
+                    counts,
+                    size,
+                    size,
+                    left,
+                    pointer(work),
+                    1,
+                    spans,
+                    start,
+                    k,
+                    relative,
+                    absolute,
+                    rows,
+                    sample_t,
+                    rows,
+                    sample_y,
+                )
                 counts[WANTED] += before
                 counts[DONE] += before
                 give_back(size, left, k, left, shift(rates, r * size))
                 return
             if again[lane] == 0:
-                begin_step(
-                    c, ticks, counts, lane, size, start, k, y_new, wide_k, relative, absolute, proposals, limits)
+                begin_step(c, ticks, counts, lane, size, start, k, y_new, wide_k, relative, absolute, proposals, limits)
             whole[lane], ends[lane], clipped, jump = plan(c, ticks, proposals[lane])
             how[lane] = (1 if clipped else 0) + (2 if jump else 0)
             if whole[lane] == 0.0:
@@ -278,8 +309,7 @@ def advance_batched(
                 into_lane(size, k, wide_k, lane)
             begins[lane] = ticks[T]
             h[lane] = ends[lane] - ticks[T]
-        batched_stages(
-            address, fields, run_of, begins, h, size, at, wide_y, wide_k, wide_new, wide_u, wide_p)
+        batched_stages(address, fields, run_of, begins, h, size, at, wide_y, wide_k, wide_new, wide_u, wide_p)
         out_of_lanes(7 * size, wide_k, pointer(store_k), 7 * size)
         out_of_lanes(size, wide_new, shift(pointer(work), 3 * size), size)
         for lane in range(LANES):
@@ -290,8 +320,24 @@ def advance_batched(
             y_new = shift(pointer(work), (3 + lane) * size)
             counts[EVALUATIONS] += 6
             accepted = end_step(
-                c, ticks, counts, lane, size, start, k, y_new, errors, relative, absolute, whole[lane], ends[lane],
-                how[lane], proposals, limits, shift(pointer(store_t), 2 * lane))
+                c,
+                ticks,
+                counts,
+                lane,
+                size,
+                start,
+                k,
+                y_new,
+                errors,
+                relative,
+                absolute,
+                whole[lane],
+                ends[lane],
+                how[lane],
+                proposals,
+                limits,
+                shift(pointer(store_t), 2 * lane),
+            )
             again[lane] = 0 if accepted else 1
             if accepted:
                 sample_y = shift(pointer(samples), place[r] * rows * size)

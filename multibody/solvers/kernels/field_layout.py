@@ -8,7 +8,7 @@ import numpy as np
 
 from multibody.compile.emitter.kinds import address_of
 
-__all__ = ["CUBIC", "FADING", "HOLD", "LINEAR", "Field"]
+__all__ = ["FADING", "HOLD", "LINEAR", "Field"]
 
 HOLD, LINEAR, CUBIC = 0, 1, 2
 FADING = -2  # the channel of a direction that only begins: once it has died away, its rates are zero
