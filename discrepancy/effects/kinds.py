@@ -176,7 +176,8 @@ def _add(rows: Sequence[Kind]) -> None:
         register(row)
 
 
-# fmt: off  (a table: one kind, one block)
+# A table, one block for each kind.
+# fmt: off
 _add([
     Kind("viscous_friction", "connection", "Viscous", ("viscous",), _T(
         "viscous friction", "A resistance proportional to speed.",
