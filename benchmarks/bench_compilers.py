@@ -76,8 +76,11 @@ def _entry(workload: str, compiler: str, warm: bool) -> Callable[[], Any]:
     return prepare
 
 
-for _workload in WORKLOADS:
-    for _warm in (True, False):
-        for _compiler in COMPILERS:
-            _name = f"bench_{_workload}_{_compiler}_{'warm' if _warm else 'cold'}"
-            globals()[_name] = _entry(_workload, _compiler, _warm)
+globals().update(
+    {
+        f"bench_{workload}_{compiler}_{'warm' if warm else 'cold'}": _entry(workload, compiler, warm)
+        for workload in WORKLOADS
+        for warm in (True, False)
+        for compiler in COMPILERS
+    }
+)

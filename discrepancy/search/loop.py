@@ -81,10 +81,16 @@ class Search:
             "progress": self.state.progress,
         }
 
-    def add(self, effect: Effect) -> Stage:
+    def add(self, effect: Effect, accepted: AcceptedEffect | None = None) -> Stage:
         """Add an effect to the model, fit again, and make that the latest stage.
 
         Where the machine cannot be simulated with the strengths given, the fit begins at smaller ones.
+
+        Parameters
+        ----------
+        effect : Effect
+        accepted : AcceptedEffect, optional
+            Why it is added, as `explain` gives it (``decision.accepted``); by default the effect counts as given.
 
         Raises
         ------
@@ -107,9 +113,9 @@ class Search:
                 f"{START_SHARES[-1]:g} of the strengths ({strengths}); "
                 f"give smaller ones, or other values of {', '.join(effect.shape) or 'the model'}. {reason}"
             ) from reason
-        self.state.stages.append(stage)
+        self.state.stages.append(replace(stage, accepted=accepted))
         self.state.save()
-        return stage
+        return self.state.stage
 
     def undo(self) -> Stage:
         """Remove the latest effect."""

@@ -18,7 +18,7 @@ from discrepancy.questions.locate import WhereItFails, locate
 from discrepancy.search.loop import Search
 from discrepancy.search.moves import Decision
 from discrepancy.search.state import SearchState
-from discrepancy.stages.stage import Stage
+from discrepancy.stages.stage import AcceptedEffect, Stage
 from multibody.base.progress import silent
 
 if TYPE_CHECKING:
@@ -59,17 +59,23 @@ class Study(SearchState):
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""
         return Search(self).explain()
 
-    def add(self, effect: Effect) -> Stage:
+    def add(self, effect: Effect, accepted: AcceptedEffect | None = None) -> Stage:
         """Add an effect to the model, fit again, and make that the latest stage.
 
         Where the machine cannot be simulated with the strengths given, the fit begins at smaller ones.
+
+        Parameters
+        ----------
+        effect : Effect
+        accepted : AcceptedEffect, optional
+            Why it is added, as `explain` gives it (``decision.accepted``); by default the effect counts as given.
 
         Raises
         ------
         SimulationError
             If the machine cannot be simulated with a hundredth of them either.
         """
-        return Search(self).add(effect)
+        return Search(self).add(effect, accepted)
 
     def undo(self) -> Stage:
         """Remove the latest effect."""

@@ -26,6 +26,7 @@ import numpy as np
 
 from multibody.base.cache import cache_dir, digest_of, write_once
 from multibody.base.compile_events import on_compile
+from multibody.base.errors import EquationError
 from multibody.compile.calls import register_python
 from multibody.compile.emitter.build import build
 from multibody.compile.emitter.kinds import FLOAT, FLOATS, LanesAt
@@ -99,8 +100,6 @@ class NativeFunction:
     ----------
     name : str
         Name of the function in its module.
-    address : int
-        Address of ``void f(double t, double *..., double *out)``.
     python : callable
         The same function as plain Python.
     arrays : int
@@ -110,14 +109,27 @@ class NativeFunction:
     """
 
     name: str
-    address: int
     python: Callable[..., None]
     arrays: int
     compiled: bool
     origin: tuple[str, str] = ("", "")
     faults: list[BaseException] = field(default_factory=list, repr=False)
-    _native: Any = field(default=None, repr=False)
     lanes: int = 0
+    _made: tuple[int, Any] | None = field(default=None, repr=False)
+
+    @cached_property
+    def _entry(self) -> tuple[int, Any]:
+        """The C address, and what has to stay alive for it; numba compiles when it is first asked for."""
+        return _by_numba(*self.origin, self.name, self.arrays) if self._made is None else self._made
+
+    @property
+    def address(self) -> int:
+        """Address of ``void f(double t, double *..., double *out)``."""
+        return self._entry[0]
+
+    @cached_property
+    def _native(self) -> Any:
+        return _prototype(self.arrays)(self.address)
 
     def __call__(self, t: float, *arrays: np.ndarray) -> np.ndarray:
         """Evaluate once: ``f(t, x, u, p, dx)`` or the tangent form; writes and returns the last array."""
@@ -155,6 +167,8 @@ class NativeFunction:
         """Send the source and not the address: a worker process compiles, or finds it in the cache."""
         if not self.origin[0]:
             raise TypeError(f"{self.name} has no source text to be rebuilt from in another process")
+        if self._made is None:
+            load_source(*self.origin)  # what numba keeps of a user's function that calls this one names the module
         return _rebuild, (*self.origin, self.name, self.arrays, self.compiled, self.lanes)
 
 
@@ -262,13 +276,10 @@ def compile_text(text: str, stem: str, name: str, arrays: int, compiled: bool = 
     """
     python = _Plain(text, stem, name)
     if compiled and jit_enabled():
+        made = None
         if lanes or models_by_emitter():
-            address, owner = _by_emitter(text, stem, name, arrays, lanes), None
-        else:
-            address, owner = _by_numba(text, stem, name, arrays)
-        entry = _prototype(arrays)(address)
-        entry.keep = owner  # type: ignore[attr-defined]
-        return NativeFunction(name, address, python, arrays, True, (text, stem), [], entry, lanes)
+            made = _by_emitter(text, stem, name, arrays, lanes), None
+        return NativeFunction(name, python, arrays, True, (text, stem), lanes=lanes, _made=made)
 
     faults: list[BaseException] = []
     guarded = _guard(python, faults)
@@ -276,9 +287,7 @@ def compile_text(text: str, stem: str, name: str, arrays: int, compiled: bool = 
     back = ctypes.CFUNCTYPE(None, ctypes.c_double, *([pointer] * arrays))(guarded)
     address = ctypes.cast(back, ctypes.c_void_p).value or 0
     register_python(address, guarded)
-    entry = _prototype(arrays)(address)
-    entry.keep = back  # type: ignore[attr-defined]
-    return NativeFunction(name, address, python, arrays, False, (text, stem), faults, entry)
+    return NativeFunction(name, python, arrays, False, (text, stem), faults, _made=(address, back))
 
 
 @lru_cache(maxsize=8)
@@ -300,9 +309,14 @@ def _by_emitter(text: str, stem: str, name: str, arrays: int, lanes: int) -> int
 def _by_numba(text: str, stem: str, name: str, arrays: int) -> tuple[int, Any]:
     from multibody.compile.numba_functions import address_of_function, function_on_pointers
 
-    with compiling:
-        function = function_on_pointers(load_source(text, stem), name, arrays)
-        return address_of_function(function), function
+    try:
+        with compiling:  # two threads would compile the same text twice
+            function = function_on_pointers(load_source(text, stem), name, arrays)
+            return address_of_function(function), function
+    except Exception as error:
+        if not type(error).__module__.startswith("numba"):
+            raise
+        raise EquationError(f"the equations ('{stem}') could not be compiled: {error}") from error
 
 
 def _text_of(module: ModuleType) -> tuple[str, str]:

@@ -20,22 +20,26 @@ _FLOATS = types.CPointer(types.float64)
 
 
 class _Announcement(event.Listener):  # type: ignore[misc]
-    """Passes on that numba compiles a function which its cache does not hold; what that one calls goes with it."""
+    """Reports that numba compiles a model's function which its cache does not hold; its helpers go with it."""
 
     def __init__(self) -> None:
         self._open: list[tuple[str, float]] = []
 
     def on_start(self, event: Any) -> None:
         """Note the begin of a compilation."""
+        if not _is_generated(event):
+            return
         name = event.data["dispatcher"].py_func.__name__
         self._open.append((name, time.perf_counter()))
-        if len(self._open) == 1 and _is_generated(event):
+        if len(self._open) == 1:
             tell(name, None)
 
     def on_end(self, event: Any) -> None:
         """Note the end of a compilation."""
+        if not _is_generated(event):
+            return
         name, begun = self._open.pop()
-        if not self._open and _is_generated(event):
+        if not self._open:
             tell(name, time.perf_counter() - begun)
 
 

@@ -267,7 +267,6 @@ class NativeProblem:
         """
         from multibody.solvers.kernels.field_layout import FADING, Field
 
-        tangent = 0 if self.tangent is None else self.tangent.address
         own = self.table.kernel_for(tolerance) if tolerance > 0.0 else self.table.kernel
         table, directions, d = own, None, self.directions
         if d is not None:
@@ -283,12 +282,14 @@ class NativeProblem:
         columns, seeds = 0, None
         if jacobian and self.columns is not None and self.colours is not None:
             columns, seeds = self.columns.address, _seeds(*self._structure, self.columns.lanes)
+        wide = self._wide()
+        # What goes in lanes needs no tangent of a single direction, which would have to be compiled as well.
+        single = (d is not None and wide[0] == 0) or (jacobian and columns == 0)
+        tangent = self.tangent.address if single and self.tangent is not None else 0
         passing: tuple[Any, ...] = ()
         if self.speeds is not None and self.widths is not None:
             passing = (self.speeds.address, np.ascontiguousarray(self.widths, dtype=np.float64))
-        return Field(
-            self.rhs.address, tangent, self.n, self.p, table, directions, self._wide(), columns, seeds, *passing
-        )
+        return Field(self.rhs.address, tangent, self.n, self.p, table, directions, wide, columns, seeds, *passing)
 
     def _wide(self) -> tuple[int, int]:
         """Return the address of a tangent for several directions at once, and for how many; zeros for none."""

@@ -11,7 +11,7 @@ import numpy as np
 from multibody.assembly.assemble import find_places
 from multibody.assembly.equation_set import Quantity
 from multibody.assembly.places import Place
-from multibody.base.errors import EquationError, ModelError
+from multibody.base.errors import ModelError
 from multibody.base.spelling import nearest
 from multibody.base.units import UnitError, quantity
 from multibody.compile.assembled import plan_of
@@ -21,7 +21,6 @@ from multibody.compile.native import (
     NativeFunction,
     ReturningFunction,
     compile_text,
-    compiling,
 )
 from multibody.compile.vector_mode import FEW_LANES, MANY_LANES, along_directions, along_states, lanes_pay_off
 from multibody.model.graph import ModelGraph
@@ -192,14 +191,7 @@ class CompiledSystem:
 
     def _native(self, name: str) -> NativeFunction:
         arrays = TANGENT_ARRAYS if name.endswith("tangent") else RHS_ARRAYS
-        text = self.texts[name]
-        try:
-            with compiling:  # two threads would compile the same text twice
-                return compile_text(text, name, name, arrays, self.compiled)
-        except Exception as error:
-            if not type(error).__module__.startswith("numba"):
-                raise
-            raise EquationError(f"'{self.name}': the equations could not be compiled: {error}") from error
+        return compile_text(self.texts[name], name, name, arrays, self.compiled)
 
     @cached_property
     def rhs_function(self) -> NativeFunction:

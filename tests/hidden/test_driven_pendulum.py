@@ -88,7 +88,7 @@ def test_simulations_that_end_far_from_their_records_give_way_to_windows(tmp_pat
     cut = problem_in_windows(study.given, {"rod.angle": 1.5})
     assert cut is not None
     assert cut.mode == "prediction"
-    assert "simulations of whole records end 150% of the spread of rod.angle away from them" in cut.reason
+    assert "simulations of whole records differ from rod.angle by 150% of its spread" in cut.reason
     study.prepared = PreparedProblem(study.given, "simulation", "as if the records were calm")
     assert study.cut_into_windows({"rod.angle": 1.5})
     assert study.in_windows_instead

@@ -37,8 +37,12 @@ def test_the_derivative_by_a_severity_is_that_of_the_simulation() -> None:
     model = stage.moving(SPEED, TORQUE)
     time = np.arange(100) * 5e-4
     given = {"speed": (SPEED * np.pi / 30, "rad/s"), "torque": (TORQUE, "N*m")}
-    signals = {n: RecordedSignal(np.full(time.size, v), unit, name=n, unit=unit) for n, (v, unit) in given.items()}
-    signals |= {n: RecordedSignal(np.zeros(time.size), unit, name=n, unit=unit) for n, unit in OUTPUTS.items()}
+    signals = {
+        n: RecordedSignal(np.full(time.size, v), unit, column=n, measured_unit=unit) for n, (v, unit) in given.items()
+    }
+    signals |= {
+        n: RecordedSignal(np.zeros(time.size), unit, column=n, measured_unit=unit) for n, unit in OUTPUTS.items()
+    }
     experiment = make_experiments(
         model, [Record(name="a", path=Path("a.csv"), time=time, signals=signals)], list(given), list(OUTPUTS)
     )[0]

@@ -23,7 +23,7 @@ def three_kinds(delays=None):
 
 def compiled(table, t, p=(0.0,)):
     """Inputs and rates by the lookup that the solvers use."""
-    nowhere = NativeFunction("none", 0, lambda *a: None, 4, True)
+    nowhere = NativeFunction("none", lambda *a: None, 4, True, _made=(0, None))
     field = NativeProblem(nowhere, np.array(p), table, 1).field()
     out, rate = np.empty((len(t), table.n_inputs)), np.empty((len(t), table.n_inputs))
     inputs_along(t, out, rate, field.numbers)
