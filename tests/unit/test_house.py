@@ -303,3 +303,9 @@ def test_what_the_readme_names_exists() -> None:
     named += re.findall(r"`((?:docs/|[A-Z]+\.md|LICENSE)[^`]*)`", readme)
     assert named
     assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def test_the_paths_that_contributing_gives_exist() -> None:
+    paths = re.findall(r"`([\w./-]+/[\w.-]+\.(?:py|md))`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
+    assert len(paths) > 10
+    assert [path for path in paths if not (ROOT / path).is_file()] == []
