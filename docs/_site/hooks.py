@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import ast
 import html
+import importlib
+import inspect
 import re
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,7 @@ SECTIONS = {
     "reference": "Reference",
 }
 PACKAGES = ("multibody", "estimation", "surrogate", "discrepancy", "vtsdt", "gearbox")
+COMPONENTS = ("multibody.library", "vtsdt.parts")  # packages of components
 INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 DISPLAY = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DOTALL)
 
@@ -47,6 +50,28 @@ def public_names(root: Path) -> dict[str, list[str]]:
             if names := _offered(stub if stub.is_file() else source, package):
                 pages[package] = names
     return pages
+
+
+def _shown(name: str) -> str:
+    """Return the entry of a name: from its source or, of a component, whose docstring is made, from the class."""
+    module, _, last = name.rpartition(".")
+    value = getattr(importlib.import_module(module), last) if ".".join(name.split(".")[:2]) in COMPONENTS else None
+    if not isinstance(value, type) or not hasattr(value, "declarations"):
+        options = "show_root_heading: true, show_root_toc_entry: true, show_root_full_path: false, heading_level: 2"
+        return f"::: {name}\n    options: {{{options}}}"
+    lines = [f"## {last}", ""]
+    for section in re.split(r"\n(?=\w+\n-{3,}\n)", inspect.getdoc(value) or ""):
+        title, underline, entries = section.partition("\n---")
+        if not underline:
+            lines += [section, ""]
+            continue
+        lines += [f"**{title}**", "", "| name | what it is | meaning |", "| --- | --- | --- |"]
+        for entry in re.split(r"\n(?=\S)", entries.partition("\n")[2].strip()):
+            head, _, meaning = entry.partition("\n")
+            word, _, kind = head.partition(" : ")
+            lines.append(f"| `{word}` | {kind.rstrip(', ')} | {' '.join(meaning.split())} |")
+        lines.append("")
+    return "\n".join(lines)
 
 
 def _offered(file: Path, package: str) -> list[str]:
@@ -97,7 +122,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the reference pages and the style sheet of the coloured code."""
     for package, names in public_names(_root(config)).items():
         parts = [f"# {package}", f"::: {package}\n    options:\n      members: []"]
-        parts += [f"## {name.rpartition('.')[2]}\n\n::: {name}\n    options:\n      heading_level: 3" for name in names]
+        parts += [_shown(name) for name in names]
         files.append(File.generated(config, f"reference/{package}.md", content="\n\n".join(parts) + "\n"))
     style = HtmlFormatter(style="friendly").get_style_defs(".highlight")
     files.append(File.generated(config, "assets/pygments.css", content=style))
