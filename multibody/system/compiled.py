@@ -299,7 +299,8 @@ class CompiledSystem:
         columns : ndarray of int, optional
             Only these columns.
         in_lanes : bool, optional
-            Whether several columns at once; default: where there are enough for what has to be compiled.
+            Whether several columns at once; default: for the rates by the states, and elsewhere where there are enough
+            for what has to be compiled.
 
         Returns
         -------
@@ -310,10 +311,11 @@ class CompiledSystem:
         chosen = np.arange(sizes[wrt]) if columns is None else np.asarray(columns, dtype=int)
         rows, m = len(self.states) if of == "rhs" else len(self.outputs), chosen.size
         at = _contiguous(times, states, inputs, p)
+        by_states = (wrt, of) == ("x", "rhs")
         wide = None
-        if lanes_pay_off(times.size, m) if in_lanes is None else in_lanes:
-            # a tangent along states alone does less work
-            wide = self.rhs_columns if (wrt, of) == ("x", "rhs") else along_directions(function, MANY_LANES)
+        if in_lanes or (in_lanes is None and (by_states or lanes_pay_off(times.size, m))):
+            # a tangent along states alone does less work, and stiff methods need it in any case
+            wide = self.rhs_columns if by_states else along_directions(function, MANY_LANES)
         if wide is None:
             seeds = {key: np.zeros((m, size)) for key, size in sizes.items()}
             seeds[wrt][np.arange(m), chosen] = 1.0
