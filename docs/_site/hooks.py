@@ -120,9 +120,14 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the reference pages and the style sheet of the coloured code."""
+    pages: dict[str, str] = {}  # each name is shown once, on the first page that offers it
     for package, names in public_names(_root(config)).items():
         parts = [f"# {package}", f"::: {package}\n    options:\n      members: []"]
-        parts += [_shown(name) for name in names]
+        others = [f"`{name.rpartition('.')[2]}` ([{pages[name]}]({pages[name]}.md))" for name in names if name in pages]
+        if others:
+            parts.append(f"Also imported from here: {', '.join(others)}.")
+        parts += [_shown(name) for name in names if name not in pages]
+        pages |= {name: package for name in names if name not in pages}
         files.append(File.generated(config, f"reference/{package}.md", content="\n\n".join(parts) + "\n"))
     style = HtmlFormatter(style="friendly").get_style_defs(".highlight")
     files.append(File.generated(config, "assets/pygments.css", content=style))
