@@ -89,26 +89,7 @@ class GearModel(Model):
     turning).  Outputs are the accelerometers ``a_<sensor>_<axis>`` with the sensors input_seat, output_seat and base,
     ``mesh_force``, ``back_force``, ``transmission_error``, ``drive_torque``, ``speed_1``, ``speed_2``.
 
-    Parameters
-    ----------
-    parameters : StageParameters, optional
-        Default: the paper's stage.
-    structure : Structure, optional
-        Default: all motions free, flexible housing.
-    modes : ModeSet, optional
-        Of the housing; default: the shipped set for ``housing="flexible"``, a rigid body on mounts for ``"rigid"``.
-    name : str
-
-    Raises
-    ------
-    GearError
-        With everything that does not fit together.
-
-    Examples
-    --------
-    >>> model = GearModel.paper()
-    >>> len(model.system.states)
-    58
+    Users take `gearbox.GearStage`, which describes the parameters and adds the analyses.
     """
 
     def __init__(

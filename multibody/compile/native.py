@@ -127,6 +127,10 @@ class NativeFunction:
         """Address of ``void f(double t, double *..., double *out)``."""
         return self._entry[0]
 
+    def compile(self) -> None:
+        """Compile now; otherwise that happens when the function is first needed."""
+        _ = self._entry
+
     @cached_property
     def _native(self) -> Any:
         return _prototype(self.arrays)(self.address)
