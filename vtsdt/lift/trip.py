@@ -156,7 +156,8 @@ def simulate_trip(
     ----------
     lift : LiftModel
     direction : {"up", "down"}
-        Of the speed reference that is used if ``inputs`` has no omega_ref.
+        Of the speed reference that is used if ``inputs`` has no omega_ref.  A lift with its own speed reference
+        (``profile=True``) goes from its start to the farther end.
     inputs : mapping, optional
         Model inputs by name, as for `multibody.system.simulate.simulate`: omega_ref, tau_L, friction_c, friction_cw,
         F_c.
@@ -175,9 +176,16 @@ def simulate_trip(
     ------
     SimulationError
         If the reference leaves the hoistway, a rope has no length left, or the integration fails.
+    ValueError
+        If the lift has its own speed reference and stands at the end that the direction leads to.
     """
     sign = trip_sign(direction)
     travel = lift.parameters.hoistway.travel
+    if direction == "down" and lift.structure.profile and lift.start < 0.5 * travel:
+        raise ValueError(
+            f"'{lift.name}' has its own speed reference, which leads up from its start at {lift.start:g} m: for a trip "
+            f"down make it with start={travel:g}"
+        )
     given = dict(inputs or {})
     structure = lift.structure
     if height is None:

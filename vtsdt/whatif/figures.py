@@ -20,7 +20,7 @@ _COLOURS = {"E_c": "#0072B2", "E_cw": "#56B4E9", "E_m": "#009E73"}
 _WORDS = {
     "E_c": "lost in the cabin's guides",
     "E_cw": "lost in the counterweight's guides",
-    "E_m": "taken up by the machine",
+    "E_m": "taken up by the machine (negative: given)",
 }
 
 

@@ -28,8 +28,8 @@ __all__ = ["summary", "write_what_if"]
 _CAPTIONS = {
     "rail": "The estimated rail. The coloured sections are above the threshold.",
     "savings": "Savings in the guides from straightening each section alone, and from each action.",
-    "energies": "Energies and efficiency of a trip; lines are 95 % intervals. Energy that is not lost in the guides is "
-    "taken up by the machine.",
+    "energies": "Energies and efficiency of a trip; lines are 95 % intervals. The efficiency is what masses and "
+    "machine receive over what they give.",
     "threshold": "Median and largest deviation of each configuration of the guides, and the energy lost on its trips.",
     "compare": "One trip, measured and simulated, both low-passed at 60 Hz.",
     "comfort": "The measured ride: speed, acceleration and weighted vibration.",
