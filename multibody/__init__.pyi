@@ -2,7 +2,10 @@ from .base.errors import EquationError, ModelError, SimulationError
 from .declare.component import Component
 from .declare.declarations import (
     Energy,
+    FlowPort,
+    FluidPort,
     Frame,
+    HeatPort,
     Input,
     Option,
     Output,
@@ -27,7 +30,10 @@ __all__ = [
     "Energy",
     "EquationError",
     "Equilibrium",
+    "FlowPort",
+    "FluidPort",
     "Frame",
+    "HeatPort",
     "Input",
     "Linearization",
     "Model",

@@ -1,4 +1,4 @@
-"""What might be missing: every kind of effect at every place, sensor and input of a machine where it makes sense."""
+"""What might be missing: every kind of effect at every place, part and signal of a machine where it makes sense."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from discrepancy.effects.kinds import Kind, kinds
 from multibody.declare.declarations import Output
+from multibody.model.driving_signals import driving_signals
 
 if TYPE_CHECKING:
     from multibody.assembly.places import Place
@@ -16,10 +17,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Entry", "catalogue"]
 
+#: What a part has that is a friction: the speed below which dry friction fades, or a friction per speed.
+FRICTION = {"dry friction": ("v_s",), "viscous friction": ("viscous", "damping")}
+
 
 @dataclass(frozen=True)
 class Entry:
-    """A kind of effect at a place (connections) or at a signal (sensors, inputs).
+    """A kind of effect at a place (connections), at a signal (sensors, inputs, controllers) or in a part.
 
     Parameters
     ----------
@@ -29,7 +33,7 @@ class Entry:
     stiffness : str
         Parameter that gives the connection its own stiffness, or empty.
     load : str
-        Output that carries the load, or empty.
+        Output that carries the load or the temperature that the law takes, or empty.
     stated : tuple of float
         Values that were stated, of a kind whose strengths are such.
     """
@@ -73,6 +77,7 @@ def catalogue(
         Shell patterns over ``kind`` or ``kind@where``.
     """
     entries: list[Entry] = []
+    controlled = [s for s in driving_signals(system.model) if f"probe.{s}" in system.input_names]
     for kind in kinds().values():
         if kind.free_form:
             continue  # offered by `discrepancy.sensitivities.free_curve_scan` where no law is good enough
@@ -80,6 +85,8 @@ def catalogue(
             entries += [e for place in system.places if (e := _at_place(kind, place, system)) is not None]
         elif kind.at == "parameter":
             entries += _built_in(kind, system)
+        elif kind.at == "signal":
+            entries += [Entry(kind, name) for name in controlled]
         elif kind.at == "sensor":
             entries += [Entry(kind, name) for name in outputs]
         else:
@@ -115,12 +122,29 @@ def _at_place(kind: Kind, place: Place, system: System) -> Entry | None:
         return None
     if kind.law == "AddedInertia" and place.second is not None:
         return None
+    if kind.needs in FRICTION and not _has_parameter(place, system, FRICTION[kind.needs]):
+        return None
     load = ""
-    if kind.needs == "load":
-        load = _load_at(place, system)
+    if kind.law_input:
+        load = _load_at(place, system) if kind.law_input == "load" else _temperature_in(system)
         if not load:
             return None
     return Entry(kind, place.name, place=place, stiffness=stiffness, load=load)
+
+
+def _has_parameter(place: Place, system: System, names: Sequence[str]) -> bool:
+    """Tell whether a part between the two sides of a place, an effect included, has one of some parameters."""
+    parts = (system.model.components.get(name) for name in (place.name, *place.also))
+    return any(part is not None and any(n in part.values for n in names) for part in parts)
+
+
+def _temperature_in(system: System) -> str:
+    """Return the first output of a part that is a temperature."""
+    for owner, component in system.model.components.items():
+        for name, item in component.declarations.items():
+            if isinstance(item, Output) and item.unit == "K" and f"{owner}.{name}" in system.output_names:
+                return f"{owner}.{name}"
+    return ""
 
 
 def _load_at(place: Place, system: System) -> str:

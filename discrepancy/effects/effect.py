@@ -7,8 +7,10 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+import discrepancy.effects.built_in_kinds  # effects inside motors, tanks, … join the catalogue
 import discrepancy.effects.stated_values  # noqa: F401 - values of controllers and circuits join the catalogue
 from discrepancy.effects.kinds import Kind, kind_named
+from discrepancy.effects.signal_errors import SignalLag, inserted
 from multibody.base.spelling import nearest
 
 if TYPE_CHECKING:
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
     from multibody.machine.model import Model, System
 
 __all__ = ["Effect", "law_class", "unit_at"]
+
+#: Shape parameters that are fitted within a factor of ten of where they begin.
+POSITIVE = ("v_stribeck", "v_s", "width", "x_s", "order", "natural_frequency", "damping_ratio", "filter")
 
 
 def law_class(kind: Kind, domain: str) -> type[Component]:
@@ -55,7 +60,7 @@ class Effect:
     domain : str
         ``"translation"`` or ``"rotation"`` (connections).
     load : str
-        Output that gives the load, where the law asks for one.
+        Output that gives the load or the temperature, where the law asks for one.
     number : int
         Counts effects of one kind at one place.
     over : str
@@ -96,7 +101,7 @@ class Effect:
         """
         definition = kind_named(kind)
         if definition.at != "connection":
-            what = "a sensor" if definition.at == "sensor" else "an input"
+            what = {"sensor": "a sensor", "input": "an input"}.get(definition.at, f"a {definition.at}")
             raise ValueError(
                 f"{kind} acts on {what}, not on a place: write "
                 f"Effect('{kind}', 'name of the signal', {{'{definition.strengths[0]}': 0.0}})"
@@ -126,13 +131,13 @@ class Effect:
 
     @property
     def component_name(self) -> str:
-        """Name of the component that carries the effect in a model (connections)."""
+        """Name of the component that carries the effect in a model (connections, lags of signals)."""
         return f"{self.kind}.{self.where}" + (f".n{self.number}" if self.number > 1 else "")
 
     def parameter_name(self, parameter: str) -> str:
         """Return the full name of one of the effect's parameters."""
         at = self.definition.at
-        if at == "connection":
+        if at == "connection" or self.definition.inserted:
             return f"{self.component_name}.{parameter}"
         if at == "parameter":
             owner, ending = self.definition.owner_of(self.where)
@@ -154,7 +159,7 @@ class Effect:
         if self.definition.at == "connection":
             item: Any = law_class(self.definition, self.domain).declarations[parameter]
             return str(item.unit)
-        return {"gain": "", "delay": "s", "offset": "", "drift": ""}[parameter]
+        return {"gain": "", "delay": "s", "lag": "s", "filter": "s", "offset": "", "drift": ""}[parameter]
 
     def with_values(self, values: Mapping[str, float]) -> Effect:
         """Return the effect with parameters replaced, given by full name."""
@@ -174,6 +179,9 @@ class Effect:
         kind = self.definition
         if kind.at == "sensor":
             return model
+        if kind.inserted:
+            lag = SignalLag(unit=_unit_of_signal(model, self.where), **self._given())
+            return inserted(model, self.component_name, self.where, lag)
         if kind.at == "input":
             return model.with_input_error(self.where, **dict(self.strengths))
         if kind.at == "parameter":
@@ -185,7 +193,7 @@ class Effect:
         if "b" in cls.declarations:
             other.connect(f"{self.component_name}.b", self.ports[1])
         if self.load:
-            other.connect(self.load, part.load)
+            other.connect(self.load, getattr(part, kind.law_input))
         return other
 
     def _given(self) -> dict[str, Any]:
@@ -225,7 +233,7 @@ class Effect:
             )
         for name in kind.free_shapes:
             value = self.shape[name]
-            positive = name in ("v_stribeck", "v_s", "width", "x_s", "order")
+            positive = name in POSITIVE
             reach = (sizes or {}).get(name, abs(value) if value else 1.0)
             low, high = (0.1 * value, 10.0 * value) if positive else (value - reach, value + reach)
             if name == "order":
@@ -237,6 +245,16 @@ class Effect:
 
     def __str__(self) -> str:
         return f"{self.kind}@{self.where}"
+
+
+def _unit_of_signal(model: Model, signal: str) -> str:
+    """Return the unit of a model input or of a component's output."""
+    if signal in model.inputs:
+        signal = model.inputs[signal].targets[0]
+    location = model.find(signal)
+    assert location is not None
+    declared: Any = location.component.declarations[location.item]
+    return declared.unit or "1"
 
 
 def unit_at(system: System, kind: str, where: str) -> str:
@@ -253,5 +271,7 @@ def unit_at(system: System, kind: str, where: str) -> str:
         return Effect.at_place(kind, place).unit(entry.strengths[0])
     if entry.at == "parameter":
         return Effect(kind, where).unit(entry.strengths[0])
+    if entry.inserted:
+        return "s"
     signal = system.unit(where)
-    return {"offset": signal, "gain": "", "delay": "s", "drift": f"{signal}/s"}[entry.law]
+    return {"offset": signal, "gain": "", "delay": "s", "lag": "s", "drift": f"{signal}/s"}[entry.law]

@@ -34,8 +34,9 @@ class Kind:
     ----------
     name : str
         Name in files; a kind once named keeps its name.
-    at : {"connection", "sensor", "input", "parameter"}
-        What it acts on; ``"parameter"`` is an effect that a component already contains, with its strengths at zero.
+    at : {"connection", "sensor", "input", "signal", "parameter"}
+        What it acts on; ``"signal"`` is what a controller gives to the machine, ``"parameter"`` is an effect
+        that a component already contains, with its strengths at zero.
     law : str
         Name in `discrepancy.effects.laws.LAWS` (connections), the sensor's or input's error, or the class of the
         component whose parameters the strengths are.
@@ -51,8 +52,11 @@ class Kind:
     linear : bool
         False if the force is not proportional to the strength; the scan then takes a finite-amplitude sensitivity, at
         the strength that the shape names ``amplitude``, or at a small one.
-    needs : {"", "stiffness", "load", "ground"}
-        What the connection must have: a spring of its own, a force that passes through, or the ground on one side.
+    needs : {"", "stiffness", "load", "ground", "dry friction", "viscous friction"}
+        What the connection must have: a spring of its own, a force that passes through, the ground on one side with an
+        inertia on the other, or a friction in the model.
+    signal : {"", "load", "temperature"}
+        Input of the law beside the motion: the load, or a temperature that is in the model.
     elastic : bool or None
         True: only where the connection has a spring; False: only where it has none; None: anywhere.
     contains : tuple of str
@@ -67,6 +71,8 @@ class Kind:
         Parameter effects: from the component and the ending, the shapes to try.
     stated : bool
         Parameter effects: the component holds the stated value, which may be wrong; absence is that value, not zero.
+    taken_for : tuple of str
+        Kinds that leave nearly the same trace in many records.
     """
 
     name: str
@@ -87,6 +93,13 @@ class Kind:
     sides: tuple[tuple[str, str], ...] = ()
     component_shapes: Callable[[Component, str], Shapes] | None = None
     stated: bool = False
+    signal: str = ""
+    taken_for: tuple[str, ...] = ()
+
+    @property
+    def law_input(self) -> str:
+        """Input of the law beside the motion, or an empty text."""
+        return self.signal or ("load" if self.needs == "load" else "")
 
     @property
     def component_class(self) -> type[Component]:
@@ -107,6 +120,11 @@ class Kind:
             if where.endswith(f".{side}"):
                 return where[: -len(side) - 1], ending
         return where, ""
+
+    @property
+    def inserted(self) -> bool:
+        """True for a part that stands between a signal and what it feeds."""
+        return self.at == "signal" or (self.at == "input" and self.law == "lag")
 
     @property
     def free_form(self) -> bool:
@@ -278,6 +296,65 @@ _add([
         "A belt or rope that creeps over its pulley, a clamp or press fit that slides.",
         "Mark both sides and run loaded: the marks drift apart."),
         shape_grids.spring, one_sided=True, linear=False, needs="stiffness", elastic=True),
+    Kind("stribeck_load_friction", "connection", "StribeckLoadFriction", ("share",), _T(
+        "load-dependent friction at low speed", "Friction per load that falls while the motion gathers speed.",
+        "Gear meshes, worm and harmonic drives that start under load, before the oil film carries.",
+        "Start and creep with several payloads: the force to start rises with the load more than that at speed."),
+        shape_grids.low_loaded_speeds, ("v_stribeck", "v_s"), one_sided=True, needs="load",
+        contains=("load_dependent_friction",)),
+    Kind("directional_load_friction", "connection", "DirectionalLoadFriction", ("driving", "resisting"), _T(
+        "friction per load that depends on the direction of power", "Friction per load, of another size where the load "
+        "drives the motion than where it resists.",
+        "Worm gears, screws and harmonic drives, whose efficiency differs forwards and backwards.",
+        "Lift and lower the same payload slowly: the friction, half the difference of the two forces, is not the same "
+        "share of the load for another payload."),
+        shape_grids.fading_sign, ("v_s",), one_sided=True, needs="load", contains=("load_dependent_friction",),
+        by_direction=True),
+    Kind("quadratic_load_friction", "connection", "QuadraticLoadFriction", ("curve",), _T(
+        "friction that grows with the square of the load", "Dry friction whose level follows the squared force that "
+        "passes through.",
+        "Harmonic drives, worm gears and preloaded screws whose contact deforms under load.",
+        "Repeat a slow motion with two and with four times the payload: this part of the friction rises four times "
+        "between them."),
+        shape_grids.fading_sign, ("v_s",), one_sided=True, needs="load"),
+    Kind("friction_drift", "connection", "FrictionDrift", ("rate",), _T(
+        "dry friction that changes with time", "Dry friction that rises or falls while the machine runs.",
+        "Warming up, seals that settle, wear, lubricant that is squeezed out or spreads.",
+        "Repeat one slow motion over and over: the jump of the drive force at reversal changes from one to the next."),
+        shape_grids.since_begin_sign, needs="dry friction"),
+    Kind("viscous_drift", "connection", "ViscousDrift", ("rate",), _T(
+        "viscous friction that changes with time", "A resistance per speed that rises or falls while the machine runs.",
+        "Grease or oil that warms up, a damper that heats up or loses its fluid.",
+        "Repeat one fast motion over and over from a cold start: the drive force at speed falls from one to the next."),
+        shape_grids.since_begin, needs="viscous friction"),
+    Kind("stiffness_drift", "connection", "StiffnessDrift", ("rate",), _T(
+        "a stiffness that changes with time", "A spring that softens or stiffens while the machine runs.",
+        "Rubber that warms up, a clamp or screw that loosens, a crack that grows.",
+        "Let the machine ring before and after a long run: the natural frequency has changed."),
+        shape_grids.spring_since_begin, needs="stiffness", elastic=True),
+    Kind("friction_with_temperature", "connection", "WarmFriction", ("slope",), _T(
+        "dry friction that changes with temperature", "Dry friction that follows a temperature of the machine.",
+        "Clearances that close as parts expand, seals that soften, lubricant that thins.",
+        "Repeat one slow motion cold and warm: the jump of the drive force at reversal differs."),
+        shape_grids.fading_sign, needs="dry friction", signal="temperature"),
+    Kind("viscous_with_temperature", "connection", "WarmViscous", ("slope",), _T(
+        "viscous friction that changes with temperature", "A resistance per speed that follows a temperature.",
+        "Oil and grease: their viscosity halves within 10 to 20 K.",
+        "Repeat one fast motion cold and warm: the drive force at speed differs."),
+        needs="viscous friction", signal="temperature"),
+    Kind("stiffness_with_temperature", "connection", "WarmStiffness", ("slope",), _T(
+        "a stiffness that changes with temperature", "A spring that softens or stiffens with temperature.",
+        "Rubber and plastics, preload that changes as parts expand.",
+        "Let the machine ring cold and warm: the natural frequency differs."),
+        needs="stiffness", elastic=True, signal="temperature"),
+    Kind("attached_mass", "connection", "AttachedMass", ("mass",), _T(
+        "a mass on a spring that is carried along", "A part that swings on its own spring and damper: a resonance that "
+        "the model lacks.",
+        "A tool, cable carrier, cover, tank or motor on an elastic mount; sloshing liquid; a soft joint.",
+        "Knock on the machine or sweep the drive: one frequency rings that the model does not have. Touch parts by "
+        "hand until it stops."),
+        shape_grids.resonances, ("natural_frequency", "damping_ratio"), one_sided=True, needs="ground",
+        contains=("added_inertia",)),
     Kind("sensor_offset", "sensor", "offset", ("offset",), _T(
         "a sensor offset", "The sensor reads too much or too little by a constant.",
         "Zero not set, temperature, mounting under stress, a homing position that moved.",
@@ -290,6 +367,12 @@ _add([
         "a sensor delay", "The sensor's signal comes late.",
         "Filters in the sensor or amplifier, bus cycles, channels that are sampled one after the other.",
         "Record a sharp event on this and a direct channel together and compare the instants."),
+        one_sided=True),
+    Kind("sensor_lag", "sensor", "lag", ("lag",), _T(
+        "a lag of the sensor", "The sensor follows late and smooths: a low-pass of first order, or one of another "
+        "time constant than stated.",
+        "An anti-aliasing or averaging filter, a thermometer in its sleeve, a pressure line, a slow amplifier.",
+        "Step what is measured: the reading creeps to its end value in place of jumping late."),
         one_sided=True),
     Kind("sensor_drift", "sensor", "drift", ("drift",), _T(
         "a sensor drift", "The sensor's reading creeps away with time.",
@@ -308,6 +391,17 @@ _add([
         "Bus and computing time of the controller, filters, a digital hold.",
         "Record command and response of the amplifier together and compare the instants."),
         one_sided=True),
+    Kind("input_lag", "input", "lag", ("lag",), _T(
+        "a lag of an input", "What reaches the machine follows the recorded input late and smoothed.",
+        "An amplifier or actuator of limited bandwidth, an output filter, a valve that opens slowly.",
+        "Record command and response of the amplifier together: the response creeps to its end value."),
+        shape_grids.filters, ("filter",), one_sided=True),
+    Kind("controller_delay", "signal", "lag", ("lag",), _T(
+        "a delay of the controller", "What the controller gives reaches the machine late.",
+        "Computing time, bus cycles, sample-and-hold (half a period), a filter in the loop.",
+        "Record reference, measurement and output of the loop together and compare a sharp event in them; raise the "
+        "gain: the loop rings at a gain at which the model does not."),
+        shape_grids.filters, ("filter",), one_sided=True),
     Kind("unknown_force", "connection", "Curve", tuple(f"curve.y[{k}]" for k in range(17)), _T(
         "a force that no entry of the catalogue explains", "A force that follows position, speed or time in a way "
         "that no simple law does; its curve is given by points.",

@@ -36,8 +36,8 @@ def _law_system(kind: Kind) -> System:
     model.connect(part.b, model.ground)
     for signal in MOTION:
         model.input(signal, f"moved.{signal}", default=0.0)
-    if kind.needs == "load":
-        model.input("load", part.load, default=0.0)
+    if kind.law_input:
+        model.input("load", getattr(part, kind.law_input), default=0.0)
     return model.build(outputs=("effect.force",))
 
 
@@ -55,7 +55,8 @@ def law_forces(
     kind : Kind
     time : ndarray, shape (nt,), s
     motion : dict
-        ``position``, ``velocity``, ``acceleration`` and, where the law asks for it, ``load``; each (nt,).
+        ``position``, ``velocity``, ``acceleration`` and, where the law asks for it, ``load``, a temperature for laws
+        that take one; each (nt,).
     shapes, strengths : sequence of dict
         The law's parameters, as many of the one as of the other.
     """

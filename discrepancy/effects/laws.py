@@ -1,8 +1,8 @@
 """Laws of missing effects, as components between two sides of a moving connection; strength zero is absence.
 
-Every law gives ``force``, what it exerts on side a; side b gets the opposite.  ``v`` is the speed of a relative to b
-and ``x`` the position.  Dry friction is smoothed within ``v_s`` of rest, as in `multibody.library.friction`, whose
-laws are used here.
+Every law gives ``force``, what it exerts on side a; side b gets the opposite.  ``v`` is the speed of a relative to b,
+``x`` the position and ``t`` the time of the record.  Dry friction is smoothed within ``v_s`` of rest, as in
+`multibody.library.friction`, whose laws are used here.
 """
 
 from __future__ import annotations
@@ -270,6 +270,149 @@ class _Slip(Law):
         super().equations()
         self.der.z = self.creep * self.stiffness * (self.a.position - self.b.position - self.z)
         self.force = self.stiffness * self.z
+
+
+class _StribeckLoadFriction(DryLaw):
+    """Load-dependent friction at low speed: F = −share·|load|·exp(−(v / v_stribeck)²)·tanh(v / v_s).
+
+    Model M4 of M. Duclusaud et al., "Extended friction models for the physics simulation of servo actuators", 2025.
+    """
+
+    load = Input("F", "force or torque that passes through")
+    share = Parameter(0.0, "", "friction per load at rest, beyond that at speed")
+    v_stribeck = Parameter(1e-2, "V", "speed at which the extra friction has fallen to 1/e", min=1e-300)
+
+    def equations(self):
+        super().equations()
+        ratio = self.speed / self.v_stribeck
+        self.force = -coulomb(self.speed, self.share * abs(self.load) * math.exp(-ratio * ratio), self.v_s)
+
+
+class _DirectionalLoadFriction(DryLaw):
+    """Friction per load that depends on whether the load drives the motion or resists it.
+
+    F = −(driving or resisting)·|load|·tanh(v / v_s): ``driving`` where load and speed have one sign.  Model M5 of
+    Duclusaud et al. (2025) for a drive whose motor holds its load, so that one load stands for both sides.
+    """
+
+    load = Input("F", "force or torque that passes through")
+    driving = Parameter(0.0, "", "friction per load where load and speed have one sign")
+    resisting = Parameter(0.0, "", "friction per load where they have opposite signs")
+
+    def equations(self):
+        super().equations()
+        s = math.tanh(self.speed / self.v_s)
+        mean, half = 0.5 * (self.driving + self.resisting), 0.5 * (self.driving - self.resisting)
+        self.force = -s * (mean * abs(self.load) + half * self.load * s)
+
+
+class _QuadraticLoadFriction(DryLaw):
+    """Friction that grows with the square of the load: F = −curve·load²·tanh(v / v_s).
+
+    The quadratic term of model M6 of Duclusaud et al. (2025), harmonic drives and worm gears.
+    """
+
+    load = Input("F", "force or torque that passes through")
+    curve = Parameter(0.0, "1/F", "friction per squared load")
+
+    def equations(self):
+        super().equations()
+        self.force = -coulomb(self.speed, self.curve * self.load * self.load, self.v_s)
+
+
+class _FrictionDrift(DryLaw):
+    """Dry friction that changes with time: F = −rate·(t − begin)·tanh(v / v_s)."""
+
+    rate = Parameter(0.0, "F/s", "change of the friction level per time")
+    begin = Parameter(0.0, "s", "time at which the friction is that of the model")
+
+    def equations(self):
+        super().equations()
+        self.force = -coulomb(self.speed, self.rate * (self.time - self.begin), self.v_s)
+
+
+class _ViscousDrift(Law):
+    """Friction per speed that changes with time: F = −rate·(t − begin)·v."""
+
+    rate = Parameter(0.0, "F/(V*s)", "change of the friction per speed, per time")
+    begin = Parameter(0.0, "s", "time at which the friction is that of the model")
+
+    def equations(self):
+        super().equations()
+        self.force = -self.rate * (self.time - self.begin) * self.speed
+
+
+class _StiffnessDrift(Law):
+    """A spring that changes with time: F = −rate·(t − begin)·(x − centre)."""
+
+    rate = Parameter(0.0, "F/(X*s)", "change of the stiffness per time")
+    begin = Parameter(0.0, "s", "time at which the stiffness is that of the model")
+    centre = Parameter(0.0, "X", "position without force")
+
+    def equations(self):
+        super().equations()
+        self.force = -self.rate * (self.time - self.begin) * (self.a.position - self.b.position - self.centre)
+
+
+class _WarmFriction(DryLaw):
+    """Dry friction that changes with temperature: F = −slope·(T − reference)·tanh(v / v_s)."""
+
+    temperature = Input("K", "temperature")
+    slope = Parameter(0.0, "F/K", "change of the friction level per temperature")
+    reference = Parameter(293.15, "K", "temperature at which the friction is that of the model")
+
+    def equations(self):
+        super().equations()
+        self.force = -coulomb(self.speed, self.slope * (self.temperature - self.reference), self.v_s)
+
+
+class _WarmViscous(Law):
+    """Friction per speed that changes with temperature: F = −slope·(T − reference)·v."""
+
+    temperature = Input("K", "temperature")
+    slope = Parameter(0.0, "F/(V*K)", "change of the friction per speed, per temperature")
+    reference = Parameter(293.15, "K", "temperature at which the friction is that of the model")
+
+    def equations(self):
+        super().equations()
+        self.force = -self.slope * (self.temperature - self.reference) * self.speed
+
+
+class _WarmStiffness(Law):
+    """A spring that changes with temperature: F = −slope·(T − reference)·(x − centre)."""
+
+    temperature = Input("K", "temperature")
+    slope = Parameter(0.0, "F/(X*K)", "change of the stiffness per temperature")
+    reference = Parameter(293.15, "K", "temperature at which the stiffness is that of the model")
+    centre = Parameter(0.0, "X", "position without force")
+
+    def equations(self):
+        super().equations()
+        stretch = self.a.position - self.b.position - self.centre
+        self.force = -self.slope * (self.temperature - self.reference) * stretch
+
+
+class _AttachedMass(Law):
+    """A mass on a spring and a damper, carried along: F = mass·(ω²·z + 2·ζ·ω·ż), z̈ = −ω²·z − 2·ζ·ω·ż − ẍ.
+
+    z is the displacement of the mass against what carries it, ω its natural frequency, ζ its damping ratio.  It starts
+    at rest, without deflection.
+    """
+
+    mass = Parameter(0.0, "M", "mass that is carried along")
+    natural_frequency = Parameter(30.0, "rad/s", "natural frequency on a carrier that stands still", min=1e-300)
+    damping_ratio = Parameter(0.1, "", "damping ratio", min=0.0)
+    z = State("X", "displacement of the mass against its carrier")
+    w = State("V", "velocity of the mass")
+
+    def equations(self):
+        super().equations()
+        rate = self.w - self.speed
+        w_n = self.natural_frequency
+        pull = w_n * w_n * self.z + 2.0 * self.damping_ratio * w_n * rate
+        self.der.z = rate
+        self.der.w = -pull
+        self.force = self.mass * pull
 
 
 class _Curve(DryLaw):

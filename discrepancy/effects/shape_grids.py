@@ -6,6 +6,10 @@ from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
+PERIODS = 3.0  # periods of a resonance in a record, below which it is a movement of its own; chosen
+ROWS_PER_PERIOD = 4.0  # rows of the scan in a period, two being the least that can show one; chosen
+DAMPING = 0.1  # damping ratio that the scan takes for a resonance: between a ringing part and a rubber mount; chosen
+
 #: Parameters of a law beside its strengths, one set for each point of the grid.
 Shapes = list[dict[str, float]]
 
@@ -24,6 +28,9 @@ class MotionRange:
         True for a rotation.
     scale : float
         Stiffness of the connection's own spring where it has one, else 0.
+    begin, duration, step : float
+        First time of the records, length of one and time between its rows as the scan takes them, s; 0 where they are
+        not known.
     """
 
     low: float
@@ -32,6 +39,9 @@ class MotionRange:
     _: KW_ONLY
     turns: bool = False
     scale: float = 0.0
+    begin: float = 0.0
+    duration: float = 0.0
+    step: float = 0.0
 
     @property
     def centre(self) -> float:
@@ -120,3 +130,47 @@ def end_stops(m: MotionRange) -> Shapes:
     ends = [(1.0, m.high), (-1.0, m.low)]
     inwards = (0.05, 0.2, 0.4, 0.8, 1.3)
     return [{"place": end - side * f * m.half, "side": side} for side, end in ends for f in inwards]
+
+
+def since_begin(m: MotionRange) -> Shapes:
+    """Time from which a drift counts."""
+    return [{"begin": m.begin}]
+
+
+def since_begin_sign(m: MotionRange) -> Shapes:
+    """Time from which a drift counts, and where dry friction fades."""
+    return [{"begin": m.begin, "v_s": m.v_s}]
+
+
+def spring_since_begin(m: MotionRange) -> Shapes:
+    """Time from which the drift of a spring counts, about where it has no force."""
+    return [{"begin": m.begin, "centre": 0.0}]
+
+
+def low_loaded_speeds(m: MotionRange) -> Shapes:
+    """Speeds at which the extra friction of starting under load has faded, as `low_speeds` but half as many."""
+    return [{"v_stribeck": f * m.speed, "v_s": m.v_s} for f in (0.05, 0.2)]
+
+
+def filters(m: MotionRange) -> Shapes:
+    """Time constants of the filter behind a lag, from what rows can just show; a slow one is for the fit to find."""
+    return [{"filter": f * m.step} for f in (2.0, 10.0)]
+
+
+def fading_sign(m: MotionRange) -> Shapes:
+    """Where dry friction fades, at one width."""
+    return [{"v_s": m.v_s}]
+
+
+def resonances(m: MotionRange) -> Shapes:
+    """Natural frequencies between a few periods in a record and what its rows can show, close enough to meet one.
+
+    A resonance of the damping ratio ζ is seen over ±ζ of its frequency, so neighbours stand 3 ζ apart, and the scan
+    takes a large ζ, with which they are few; the fit goes on from there.
+    """
+    usual = m.speed / m.half
+    low = 2.0 * np.pi * PERIODS / m.duration if m.duration > 0.0 else 3.0 * usual
+    high = 2.0 * np.pi / (ROWS_PER_PERIOD * m.step) if m.step > 0.0 else 300.0 * usual
+    count = max(2, int(np.ceil(np.log(max(high / low, 2.0)) / np.log1p(3.0 * DAMPING))) + 1)
+    grid = np.geomspace(low, max(high, 2.0 * low), count)
+    return [{"natural_frequency": float(w), "damping_ratio": DAMPING} for w in grid]

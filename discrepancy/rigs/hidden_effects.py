@@ -247,6 +247,16 @@ _SIZES: dict[str, _Sizes] = {
     "angle_harmonic": lambda s: {"cosine": 0.8 * s.force, "sine": 0.8 * s.force},
     "added_inertia": lambda s: {"inertia": 1.5 * s.force / s.acceleration},
     "slip": lambda s: {"creep": 6.0 / (s.motion.scale * s.duration)},
+    "stribeck_load_friction": lambda s: {"share": min(2.0 * s.force / s.load, 0.3)},
+    "directional_load_friction": lambda s: {
+        "driving": min(1.3 * s.force / s.load, 0.3),
+        "resisting": min(0.4 * s.force / s.load, 0.3),
+    },
+    "quadratic_load_friction": lambda s: {"curve": min(s.force / s.load, 0.3) / s.load},
+    "friction_drift": lambda s: {"rate": 2.0 * s.force / s.duration},
+    "viscous_drift": lambda s: {"rate": 2.0 * s.force / (s.motion.speed * s.duration)},
+    "stiffness_drift": lambda s: {"rate": 2.0 * s.force / (s.motion.half * s.duration)},
+    "attached_mass": lambda s: {"mass": 1.5 * s.force / s.acceleration},
 }
 _MISSTATED = 0.25  # share of the smaller by which a stated and a true value differ
 _SIGNED = frozenset(("push", "bow", "wave", "slope", "cosine", "sine", "offset", "gain", "drift"))
@@ -255,6 +265,7 @@ _SIGNAL_SIZES: dict[str, Callable[[SignalScale], float]] = {
     "gain": lambda s: 2.0 * s.visible / s.span,
     "drift": lambda s: 2.0 * s.visible / s.duration,
     "delay": lambda s: s.visible / s.rate,
+    "lag": lambda s: 2.0 * s.visible / s.rate,
 }
 
 
@@ -285,8 +296,10 @@ def draw_effect(
     """
     if isinstance(scale, SignalScale):
         name = entry.kind.strengths[0]
-        size = _SIGNAL_SIZES[name](scale)
-        return Effect(entry.kind.name, entry.where, {name: _drawn(name, strength * size, rng, spread)})
+        size = _drawn(name, strength * _SIGNAL_SIZES[name](scale), rng, spread)
+        # A lag behind a filter of the same time is a low-pass of first order, behind one of half of it nearly a delay.
+        shape = {"filter": (0.5 if entry.kind.at == "signal" else 1.0) * size} if entry.kind.inserted else {}
+        return Effect(entry.kind.name, entry.where, {name: size}, shape)
     sizes = _SIZES.get(entry.kind.name)
     if sizes is None:
         raise BenchError([f"'{entry.kind.name}' has no usual size on a virtual rig: it cannot be hidden there"])
@@ -329,6 +342,9 @@ def _shape(entry: Entry, motion: MotionRange, rng: np.random.Generator) -> dict[
     if "place" in shape:
         shape["place"] = float(motion.centre + 0.6 * motion.half * rng.uniform(-1.0, 1.0))
         shape["width"] = float(motion.half * rng.uniform(0.05, 0.12))
+    if "natural_frequency" in shape:  # between two points of the grid, and ringing less than the scan assumes
+        shape["natural_frequency"] *= float(rng.uniform(0.9, 1.1))
+        shape["damping_ratio"] *= float(rng.uniform(0.6, 1.2))
     if entry.kind.name == "backlash":
         shape["centre"] = 0.0
     return shape

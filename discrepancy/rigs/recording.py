@@ -17,6 +17,7 @@ import numpy as np
 
 from estimation.files.record import Record, RecordedSignal
 from estimation.fit.calibrate import UncertainParameter
+from estimation.response.sensors import lagged
 
 if TYPE_CHECKING:
     from estimation.response.sensors import SensorError
@@ -179,7 +180,7 @@ class Logger:
         stamps : ndarray, shape (n,), s
         rng : Generator
         errors : sequence of SensorError
-            Errors of the sensors: ``(1 + gain)·y(t − delay) + offset + drift·t``.
+            Errors of the sensors: ``(1 + gain)·y(t − delay) + offset + drift·t``, y behind the lag.
         """
         from multibody.base.units import convert
 
@@ -189,6 +190,8 @@ class Logger:
                 size[error.kind] = size.get(error.kind, 0.0) + error.value
         # Always drawn, so that hiding an effect changes nothing else.
         shake, noise = rng.standard_normal((2, stamps.size))
+        if lag := size.get("lag", 0.0):
+            values = lagged(time, values, lag)
         if channel.analogue:
             values = self._low_pass(values)
         instants = stamps - size.get("delay", 0.0)

@@ -46,6 +46,9 @@ Run = tuple[str, np.ndarray, dict[str, np.ndarray]]
 #: Share of the widest motion of its kind below which a place counts as standing still.
 _STILL = 1e-3
 
+#: Share of the span of what a controller gives, as which an error of it shows and the loop stays stable.
+_CONTROLLED = 0.01
+
 
 @dataclass(frozen=True)
 class Rig:
@@ -198,7 +201,8 @@ class Rig:
         loads = {e.where: e.load for e in entries if e.load}
         motion = {w: [f"place.{w}.{n}" for n, _ in p.motion_names()] for w, p in places.items()}
         recorded = [n for n in self.outputs if n not in self.inputs]
-        wanted = [*recorded, *loads.values(), *(name for names in motion.values() for name in names)]
+        controlled = list(dict.fromkeys(e.where for e in entries if e.kind.at == "signal"))
+        wanted = [*recorded, *controlled, *loads.values(), *(name for names in motion.values() for name in names)]
         system = self.model.build(probes=True, outputs=wanted)
         stamps = self.logger.stamps(self.duration)
         runs = self.nominal_runs(system, stamps)
@@ -215,6 +219,9 @@ class Rig:
             floor = self.visible[n]  # a signal that stands still in these trips gets errors of its own size
             span, rate = max(float(np.ptp(all_of(n))), floor), max(rate_of(n), floor)
             signals[n] = SignalScale(floor, span, rate, self.duration)
+        for n in controlled:
+            span = float(np.ptp(all_of(n)))
+            signals[n] = SignalScale(_CONTROLLED * span, span, rate_of(n), self.duration)
         usual = _fast(all_of(motion[self.at][1]))
         reach = {w: float(np.ptp(all_of(motion[w][0]))) for w in places}
         widest: dict[str, float] = {}
@@ -227,7 +234,14 @@ class Rig:
             if not key and reach[where] < _STILL * widest[place.domain]:
                 continue
             stiffness = float(system.p[system.index("parameter", key)]) if key else 0.0
-            span_ = MotionRange(float(x.min()), float(x.max()), fast, turns=place.domain == "rotation", scale=stiffness)
+            span_ = MotionRange(
+                float(x.min()),
+                float(x.max()),
+                fast,
+                turns=place.domain == "rotation",
+                scale=stiffness,
+                duration=self.duration,
+            )
             # The same power shows equally well wherever it is taken; in a spring, a share of its load does.
             force = 0.25 * stiffness * span_.half if key else self.force * usual / fast
             load = _fast(all_of(loads[where])) if where in loads else 0.0

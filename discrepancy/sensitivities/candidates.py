@@ -17,6 +17,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import DIFFERENCE, differs_from
 from discrepancy.effects.law_along_motion import MOTION, law_forces
 from discrepancy.effects.shape_grids import MotionRange
+from discrepancy.effects.signal_errors import signal_error
 from discrepancy.sensitivities.built_in import Plan, integrated_sensitivities, parameter_perturbations
 from discrepancy.sensitivities.finite_amplitude import (
     far_from_machine,
@@ -31,8 +32,6 @@ from multibody.base.errors import ModelError
 from multibody.base.parallel import available_cores, parallel_map
 
 __all__ = ["candidate_sensitivities", "cannot_be_built"]
-
-CONSTANT = 1e-12  # relative variation up to which an input counts as constant
 
 
 def _small_strength(motion: MotionRange) -> float:
@@ -64,6 +63,7 @@ def candidate_sensitivities(
     """
     refused: list[tuple[Entry, str]] = []
     plans: list[Plan] = []
+    closed: dict[tuple[str, str], str] = {}  # all laws that take one load at one place close the same loop, or none
     linearised.simulate()
     for entry in entries:
         if entry.kind.at == "connection":
@@ -71,9 +71,12 @@ def candidate_sensitivities(
             if motion.speed <= 0.0 or motion.half < 1e-12:
                 refused.append((entry, "this connection does not move in these records"))
                 continue
-            if entry.load and (why := _no_model(linearised, entry)):
-                refused.append((entry, why))
-                continue
+            if entry.load:
+                if (loop := (entry.where, entry.load)) not in closed:
+                    closed[loop] = _no_model(linearised, entry)
+                if closed[loop]:
+                    refused.append((entry, closed[loop]))
+                    continue
             plans.append((entry, entry.kind.shape_grid(motion), list(entry.kind.strengths)))
         elif why := _calibrated(linearised, entry):
             refused.append((entry, why))
@@ -82,7 +85,8 @@ def candidate_sensitivities(
             part = linearised.system.model.components[owner]
             plans.append((entry, entry.kind.component_shapes(part, ending), list(entry.kind.strengths)))
         else:
-            plans.append((entry, [{}], list(entry.kind.strengths)))
+            grid = entry.kind.shape_grid(MotionRange(0.0, 0.0, 0.0, step=linearised.step))
+            plans.append((entry, grid, list(entry.kind.strengths)))
     sensitivities = _all_sensitivities(linearised, plans, progress, curves)
     candidates: list[Candidate] = []
     far = far_from_machine(linearised)
@@ -188,13 +192,13 @@ def _record_sensitivities(
                 for force in group:
                     positions.append(((entry.name, k), len(perturbations)))
                     perturbations.append(InputPerturbation(f"probe.{entry.where}", force))
-        elif entry.kind.at == "input":
-            u = experiment.record.signals[entry.where].values
-            constant = np.ptp(u) <= CONSTANT * np.max(np.abs(u))  # its rate is only rounding
-            late = np.zeros_like(time) if constant else -np.gradient(u, time)
-            shape = {"offset": np.ones_like(time), "gain": u, "delay": late}[entry.kind.law]
-            positions.append(((entry.name, 0), len(perturbations)))
-            perturbations.append(InputPerturbation(entry.where, shape))
+        elif entry.kind.at in ("input", "signal"):
+            recorded = entry.kind.at == "input"
+            u = experiment.record.signals[entry.where].values if recorded else run[entry.where]
+            for k, shape in enumerate(shapes):
+                change = signal_error(entry.kind.law, time, u, shape.get("filter", 0.0))
+                positions.append(((entry.name, k), len(perturbations)))
+                perturbations.append(InputPerturbation(entry.where if recorded else f"probe.{entry.where}", change))
         elif entry.kind.at == "parameter":
             built_in.append((entry, shapes, strengths))
         else:
@@ -270,7 +274,8 @@ def _sensor_sensitivity(
 ) -> np.ndarray:
     """Return the sensitivity to an error of a sensor."""
     y = run[entry.where]
-    shape = {"offset": np.ones_like(time), "gain": y, "drift": time - time[0], "delay": -np.gradient(y, time)}[
+    late = -np.gradient(y, time)
+    shape = {"offset": np.ones_like(time), "gain": y, "drift": time - time[0], "delay": late, "lag": late}[
         entry.kind.law
     ]
     prepared = experiment.preparation.apply(time, shape)[1]

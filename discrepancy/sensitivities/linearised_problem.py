@@ -119,13 +119,28 @@ class LinearisedProblem:
         )
         return {n: run.outputs[:, k] for k, n in enumerate(self.system.output_names)}
 
+    @property
+    def step(self) -> float:
+        """Time between the rows that the scan takes, s."""
+        return float(np.median(np.diff(self.experiments[0].time)))
+
     def motion_range(self, entry: Entry) -> MotionRange:
         """Return how far and fast the connection of a catalogue entry moved."""
         place = entry.place
         assert place is not None
         low, high, speed = _once(self._unweighted, ("range", entry.where), lambda: self._extent(entry))
         scale = self.p[self.system.index("parameter", entry.stiffness)] if entry.stiffness else 0.0
-        return MotionRange(low, high, speed, turns=place.domain == "rotation", scale=float(scale))
+        times = [e.time for e in self.experiments]
+        return MotionRange(
+            low,
+            high,
+            speed,
+            turns=place.domain == "rotation",
+            scale=float(scale),
+            begin=float(times[0][0]),
+            duration=float(max(t[-1] - t[0] for t in times)),
+            step=self.step,
+        )
 
     def _extent(self, entry: Entry) -> tuple[float, float, float]:
         assert entry.place is not None

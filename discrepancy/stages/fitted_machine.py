@@ -67,14 +67,14 @@ def _with_sensor(model: Model, output: str, errors: dict[str, float], unit: str)
     if endpoint is None:
         return model  # an output that only the study's copy has, such as the force that a prescribed motion needs
     name = f"sensor.{output}"
-    late = errors.pop("delay", 0.0)
-    given = {**errors, "delay": late} if late > 0.0 else errors
+    late, slow = errors.pop("delay", 0.0), errors.pop("lag", 0.0)
+    given = errors | ({"delay": late} if late > 0.0 else {}) | ({"lag": slow} if slow > 0.0 else {})
     if not isinstance(endpoint[1].declarations.get(endpoint[2]), Output):
         source = _measured(other, source)
         if not source:
             _log.warning("the error of the sensor of '%s' is not in the saved model: %s", output, errors)
             return model
-    other.add(name, FaultySensor(unit=unit or "1", late=late > 0.0, **given))
+    other.add(name, FaultySensor(unit=unit or "1", late=late > 0.0, slow=slow > 0.0, **given))
     other.connect(source, f"{name}.true")
     if output in other.outputs:
         other.redirect_output(output, f"{name}.reading")

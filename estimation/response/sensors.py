@@ -1,4 +1,4 @@
-"""Errors of the sensors: offset, gain, drift and delay of an output, and the derivatives by them."""
+"""Errors of the sensors: offset, gain, drift, delay and lag of an output, and the derivatives by them."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["SensorError", "apply_sensors"]
+__all__ = ["SensorError", "apply_sensors", "lagged"]
 
-SENSOR_KINDS = ("offset", "gain", "drift", "delay")
+SENSOR_KINDS = ("offset", "gain", "drift", "delay", "lag")
 
 
 @dataclass(frozen=True)
 class SensorError:
-    """An error of the sensor of one output: ``y = (1 + gain)·ŷ(t − delay) + offset + drift·t``.
+    """An error of the sensor of one output: ``y = (1 + gain)·ŷ(t − delay) + offset + drift·t``, ŷ behind the lag.
 
     Parameters
     ----------
     output : str
-    kind : {"offset", "gain", "drift", "delay"}
-        Unit: that of the output, 1, that of the output per s, and s.
+    kind : {"offset", "gain", "drift", "delay", "lag"}
+        Unit: that of the output, 1, that of the output per s, s, and s (time constant of a low-pass of first order).
     value : float
     """
 
@@ -69,18 +69,24 @@ def apply_sensors(
     by_sensors = {name: np.zeros_like(y) for name in parameters}
     elapsed = time - time[0]
     for c, output in enumerate(outputs):
-        offset, gain, drift, delay = (value.get(f"sensor.{output}.{kind}", 0.0) for kind in SENSOR_KINDS)
+        offset, gain, drift, delay, lag = (value.get(f"sensor.{output}.{kind}", 0.0) for kind in SENSOR_KINDS)
+        by_lag = _by_lag(time, y[:, c], lag) if f"sensor.{output}.lag" in by_sensors else None
+        if lag:
+            y[:, c] = lagged(time, y[:, c], lag)
+            dy[:, c] = lagged(time, dy[:, c], lag)
         rate = np.gradient(y[:, c], time) if f"sensor.{output}.delay" in by_sensors or delay else None
         if delay:
             late = time - delay
             y[:, c] = np.interp(late, time, y[:, c])
             for k in range(dy.shape[2]):
                 dy[:, c, k] = np.interp(late, time, dy[:, c, k])
+            by_lag = np.interp(late, time, by_lag) if by_lag is not None else None
         derivatives = {
             "offset": np.ones_like(time),
             "gain": y[:, c],
             "drift": elapsed,
             "delay": -(1.0 + gain) * rate if rate is not None else None,
+            "lag": (1.0 + gain) * by_lag if by_lag is not None else None,
         }
         for kind, derivative in derivatives.items():
             if derivative is not None and f"sensor.{output}.{kind}" in by_sensors:
@@ -88,3 +94,46 @@ def apply_sensors(
         y[:, c] = (1.0 + gain) * y[:, c] + offset + drift * elapsed
         dy[:, c] *= 1.0 + gain
     return y, dy, by_sensors
+
+
+def lagged(time: np.ndarray, u: np.ndarray, lag: float) -> np.ndarray:
+    """Return a signal behind a low-pass of first order, exact for a signal that is straight between its points.
+
+    The filter starts at rest at the first value.
+
+    Parameters
+    ----------
+    time : ndarray, shape (nt,), s
+    u : ndarray, shape (nt, ...)
+    lag : float, s
+        Time constant, positive.
+
+    Examples
+    --------
+    >>> t = np.linspace(0.0, 3.0, 4)
+    >>> lagged(t, t, 1.0).round(3)  # t - 1 + exp(-t)
+    array([0.   , 0.368, 1.135, 2.05 ])
+    """
+    steps = np.diff(time) / lag
+    keep = np.exp(-steps)
+    slope = (1.0 - keep) / steps  # of a ramp from 0 to 1 within the step, 1 - slope reaches the output at its end
+    shape = (-1, *[1] * (u.ndim - 1))
+    gain_old, gain_new = (slope - keep).reshape(shape), (1.0 - slope).reshape(shape)
+    driven = gain_old * u[:-1] + gain_new * u[1:]
+    z = np.empty_like(u, dtype=float)
+    z[0] = u[0]
+    if steps.size and np.ptp(steps) <= 1e-6 * steps[0]:
+        from scipy.signal import lfilter
+
+        z[1:] = lfilter([1.0], [1.0, -keep[0]], driven, axis=0, zi=keep[0] * z[:1])[0]
+    else:
+        for k in range(steps.size):
+            z[k + 1] = keep[k] * z[k] + driven[k]
+    return z
+
+
+def _by_lag(time: np.ndarray, u: np.ndarray, lag: float) -> np.ndarray:
+    """Return the derivative of a lagged signal by its time constant; at zero that of a delay."""
+    if not lag:
+        return -np.gradient(u, time)
+    return -lagged(time, (u - lagged(time, u, lag)) / lag, lag)

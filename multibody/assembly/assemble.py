@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from multibody.equations import tables
 from multibody.equations.reading import method_statements
 from multibody.equations.scope import Scope
 from multibody.equations.statements import Statement, variable
+from multibody.model.driving_signals import driving_signals
 from multibody.model.features import feature_outputs
 from multibody.model.graph import ModelGraph, ModelInput
 from multibody.model.network import Network, network
@@ -42,7 +43,8 @@ def assemble(
         The machine.
     probes : bool
         Add an input ``probe.<place>`` for every place where an effect could act (a force, equal and opposite
-        on the two sides), and outputs of the relative motion there.
+        on the two sides), and outputs of the relative motion there; and one for every signal by which control acts on
+        the machine, such as ``probe.control.output``, which is added to it.
     energy : bool
         Add states that integrate the power lost and supplied, so that an energy balance is as exact as the
         motion.
@@ -61,7 +63,7 @@ def assemble(
         kinematics.balance(work)
         accelerations(work)
         _energies(model, work, energy)
-        _show(model, net, work)
+        _show(model, net, work, _signal_probes(model, work) if probes else {})
     if work.faults:
         raise ModelError(model.name, work.faults)
     _rename(work)
@@ -208,6 +210,19 @@ def _probes(work: Assembly, kinematics: Kinematics) -> None:
             work.output(f"place.{place.name}.{name}", motion_unit, f"{name} at {place.name}", var)
 
 
+def _signal_probes(model: ModelGraph, work: Assembly) -> dict[str, str]:
+    """Return the variable that each input takes that control feeds: the signal and a probe that is added to it."""
+    taken: dict[str, str] = {}
+    for k, (source, targets) in enumerate(driving_signals(model).items()):
+        owner, component, item = model.find(source)  # type: ignore[misc]
+        declared: Any = component.declarations[item]
+        probe, total = f"probe__signal__{k}", f"signal__{k}"
+        work.inputs.append(Quantity(f"probe.{source}", declared.unit, f"added to {source}", probe))
+        work.add(f"{total} = {variable(owner, item)} + {probe}", source)
+        taken |= dict.fromkeys(targets, total)
+    return taken
+
+
 def _energies(model: ModelGraph, work: Assembly, integrate: bool) -> None:
     stored: list[str] = []
     lost: list[str] = []
@@ -240,13 +255,15 @@ def _energies(model: ModelGraph, work: Assembly, integrate: bool) -> None:
             work.derivatives[var] = f"energy__{name}_power"
 
 
-def _show(model: ModelGraph, net: Network, work: Assembly) -> None:
-    """Connect inputs to their signals, and list the quantities that are outputs."""
+def _show(model: ModelGraph, net: Network, work: Assembly, probed: Mapping[str, str]) -> None:
+    """Connect inputs to their signals, or to what takes their place, and list the quantities that are outputs."""
     for owner, component in model.components.items():
         for name, item in component.of_kind(Input).items():
             source = net.sources.get(f"{owner}.{name}")
             target = variable(owner, name)
-            if source is None:
+            if f"{owner}.{name}" in probed:
+                work.renamed[target] = probed[f"{owner}.{name}"]
+            elif source is None:
                 work.parameter(f"{owner}.{name}", item.unit, item.meaning, float(item.default))
             elif source.startswith("input:"):
                 work.renamed[target] = variable("input", source[6:])

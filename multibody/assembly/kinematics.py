@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 from multibody.assembly.dynamics import total
 from multibody.assembly.equation_set import Assembly, Contribution, Unknown
-from multibody.declare.declarations import Pin
 from multibody.equations.statements import Statement, variable
 from multibody.model.network import Network, Node
 
@@ -79,19 +78,20 @@ class Kinematics:
         self.of(node).forces.append(text)
 
     def balance(self, work: Assembly) -> None:
-        """Sum the flows at every node: forces into Newton's law, currents into Kirchhoff's."""
+        """Sum the flows at every node: forces into Newton's law, currents and their like into Kirchhoff's."""
         written = {name for s in work.statements for name in s.writes}
         for node in self.net.nodes:
             port = type(node.label.port)
             flows = [variable(p.owner, p.port_name, port.flow) for p in node.ports]
             flows = [f for f in flows if f in written]
-            if node.domain == Pin.domain:
+            if node.still:
                 base = variable(node.label.owner, node.label.port_name)
                 work.add(f"{base}___sum = {total(flows)}", node.label.name)
                 if node.prescriber is not None:
                     work.add(f"{base}__reaction = {base}___sum", node.label.name)
                 elif not node.grounded:
-                    work.unknowns.append(Unknown(f"{node.label.name}.voltage", f"{base}__voltage", f"{base}___sum"))
+                    name, potential = f"{node.label.name}.{port.potential}", f"{base}__{port.potential}"
+                    work.unknowns.append(Unknown(name, potential, f"{base}___sum"))
                 continue
             motion = self.of(node)
             terms = flows + motion.forces

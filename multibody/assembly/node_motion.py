@@ -6,7 +6,7 @@ from multibody.assembly.equation_set import Assembly, Coordinate, Quantity, owne
 from multibody.assembly.kinematics import Kinematics, NodeMotion
 from multibody.assembly.transmissions import directed, follow
 from multibody.base.errors import EquationError
-from multibody.declare.declarations import Pin, Port
+from multibody.declare.declarations import Port
 from multibody.equations.statements import variable
 from multibody.model.graph import ModelGraph
 from multibody.model.network import Network, Node, PortOf
@@ -30,10 +30,10 @@ def resolve_nodes(model: ModelGraph, net: Network, work: Assembly) -> Kinematics
                 own = variable(p.owner, p.port_name, what)
                 if own != f"{base}__{what}":
                     work.renamed[own] = f"{base}__{what}"
-        if node.domain != Pin.domain:
+        if not node.still:
             kin.motions[id(node)] = NodeMotion(node, base)
         elif node.grounded:
-            work.add(f"{base}__voltage = 0.0", "ground")
+            work.add(f"{base}__{port.potential} = 0.0", "ground")
     couplings = directed(model, net, work)
     kin.couplings = couplings
     followers = {id(net.node_of[c.target]) for c in couplings}
@@ -42,7 +42,7 @@ def resolve_nodes(model: ModelGraph, net: Network, work: Assembly) -> Kinematics
             kin.drives.setdefault(id(net.node_of[source]), set()).add(id(net.node_of[c.target]))
     order = list(model.components)
     for node in net.nodes:
-        if node.domain != Pin.domain and id(node) not in followers:
+        if not node.still and id(node) not in followers:
             _leader(kin, node, work)
     for coupling in couplings:
         try:

@@ -8,7 +8,10 @@ from typing import Any, ClassVar
 __all__ = [
     "Declaration",
     "Energy",
+    "FlowPort",
+    "FluidPort",
     "Frame",
+    "HeatPort",
     "Input",
     "Option",
     "Output",
@@ -252,16 +255,52 @@ class Rotation(Port):
 
 
 @dataclass(frozen=True)
-class Pin(Port):
-    """An electrical terminal: ``voltage`` shared, ``current`` flows from the node into the component."""
+class FlowPort(Port):
+    """A terminal that does not move: a potential is shared, and a flow goes from the node into the component.
+
+    Parameters
+    ----------
+    meaning : str
+        One line.
+    prescribed : bool
+        True when the component's equations give the node its potential; ``reaction`` is then what flows into the
+        node from this component.
+    """
 
     prescribed: bool = False
+
+
+@dataclass(frozen=True)
+class Pin(FlowPort):
+    """An electrical terminal: ``voltage`` shared, ``current`` flows from the node into the component."""
 
     domain: ClassVar[str] = "electrical"
     potential: ClassVar[str] = "voltage"
     rate: ClassVar[str] = ""
     flow: ClassVar[str] = "current"
     units: ClassVar[dict[str, str]] = {"voltage": "V", "current": "A", "reaction": "A"}
+
+
+@dataclass(frozen=True)
+class FluidPort(FlowPort):
+    """A connection of a pipe: ``pressure`` above ambient shared, ``volume_flow`` from the node into the component."""
+
+    domain: ClassVar[str] = "fluid"
+    potential: ClassVar[str] = "pressure"
+    rate: ClassVar[str] = ""
+    flow: ClassVar[str] = "volume_flow"
+    units: ClassVar[dict[str, str]] = {"pressure": "Pa", "volume_flow": "m**3/s", "reaction": "m**3/s"}
+
+
+@dataclass(frozen=True)
+class HeatPort(FlowPort):
+    """A place where heat passes: ``temperature`` (absolute) shared, ``heat_flow`` from the node into the component."""
+
+    domain: ClassVar[str] = "thermal"
+    potential: ClassVar[str] = "temperature"
+    rate: ClassVar[str] = ""
+    flow: ClassVar[str] = "heat_flow"
+    units: ClassVar[dict[str, str]] = {"temperature": "K", "heat_flow": "W", "reaction": "W"}
 
 
 @dataclass(frozen=True)

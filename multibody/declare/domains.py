@@ -1,7 +1,7 @@
 """One law for translation and rotation: a component written once, declared for both domains.
 
 A law names its flanges' quantities ``position``, ``velocity`` and ``force`` and writes units with the letters
-``F`` (N or N m), ``X`` (m or rad) and ``V`` (m/s or rad/s).
+``F`` (N or N m), ``X`` (m or rad), ``V`` (m/s or rad/s) and ``M`` (kg or kg m²).
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ from multibody.declare.declarations import Declaration, Rotation, Translation
 
 __all__ = ["in_both_domains"]
 
-_LETTERS = {"translation": {"F": "N", "X": "m", "V": "(m/s)"}, "rotation": {"F": "(N*m)", "X": "rad", "V": "(rad/s)"}}
+_LETTERS = {
+    "translation": {"F": "N", "X": "m", "V": "(m/s)", "M": "kg"},
+    "rotation": {"F": "(N*m)", "X": "rad", "V": "(rad/s)", "M": "(kg*m**2)"},
+}
 _PORTS: dict[str, type[Any]] = {"translation": Translation, "rotation": Rotation}
 
 
@@ -57,4 +60,4 @@ def _units(text: str, domain: str) -> str:
     >>> _units("F/V", "translation"), _units("F", "rotation"), _units("kg", "rotation")
     ('N/(m/s)', '(N*m)', 'kg')
     """
-    return re.sub(r"\b[FXV]\b", lambda m: _LETTERS[domain][m.group()], text)
+    return re.sub(r"\b[FXVM]\b", lambda m: _LETTERS[domain][m.group()], text)

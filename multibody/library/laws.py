@@ -1,6 +1,6 @@
-"""Force laws as plain functions of relative position and speed, shared by translation and rotation.
+"""Laws as plain functions: of force over relative position and speed, shared by translation and rotation; of flows.
 
-Each law returns the resisting force (or torque); the components apply it. Equations call these
+Each law of force returns the resisting force (or torque); the components apply it. Equations call these
 functions by name, so they are written in the same subset of Python as equations.
 """
 
@@ -13,12 +13,18 @@ __all__ = [
     "clearance_contact",
     "contact",
     "coulomb",
+    "current_against_drop",
+    "leakage",
     "one_sided",
+    "pipe_flow",
     "quadratic",
+    "radiated",
     "saturated",
     "stribeck",
     "tension_only",
     "transmission_loss",
+    "turbulent_flow",
+    "voltage_drop",
 ]
 
 
@@ -94,3 +100,37 @@ def transmission_loss(effort, speed, efficiency, v_s):
 def saturated(x, limit):
     """Return x held within ±limit."""
     return max(-limit, min(limit, x))
+
+
+def voltage_drop(current, drop, i_s):
+    """Return the voltage lost against a current: ``drop``, rising in proportion to the current below ``i_s``.
+
+    Brushes of a DC motor; Modelica Standard Library, Electrical.Machines.Losses.DCMachines.Brush (documentation there).
+    """
+    return drop * saturated(current / i_s, 1.0)
+
+
+def current_against_drop(voltage, R, drop, i_s):
+    """Return the current that a voltage drives through a resistance and a `voltage_drop` in series."""
+    low = voltage / (R + drop / i_s)
+    return (voltage - math.copysign(drop, voltage)) / R if abs(low) > i_s else low
+
+
+def turbulent_flow(p, factor, p_s):
+    """Return the flow ``factor · √p`` with the sign of p, in proportion to p below about ``p_s``."""
+    return factor * p / math.sqrt(math.sqrt(p * p + p_s * p_s))
+
+
+def leakage(p, laminar, turbulent, p_s):
+    """Return the flow through a gap under the pressure p: ``laminar · p`` and ``turbulent · √p``."""
+    return laminar * p + turbulent_flow(p, turbulent, p_s)
+
+
+def pipe_flow(p, resistance, quadratic_loss):
+    """Return the flow q for which ``resistance · q + quadratic_loss · q|q|`` is the pressure p."""
+    return 2.0 * p / (resistance + math.sqrt(resistance * resistance + 4.0 * quadratic_loss * abs(p)))
+
+
+def radiated(T, ambient, factor):
+    """Return the heat radiated from temperature T to surroundings, ``factor · (T⁴ − ambient⁴)``."""
+    return factor * (T**4 - ambient**4)

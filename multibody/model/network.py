@@ -8,7 +8,7 @@ from multibody.base.spelling import nearest
 from multibody.base.units import same_dimension
 from multibody.declare.checks import declaration_faults, name_fault
 from multibody.declare.component import Component
-from multibody.declare.declarations import Frame, Input, Output, Pin, Port, Rotation, Translation
+from multibody.declare.declarations import FlowPort, Frame, Input, Output, Port
 from multibody.model.graph import GROUND, ModelGraph
 
 __all__ = ["Network", "Node", "PortOf", "network"]
@@ -42,7 +42,7 @@ class PortOf:
 
     @property
     def prescribed(self) -> bool:
-        """True when the component's equations give the port its motion or voltage."""
+        """True when the component's equations give the port its motion or potential."""
         return bool(getattr(self.port, "prescribed", False))
 
     @property
@@ -70,8 +70,13 @@ class Node:
         return self.ports[0]
 
     @property
+    def still(self) -> bool:
+        """True for a node of a domain in which something flows and nothing moves."""
+        return isinstance(self.ports[0].port, FlowPort)
+
+    @property
     def prescriber(self) -> PortOf | None:
-        """The port whose component gives the node its motion or voltage."""
+        """The port whose component gives the node its motion or potential."""
         return next((p for p in self.ports if p.prescribed), None)
 
     @property
@@ -309,7 +314,7 @@ def _overconstrained(node: Node, net: Network) -> None:
     if node.grounded:
         holders.append("it is connected to the ground")
     if len(holders) > 1:
-        kind = {Translation.domain: "position", Rotation.domain: "angle", Pin.domain: "voltage"}[node.domain]
+        kind = type(node.label.port).potential
         net.faults.append(
             f"over-constrained: the {kind} at '{node.label.name}' is given more than once "
             f"({'; '.join(holders)}): keep one"

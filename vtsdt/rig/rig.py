@@ -29,6 +29,7 @@ from vtsdt.rig.rails import RailSpectrum, draw_rails, rail_tables
 from vtsdt.rig.trips import CYCLE, ReferenceTrip, draw_trip, express
 
 if TYPE_CHECKING:
+    from discrepancy.effects.catalogue import Entry
     from multibody.system.trajectory import Trajectory
 
 __all__ = ["BEFORE", "SENSED", "LiftRig", "seen_by", "sources"]
@@ -244,6 +245,14 @@ class LiftRig(Rig):
     def starts(self) -> tuple[str, ...]:
         """States of the model under test with an unknown initial value."""
         return _FREE[self.under_test]
+
+    def entries(self) -> list[Entry]:
+        """Return every effect that fits the machine and that its records can hold.
+
+        The rig records forces that the model takes as inputs: of a lag of such an input, the record had to be the
+        inverse, which no sensor gives.
+        """
+        return [e for e in super().entries() if e.kind.name != "input_lag" or e.where == "omega_ref"]
 
     # ---------------------------------------------------------------- trips
 
