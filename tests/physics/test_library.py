@@ -19,7 +19,7 @@ COMPONENTS = {
     for name in library.__all__
     if inspect.isclass(cls := getattr(library, name)) and issubclass(cls, Component)
 }
-BASES = {"Sliding", "Turning"}  # pairs of flanges for which subclasses state the law
+BASES = {"Sliding", "Turning", "Leaky", "WarmBody"}  # what subclasses share, without equations of their own
 
 
 def _body(model, name, **values):
@@ -177,7 +177,7 @@ def transmissions(m):
 
 
 def electrical(m):
-    """Circuits with every part, and the three motors."""
+    """Circuits with every part, and the three motors; motors and inverter lose voltage against the current."""
     source = m.add("e.source", library.VoltageSource())
     m.connect(m.add("e.step", library.Step(unit="V", height=5.0, start=0.1)).output, source.voltage)
     m.connect(source.n, m.ground)
@@ -192,7 +192,8 @@ def electrical(m):
     m.connect("e.feed.p", "e.C.p")
     m.connect("e.feed.n", m.ground)
     for k, inductive in enumerate((True, False)):
-        values = {"R": 1.0, "k_t": 0.2, "inductive": inductive} | ({"L": 0.02} if inductive else {})
+        values = {"R": 1.0, "k_t": 0.2, "inductive": inductive, "brush_drop": 0.3, "i_brush": 0.4}
+        values |= {"L": 0.02} if inductive else {}
         motor = m.add(f"e.motor{k}", library.DCMotor(**values))
         m.connect(source.p, motor.p)
         m.connect(motor.n, m.ground)
@@ -200,7 +201,10 @@ def electrical(m):
         drive = m.add(f"e.drive{k}", library.DCMotorDrive(**values))
         m.connect("e.step.output", drive.voltage)
         m.connect(drive.flange, _rotor(m, f"e.shaft{k}"))
-    servo = m.add("e.pmsm", library.PMSM(R=0.5, L_d=0.01, L_q=0.015, psi=0.05, pole_pairs=3.0, i_d=0.3))
+    servo = m.add(
+        "e.pmsm",
+        library.PMSM(R=0.5, L_d=0.01, L_q=0.015, psi=0.05, pole_pairs=3.0, i_d=0.3, dead_time_drop=0.2, i_dead=0.1),
+    )
     m.connect(m.add("e.vq", library.Constant(unit="V", value=3.0)).output, servo.V_q)
     m.connect(m.add("e.vd", library.Constant(unit="V", value=-0.5)).output, servo.V_d)
     m.connect(servo.flange, _rotor(m, "e.spindle"))
@@ -273,7 +277,60 @@ def control(m):
         m.connect("c.Lag.output", total.second)
 
 
-FAMILIES = (translation, rotation, friction, transmissions, electrical, control)
+def fluid(m):
+    """A pump, tanks, pipes and a valve; a cylinder with a leaking piston between two volumes."""
+    pump = m.add("h.pump", library.FlowSource(leak=1e-3))
+    m.connect(m.add("h.rate", library.Sine(unit="m**3/s", amplitude=0.3, frequency=1.0)).output, pump.flow)
+    values = {"density": 1.0, "gravity": 2.0, "p_s": 0.3}
+    upper = m.add("h.upper", library.Tank(area=1.0, level=1.0, leak=0.02, leak_turbulent=0.1, **values))
+    lower = m.add("h.lower", library.Tank(area=2.0, level=0.5, **values))
+    meter = m.add("h.meter", library.FlowSensor())
+    pipe = m.add("h.pipe", library.Pipe(resistance=2.0, quadratic_loss=3.0))
+    long = m.add("h.long", library.Pipe(resistance=2.0, quadratic_loss=1.0, inertial=True, inertance=0.5))
+    m.connect(pump.a, m.ground)
+    m.connect(pump.b, upper.port, meter.a, m.add("h.gauge", library.PressureSensor()).port)
+    m.connect(meter.b, pipe.a, long.a)
+    m.connect(pipe.b, lower.port, long.b)
+    valve = m.add("h.valve", library.Orifice(area=0.3, density=1.0, p_s=0.3, controlled=True))
+    m.connect(m.add("h.lift", library.Ramp(unit="1", height=1.0, duration=1.0)).output, valve.opening)
+    m.connect(valve.a, lower.port)
+    m.connect(valve.b, m.ground)
+    supply = m.add("h.supply", library.PressureSource())
+    m.connect(m.add("h.p", library.Constant(unit="Pa", value=3.0)).output, supply.pressure)
+    cylinder = m.add("h.cylinder", library.Cylinder(area_a=0.5, area_b=0.4, leak=0.01, leak_turbulent=0.02, p_s=0.3))
+    for side, ends in (("a", supply.port), ("b", m.ground)):
+        nozzle = m.add(f"h.nozzle_{side}", library.Orifice(area=0.2, density=1.0, p_s=0.3))
+        volume = m.add(f"h.volume_{side}", library.Volume(capacity=0.05, pressure=0.5, leak=1e-3, p_s=0.3))
+        m.connect(nozzle.a, ends)
+        m.connect(nozzle.b, volume.port, f"h.cylinder.{side}")
+    m.connect(cylinder.piston, _body(m, "h.rod", velocity=0.2))
+
+
+def thermal(m):
+    """A heated body between surroundings, a surface that radiates, and a bath of given temperature."""
+    body = m.add("w.body", library.HeatCapacity(capacity=5.0, temperature=310.0, loss_conductance=0.2, radiation=1e-9))
+    skin = m.add("w.skin", library.HeatCapacity(capacity=2.0, temperature=300.0))
+    heater = m.add("w.heater", library.HeatSource())
+    m.connect(m.add("w.power", library.Sine(unit="W", amplitude=20.0, frequency=1.0)).output, heater.heat)
+    hall = m.add("w.hall", library.FixedTemperature())
+    bath = m.add("w.bath", library.TemperatureSource())
+    record = m.add("w.record", library.RecordedTemperature())
+    m.connect(m.add("w.level", library.Constant(unit="K", value=285.0)).output, record.recorded)
+    m.connect(record.temperature, bath.temperature)
+    m.connect(heater.port, body.port, m.add("w.gauge", library.TemperatureSensor()).port)
+    for name, part, a, b in (
+        ("outer", library.ThermalConductance(conductance=2.5), None, skin.port),  # a node without capacity before it
+        ("inner", library.ThermalConductance(conductance=1.5), body.port, "w.outer.a"),
+        ("glow", library.ThermalRadiation(radiation=2e-9), skin.port, hall.port),
+        ("wet", library.ThermalConductance(conductance=0.7), skin.port, bath.port),
+    ):
+        part = m.add(f"w.{name}", part)
+        m.connect(part.b, b)
+        if a is not None:
+            m.connect(part.a, a)
+
+
+FAMILIES = (translation, rotation, friction, transmissions, electrical, fluid, thermal, control)
 
 
 def model_of(family) -> Model:
