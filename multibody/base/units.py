@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-__all__ = ["UnitError", "convert", "quantity", "same_dimension", "si_factor"]
+__all__ = ["UnitError", "base_exponents", "convert", "quantity", "same_dimension", "si_factor"]
 
 
 #: Conversions that most files need; without them every start would wait for pint to read its definitions.
@@ -31,6 +31,18 @@ _USUAL = {
     ("bar", "Pa"): 1e5,
     ("MPa", "Pa"): 1e6,
     ("GPa", "Pa"): 1e9,
+}
+
+
+_BASE = {
+    "kilogram": "kg",
+    "meter": "m",
+    "second": "s",
+    "ampere": "A",
+    "kelvin": "K",
+    "mole": "mol",
+    "candela": "cd",
+    "radian": "rad",
 }
 
 
@@ -124,6 +136,26 @@ def si_factor(unit: str) -> float:
     0.001
     """
     return float(_registry().Quantity(1.0, _unit(unit)).to_base_units().magnitude)
+
+
+def base_exponents(unit: str) -> dict[str, int]:
+    """Return the exponents of the SI base units (and of rad) in a unit.
+
+    Raises
+    ------
+    UnitError
+        If the unit is unknown, or an exponent is broken.
+
+    Examples
+    --------
+    >>> base_exponents("N*m/rad")
+    {'kg': 1, 'm': 2, 's': -2, 'rad': -1}
+    """
+    base = dict(_registry().Quantity(1.0, _unit(unit)).to_base_units().unit_items())
+    found = {symbol: base.get(name, 0) for name, symbol in _BASE.items()}
+    if any(power != int(power) for power in found.values()):
+        raise UnitError(f"'{unit}' has a broken power of a base unit")
+    return {symbol: int(power) for symbol, power in found.items() if power}
 
 
 def quantity(value: Any, unit: str) -> float:

@@ -11,12 +11,13 @@ from multibody.compile.emitter.instructions import METHODS
 from multibody.compile.emitter.kinds import FLOAT, FLOATS, INT, INTS, NOTHING, TRUTH, Kind, Outside
 from multibody.compile.emitter.units import Unit
 
-__all__ = ["c_source"]
+__all__ = ["C_ARITHMETIC", "c_functions", "c_source"]
 
 _C = {FLOAT: "double", INT: "long long", TRUTH: "int", FLOATS: "double *", INTS: "long long *", NOTHING: "void"}
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*"}
 _COMPARE = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-_PRELUDE = """#include <math.h>
+#: Functions that the texts of `c_functions` call; it stands once in a file, before them.
+C_ARITHMETIC = """#include <math.h>
 
 static inline double least(double a, double b) { return b < a ? b : a; }
 static inline double most(double a, double b) { return b > a ? b : a; }
@@ -66,14 +67,34 @@ def c_source(unit: Unit, name: str, arguments: tuple[Kind, ...], symbol: str) ->
     >>> "v_out[0] = whole_power(least(v_x[0], v_t), 2);" in source
     True
     """
-    program = _Program(unit)
-    body = program.function(name, arguments, symbol)
-    return "\n".join([_PRELUDE, *program.types.values(), *program.texts, body])
+    return "\n".join([C_ARITHMETIC, c_functions(unit, name, arguments, symbol)])
+
+
+def c_functions(unit: Unit, name: str, arguments: tuple[Kind, ...], symbol: str, storage: str = "") -> str:
+    """Return a function of a unit, and the functions that it calls, as C that follows `C_ARITHMETIC` in a file.
+
+    Functions of several units can stand in one file: the names of those that are called begin with ``symbol``.
+
+    Parameters
+    ----------
+    unit, name, arguments, symbol
+        As of `c_source`.
+    storage : str
+        ``"static"`` keeps the function to its file.
+
+    Raises
+    ------
+    Outside
+        If something is outside the subset.
+    """
+    program = _Program(unit, symbol)
+    body = program.function(name, arguments, symbol, f"{storage} " if storage else "")
+    return "\n".join([*program.types.values(), *program.texts, body])
 
 
 class _Program:
-    def __init__(self, unit: Unit) -> None:
-        self.unit = unit
+    def __init__(self, unit: Unit, prefix: str) -> None:
+        self.unit, self.prefix = unit, prefix
         self.texts: list[str] = []
         self.types: dict[Kind, str] = {}
         self._known: dict[Any, tuple[str, Kind]] = {}
@@ -84,7 +105,7 @@ class _Program:
     def called(self, name: str, arguments: tuple[Kind, ...]) -> tuple[str, Kind]:
         key = (name, arguments)
         if key not in self._known:
-            symbol = f"{name}_{len(self._known)}"
+            symbol = f"{self.prefix}_{name}_{len(self._known)}"
             self._known[key] = symbol, self.kinds(name, arguments).returns
             self.texts.append(self.function(name, arguments, symbol, "static "))
         return self._known[key]
@@ -94,11 +115,30 @@ class _Program:
             return _C[kind]
         if kind not in self.types:
             fields = " ".join(f"{self.type_of(k)} r{i};" for i, k in enumerate(kind))
-            self.types[kind] = f"typedef struct {{ {fields} }} several_{len(self.types)};"
-        return f"several_{list(self.types).index(kind)}"
+            self.types[kind] = f"typedef struct {{ {fields} }} {self.prefix}_several_{len(self.types)};"
+        return f"{self.prefix}_several_{list(self.types).index(kind)}"
 
     def function(self, name: str, arguments: tuple[Kind, ...], symbol: str, storage: str = "") -> str:
         return _Function(self, self.kinds(name, arguments)).text(symbol, storage)
+
+
+def _unread(target: ast.expr, read: set[str]) -> bool:
+    return isinstance(target, ast.Name) and target.id not in read
+
+
+def _read(function: ast.FunctionDef) -> set[str]:
+    """Return the names that count: those read by what is written or returned, in the end."""
+    read: set[str] = set()
+    while True:
+        dead: set[int] = set()
+        for node in ast.walk(function):
+            if isinstance(node, ast.Assign) and read and all(_unread(t, read) for t in node.targets):
+                dead |= {id(n) for n in ast.walk(node.value)}
+        names = (n for n in ast.walk(function) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load))
+        found = {n.id for n in names if id(n) not in dead}
+        if found == read:
+            return read
+        read = found
 
 
 class _Function:
@@ -110,10 +150,18 @@ class _Function:
     def text(self, symbol: str, storage: str) -> str:
         node, kind_of = self.kinds.node, self.kinds.of
         given = [a.arg for a in node.args.args]
-        head = ", ".join(f"{self.program.type_of(kind_of[a])} v_{a}" for a in given)
+        stores = [n for n in ast.walk(node) if isinstance(n, ast.Subscript) and isinstance(n.ctx, ast.Store)]
+        written = {n.value.id for n in stores if isinstance(n.value, ast.Name)}
+        self.read = _read(node)
+        head = ", ".join(
+            f"{'const ' if isinstance(kind_of[a], str) and kind_of[a] in (FLOATS, INTS) and a not in written else ''}"
+            f"{self.program.type_of(kind_of[a])} v_{a}"
+            for a in given
+        )
         for name, kind in kind_of.items():
-            if name not in given and name != "return":
+            if name in self.read and name not in given:
                 self.lines.append(f"    {self.program.type_of(kind)} v_{name};")
+        self.lines += [f"    (void)v_{a};" for a in given if a not in self.read and a not in written]
         self._block(node.body, 1)
         returns = self.program.type_of(self.kinds.returns)
         return "\n".join([f"{storage}{returns} {symbol}({head})", "{", *self.lines, "}", ""])
@@ -133,8 +181,12 @@ class _Function:
                 held = f"several{self.count}"
                 self._line(depth, f"{self.program.type_of(kind)} {held} = {self.value(value)};")
                 for k, target in enumerate(targets):
-                    self._line(depth, f"{self.value(target)} = {held}.r{k};")
+                    if not _unread(target, self.read):
+                        self._line(depth, f"{self.value(target)} = {held}.r{k};")
             case ast.Assign(targets=targets, value=value):
+                targets = [t for t in targets if not _unread(t, self.read)]
+                if not targets:
+                    return
                 result = self.value(value)
                 for target in targets:
                     self._line(depth, f"{self.value(target)} = {result};")

@@ -15,6 +15,7 @@ from typing import Any
 from multibody.assembly.assemble import find_places
 from multibody.base.errors import ModelError
 from multibody.base.spelling import nearest
+from multibody.fmi.export import to_fmu as write_fmu
 from multibody.model.description import describe as describe_graph
 from multibody.model.graph import ModelGraph
 from multibody.model.storage import load as load_graph
@@ -172,3 +173,4 @@ class System(CompiledSystem):
     simulate = simulate_system
     equilibrium = find_equilibrium
     linearize = linearize_system
+    to_fmu = write_fmu

@@ -26,6 +26,7 @@ HOUSE: dict[str, tuple[str, ...]] = {
         "compile",
         "solvers",
         "system",
+        "fmi",
         "machine",
         "library",
         "",
@@ -62,7 +63,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "vtsdt": GROUND,
     "gearbox": GROUND,
 }
-HEAVY = ("numba", "scipy", "pandas", "matplotlib", "pint", "jinja2", "rich", "pyarrow")
+HEAVY = ("numba", "scipy", "pandas", "matplotlib", "pint", "jinja2", "rich", "pyarrow", "fmpy")
 
 
 def _files() -> dict[str, Path]:

@@ -23,6 +23,7 @@ BAD_INPUT = {
     "estimation.files.faults": "RecordError",
     "estimation.signals.preparation": "SignalError",
     "multibody.base.errors": "ModelError SimulationError EquationError",
+    "multibody.fmi.errors": "FmuError",
     "multibody.base.parameter_file": "ParameterError",
     "multibody.base.units": "UnitError",
     "multibody.inputs.table": "InputError",

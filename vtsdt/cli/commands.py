@@ -60,6 +60,7 @@ COMMANDS = {
     ("align",): Command("vtsdt.cli.align:main", "guide rail alignment from a few sensors of the cabin"),
     ("what-if",): Command("vtsdt.cli.what_if:main", "what straightening and lubricating the guides would save"),
     ("update-gearbox",): Command("gearbox.updating.command:main", "update a gear stage model from recordings"),
+    ("export-fmu",): Command("vtsdt.cli.export_fmu:main", "a model as an FMU (FMI 2.0 or 3.0) for other tools"),
     ("warm",): Command("vtsdt.cli.warm:main", "compile the shipped models before they are needed"),
     ("validate", "papers"): Command("vtsdt.cli.validate_papers:main", "the papers' tables, reproduced and compared"),
     ("validate", "discrepancy"): Command(

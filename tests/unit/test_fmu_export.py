@@ -1,0 +1,488 @@
+"""A system written out as an FMU: valid, compiled without a warning, and the same machine in all four forms."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import multibody.library as lib
+from discrepancy.rigs.axis_model import build as axis_model
+from multibody import Model
+from multibody.fmi.compiler import c_compiler
+from multibody.fmi.errors import FmuError
+from multibody.machine.model import System
+
+fmpy = pytest.importorskip("fmpy", reason="needs fmpy: pip install 'vtsdt[fmi]'")
+pytestmark = pytest.mark.skipif(c_compiler() is None, reason="needs a C compiler")
+
+VERSIONS = ("2.0", "3.0")
+FORMS = ("ModelExchange", "CoSimulation")
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def axis() -> System:
+    return axis_model(coulomb=30.0).build()
+
+
+@pytest.fixture(scope="module", params=VERSIONS)
+def unit(request: Any, axis: System, tmp_path_factory: Any) -> Path:
+    path = tmp_path_factory.mktemp("fmu") / "axis.fmu"
+    return axis.to_fmu(path, fmi_version=request.param)
+
+
+def compared(system: System, path: Path, until: float, step: float, **run: Any) -> dict[str, float]:
+    """Return the largest error of a state, as a share of its range, for both forms of a unit.
+
+    Without inputs fmpy simulates.  Its loops (0.3.32) hold inputs over a step in both forms, and cannot set their
+    derivatives (there is room for exactly nine); with inputs the loops below use the instances that fmpy makes.
+    Co-Simulation of FMI 3.0 has no derivatives of inputs and holds them over a communication step: it is laid beside
+    a simulation that does so, too.  All is run ten times as exactly as usual, so that what is left is the unit's.
+    """
+    inputs = run.get("inputs", {})
+    third = fmpy.read_model_description(str(path)).fmiVersion.startswith("3")
+    errors = {}
+    for form in FORMS:
+        held = third and form == "CoSimulation"
+        options = {"interpolation": "hold" if held else "linear", "rtol": 1e-7, "atol": 1e-10}
+        true = system.simulate(until, step=step, initial=run.get("initial"), inputs=inputs, **options)
+        if inputs:
+            loop = stepped if form == "CoSimulation" else integrated
+            errors[form] = share(system, true, loop(system, path, true, inputs))
+            continue
+        result = fmpy.simulate_fmu(
+            str(path),
+            fmi_type=form,
+            stop_time=until,
+            output_interval=step,
+            relative_tolerance=1e-7,
+            output=[*system.state_names],
+        )
+        assert np.allclose(result["time"], true.times)
+        errors[form] = share(system, true, np.column_stack([result[n] for n in system.state_names]))
+    return errors
+
+
+def share(system: System, true: Any, states: np.ndarray) -> float:
+    """Return the largest error of a state as a share of its range; a state that rests has the range 1e-9."""
+    return max(
+        float(np.max(np.abs(states[:, k] - true[n])) / max(np.ptp(true[n]), 1e-9))
+        for k, n in enumerate(system.state_names)
+    )
+
+
+def opened(path: Path, form: str) -> tuple[Any, Any]:
+    """Return the description and a running instance of a unit."""
+    described = fmpy.read_model_description(str(path))
+    folder = fmpy.extract(str(path), str(path.with_suffix("")))
+    fmu = fmpy.instantiate_fmu(folder, described, fmi_type=form)
+    tolerance = {"tolerance": 1e-7, "startTime": 0.0}
+    if described.fmiVersion == "2.0":
+        fmu.setupExperiment(**tolerance)
+        fmu.enterInitializationMode()
+    else:
+        fmu.enterInitializationMode(**tolerance)
+    fmu.exitInitializationMode()
+    return described, fmu
+
+
+def stepped(system: System, path: Path, true: Any, inputs: dict[str, Any]) -> np.ndarray:
+    """Return the states by Co-Simulation, with the inputs' derivatives where the standard has them."""
+    described, fmu = opened(path, "CoSimulation")
+    references = {v.name: v.valueReference for v in described.modelVariables}
+    of_states, of_inputs = [references[n] for n in system.state_names], [references[n] for n in inputs]
+    rows = [real(fmu, *of_states)]
+    for begin, end in zip(true.times[:-1], true.times[1:], strict=True):
+        at = np.array([np.interp([begin, end], *given) for given in inputs.values()])
+        set_real(fmu, of_inputs, list(at[:, 0]))
+        if described.fmiVersion == "2.0":
+            fmu.setRealInputDerivatives(of_inputs, [1] * len(inputs), list((at[:, 1] - at[:, 0]) / (end - begin)))
+        step(fmu, begin, end - begin)
+        rows.append(real(fmu, *of_states))
+    fmu.terminate()
+    fmu.freeInstance()
+    return np.array(rows)
+
+
+def integrated(system: System, path: Path, true: Any, inputs: dict[str, Any]) -> np.ndarray:
+    """Return the states by Model Exchange, integrated by SciPy with the inputs at every evaluation."""
+    from ctypes import POINTER, c_double
+
+    from scipy.integrate import solve_ivp
+
+    described, fmu = opened(path, "ModelExchange")
+    references = {v.name: v.valueReference for v in described.modelVariables}
+    n = len(system.states)
+    fmu.enterContinuousTimeMode()
+    rates = np.empty(n)
+    write, pointer = rates.ctypes.data_as(POINTER(c_double)), POINTER(c_double)
+    ask = fmu.getDerivatives if hasattr(fmu, "getDerivatives") else fmu.getContinuousStateDerivatives
+
+    def f(t: float, x: np.ndarray) -> np.ndarray:
+        fmu.setTime(t)
+        set_real(fmu, [references[k] for k in inputs], [float(np.interp(t, *v)) for v in inputs.values()])
+        x = np.ascontiguousarray(x)
+        fmu.setContinuousStates(x.ctypes.data_as(pointer), n)
+        ask(write, n)
+        return rates.copy()
+
+    start = np.array(real(fmu, *(references[k] for k in system.state_names)))
+    step_of_inputs = float(np.diff(next(iter(inputs.values()))[0]).max())
+    solution = solve_ivp(
+        f, (0.0, true.times[-1]), start, "LSODA", true.times, rtol=1e-7, atol=1e-10, max_step=step_of_inputs
+    )
+    fmu.terminate()
+    fmu.freeInstance()
+    return solution.y.T
+
+
+def test_description_is_valid(unit: Path) -> None:
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(unit)) == []
+
+
+def test_description_holds_units_bounds_and_structure(axis: System, unit: Path) -> None:
+    described = fmpy.read_model_description(str(unit))
+    by_name = {v.name: v for v in described.modelVariables}
+    mass = by_name["carriage.m"]
+    assert (mass.causality, mass.variability, mass.unit) == ("parameter", "tunable", "kg")
+    assert float(mass.start) == 40.0
+    assert all(by_name[n].start is not None and by_name[n].nominal for n in axis.state_names)
+    assert {u.variable.name for u in described.derivatives} == {f"der({n})" for n in axis.state_names}
+    known = {u.variable.name: {d.name for d in u.dependencies} for u in described.derivatives}
+    for i, row in enumerate(axis.state_names):
+        on = {axis.state_names[j] for j in np.flatnonzero(axis.sparsity[i])}
+        assert known[f"der({row})"] & set(axis.state_names) == on
+
+
+def test_dependencies_on_inputs_are_those_of_the_jacobian(axis: System, unit: Path) -> None:
+    described = fmpy.read_model_description(str(unit))
+    x = np.full(len(axis.states), 0.1)
+    by_input = axis.jacobian("u", 0.0, x)
+    known = {u.variable.name: {d.name for d in u.dependencies} for u in described.derivatives}
+    for i, row in enumerate(axis.state_names):
+        for j, name in enumerate(axis.input_names):
+            assert by_input[i, j] == 0.0 or name in known[f"der({row})"]
+
+
+def test_axis_is_the_same_in_every_form(axis: System, unit: Path) -> None:
+    times = np.linspace(0.0, 1.0, 1001)
+    reference = 0.1 * np.sin(2.0 * np.pi * times) ** 2
+    errors = compared(axis, unit, 1.0, 1e-3, inputs={"reference.position": (times, reference)})
+    assert max(errors.values()) < 1e-4, errors  # the issue's bound
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_pendulum_is_the_same_in_every_form(version: str, tmp_path: Path) -> None:
+    from runpy import run_path
+
+    model = run_path(str(ROOT / "examples/pendulum/pendulum.py"))["build"]()
+    system = model.build()
+    start = dict.fromkeys(system.state_names, 0.0) | {system.state_names[0]: np.pi + 1.0}
+    path = system.to_fmu(tmp_path / "pendulum.fmu", fmi_version=version, initial=start)
+    errors = compared(system, path, 3.0, 1e-2, initial=start)
+    assert max(errors.values()) < 1e-4, errors
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_tables_are_parameters_and_can_be_changed(version: str, tmp_path: Path) -> None:
+    model = Model("pulled")
+    body = model.add("body", lib.Mass(m=2.0))
+    pull = model.add("pull", lib.ForceSource())
+    signal = model.add("signal", lib.TableReference(points=([0.0, 0.5, 1.0], [0.0, 3.0, 1.0]), unit="N"))
+    model.connect(signal.output, pull.force)
+    model.connect(pull.flange, body.flange)
+    system = model.build()
+    path = system.to_fmu(tmp_path / "pulled.fmu", fmi_version=version)
+    changed = {"signal.points.y[1]": 9.0}
+    true = system.simulate(1.0, step=0.01, parameters=changed)
+    assert abs(true["body.position"][-1] - system.simulate(1.0)["body.position"][-1]) > 0.1
+    for form in FORMS:
+        result = fmpy.simulate_fmu(
+            str(path), fmi_type=form, stop_time=1.0, output_interval=0.01, start_values=changed, relative_tolerance=1e-8
+        )
+        assert np.allclose(result["body.position"], true["body.position"], atol=1e-6)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_compiles_without_a_warning(version: str, axis: System, tmp_path: Path) -> None:
+    path = axis.to_fmu(tmp_path / "axis.fmu", fmi_version=version, binary=False)
+    with zipfile.ZipFile(path) as file:
+        file.extractall(tmp_path / "unit")
+    source = tmp_path / "unit/sources" / f"fmi{version[0]}.c"
+    flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-c", "-o", str(tmp_path / "x.o")]
+    done = subprocess.run([*c_compiler(), *flags, str(source)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+# ---------------------------------------------------------------- the functions of the standard, one by one
+
+
+@pytest.fixture
+def instances(unit: Path, tmp_path: Path) -> Any:
+    """Give a function that makes instances of a unit, side by side, and free them all at the end."""
+    folder = fmpy.extract(str(unit), str(tmp_path / "unit"))
+    described = fmpy.read_model_description(folder)
+    made = []
+
+    def instance(form: str = "CoSimulation") -> Any:
+        fmu = fmpy.instantiate_fmu(folder, described, fmi_type=form)
+        made.append(fmu)
+        if described.fmiVersion == "2.0":
+            fmu.setupExperiment(startTime=0.0)
+        fmu.enterInitializationMode()
+        fmu.exitInitializationMode()
+        return fmu
+
+    yield instance
+    for fmu in made:
+        fmu.freeInstance()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def real(fmu: Any, *references: int) -> list[float]:
+    return (fmu.getReal if hasattr(fmu, "getReal") else fmu.getFloat64)(list(references))
+
+
+def set_real(fmu: Any, references: list[int], values: list[float]) -> None:
+    (fmu.setReal if hasattr(fmu, "setReal") else fmu.setFloat64)(references, values)
+
+
+def states(axis: System) -> list[int]:
+    return list(range(1, 1 + len(axis.states)))
+
+
+def step(fmu: Any, begin: float, size: float) -> None:
+    fmu.doStep(currentCommunicationPoint=begin, communicationStepSize=size)
+
+
+def test_state_is_saved_sent_and_put_back(axis: System, instances: Any) -> None:
+    fmu, other = instances(), instances()
+    u = 1 + 2 * len(axis.states)
+    set_real(fmu, [u], [0.05])
+    step(fmu, 0.0, 0.1)
+    names = ("getFMUstate", "setFMUstate", "freeFMUstate", "serializeFMUstate", "deSerializeFMUstate")
+    if not hasattr(fmu, "getFMUstate"):
+        names = ("getFMUState", "setFMUState", "freeFMUState", "serializeFMUState", "deserializeFMUState")
+    get, put, free, write, _ = (getattr(fmu, n) for n in names)
+    saved = get()
+    step(fmu, 0.1, 0.1)
+    once = real(fmu, *states(axis))
+    put(saved)
+    step(fmu, 0.1, 0.1)
+    assert real(fmu, *states(axis)) == once  # bit for bit: the integrator's memory is part of the state
+    sent = getattr(other, names[4])(write(saved))
+    getattr(other, names[1])(sent)
+    step(other, 0.1, 0.1)
+    assert real(other, *states(axis)) == once
+    free(saved)
+    getattr(other, names[2])(sent)
+
+
+def test_reset_starts_again(axis: System, instances: Any) -> None:
+    fmu = instances()
+    start = real(fmu, *states(axis))
+    u = 1 + 2 * len(axis.states)
+    set_real(fmu, [u], [0.05])
+    step(fmu, 0.0, 0.2)
+    first = real(fmu, *states(axis))
+    assert first != start
+    fmu.reset()
+    if hasattr(fmu, "setupExperiment"):
+        fmu.setupExperiment(startTime=0.0)
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+    assert real(fmu, *states(axis)) == start
+    set_real(fmu, [u], [0.05])
+    step(fmu, 0.0, 0.2)
+    assert real(fmu, *states(axis)) == first
+
+
+def test_instances_do_not_touch_each_other(axis: System, instances: Any) -> None:
+    many = [instances() for _ in range(20)]
+    u = 1 + 2 * len(axis.states)
+    for k, fmu in enumerate(many):
+        set_real(fmu, [u], [0.01 * k])
+    for fmu in many:
+        step(fmu, 0.0, 0.1)
+    ends = [real(fmu, *states(axis)) for fmu in many]
+    alone = instances()
+    set_real(alone, [u], [0.01 * 7])
+    step(alone, 0.0, 0.1)
+    assert ends[7] == real(alone, *states(axis))
+    assert len({tuple(e) for e in ends}) == len(many)
+
+
+def test_directional_derivatives_are_the_exact_ones(axis: System, instances: Any) -> None:
+    fmu = instances("ModelExchange")
+    n, n_u = len(axis.states), len(axis.inputs)
+    fmu.enterContinuousTimeMode()
+    x = np.linspace(-0.1, 0.2, n)
+    if hasattr(fmu, "getReal"):
+        fmu.setContinuousStates(x.ctypes.data_as(fmpy.fmi2.POINTER(fmpy.fmi2.fmi2Real)), n)
+    else:
+        fmu.setContinuousStates(x.ctypes.data_as(fmpy.fmi3.POINTER(fmpy.fmi3.fmi3Float64)), n)
+    rates = list(range(1 + n, 1 + 2 * n))
+    for wrt, first, count in (("x", 1, n), ("u", 1 + 2 * n, n_u), ("p", 1 + 2 * n + n_u, len(axis.parameters))):
+        exact = axis.jacobian(wrt, 0.0, x)
+        for j in range(count):
+            column = fmu.getDirectionalDerivative(rates, [first + j], [1.0])
+            assert np.allclose(column, exact[:, j], rtol=1e-12, atol=1e-12)
+
+
+def status_of(call: Any, *arguments: Any) -> int:
+    with pytest.raises(Exception) as caught:  # noqa: PT011 - fmpy raises its own exception with the status
+        call(*arguments)
+    return int(caught.value.status)  # type: ignore[attr-defined]
+
+
+def test_wrong_use_is_answered_with_error(axis: System, instances: Any) -> None:
+    error = 3  # fmi2Error and fmi3Error
+    fmu = instances()
+    assert status_of(fmu.enterInitializationMode) == error
+    assert status_of(step, fmu, 0.0, -0.1) == error
+    assert status_of(step, fmu, 5.0, 0.1) == error
+    assert status_of(real, fmu, 10**6) == error
+    assert status_of(set_real, fmu, [0], [1.0]) == error  # time
+    assert status_of(set_real, fmu, [1], [1.0]) == error  # a state, once the simulation runs
+    assert status_of(set_real, fmu, [1 + len(axis.states)], [1.0]) == error  # a rate
+    assert status_of(set_real, fmu, [1 + 2 * len(axis.states)], [float("nan")]) == error
+    fmu.terminate()
+    assert status_of(step, fmu, 0.0, 0.1) == error
+    exchange = instances("ModelExchange")
+    exchange.enterContinuousTimeMode()
+    assert status_of(exchange.enterContinuousTimeMode) == error
+    assert status_of(set_real, exchange, [2 + 2 * len(axis.states)], [1.0]) == error  # a parameter between events
+
+
+def test_a_step_that_cannot_be_taken_is_discarded(axis: System, instances: Any) -> None:
+    fmu = instances()
+    set_real(fmu, [1 + 2 * len(axis.states)], [1e308])
+    assert status_of(step, fmu, 0.0, 0.1) == 2  # fmi2Discard and fmi3Discard
+
+
+LEAKS = """
+#include "fmi2Functions.h"
+#include <stdarg.h>
+#include <stdlib.h>
+static void log_it(fmi2ComponentEnvironment e, fmi2String n, fmi2Status s, fmi2String c, fmi2String m, ...)
+{ (void)e, (void)n, (void)s, (void)c, (void)m; }
+int main(void)
+{
+    fmi2CallbackFunctions f = {log_it, calloc, free, NULL, NULL};
+    for (int k = 0; k < 1000; k++) {
+        fmi2Component c = fmi2Instantiate("one", fmi2CoSimulation, GUID, "", &f, 0, 0);
+        fmi2FMUstate saved = NULL;
+        if (!c) return 1;
+        if (fmi2SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0) || fmi2EnterInitializationMode(c)) return 2;
+        if (fmi2ExitInitializationMode(c) || fmi2DoStep(c, 0.0, 0.01, 1)) return 3;
+        if (fmi2GetFMUstate(c, &saved) || fmi2SetFMUstate(c, saved) || fmi2FreeFMUstate(c, &saved)) return 4;
+        if (fmi2DoStep(c, 9.0, 0.01, 1) != fmi2Error || fmi2Terminate(c)) return 5;
+        fmi2FreeInstance(c);
+    }
+    return 0;
+}
+"""
+
+
+def test_a_thousand_cycles_leave_nothing_behind(axis: System, tmp_path: Path) -> None:
+    path = axis.to_fmu(tmp_path / "axis.fmu", fmi_version="2.0", binary=False)
+    with zipfile.ZipFile(path) as file:
+        file.extractall(tmp_path)
+    token = fmpy.read_model_description(str(path)).guid
+    (tmp_path / "sources/main.c").write_text(LEAKS.replace("GUID", f'"{token}"'))
+    program = tmp_path / "cycles"
+    flags = ["-std=c99", "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    built = subprocess.run(
+        [*c_compiler(), *flags, "-o", str(program), "main.c", "fmi2.c", "-lm"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path / "sources",
+    )
+    if built.returncode:
+        pytest.skip(f"the compiler has no address sanitizer: {built.stderr.strip().splitlines()[-1]}")
+    run = subprocess.run([str(program)], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+# ---------------------------------------------------------------- what is refused, and options
+
+
+def test_missing_compiler_is_told(axis: System, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("multibody.fmi.export.c_compiler", lambda: None)
+    with pytest.raises(FmuError, match="no C compiler is found"):
+        axis.to_fmu(tmp_path / "axis.fmu", binary=True)
+    path = axis.to_fmu(tmp_path / "axis.fmu")
+    names = zipfile.ZipFile(path).namelist()
+    assert "sources/buildDescription.xml" in names
+    assert not any(n.startswith("binaries/") for n in names)
+
+
+def test_all_faults_are_listed_at_once(tmp_path: Path) -> None:
+    model = axis_model().with_input_error("reference.position", delay=0.01)
+    with pytest.raises(FmuError) as caught:
+        model.build().to_fmu(tmp_path / "missing" / "axis.fmu", fmi_version="4.0")
+    text = str(caught.value)
+    assert "version '4.0'" in text
+    assert "'reference.position' is delayed" in text
+    assert "folder" in text
+
+
+def test_equilibrium_start(tmp_path: Path) -> None:
+    model = Model("hanging")
+    body = model.add("body", lib.Mass(m=2.0))
+    spring = model.add("spring", lib.Spring(stiffness=200.0))
+    pull = model.add("pull", lib.ForceSource())
+    model.connect(spring.b, body.flange, pull.flange)
+    model.connect(spring.a, model.ground)
+    model.input("force", pull.force)
+    path = model.build().to_fmu(tmp_path / "hanging.fmu", at_equilibrium=True, initial={"body.position": 0.3})
+    described = fmpy.read_model_description(str(path))
+    start = {v.name: v.start for v in described.modelVariables}
+    assert abs(float(start["body.position"])) < 1e-9
+
+
+def test_same_model_gives_the_same_file(axis: System, tmp_path: Path) -> None:
+    first, second = (axis.to_fmu(tmp_path / d / "axis.fmu", binary=False) for d in _folders(tmp_path))
+    assert first.read_bytes() == second.read_bytes()
+
+
+def _folders(tmp_path: Path) -> tuple[str, str]:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    return "a", "b"
+
+
+# ---------------------------------------------------------------- large machines
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("kind", ["cabin", "one_dimensional", "reference"])
+def test_lift_is_the_same_in_every_form(kind: str, version: str, tmp_path: Path) -> None:
+    from fmpy.validation import validate_fmu
+
+    from vtsdt.lift.lift import Lift
+
+    lift = getattr(Lift, kind)()
+    start = lift.equilibrium().to_dict()
+    path = lift.system.to_fmu(tmp_path / f"{kind}.fmu", fmi_version=version, initial=start)
+    assert validate_fmu(str(path)) == []
+    inputs: dict[str, Any] = {}
+    times = np.linspace(0.0, 1.0, 1001)
+    if "omega_ref" in lift.system.input_names:
+        inputs = {n: (times, np.zeros_like(times)) for n in lift.system.input_names}
+        inputs["omega_ref"] = (times, -0.5 * np.sin(np.pi * times / 2.0) ** 2)
+    else:
+        weight = lift.parameters.cabin.mass * 9.80665
+        inputs["F_c"] = (times, weight + 20.0 * np.sin(2.0 * np.pi * times))
+    errors = compared(lift.system, path, 1.0, 1e-3, initial=start, inputs=inputs)
+    assert max(errors.values()) < 1e-4, errors
