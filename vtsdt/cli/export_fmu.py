@@ -19,8 +19,8 @@ def main(arguments: Sequence[str]) -> int:
     parser = Parser(
         prog="vtsdt export-fmu",
         description=(
-            "Write a model as an FMU for Model Exchange and Co-Simulation, with its C source and, where a C compiler is "
-            "found, a library for this platform."
+            "Write a model as an FMU for Model Exchange and Co-Simulation, with its C source and, where a C compiler "
+            "is found, a library for this platform."
         ),
     )
     add = parser.add_argument
@@ -53,7 +53,7 @@ def _contents(out: Path) -> str:
 
     with zipfile.ZipFile(out) as file:
         folders = [name.split("/")[1] for name in file.namelist() if name.startswith("binaries/")]
-    return f"source and a library for {folders[0]}" if folders else "source alone (no library: compile it where it runs)"
+    return f"source and a library for {folders[0]}" if folders else "source alone: compile it where it is to run"
 
 
 def _model(text: str) -> Any:
