@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from discrepancy.conclusion.conclusion import HiddenEffect, NegligibleEffect
+from discrepancy.effects.gain_words import gain_in_words
 from discrepancy.effects.kinds import kind_named
 from discrepancy.questions.explained_share import explained_share
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
@@ -90,6 +91,7 @@ def answer(
     names = [title_of(a) for a in accepted]
     count = _NUMBER.get(len(names), f"{len(names)} effects")
     text = f"The model lacks {count}: {'; '.join(names)}."
+    text += "".join(_wrong_factor(a, stages[-1]) for a in accepted)
     text += _error_reduction(stages[1], stages[-1]) + _conflict_without_effects(stages[1], stages[-1])
     for first, second in pairwise(zip(accepted, names, strict=True)):
         if first[0].masked_by == str(second[0].effect):
@@ -97,6 +99,17 @@ def answer(
     share, _ = explained_share(stages[1], stages[-1], judged_on)
     text += f" {100 * share:.0f} % of the mean square error above the noise floor is gone."
     return text + _tie(accepted, names)
+
+
+def _wrong_factor(accepted: AcceptedEffect, stage: Stage) -> str:
+    """Return a sentence, with a space before it, on a gain that is a sign or a power of ten; else an empty text."""
+    effect = next((e for e in stage.effects if e.component_name == accepted.effect.component_name), accepted.effect)
+    name = effect.parameter_name("gain")
+    if "gain" not in effect.strengths or name not in stage.identify.to_dict():
+        return ""
+    words = gain_in_words(effect.strengths["gain"], *stage.identify.interval(name))
+    verb = "measured" if effect.definition.at == "sensor" else "recorded"
+    return f" It looks as if {effect.where} were {verb} {words}." if words else ""
 
 
 def _nothing_found(hidden: Sequence[HiddenEffect], negligible: Sequence[NegligibleEffect]) -> str:

@@ -47,7 +47,6 @@ BUILT_IN_KINDS = (
         one_sided=True,
         component=(DCMotor, DCMotorDrive),
         component_shapes=_brush_currents,
-        taken_for=("coulomb_friction", "resistance", "stribeck_friction"),
     ),
     Kind(
         "inverter_dead_time",
@@ -63,7 +62,6 @@ BUILT_IN_KINDS = (
         one_sided=True,
         component=PMSM,
         component_shapes=_dead_time_currents,
-        taken_for=("resistance", "coulomb_friction"),
     ),
     Kind(
         "laminar_leakage",
@@ -78,7 +76,6 @@ BUILT_IN_KINDS = (
         ),
         one_sided=True,
         component=Leaky,
-        taken_for=("turbulent_leakage", "flow_loss"),
     ),
     Kind(
         "turbulent_leakage",
@@ -93,7 +90,6 @@ BUILT_IN_KINDS = (
         ),
         one_sided=True,
         component=Leaky,
-        taken_for=("laminar_leakage", "flow_loss"),
     ),
     Kind(
         "flow_loss",
@@ -108,7 +104,6 @@ BUILT_IN_KINDS = (
         ),
         one_sided=True,
         component=Pipe,
-        taken_for=("laminar_leakage", "turbulent_leakage"),
     ),
     Kind(
         "heat_loss",
@@ -123,7 +118,6 @@ BUILT_IN_KINDS = (
         ),
         one_sided=True,
         component=WarmBody,
-        taken_for=("radiation_loss",),
     ),
     Kind(
         "radiation_loss",
@@ -138,7 +132,6 @@ BUILT_IN_KINDS = (
         ),
         one_sided=True,
         component=WarmBody,
-        taken_for=("heat_loss",),
     ),
 )
 

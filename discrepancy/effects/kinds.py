@@ -71,8 +71,6 @@ class Kind:
         Parameter effects: from the component and the ending, the shapes to try.
     stated : bool
         Parameter effects: the component holds the stated value, which may be wrong; absence is that value, not zero.
-    taken_for : tuple of str
-        Kinds that leave nearly the same trace in many records.
     """
 
     name: str
@@ -94,7 +92,6 @@ class Kind:
     component_shapes: Callable[[Component, str], Shapes] | None = None
     stated: bool = False
     signal: str = ""
-    taken_for: tuple[str, ...] = ()
 
     @property
     def law_input(self) -> str:

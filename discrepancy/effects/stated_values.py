@@ -14,7 +14,7 @@ from multibody.declare.component import Component
 from multibody.library.control import PI, CascadedController, PositionController, Proportional
 from multibody.library.electrical import PMSM, DCMotor, DCMotorDrive, Resistor
 
-__all__ = ["stated_kind"]
+__all__ = ["STATED_KINDS", "stated_kind"]
 
 
 def stated_kind(

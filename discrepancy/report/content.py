@@ -8,6 +8,7 @@ from typing import Any
 
 from discrepancy.conclusion.conclusion import Conclusion, Evidence
 from discrepancy.conclusion.sentences import title_of_rival
+from discrepancy.effects.gain_words import gain_in_words
 from discrepancy.effects.kinds import KindText, kinds
 from discrepancy.questions.compare import PARTS
 from discrepancy.report.diagnosis_json import effect_parameters, parameter_unit
@@ -150,6 +151,8 @@ def _effect(conclusion: Conclusion, accepted: AcceptedEffect) -> Entry:
             if full in final.identify.to_dict():
                 low, high = final.identify.interval(full)
                 size = interval_words(entry["value"], low, high, parameter_unit(effect, name, final))
+                if name == "gain" and (words := gain_in_words(entry["value"], low, high)):
+                    size += f": {words}"
             else:
                 size = quantity_text(entry["value"], entry["unit"])
             if effect.definition.stated:

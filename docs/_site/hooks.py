@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import html
 import importlib
+import importlib.util
 import inspect
 import re
 from pathlib import Path
@@ -31,6 +32,7 @@ SECTIONS = {
     "reference": "Reference",
 }
 PACKAGES = ("multibody", "estimation", "surrogate", "discrepancy", "vtsdt", "gearbox")
+CATALOGUE = "physics/catalogue.md"  # written by catalogue_page.py
 COMPONENTS = ("multibody.library", "vtsdt.parts")  # packages of components
 INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
 DISPLAY = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DOTALL)
@@ -110,6 +112,8 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     nav: list[Any] = ["index.md"]
     for folder, title in SECTIONS.items():
         entries = _pages(docs / folder, docs) if (docs / folder).is_dir() else []
+        if folder == "physics":
+            entries.append(CATALOGUE)
         if folder == "reference":
             entries += [{package: f"reference/{package}.md"} for package in public_names(_root(config))]
         if entries:
@@ -119,7 +123,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the reference pages and the style sheet of the coloured code."""
+    """Add the reference pages, the catalogue of effects and the style sheet of the coloured code."""
     pages: dict[str, str] = {}  # each name is shown once, on the first page that offers it
     for package, names in public_names(_root(config)).items():
         parts = [f"# {package}", f"::: {package}\n    options:\n      members: []"]
@@ -129,9 +133,23 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         parts += [_shown(name) for name in names if name not in pages]
         pages |= {name: package for name in names if name not in pages}
         files.append(File.generated(config, f"reference/{package}.md", content="\n\n".join(parts) + "\n"))
+    page = _catalogue(config)
+    files.append(File.generated(config, CATALOGUE, content=page.catalogue_page()))
+    for path, picture in page.pictures().items():
+        files.append(File.generated(config, path, content=picture))
     style = HtmlFormatter(style="friendly").get_style_defs(".highlight")
     files.append(File.generated(config, "assets/pygments.css", content=style))
     return files
+
+
+def _catalogue(config: MkDocsConfig) -> Any:
+    """Return the module beside this file that writes the page of the catalogue."""
+    spec = importlib.util.spec_from_file_location("catalogue_page", Path(config.docs_dir) / "_site/catalogue_page.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def _mathml(page: Page, display: str) -> Any:
