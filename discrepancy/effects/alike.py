@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["ALIKE", "Alike", "taken_for"]
+__all__ = ["ALIKE", "taken_for"]
 
 
 @dataclass(frozen=True)

@@ -438,14 +438,14 @@ class _Curve(DryLaw):
 
 
 class AddedMass(Component):
-    """Mass that moves along with a flange."""
+    """Mass that moves along with a flange: F = −inertia·acceleration."""
 
     inertia = Parameter(0.0, "kg", "mass that is not in the model")
     a = Translation("what it moves with", inertia="inertia")
 
 
 class AddedInertia(Component):
-    """Moment of inertia that turns along with a flange."""
+    """Moment of inertia that turns along with a flange: torque = −inertia·acceleration."""
 
     inertia = Parameter(0.0, "kg*m**2", "moment of inertia that is not in the model")
     a = Rotation("what it turns with", inertia="inertia")

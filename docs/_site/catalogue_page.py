@@ -206,6 +206,8 @@ def _draw_law(kind: Kind, panels) -> None:
     }
     grid = kind.shape_grid(RANGE)
     shape = {k: v for k, v in grid[len(grid) // 2].items() if k != "amplitude"} if grid[0] else {}
+    if "order" in shape:
+        shape["order"] = 2.0 * np.pi / 0.07  # three waves in the travel
     if "natural_frequency" in shape:
         shape["natural_frequency"] = 1.6 * w
     strengths = {s: 1.0 if k == 0 else 0.4 for k, s in enumerate(kind.strengths)}
