@@ -16,8 +16,6 @@ from discrepancy.study.study import Study
 
 __all__ = ["compare", "diagnose"]
 
-MAX_COLUMNS = 6  # numbers in one row of the table that still fit a terminal
-
 
 def diagnose(args: Namespace) -> int:
     """Diagnose a study file and write the conclusion.
@@ -69,20 +67,20 @@ def _show(study: Study, conclusion: Conclusion, files: list[Path]) -> None:
     from rich.table import Table
 
     console = Console()
-    table = Table(title="Root mean square error, stage by stage")
+    title = "Root mean square error, stage by stage"
     parts = [p for p in ("identify", "validate") if study.stages[0].fits(p)]
     names = study.stages[0].outputs
-    if len(names) * len(parts) <= MAX_COLUMNS:
-        table.add_column("stage")
-        for part in parts:
-            for name in names:
-                table.add_column(escape(f"{name}\n[{study.stages[0].system.unit(name)}]\n{part}"), justify="right")
-        for stage in study.stages:
-            table.add_row(stage.name, *(f"{stage.rmse(part)[name]:.4g}" for part in parts for name in names))
-    else:  # many outputs: one row for each, the stages as columns
-        table.add_column("output")
-        for stage in study.stages:
-            table.add_column(stage.name, justify="right", overflow="fold")
+    table = Table("stage", title=title)
+    for part in parts:
+        for name in names:
+            table.add_column(escape(f"{name}\n[{study.stages[0].system.unit(name)}]\n{part}"), justify="right")
+    for stage in study.stages:
+        table.add_row(stage.name, *(f"{stage.rmse(part)[name]:.4g}" for part in parts for name in names))
+    if console.measure(table, options=console.options.update(max_width=10_000)).maximum > console.width:
+        # one row for each output, the stages as columns; long names are folded, not cut
+        table = Table(title=title)
+        for header in ("output", *(stage.name for stage in study.stages)):
+            table.add_column(header, justify="left" if header == "output" else "right", overflow="fold")
         for part in parts:
             for name in names:
                 unit = study.stages[0].system.unit(name)

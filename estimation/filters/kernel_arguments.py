@@ -57,13 +57,12 @@ class KernelArguments:
         if generic:
             functions[at.OUT] = system.outputs_function
         if exact:
-            functions[at.RHS_T] = system.rhs_tangent
+            tangents = [(at.RHS_W, at.RHS_T, system.rhs_tangent)]
             if generic:
-                functions[at.OUT_T] = system.outputs_tangent
-            wide = {at.RHS_W: along_directions(functions[at.RHS_T], model.ld)}
-            if generic:
-                wide[at.OUT_W] = along_directions(functions[at.OUT_T], model.ld)
-            functions |= {index: function for index, function in wide.items() if function is not None}
+                tangents.append((at.OUT_W, at.OUT_T, system.outputs_tangent))
+            for in_lanes, single, tangent in tangents:  # one of the two is compiled
+                wide = along_directions(tangent, model.ld)
+                functions[single if wide is None else in_lanes] = tangent if wide is None else wide
             arrays |= dict(zip((at.X_WIDE, at.U_WIDE, at.P_WIDE), model.directions, strict=True))
         numbers = np.zeros(at.SIZE, dtype=np.int64)
         for index, function in functions.items():

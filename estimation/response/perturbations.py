@@ -128,23 +128,20 @@ class PerturbationResponse:
         SimulationError
             If the integration fails.
         """
-        from multibody.compile.vector_mode import lanes_pay_off
         from multibody.solvers.problem import ProblemError
         from multibody.solvers.state_transition import state_transition_matrices
         from multibody.system.along_trajectory import longest_steps
 
         system, p, time, pick = simulation.system, simulation.p, simulation.time, simulation.outputs
         trajectory = _Trajectory(simulation)
-        # decided for the whole record, though Jacobians are requested slice by slice
-        wide = lanes_pay_off(time.size, len(system.states))
 
         def jacobians(at: np.ndarray) -> Callable[[slice], tuple[np.ndarray, np.ndarray]]:
             x, u = trajectory.at(at)
 
             def some(part: slice) -> tuple[np.ndarray, np.ndarray]:
                 t, x_t, u_t = at[part], x[part], u[part]
-                by_states = system.jacobian_along("x", t, x_t, u_t, p, in_lanes=wide)
-                return by_states, _by_channels(system, p, channels, t, x_t, u_t, "rhs", wide)
+                by_states = system.jacobian_along("x", t, x_t, u_t, p)
+                return by_states, _by_channels(system, p, channels, t, x_t, u_t, "rhs")
 
             return some
 
@@ -163,7 +160,7 @@ class PerturbationResponse:
             gamma0=matrices.gamma0,
             gamma1=matrices.gamma1,
             c=np.ascontiguousarray(system.jacobian_along("x", time, x, u, p, of="outputs")[:, pick]),
-            d=np.ascontiguousarray(_by_channels(system, p, channels, time, x, u, "outputs", wide)[:, pick]),
+            d=np.ascontiguousarray(_by_channels(system, p, channels, time, x, u, "outputs")[:, pick]),
         )
 
     @property
@@ -204,18 +201,17 @@ def _by_channels(
     x: np.ndarray,
     u: np.ndarray,
     of: str,
-    wide: bool,
 ) -> np.ndarray:
     """Return the derivatives by inputs and parameters at every sample of a trajectory, shape (nt, rows, n_channels)."""
     inputs = [system.index("input", c) for c in channels if not isinstance(c, ParameterPerturbation)]
-    blocks = [system.jacobian_along("u", t, x, u, p, of=of, columns=np.array(inputs, dtype=int), in_lanes=wide)]
+    blocks = [system.jacobian_along("u", t, x, u, p, of=of, columns=np.array(inputs, dtype=int))]
     parameters = (c for c in channels if isinstance(c, ParameterPerturbation))
     for evaluated_at, group in groupby(parameters, key=lambda c: c.evaluated_at):
         shaped = p.copy()
         for name, value in evaluated_at:
             shaped[system.index("parameter", name)] = value
         columns = np.array([system.index("parameter", c.parameter) for c in group])
-        blocks.append(system.jacobian_along("p", t, x, u, shaped, of=of, columns=columns, in_lanes=wide))
+        blocks.append(system.jacobian_along("p", t, x, u, shaped, of=of, columns=columns))
     return np.ascontiguousarray(np.concatenate(blocks, axis=2))
 
 
@@ -227,14 +223,12 @@ class _Trajectory:
     """
 
     def __init__(self, simulation: RecordSimulation) -> None:
-        from multibody.compile.vector_mode import lanes_pay_off
         from multibody.solvers.state_transition import jacobian_times
         from multibody.system.simulate import native_problem
 
         self.simulation = simulation
         system, samples = simulation.system, simulation.time
-        wide = lanes_pay_off(samples.size, len(system.states))
-        self.problem = native_problem(system, simulation.p, simulation.table, tangent=True, in_lanes=wide)
+        self.problem = native_problem(system, simulation.p, simulation.table, tangent=True)
         self._known = np.sort(np.concatenate((samples, jacobian_times(samples))))
         self._states = self._integrated(simulation.x0, float(samples[0]), self._known)
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multibody.base.errors import SimulationError
-from multibody.compile.vector_mode import lanes_pay_off
 from multibody.system.along_trajectory import observe_along
 
 if TYPE_CHECKING:
@@ -81,8 +80,7 @@ class RecordSimulation:
         from multibody.system.simulate import native_problem
 
         system, p, time, inputs = self.system, self.p, self.time, self.inputs
-        wide = directions is not None and lanes_pay_off(time.size, directions.count)
-        problem = native_problem(system, p, self.table, directions, in_lanes=wide)
+        problem = native_problem(system, p, self.table, directions)
         n, m = len(system.states), problem.n_directions
         y = np.empty((time.size, self.outputs.size))
         dy = np.empty((time.size, self.outputs.size, m))
@@ -127,7 +125,7 @@ class RecordSimulation:
             atol=self.rtol * 1e-3,
             max_step=np.inf,
             max_evaluations=self.max_evaluations,
-            stiff_problem=lambda: native_problem(system, p, self.table, directions, tangent=True, in_lanes=wide),
+            stiff_problem=lambda: native_problem(system, p, self.table, directions, tangent=True),
         )
         if solution.status < 0 or not np.all(np.isfinite(y)):
             raise self.error(solution.message)

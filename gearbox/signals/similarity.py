@@ -21,6 +21,7 @@ __all__ = [
     "LAG_RULES",
     "LagRule",
     "Similarity",
+    "bound_of_mesh_lines",
     "cosine",
     "cosine_over_lags",
     "match_speed",
@@ -202,6 +203,15 @@ def upper_bound(measured: Signal, mesh_frequency: float, band: tuple[float, floa
     return float(np.sqrt(share)), share
 
 
+def bound_of_mesh_lines(
+    measured: Signal, mesh_frequency: float, band: tuple[float, float] | None = None, max_lag: float | None = None
+) -> tuple[float, float]:
+    """Return `upper_bound` of the part of a measurement that `similarity` compares with the same arguments."""
+    reach = _longest_lag(measured, 0.5 / mesh_frequency if max_lag is None else max_lag)
+    compared = measured.with_values(measured.values[reach:-reach])
+    return upper_bound(compared, mesh_frequency, band or (0.0, 0.999 * measured.nyquist))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Similarity:
     """A cosine similarity and everything that it depends on.
@@ -294,7 +304,7 @@ def similarity(
         Search range to both sides; by default half a mesh period, within which a signal that repeats with the mesh
         shows all its cosines.  A longer range lets noise choose among more lags.
     bound : (float, float), optional
-        What :func:`upper_bound` gave for the same measurement before, to spare its computation.
+        What :func:`bound_of_mesh_lines` gave for the same measurement before, to spare its computation.
 
     Returns
     -------
@@ -334,9 +344,7 @@ def similarity(
         chosen = float(lag)
         value = _cosine_at(measured, virtual, chosen, _longest_lag(measured, max(abs(chosen), max_lag)))
     if bound is None and mesh_frequency is not None:
-        reach = _longest_lag(measured, max_lag)
-        compared = measured.with_values(measured.values[reach:-reach])
-        bound = upper_bound(compared, mesh_frequency, band or (0.0, 0.999 * measured.nyquist))
+        bound = bound_of_mesh_lines(measured, mesh_frequency, band, max_lag)
     highest, share = bound or (float("nan"), float("nan"))
     above = float(np.mean(cosines > 0.6))
     return Similarity(

@@ -7,7 +7,8 @@ about what they fit on the way: a lag for each recording and, for amplitudes, a 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +18,7 @@ from gearbox.files.operating_condition import OperatingCondition
 from gearbox.signals.mesh_lines import fit_lines
 from gearbox.signals.recordings import Recording
 from gearbox.signals.signal import Processing, Signal, SignalError
-from gearbox.signals.similarity import LagRule, Similarity, similarity
+from gearbox.signals.similarity import LagRule, Similarity, bound_of_mesh_lines, similarity
 from gearbox.updating.virtual import Run
 
 __all__ = ["AmplitudeObjective", "MeasuredLines", "Objective", "SimilarityObjective"]
@@ -64,20 +65,22 @@ class SimilarityObjective:
     rule: LagRule = "best"
     lag: float | None = None
     name: str = "cosine similarity"
-    _measured: list[Signal] = field(default_factory=list, repr=False)
-    _bound: list[tuple[float, float]] = field(default_factory=list, repr=False)
 
     @property
     def conditions(self) -> tuple[OperatingCondition, ...]:
         """The recording's condition."""
         return (self.recording.condition,)
 
-    @property
+    @cached_property
     def measured(self) -> Signal:
         """The processed measurement."""
-        if not self._measured:
-            self._measured.append(self.processing.apply(self.recording.signal(self.sensor)))
-        return self._measured[0]
+        return self.processing.apply(self.recording.signal(self.sensor))
+
+    @cached_property
+    def _bound(self) -> tuple[float, float]:
+        """The highest similarity that mesh lines alone can reach, and their share of the energy: of no run."""
+        mesh_frequency = self.recording.condition.mesh_frequency(self.driving_teeth)
+        return bound_of_mesh_lines(self.measured, mesh_frequency, self.processing.band)
 
     def virtual(self, run: Run) -> Signal:
         """The processed signal of a run."""
@@ -86,7 +89,7 @@ class SimilarityObjective:
 
     def similarity(self, run: Run) -> Similarity:
         """The similarity with lag, speed match and upper bound."""
-        score = similarity(
+        return similarity(
             self.measured,
             self.virtual(run),
             mesh_frequency=self.recording.condition.mesh_frequency(self.driving_teeth),
@@ -94,10 +97,8 @@ class SimilarityObjective:
             band=self.processing.band,
             rule=self.rule,
             lag=self.lag,
-            bound=self._bound[0] if self._bound else None,
+            bound=self._bound,
         )
-        self._bound[:] = [(score.bound, score.mesh_share)]
-        return score
 
     def value(self, runs: Sequence[Run]) -> float:
         """Cosine similarity; NaN where the run failed."""
@@ -115,7 +116,7 @@ class SimilarityObjective:
     def at(self, recording: Recording) -> SimilarityObjective:
         """The same for another recording, whose lag is found anew."""
         rule: LagRule = "best" if self.rule == "held" else self.rule
-        return replace(self, recording=recording, rule=rule, lag=None, _measured=[], _bound=[])
+        return replace(self, recording=recording, rule=rule, lag=None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,13 +79,13 @@ def generate(work: Assembly, speeds: Sequence[str] = ()) -> Source:
     rates = [work.derivatives[q.variable] for q in work.states]
     shown = [q.variable for q in work.outputs]
     variables = {q.name: q.variable for q in (*work.outputs, *work.states)}
-    passing = [variables[name] for name in speeds]
+    speed_variables = [variables[name] for name in speeds]
     try:
         kernel_texts, tangents = kernel_sources(work.kernels, work.statements)
     except EquationError as error:
         raise ModelError(work.name, str(error).splitlines()) from error
     unknowns = [u.variable for u in work.unknowns]
-    rate_items, output_items, unknown_items, speed_items = ordered(work, rates, shown, unknowns, passing)
+    rate_items, output_items, unknown_items, speed_items = ordered(work, rates, shown, unknowns, speed_variables)
     if blocks := [item for item in unknown_items if isinstance(item, Block)]:
         from multibody.assembly.solvability import unsolvable
 
@@ -104,7 +104,7 @@ def generate(work: Assembly, speeds: Sequence[str] = ()) -> Source:
         of_outputs, tangent = name.startswith("outputs"), name.endswith(("_tangent", "_columns"))
         items, wanted = (output_items, shown) if of_outputs else (rate_items, rates)
         if name == "speeds":
-            items, wanted = speed_items, passing
+            items, wanted = speed_items, speed_variables
         result = "out" if tangent else "dx" if name == "rhs" else "y"
         along = ("x",) if name.endswith("_columns") else ("x", "u", "p")
         body = _function(work, name, result, items, wanted, tangent=tangent, along=along)

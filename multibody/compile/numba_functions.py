@@ -59,9 +59,10 @@ def function_on_pointers(module: ModuleType, name: str, arrays: int) -> Any:
     could not leave.
     """
     names = dict(vars(module))
+    helper: Any = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     for key, value in vars(module).items():
         if isinstance(value, FunctionType) and value.__module__ == module.__name__ and key != name:
-            names[key] = njit(error_model="numpy")(FunctionType(value.__code__, names, key, value.__defaults__))
+            names[key] = njit(**helper)(FunctionType(value.__code__, names, key, value.__defaults__))
     code = getattr(names[name], "py_func", names[name]).__code__
     signature = types.void(types.float64, *([_FLOATS] * arrays))
     _announce()

@@ -2,7 +2,8 @@
 
 A generated tangent ``f(t, x, u, p, x_dot, u_dot, p_dot, out)`` carries one direction.  Compiled for lanes, the same
 text carries several: whatever a direction touches is then a vector of as many numbers, everything else stays a plain
-number.
+number.  The emitter compiles it in a tenth of the time that numba takes for one direction (`docs/howto/speed.md`).
+A single direction therefore goes in lanes as well where a whole trajectory is differentiated.
 """
 
 from __future__ import annotations
@@ -13,15 +14,9 @@ from multibody.compile.emitter.kinds import Outside
 from multibody.compile.native import TANGENT_ARRAYS, NativeFunction, compile_text, compiling
 from multibody.compile.settings import jit_enabled
 
-__all__ = ["FEW_LANES", "MANY_LANES", "along_directions", "along_states", "lanes_pay_off"]
+__all__ = ["FEW_LANES", "MANY_LANES", "along_directions", "along_states"]
 
 FEW_LANES, MANY_LANES = 4, 8  # directions at once: one vector register or two of the common kind
-LEAST_EVALUATIONS = 10_000
-
-
-def lanes_pay_off(samples: int, directions: int) -> bool:
-    """Tell whether a record is long enough for a tangent of several directions, which has to be compiled as well."""
-    return directions > 1 and samples * directions >= LEAST_EVALUATIONS
 
 
 def along_directions(tangent: NativeFunction, count: int) -> NativeFunction | None:

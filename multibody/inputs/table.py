@@ -11,9 +11,18 @@ import numpy as np
 
 from multibody.inputs.breaks import breaks, rough
 
-__all__ = ["InputError", "InputTable"]
+__all__ = ["InputError", "InputTable", "TableArrays"]
 
 INTERPOLATIONS = ("hold", "linear", "cubic")
+
+
+class TableArrays(dict[str, np.ndarray]):
+    """The arrays of a table by name; compared by identity, so that a driver can remember what it made of them."""
+
+    __hash__ = object.__hash__  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
 
 
 class InputError(ValueError):
@@ -71,8 +80,8 @@ class InputTable:
     names: Sequence[str] = ()
     interpolation: str | Sequence[str] = "linear"
     delay_parameter: Sequence[int] | np.ndarray | None = None
-    _kernel: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False)
-    _kernels: dict[float, dict[str, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
+    _kernel: TableArrays = field(default_factory=TableArrays, init=False, repr=False)
+    _kernels: dict[float, TableArrays] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         times = np.array(self.times, dtype=np.float64, ndmin=1, order="C")
@@ -169,19 +178,18 @@ class InputTable:
         return self.values.shape[1]
 
     @property
-    def kernel(self) -> dict[str, np.ndarray]:
-        """The arrays that compiled drivers read, and where steps must end (see `bundle`)."""
+    def kernel(self) -> TableArrays:
+        """The arrays that compiled drivers read, and where steps must end (see `breaks`)."""
         return self._kernel
 
-    def kernel_for(self, tolerance: float) -> dict[str, np.ndarray]:
+    def kernel_for(self, tolerance: float) -> TableArrays:
         """Return `kernel` with only those ends of steps that a relative tolerance of the inputs requires."""
         arrays = self._kernels.get(tolerance)
         if arrays is None:
             own = self._kernel
             times, values, kinds, delays = (own[key] for key in ("times", "values", "kinds", "delays"))
             marks = rough(times, values, own["slopes"], kinds, tolerance)
-            arrays = {name: value for name, value in own.items() if name != "numbers"}
-            arrays |= breaks(times, marks, kinds, delays)
+            arrays = TableArrays({**own, **breaks(times, marks, kinds, delays)})
             self._kernels[tolerance] = arrays
         return arrays
 

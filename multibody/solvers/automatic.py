@@ -57,8 +57,8 @@ class Automatic(DormandPrince54):
     Parameters
     ----------
     stiff_problem : callable, optional
-        Returns the same problem with a tangent; called at the first stiff spell, so that a problem that never is stiff
-        compiles no tangent.
+        Returns the same problem with what a Jacobian takes; called at the first stiff spell, so that a problem that
+        never is stiff compiles no tangent for it.
     history : list, optional
         Gets a pair (time in s, name of the method) at every change.
     """
@@ -232,7 +232,8 @@ class Automatic(DormandPrince54):
         return partner
 
     def _with_tangent(self) -> NativeProblem:
-        if self.problem.tangent is not None:
+        ready = self.problem.columns is not None or self._tangent_later is None
+        if self.problem.tangent is not None and ready:
             return self.problem
         assert self._tangent_later is not None
         return self._tangent_later()

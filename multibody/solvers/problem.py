@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from multibody.compile.native import NativeFunction
-from multibody.inputs.table import InputTable
+from multibody.inputs.table import InputTable, TableArrays
 from multibody.solvers.kernels.field import evaluate_at
 from multibody.solvers.kernels.jacobian import jacobian_at
 
@@ -146,7 +146,7 @@ class NativeProblem:
     state_names : sequence of str, optional
         For messages.
     in_lanes : bool
-        Evaluate several directions at once, with a tangent that is compiled for that: it pays for long records.
+        Evaluate several directions at once, with a tangent that is compiled for that; False: one after another.
     columns : NativeFunction, optional
         Several columns of the Jacobian at once (`System.rhs_columns`), in place of one derivative for every colour.
     speeds : NativeFunction, optional
@@ -172,7 +172,7 @@ class NativeProblem:
     colours: np.ndarray | None = None
     pattern: np.ndarray | None = None
     state_names: Sequence[str] = ()
-    in_lanes: bool = False
+    in_lanes: bool = True
     columns: NativeFunction | None = None
     speeds: NativeFunction | None = None
     widths: np.ndarray | None = None
@@ -286,15 +286,15 @@ class NativeProblem:
         # What goes in lanes needs no tangent of a single direction, which would have to be compiled as well.
         single = (d is not None and wide[0] == 0) or (jacobian and columns == 0)
         tangent = self.tangent.address if single and self.tangent is not None else 0
-        passing: tuple[Any, ...] = ()
+        features: tuple[Any, ...] = ()
         if self.speeds is not None and self.widths is not None:
-            passing = (self.speeds.address, np.ascontiguousarray(self.widths, dtype=np.float64))
-        return Field(self.rhs.address, tangent, self.n, self.p, table, directions, wide, columns, seeds, *passing)
+            features = (self.speeds.address, np.ascontiguousarray(self.widths, dtype=np.float64))
+        return Field(self.rhs.address, tangent, self.n, self.p, table, directions, wide, columns, seeds, *features)
 
     def _wide(self) -> tuple[int, int]:
         """Return the address of a tangent for several directions at once, and for how many; zeros for none."""
         m = self.n_directions
-        if not self.in_lanes or self.tangent is None or m < 2:
+        if not self.in_lanes or self.tangent is None or m == 0:
             return 0, 0
         from multibody.compile.vector_mode import FEW_LANES, MANY_LANES, along_directions
 
@@ -302,7 +302,7 @@ class NativeProblem:
         wide = along_directions(self.tangent, lanes)
         return (0, 0) if wide is None else (wide.address, lanes)
 
-    def _with_breaks(self, directions: Directions, own: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def _with_breaks(self, directions: Directions, own: TableArrays) -> TableArrays:
         """The table of inputs, where steps end at the breaks of the inputs' tangents as well."""
         times, shape = np.asarray(directions.shape_t), np.asarray(directions.shape)
         if times.size < 2:
@@ -310,7 +310,7 @@ class NativeProblem:
         added = InputTable(times, shape).kernel
         table = {name: np.append(own[name], added[name]) for name in ("breaks", "jumps", "break_delay")}
         table["break_start"] = np.append(own["break_start"], own["break_start"][-1] + added["break_start"][1:])
-        return {name: value for name, value in own.items() if name != "numbers"} | table
+        return TableArrays({**own, **table})
 
     def derivative(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return f(t, x, u(t), p), shape (n,); slow, for a single evaluation."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multibody.compile.vector_mode import MANY_LANES, along_directions, lanes_pay_off
+from multibody.compile.vector_mode import MANY_LANES, along_directions
 from multibody.solvers.kernels import along
 from multibody.system.compiled import CompiledSystem
 
@@ -47,7 +47,7 @@ def observe_along(
     at = _contiguous(times, states, inputs, rates, p)
     shape, delays = _contiguous(shape, delays)
     derivatives = np.empty((times.size, m, len(system.outputs)))
-    wide = along_directions(function, MANY_LANES) if lanes_pay_off(times.size, m) else None
+    wide = along_directions(function, MANY_LANES)
     if wide is None:
         room = np.empty(len(system.inputs))
         along.observe_along(

@@ -22,7 +22,7 @@ from multibody.compile.native import (
     ReturningFunction,
     compile_text,
 )
-from multibody.compile.vector_mode import FEW_LANES, MANY_LANES, along_directions, along_states, lanes_pay_off
+from multibody.compile.vector_mode import FEW_LANES, MANY_LANES, along_directions, along_states
 from multibody.model.graph import ModelGraph
 from multibody.solvers.kernels.along import lanes_along, rhs_along, tangents_along
 
@@ -284,7 +284,6 @@ class CompiledSystem:
         *,
         of: str = "rhs",
         columns: np.ndarray | None = None,
-        in_lanes: bool | None = None,
     ) -> np.ndarray:
         """Return the exact Jacobian at every row of a trajectory.
 
@@ -298,24 +297,23 @@ class CompiledSystem:
             Parameters.
         columns : ndarray of int, optional
             Only these columns.
-        in_lanes : bool, optional
-            Whether several columns at once; default: for the rates by the states, and elsewhere where there are enough
-            for what has to be compiled.
 
         Returns
         -------
         ndarray, shape (nt, n or n_y, number of columns)
         """
-        function = self.rhs_tangent if of == "rhs" else self.outputs_tangent
         sizes = {"x": len(self.states), "u": len(self.inputs), "p": len(self.parameters)}
         chosen = np.arange(sizes[wrt]) if columns is None else np.asarray(columns, dtype=int)
         rows, m = len(self.states) if of == "rhs" else len(self.outputs), chosen.size
         at = _contiguous(times, states, inputs, p)
+        if m == 0:  # nothing has to be compiled for it
+            return np.empty((times.size, rows, 0))
+        # a tangent along states alone does less work, and stiff methods need it in any case
         by_states = (wrt, of) == ("x", "rhs")
-        wide = None
-        if in_lanes or (in_lanes is None and (by_states or lanes_pay_off(times.size, m))):
-            # a tangent along states alone does less work, and stiff methods need it in any case
-            wide = self.rhs_columns if by_states else along_directions(function, MANY_LANES)
+        wide = self.rhs_columns if by_states else None
+        if wide is None:
+            function = self.rhs_tangent if of == "rhs" else self.outputs_tangent
+            wide = along_directions(function, MANY_LANES)
         if wide is None:
             seeds = {key: np.zeros((m, size)) for key, size in sizes.items()}
             seeds[wrt][np.arange(m), chosen] = 1.0

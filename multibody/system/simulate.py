@@ -198,7 +198,6 @@ def native_problem(
     directions: Directions | None = None,
     *,
     tangent: bool = False,
-    in_lanes: bool = False,
     limits: StepLimits | None = None,
 ) -> NativeProblem:
     """Return the initial value problem of a system for the compiled solvers; see `NativeProblem`.
@@ -221,7 +220,6 @@ def native_problem(
         colours=system.colours if wants_tangent else None,
         pattern=system.sparsity if wants_tangent else None,
         state_names=system.state_names,
-        in_lanes=in_lanes,
         speeds=system.speeds_function if widths else None,
         widths=np.array([widths.get(n, np.inf) for n in system.speed_names]) if widths else None,
         largest_step=limits.largest_step,

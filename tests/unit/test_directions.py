@@ -18,7 +18,7 @@ def _systems():
     yield "tables", Lift.reference(profile=True).build(outputs=["z_c"])
 
 
-@pytest.mark.parametrize("count", [3, 4, 8, 40])
+@pytest.mark.parametrize("count", [3, 4, 8, 12])  # less than a vector of the widest kind, and more
 @pytest.mark.parametrize("of", ["rhs_tangent", "outputs_tangent"])
 def test_all_directions_at_once_are_each_of_them(of, count):
     for name, system in _systems():

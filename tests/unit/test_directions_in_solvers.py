@@ -42,7 +42,7 @@ def problem(system, count: int, channel: int = -1):
     return native_problem(system, system.p, table, directions)
 
 
-@pytest.mark.parametrize("count", [3, 15, 20, 37])
+@pytest.mark.parametrize("count", [1, 3, 15, 20, 37])
 @pytest.mark.parametrize("method", [Automatic, Rodas5P])
 def test_directions_in_lanes_are_each_of_them(system, count, method):
     given = problem(system, count, system.index("input", "tau_L"))

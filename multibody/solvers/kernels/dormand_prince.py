@@ -40,11 +40,11 @@ from multibody.solvers.kernels.stepping import (
     accept,
     direction_error,
     due,
+    feature_step,
     first_step,
     forget_tiny,
     long_enough,
     mean_error,
-    passing,
     plan,
     remember_largest,
     remember_step,
@@ -143,7 +143,7 @@ def write_samples(clock, tally, size, y, k, count, sample_t, rows, sample_y):
 
 
 @inner
-def stretch(h, n, size, y, k, y_new, rtol, atol):
+def stiffness_measure(h, n, size, y, k, y_new, rtol, atol):
     """Return |h·λ| of the fastest motion that the last two stages show.
 
     They are at the same time, so that what their rates differ by over what their states differ by is an
@@ -177,7 +177,7 @@ def watch(clock, tally, n, size, y, k, y_new, rtol, atol):
     """Count the steps in a row that stability and not accuracy limits; six others end the row."""
     if tally[SUSPECT] == 0 and tally[DONE] % 8 != 0:
         return
-    if stretch(clock[STEP_OLD], n, size, y, k, y_new, rtol, atol) > REACH:
+    if stiffness_measure(clock[STEP_OLD], n, size, y, k, y_new, rtol, atol) > REACH:
         tally[SUSPECT] += 1
         tally[CALM] = 0
     else:
@@ -212,7 +212,7 @@ def accept_or_shorten(
     error = mean_error(count, y, y_new, errors, rtol, atol, errors)
     if count < size and long_enough(h, begin):
         error = max(error, direction_error(c[N], size, y, y_new, errors, rtol, atol, largest))
-    near = passing(c, t_new, y_new) if error <= 1.0 else 0.0
+    near = feature_step(c, t_new, y_new) if error <= 1.0 else 0.0
     if not h <= 2.0 * near:
         tally[REJECTED] += 1
         if not error <= 1.0:
@@ -233,7 +233,7 @@ def one_step(c, clock, tally, size, count, y, k, y_new, rtol, atol, errors, larg
     if clock[STEP] == 0.0:
         first_step(c, clock, tally, size, count, y, k, y_new, shift(k, size), rtol, atol)
         tally[KNOWN] = 1
-    proposal = min(min(clock[STEP], clock[LARGEST]), passing(c, t, y))
+    proposal = min(min(clock[STEP], clock[LARGEST]), feature_step(c, t, y))
     limit = math.inf
     while True:
         h, t_new, clipped, jump = plan(c, clock, proposal)

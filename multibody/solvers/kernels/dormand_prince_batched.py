@@ -27,8 +27,8 @@ from multibody.solvers.kernels.stepping import (
     WANTED,
     WATCH,
     T,
+    feature_step,
     first_step,
-    passing,
     plan,
     remember_step,
     state_before,
@@ -143,7 +143,7 @@ def begin_step(c, clock, tally, lane, size, y, k, y_new, wide_k, rtol, atol, pro
     if tally[KNOWN] == 2:
         into_lane(size, shift(k, 6 * size), wide_k, lane)
         tally[KNOWN] = 1
-    proposals[lane] = min(min(clock[STEP], clock[LARGEST]), passing(c, clock[T], y))
+    proposals[lane] = min(min(clock[STEP], clock[LARGEST]), feature_step(c, clock[T], y))
     limits[lane] = math.inf
 
 

@@ -36,9 +36,9 @@ from multibody.solvers.kernels.stepping import (
     T,
     accept,
     due,
+    feature_step,
     first_step,
     mean_error,
-    passing,
     plan,
     remember_step,
     state_before,
@@ -233,7 +233,7 @@ def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space)
     if clock[STEP] == 0.0:
         first_step(c, clock, tally, size, size, y, k, y_new, d2, rtol, atol)
         tally[KNOWN] = 1
-    proposal = min(min(clock[STEP], clock[LARGEST]), passing(c, t, y))
+    proposal = min(min(clock[STEP], clock[LARGEST]), feature_step(c, t, y))
     limit = math.inf
     while True:
         h, t_new, clipped, jump = plan(c, clock, proposal)
@@ -249,7 +249,7 @@ def one_step(c, clock, tally, size, y, k, left, right, rates, rtol, atol, space)
         stages(c, t, t_new - t, rates[RATE], size, y, k, u, left, moved, d2, d3, d4, y_new, f_new, errors)
         tally[EVALUATIONS] += 4
         error = mean_error(size, y, y_new, errors, rtol, atol, errors)
-        near = passing(c, t_new, y_new) if error <= 1.0 else 0.0
+        near = feature_step(c, t_new, y_new) if error <= 1.0 else 0.0
         if h <= 2.0 * near:
             break
         limit = h

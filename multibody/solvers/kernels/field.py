@@ -265,7 +265,7 @@ def input_tangent(t, k, c):
 
 
 @inner
-def died_away(y, first, last, c):
+def all_faded(y, first, last, c):
     """Tell whether some directions only began, and are zero by now."""
     channel, n = ints(c[CHANNEL]), c[N]
     for k in range(first, last):
@@ -308,7 +308,7 @@ def tangents(t, y, dy, c):
     n, m, group, u, p = c[N], c[M], max(c[LANES], 1), floats(c[U]), floats(c[P])
     for g in range((m + group - 1) // group):
         first, last = g * group, min((g + 1) * group, m)
-        if died_away(y, first, last, c):
+        if all_faded(y, first, last, c):
             for i in range(n * (first + 1), n * (last + 1)):
                 dy[i] = 0.0
         elif c[WIDE] != 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -56,13 +57,16 @@ _TABLE = {
 }
 _DIRECTIONS = {"p_dot": P_DOT, "channel": CHANNEL, "weight": WEIGHT, "shape_t": SHAPE_T, "shape": SHAPE}
 
+_made: WeakKeyDictionary[Any, tuple[np.ndarray, np.ndarray, np.ndarray]] = WeakKeyDictionary()
+
 
 def _of_table(table: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what belongs to a table of inputs, and is kept with it: its part of the vector, and the workspace.
+    """Return what belongs to a table of inputs, and is kept as long as it: its part of the vector, and the workspace.
 
     The workspace holds inputs, their rates, their tangent and the window; and the remembered intervals.
     """
-    if "numbers" not in table:
+    made = _made.get(table)
+    if made is None:
         numbers = np.zeros(SIZE, dtype=np.int64)
         for name, index in _TABLE.items():
             numbers[index] = address_of(table[name])
@@ -77,8 +81,8 @@ def _of_table(table: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         work[3 * n_u :] = -np.inf, np.inf, np.nan, _samples_per_second(table["times"])
         cursors = np.zeros(n_u + table["break_delay"].size + 1, dtype=np.int64)
         cursors[n_u + 1 :] = table["break_start"][:-1]
-        table["numbers"] = numbers, work, cursors
-    return table["numbers"]
+        made = _made[table] = numbers, work, cursors
+    return made
 
 
 def _samples_per_second(times: np.ndarray) -> float:

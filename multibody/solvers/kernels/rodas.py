@@ -39,11 +39,11 @@ from multibody.solvers.kernels.stepping import (
     accept,
     direction_error,
     due,
+    feature_step,
     first_step,
     forget_tiny,
     long_enough,
     mean_error,
-    passing,
     plan,
     remember_largest,
     remember_step,
@@ -267,7 +267,7 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
     factors, zero = shift(matrix, n * n), shift(matrix, 2 * n * n)
     if clock[STEP] == 0.0:
         first_step(c, clock, tally, size, count, y, f, y_new, result, rtol, atol)
-    proposal = min(min(clock[STEP], clock[LARGEST]), passing(c, t, y))
+    proposal = min(min(clock[STEP], clock[LARGEST]), feature_step(c, t, y))
     limit = math.inf
     reach = 0.0
     while True:
@@ -306,7 +306,7 @@ def one_step(c, clock, tally, size, count, y, work, pivots, owner, colours, rtol
                 tally[EVALUATIONS] += 1
                 error = max(error, inside) if math.isfinite(inside) else inside
             if error <= 1.0:
-                near = passing(c, t_new, y_new)
+                near = feature_step(c, t_new, y_new)
             if h <= 2.0 * near:
                 break
             tally[WORST] = worst(count, errors)

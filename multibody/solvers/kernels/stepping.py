@@ -80,7 +80,7 @@ def plan(c, clock, proposal):
 
 
 @inner
-def passing(c, t, y):
+def feature_step(c, t, y):
     """Return the step in which something narrow passes by half of its width, at the speeds of a state."""
     shortest = math.inf
     if c[N_SPEEDS] > 0:
