@@ -56,6 +56,7 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
         Takes a line of text.
     """
     from multibody.compile.batched_rates import batched_rhs
+    from multibody.compile.vector_mode import MANY_LANES, along_directions
     from multibody.solvers import DormandPrince54, Rodas5P, integrate
     from multibody.solvers.batch import batch
     from multibody.solvers.kernels.dormand_prince_batched import LANES
@@ -74,6 +75,8 @@ def warm(names: Sequence[str], progress: Callable[[str], object]) -> dict[str, f
         for part, words in _PARTS.items():
             progress(f"{name}: {words}")
             native = getattr(system, part)
+            if part.endswith("_tangent"):  # as simulations and Jacobians take it
+                native = along_directions(native, MANY_LANES) or native
             if native is not None:  # several columns at once are not there where nothing is compiled
                 native.compile()
         progress(f"{name}: rates of several runs at once")
