@@ -343,7 +343,7 @@ class NativeProblem:
     @property
     def fun(self) -> Callable[[float, np.ndarray], np.ndarray]:
         """The derivative of y as ``fun(t, y)``, for SciPy's own methods."""
-        field = self.field()
+        field = self.field(jacobian=False)
         time, state, rates = np.empty(1), np.empty(self.size), np.empty(self.size)
         evaluate = evaluate_at.bound(time, state, rates, field.numbers)
         check = [f.check for f in (self.rhs, self.tangent) if f is not None and not f.compiled]
