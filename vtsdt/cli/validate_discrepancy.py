@@ -17,6 +17,10 @@ MACHINES = {
 
 def main(arguments: Sequence[str]) -> int:
     """Run ``vtsdt validate discrepancy`` with all machines that ship."""
+    if arguments and arguments[0] == "machines":
+        from discrepancy.validation.machines.command import main as judge
+
+        return judge(arguments[1:])
     from discrepancy.validation.suite import main as run
 
     return run(arguments, MACHINES)

@@ -1,0 +1,158 @@
+"""The score of one answer: what is right and wrong in a ``diagnosis.json``, beside the case's ``truth.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Any
+
+__all__ = ["CONFIDENT", "Score", "Statement", "judged"]
+
+WORSE = 1.02  # of the recalibrated model's held-out error: what the noise of a record alone can move it by
+CONFIDENT = 0.8  # probability from which a wrong name counts as a confident one
+
+
+@dataclass(frozen=True)
+class Statement:
+    """Something that was said with a probability, and whether it is so.
+
+    Parameters
+    ----------
+    said : str
+        ``kind@where``, ``nothing`` or ``unknown``.
+    probability : float
+    true : bool
+    """
+
+    said: str
+    probability: float
+    true: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """What is right and wrong about an answer.
+
+    Parameters
+    ----------
+    right : bool
+        Nothing hidden and nothing named; every hidden effect in the answer and nothing else named; or, outside the
+        catalogue, told as unknown and nothing named.
+    first : bool
+        The first effect named is hidden.
+    in_set : bool
+        Every hidden effect is named, or in the set of one that is named.
+    set_size : float
+        Mean number of names in the sets of the effects named; zero where none is.
+    invented : int
+        Effects named that are not hidden, and whose set holds none that is.
+    confident_wrong : bool
+        A name that is not right has a probability of `CONFIDENT` or more.
+    unknown : bool
+        The verdict says that something is missing which has no name.
+    worse : bool
+        The final model predicts an output of the held-out records worse than the recalibrated one.
+    held_out : float
+        Largest held-out error of the final model over the achievable one, of all outputs.
+    named : tuple of str
+    statements : tuple of Statement
+    """
+
+    right: bool
+    first: bool
+    in_set: bool
+    set_size: float
+    invented: int
+    confident_wrong: bool
+    unknown: bool
+    worse: bool
+    held_out: float
+    named: tuple[str, ...]
+    statements: tuple[Statement, ...]
+
+
+def judged(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Score:
+    """Score an answer.
+
+    Parameters
+    ----------
+    truth : mapping
+        ``truth.json``.
+    answer : mapping
+        ``diagnosis.json``.  Without ``"probabilities"`` what is named counts as certain.
+    """
+    category = truth["category"]
+    accepted: list[Sequence[str]] = [e["accept"] for e in truth["effects"] if e["accept"]]
+    named = [e for e in answer["effects"] if e["kind"] != "unknown_force"]
+    sets = [_set_of(effect, answer) for effect in named]
+    hits = [any(_is_one_of(name, accept) for name in each for accept in accepted) for each in sets]
+    unknown = answer["verdict"] in ("unknown effect", "partly explained")
+    in_set = bool(accepted) and all(any(_is_one_of(n, a) for each in sets for n in each) for a in accepted)
+    invented = len(hits) - sum(hits)
+    right = {
+        "none": not answer["effects"] and answer["verdict"] == "nothing missing",
+        "outside": unknown and not named,
+    }.get(category, in_set and not invented)
+    statements = _statements(category, accepted, sets, answer, unknown)
+    last, before = answer["stages"][-1]["validate"], answer["stages"][min(1, len(answer["stages"]) - 1)]["validate"]
+    return Score(
+        right=right,
+        first=bool(named) and any(_is_one_of(sets[0][0], a) for a in accepted),
+        in_set=in_set,
+        set_size=sum(map(len, sets)) / len(sets) if sets else 0.0,
+        invented=invented,
+        confident_wrong=any(s.probability >= CONFIDENT and not s.true and "@" in s.said for s in statements),
+        unknown=unknown,
+        worse=bool(answer["effects"]) and any(last[n]["rmse"] > WORSE * v["rmse"] for n, v in before.items()),
+        held_out=max(last[n]["rmse"] / floor for n, floor in truth["achievable"].items() if n in last),
+        named=tuple(f"{e['kind']}@{e['where']}" for e in answer["effects"]),
+        statements=statements,
+    )
+
+
+def _name(entry: Mapping[str, Any]) -> str:
+    return f"{entry['kind']}@{entry['where']}"
+
+
+def _is_one_of(name: str, patterns: Sequence[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def _set_of(effect: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:
+    """Return the names among which an effect was told, itself first."""
+    probable = _probable(effect, answer)
+    others = effect.get("indistinguishable_from", []) if probable is None else probable.get("set", [])
+    return list(dict.fromkeys([_name(effect), *map(_name, others)]))
+
+
+def _probable(effect: Mapping[str, Any], answer: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    for entry in answer.get("probabilities", {}).get("effects", []):
+        if _name(entry) == _name(effect):
+            return dict(entry)
+    return None
+
+
+def _statements(
+    category: str,
+    accepted: Sequence[Sequence[str]],
+    sets: Sequence[Sequence[str]],
+    answer: Mapping[str, Any],
+    unknown: bool,
+) -> tuple[Statement, ...]:
+    """Return all that was said with a probability; without probabilities, what was said counts as certain."""
+    shown = answer.get("probabilities")
+    if shown is None:
+        nothing = float(answer["verdict"] == "nothing missing")
+        pairs = [(each[0], 1.0) for each in sets]
+        rest = {"nothing": nothing, "unknown": float(unknown)}
+    else:
+        rest = {key: float(shown[key]) for key in ("nothing", "unknown")}
+        probability: dict[str, float] = {}
+        for entry in shown["effects"]:
+            for each in (entry, *entry.get("set", [])):
+                probability.setdefault(_name(each), float(each["probability"]))
+        pairs = list(probability.items())
+    true = {"nothing": category == "none", "unknown": category == "outside"}
+    said = [Statement(name, p, any(_is_one_of(name, a) for a in accepted)) for name, p in pairs]
+    return (*said, *(Statement(key, p, true[key]) for key, p in rest.items()))

@@ -1,0 +1,108 @@
+"""The page of a run on the machines: how often the search was right, and what it cost."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from statistics import median
+
+from discrepancy.validation.machines.reliability import brier_score, calibration_error, jeffreys
+
+__all__ = ["counts", "page", "statements"]
+
+Row = dict[str, str]
+VISIBLE = 100.0  # nats from which an effect is plain enough to be asked for by its name
+
+
+def counts(rows: Sequence[Row]) -> list[tuple[str, int, int]]:
+    """Return what is counted: its name, the hits and the trials."""
+    graded = [r for r in rows if r["category"]]
+    named = [r for r in graded if r["category"] == "single"]
+    plain = [r for r in named if float(r["nats"]) >= VISIBLE]
+    faint = [r for r in named if float(r["nats"]) < VISIBLE]
+
+    def count(name: str, of: Sequence[Row], hit: Callable[[Row], bool]) -> tuple[str, int, int]:
+        return name, sum(map(hit, of)), len(of)
+
+    def of(category: str) -> list[Row]:
+        return [r for r in graded if r["category"] == category]
+
+    def flag(column: str) -> Callable[[Row], bool]:
+        return lambda row: row[column] == "1"
+
+    return [
+        count("right", graded, flag("right")),
+        count("nothing missing, told so", of("none"), flag("right")),
+        count(f"truth first, {VISIBLE:g} nats or more", plain, flag("first")),
+        count(f"truth in the set, {VISIBLE:g} nats or more", plain, flag("in_set")),
+        count(f"truth in the set, below {VISIBLE:g} nats", faint, flag("in_set")),
+        count(f"a confident wrong name, below {VISIBLE:g} nats", faint, flag("confident_wrong")),
+        count("cases with effects named that are not there", graded, lambda r: int(r["invented"] or 0) > 0),
+        count("outside the catalogue, told as unknown", of("outside"), flag("unknown")),
+        count("outside the catalogue, a wrong name", of("outside"), lambda r: int(r["invented"] or 0) > 0),
+        count("pairs, both in the set", of("pair"), flag("in_set")),
+        count("masking pairs, both in the set", of("masking"), flag("in_set")),
+        count("an output worse held out", graded, flag("worse")),
+        count("no answer within the limits", graded, lambda r: r["answer"] == "none"),
+    ]
+
+
+def statements(rows: Sequence[Row]) -> tuple[list[float], list[int]]:
+    """Return the probabilities that were shown, and whether they came true."""
+    said = [each for row in rows if row["statements"] for each in json.loads(row["statements"])]
+    return [p for _, p, _ in said], [true for _, _, true in said]
+
+
+def page(rows: Sequence[Row], *, date: str, final: bool) -> str:
+    """Return the page (Markdown)."""
+    codes = ", ".join(sorted({row["code"] for row in rows}))
+    seeds = "final seeds, run once" if final else "development seeds: fixes may have been made with them"
+    machines = sorted({row["machine"] for row in rows})
+    lines = [
+        "# The search on machines of plain equations",
+        "",
+        f"{date}, code {codes}, {seeds}. Machines: {', '.join(machines)}.",
+        "",
+        "| | hits | trials | rate | 95 % interval |",
+        "|---|---|---|---|---|",
+    ]
+    for name, hits, trials in counts(rows):
+        if trials:
+            low, high = jeffreys(hits, trials)
+            lines.append(f"| {name} | {hits} | {trials} | {hits / trials:.1%} | {low:.1%} to {high:.1%} |")
+    shown, true = statements(rows)
+    sizes = [float(r["set_size"]) for r in rows if r["set_size"] and float(r["set_size"]) > 0.0]
+    ratios = [float(r["held_out"]) for r in rows if r["held_out"]]
+    seconds = [float(r["processor_s"]) for r in rows if r["processor_s"]]
+    megabytes = [float(r["peak_MB"]) for r in rows if r["peak_MB"]]
+    lines += ["", "| | median | largest |", "|---|---|---|"]
+    for name, values, form in (
+        ("names in the set of an effect", sizes, ".0f"),
+        ("held-out error over the achievable", ratios, ".3g"),
+        ("processor time, s", seconds, ".0f"),
+        ("peak memory, MB", megabytes, ".0f"),
+    ):
+        if values:
+            lines.append(f"| {name} | {median(values):{form}} | {max(values):{form}} |")
+    if shown:
+        text = f"{len(shown)} statements with a probability: calibration error {calibration_error(shown, true):.3f}, "
+        lines += ["", text + f"Brier score {brier_score(shown, true):.3f}."]
+    lines += [
+        "",
+        "## Cases",
+        "",
+        "| case | hidden | verdict | named | right | s | MB |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        cells = (
+            row["case"],
+            row["hidden"],
+            row["answer"],
+            row["named"],
+            row["right"],
+            row["processor_s"],
+            row["peak_MB"],
+        )
+        lines.append("| " + " | ".join(cell or "–" for cell in cells) + " |")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,56 @@
+"""The plain equations of the machines on which the search is judged, against their baseline models."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from discrepancy.validation.machines.fleet import NAMES, machine_named
+from discrepancy.validation.machines.machine import Machine
+from discrepancy.validation.machines.simulate import simulate
+
+ROWS = 250
+#: Root mean square difference over the sensor's noise that may stand between the equations and the baseline model: the
+#: hold of a sampled controller, presliding, rest.  Where it is above one the study has more than noise to explain.
+ALIKE = {"drive_train": 1.5, "linear_motor": 1.5, "scanner": 1.5, "valve": 1.5, "flywheel": 1.0}
+
+
+def module_of(machine: Machine, folder: Path) -> ModuleType:
+    """The baseline model's file, imported."""
+    file = folder / f"{machine.name}_baseline.py"
+    file.write_text(machine.model)
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[file.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_baseline_model_is_the_machine_without_effects(name: str, tmp_path: Path) -> None:
+    machine = replace(machine_named(name), rows=ROWS)
+    rng = np.random.default_rng(1)
+    true = {p.name: p.stated + rng.uniform(-1.0, 1.0) * p.std for p in machine.parameters}
+    drives = machine.excite(rng, machine.times)
+    start = {s.name: s.std for s in machine.starts}
+    truth = simulate(machine, {**true, **start}, {k: v[:, None] for k, v in drives.items()})
+    system = module_of(machine, tmp_path).build().build()
+    own = system.initial_values()
+    run = system.simulate(
+        (0.0, machine.times[-1]),
+        inputs={d.input: (machine.times, drives[d.name]) for d in machine.drives},
+        parameters={p.path: true[p.name] for p in machine.parameters},
+        initial={s.state: own[s.state] + start[s.name] for s in machine.starts},
+        times=machine.times,
+        interpolation="hold" if machine.drives[0].hold else "linear",
+    )
+    off = {c.name: float(np.std(run[c.output] - truth[c.name][:, 0]) / c.deviation) for c in machine.channels}
+    assert max(off.values()) < ALIKE.get(name, 0.1), off
