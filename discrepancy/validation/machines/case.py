@@ -17,7 +17,7 @@ from discrepancy.validation.machines.grading import Information, information, re
 from discrepancy.validation.machines.machine import Effect, Machine
 from discrepancy.validation.machines.simulate import simulate
 
-__all__ = ["DEVELOPMENT", "FINAL", "NATS", "WHAT", "Case", "CaseError", "Drawn", "draw", "write"]
+__all__ = ["FINAL", "NATS", "WHAT", "Case", "CaseError", "Drawn", "draw", "write"]
 
 Array = NDArray[np.float64]
 

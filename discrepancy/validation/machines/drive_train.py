@@ -54,7 +54,7 @@ def build() -> Model:
     shaft = m.add("shaft", Shaft(stiffness=160.0, damping=0.06))
     brake = m.add("brake", Inertia(J=0.07))
     brake_bearing = m.add("brake_bearing", RotaryViscousFriction(viscous=0.03))
-    dry = m.add("dry", RotaryCoulombFriction(coulomb=0.7, v_s=0.02))
+    dry = m.add("dry", RotaryCoulombFriction(coulomb=0.7, v_s=0.005))
     source = m.add("source", TorqueSource())
     m.connect(source.flange, motor.flange, motor_bearing.b, shaft.b)
     m.connect(shaft.a, brake.flange, brake_bearing.b, dry.b)
@@ -63,7 +63,9 @@ def build() -> Model:
     return m
 '''
 
-SIGMA = 350.0  # N·m/rad, stiffness of the bristles: presliding of two milliradians
+SIGMA = 7000.0  # N·m/rad, stiffness of the bristles: presliding of a tenth of a milliradian
+SIGMA_1 = 7.0  # N·m·s/rad, their damping: a sixth of the critical one, so that the brake comes to rest
+CREEP = 0.03  # rad/s, speed above which that damping has gone
 
 
 def _excite(rng: np.random.Generator, t: Array) -> dict[str, Array]:
@@ -85,7 +87,14 @@ def _rates(x: Array, u: Any, w: Any, p: Any) -> list[Array]:
     a, _, wa, wb, z = x
     torque = _shaft(x, p)
     ripple = p.cosine * np.cos(p.order * a + p.phase)
-    brake = torque - p.c_b * wb - SIGMA * z - p.drag * wb * np.abs(wb) + w["brake"]
+    brake = (
+        torque
+        - p.c_b * wb
+        - SIGMA * z
+        - SIGMA_1 * wb * np.exp(-((wb / CREEP) ** 2))
+        - p.drag * wb * np.abs(wb)
+        + w["brake"]
+    )
     motor = u["torque"] + ripple + w["motor"] - p.c_m * wa - torque
     return [wa, wb, motor / p.J_m, brake / p.J_b, np.zeros_like(z)]
 

@@ -1,11 +1,11 @@
-"""Test signals for the recordings: smooth steps, several sines, a ramp of frequency."""
+"""Test signals for the recordings: smooth steps, and sums of sines."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["sines", "smooth_steps", "sweep"]
+__all__ = ["sines", "smooth_steps"]
 
 Array = NDArray[np.float64]
 
@@ -27,9 +27,3 @@ def sines(rng: np.random.Generator, t: Array, amplitude: float, low: float, high
     phases = rng.uniform(0.0, 2.0 * np.pi, count)
     weights = rng.dirichlet(np.full(count, 4.0)) ** 0.5
     return amplitude * (weights * np.sin(2.0 * np.pi * frequencies * t[:, None] + phases)).sum(axis=1)
-
-
-def sweep(t: Array, amplitude: float, low: float, high: float) -> Array:
-    """Return a sine whose frequency rises exponentially from ``low`` to ``high`` (Hz)."""
-    rate = np.log(high / low) / t[-1]
-    return amplitude * np.sin(2.0 * np.pi * low * (np.exp(rate * t) - 1.0) / rate)

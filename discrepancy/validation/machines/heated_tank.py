@@ -36,8 +36,8 @@ class Tank(Component):
     G = Parameter(45.0, "W/K", "conductance from heater to water", min=0.0)
     H = Parameter(12.0, "W/K", "conductance from water to the surroundings", min=0.0)
     power = Input("W", "electrical power")
-    heater = State("K", "temperature of the heater")
-    water = State("K", "temperature of the water")
+    heater = State("K", "temperature of the heater", 20.0)
+    water = State("K", "temperature of the water", 20.0)
 
     def equations(self):
         passed = self.G * (self.heater - self.water)

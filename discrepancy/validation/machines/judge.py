@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
-__all__ = ["CONFIDENT", "Score", "Statement", "judged"]
+__all__ = ["Score", "judged"]
 
 WORSE = 1.02  # of the recalibrated model's held-out error: what the noise of a record alone can move it by
 CONFIDENT = 0.8  # probability from which a wrong name counts as a confident one

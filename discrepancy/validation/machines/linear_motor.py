@@ -61,7 +61,7 @@ def build() -> Model:
     motor = m.add("motor", ForceSource())
     slide = m.add("slide", Mass(m=11.0))
     rail = m.add("rail", ViscousFriction(viscous=35.0))
-    dry = m.add("dry", CoulombFriction(coulomb=9.0, v_s=3e-4))
+    dry = m.add("dry", CoulombFriction(coulomb=9.0, v_s=1e-5))
     scale = m.add("scale", PositionSensor())
     tacho = m.add("tacho", VelocitySensor())
     meter = m.add("meter", Gain(input_unit="N", output_unit="A", k=1.0 / 32.0))
@@ -82,7 +82,8 @@ PITCH = 0.032  # m, of the magnets
 
 def _excite(rng: np.random.Generator, t: Array) -> dict[str, Array]:
     fine = np.arange(t[0], t[-1] + 1e-9, TICK)
-    place = smooth_steps(rng, fine, -0.15, 0.15, 0.7, 0.45)
+    place = smooth_steps(rng, fine, -0.1, 0.1, 0.7, 0.45)
+    place -= place[0]  # the slide waits at the reference
     return {"place": place, "speed": np.gradient(place, TICK)}
 
 

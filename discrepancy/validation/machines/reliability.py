@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "Bin",
     "brier_score",
     "calibration_error",
     "fitted_temperature",

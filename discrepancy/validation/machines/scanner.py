@@ -75,7 +75,8 @@ TICK = 2e-4
 
 
 def _excite(rng: np.random.Generator, t: Array) -> dict[str, Array]:
-    return {"reference": smooth_steps(rng, t, -0.15, 0.15, 0.02, 0.006)}
+    reference = smooth_steps(rng, t, -0.1, 0.1, 0.02, 0.006)
+    return {"reference": reference - reference[0]}
 
 
 def _start(p: Any) -> list[Array]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from discrepancy.validation.machines.machine import Channel, Drive, Machine
 
-__all__ = ["blank_values", "rk4", "simulate"]
+__all__ = ["rk4", "simulate"]
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def rk4(rates: Callable[..., Any]) -> Callable[..., Array]:
     return step
 
 
-def blank_values(machine: Machine) -> dict[str, float]:
+def _blank_values(machine: Machine) -> dict[str, float]:
     """Return all quantities of the equations: stated parameters, constants, and every effect absent."""
     values: dict[str, float] = {**machine.constants}
     values |= {s.name: 0.0 for s in machine.starts}
@@ -55,7 +55,7 @@ def simulate(
     ----------
     machine : Machine
     values : mapping of str to float or ndarray, shape (runs,)
-        Quantities of the equations that differ from `blank_values`.
+        Quantities of the equations that differ from the stated ones.
     drives : mapping of str to ndarray, shape (rows, runs)
     disturbance : mapping of str to ndarray, shape (rows, runs), optional
         Unrecorded forces by place.
@@ -73,7 +73,7 @@ def simulate(
         If a run leaves the finite numbers.
     """
     rows, runs = next(iter(drives.values())).shape
-    p = SimpleNamespace(**{k: np.broadcast_to(v, runs) for k, v in ({**blank_values(machine), **values}).items()})
+    p = SimpleNamespace(**{k: np.broadcast_to(v, runs) for k, v in ({**_blank_values(machine), **values}).items()})
     x = np.stack([np.broadcast_to(each, runs).astype(float) for each in machine.start(p)])
     silence = np.zeros(runs)
     signals = {d.name: _Received(d, np.asarray(drives[d.name]), p, machine.dt) for d in machine.drives}

@@ -18,7 +18,7 @@ from discrepancy.validation.machines.case import Case, CaseError, draw, write
 from discrepancy.validation.machines.fleet import machine_named
 from discrepancy.validation.machines.judge import Score, judged
 
-__all__ = ["COLUMNS", "Limits", "cases", "read_results", "run_cases"]
+__all__ = ["COLUMNS", "Limits", "cases", "run_cases"]
 
 COLUMNS = (
     "case",
@@ -101,7 +101,7 @@ def run_cases(
     """
     out.mkdir(parents=True, exist_ok=True)
     path = out / "results.csv"
-    rows = read_results(path)
+    rows = _read_results(path)
     known = {row["case"] for row in rows}
     left = [case for case in plan if case.name not in known]
     with path.open("a", newline="") as stream:
@@ -120,7 +120,7 @@ def run_cases(
     return rows
 
 
-def read_results(path: Path) -> list[dict[str, str]]:
+def _read_results(path: Path) -> list[dict[str, str]]:
     """Return the rows of a ``results.csv``; none where there is no file yet."""
     if not path.exists():
         return []

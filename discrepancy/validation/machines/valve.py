@@ -41,7 +41,7 @@ class Diaphragm(Component):
 def build() -> Model:
     m = Model("valve")
     diaphragm = m.add("diaphragm", Diaphragm())
-    stem = m.add("stem", Mass(m=2.5))
+    stem = m.add("stem", Mass(m=2.5, position=0.02))
     spring = m.add("spring", Spring(stiffness=60000.0, length=-0.02))
     oil = m.add("oil", ViscousFriction(viscous=900.0))
     packing = m.add("packing", CoulombFriction(coulomb=120.0, v_s=2e-5))
@@ -56,7 +56,8 @@ REST = 1e-4  # m/s, half the band in which the stem counts as resting
 
 
 def _excite(rng: np.random.Generator, t: Array) -> dict[str, Array]:
-    return {"pressure": smooth_steps(rng, t, 0.8e5, 2.2e5, 1.0, 0.6) + sines(rng, t, 0.12e5, 0.3, 3.0)}
+    steps = smooth_steps(rng, t, -0.6e5, 0.6e5, 1.0, 0.6) + sines(rng, t, 0.12e5, 0.3, 3.0)
+    return {"pressure": 1.2e5 + steps - steps[0]}
 
 
 def _start(p: Any) -> list[Array]:

@@ -1,0 +1,281 @@
+"""Cases on machines of plain equations: their grading, their files, the score of an answer, probabilities that hold."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from discrepancy.problem.study_file import read_study
+from discrepancy.validation.machines.case import FINAL, Case, CaseError, draw, write
+from discrepancy.validation.machines.command import main
+from discrepancy.validation.machines.disturbances import SPECTRA, Disturbance, drawn_disturbance, modes
+from discrepancy.validation.machines.fleet import NAMES, machine_named
+from discrepancy.validation.machines.grading import Information, information, stacked
+from discrepancy.validation.machines.judge import judged
+from discrepancy.validation.machines.page import counts, page
+from discrepancy.validation.machines.reliability import (
+    brier_score,
+    calibration_error,
+    fitted_temperature,
+    reliability,
+    reliability_figure,
+    tempered,
+)
+from discrepancy.validation.machines.simulate import simulate
+from discrepancy.validation.machines.suite import COLUMNS, cases
+
+SHORT = replace(machine_named("flywheel"), rows=400)
+LATE = slice(0, SHORT.identify)
+
+
+def test_nats_of_a_slope_beside_a_free_level_are_those_of_the_closed_form() -> None:
+    """A slope in white noise beside a free level: the sum of squares, in part about the mean."""
+    t = np.linspace(0.0, 1.0, 200)
+    noise, prior, slope = 0.3, 0.7, 0.4
+    found = Information(np.full(200, noise), np.full((200, 1), prior)).nats(slope * t)
+    dense = noise**2 * np.eye(200) + prior**2 * np.ones((200, 200))
+    shrunk = prior**2 / (prior**2 + noise**2 / 200)
+    closed = 0.5 * slope**2 / noise**2 * ((t**2).sum() - shrunk * 200 * t.mean() ** 2)
+    assert found == pytest.approx(0.5 * slope**2 * t @ np.linalg.solve(dense, t), rel=1e-9)
+    assert found == pytest.approx(closed, rel=1e-9)
+
+
+def test_the_weight_of_a_machine_is_that_of_its_closed_form() -> None:
+    """A wheel without friction: speed = ∫ torque / J.  Its only uncertain parameter and its start are linear."""
+    bare = replace(
+        SHORT,
+        parameters=(replace(SHORT.parameters[0], std=0.05),),
+        identify=1,
+        constants={**SHORT.constants, "b": 0.0, "T_c": 0.0},
+        channels=(replace(SHORT.channels[0], noise=0.05),),
+    )
+    t = bare.times
+    torque = np.ones((t.size, 1))
+    weight = information(bare, {"J": 0.85}, {"torque": torque}, Disturbance(), np.random.default_rng(0))
+    pull = simulate(bare, {"J": 0.85, "pull": 0.1}, {"torque": torque})["speed"]
+    d = stacked(bare, {"speed": pull - simulate(bare, {"J": 0.85}, {"torque": torque})["speed"]}).ravel()
+    noise = weight.deviation[0]
+    assert noise == pytest.approx(0.05, rel=0.1)
+    start, inertia = np.full(t.size, bare.starts[0].std), -0.05 * t / 0.85**2
+    dense = noise**2 * np.eye(t.size) + np.outer(start, start) + np.outer(inertia, inertia)
+    ramp = 0.1 * t / 0.85
+    np.testing.assert_allclose(d, ramp, atol=1e-9)
+    assert weight.nats(d) == pytest.approx(0.5 * ramp @ np.linalg.solve(dense, ramp), rel=0.01)
+
+
+@pytest.mark.parametrize("spectrum", SPECTRA)
+def test_modes_of_a_disturbance_have_its_covariance(spectrum: str) -> None:
+    t = np.linspace(0.0, 10.0, 120)
+    process = drawn_disturbance(np.random.default_rng(3), {"cart": 2.0}, 10.0, spectrum=spectrum)
+    every = modes(process, t, every=True)
+    np.testing.assert_allclose(every.T @ every, process.covariance(t[:, None] - t[None, :]), atol=1e-6 * process.rms**2)
+
+
+def test_the_likelihood_of_a_case_rises_by_its_nats() -> None:
+    """½ r₀ᵀS⁻¹r₀ − ½ r₁ᵀS⁻¹r₁ has the mean of the nats, and a standard deviation of √(2 nats)."""
+    gains = []
+    for seed in range(4):
+        drawn = draw(Case("flywheel", "windage", 100.0, seed), SHORT)
+        values = {k: v[LATE] if np.ndim(v) else v for k, v in drawn.values.items()}
+        drives = {k: v[:, LATE] for k, v in drawn.drives.items()}
+        weight = information(SHORT, {**values, "drag": 0.0}, drives, drawn.disturbance, np.random.default_rng(0))
+        record = drawn.recorded["speed"][:, LATE]
+        r = [
+            (record - simulate(SHORT, {**values, "drag": c}, drives)["speed"]).ravel()
+            for c in (0.0, drawn.hidden["windage"])
+        ]
+        gains.append(0.5 * float(weight.inner(r[0], r[0]) - weight.inner(r[1], r[1])))
+        assert drawn.nats["windage"] == pytest.approx(100.0, rel=0.1)
+    assert np.mean(gains) == pytest.approx(100.0, abs=3.0 * np.sqrt(200.0 / len(gains)))
+
+
+def test_nothing_that_matters_is_hidden_in_a_null() -> None:
+    drawn = draw(Case("flywheel", "nothing", 0.0, 1), SHORT)
+    assert drawn.category == "none"
+    assert not drawn.hidden
+    assert len(drawn.small) == 1
+    off = [abs(drawn.values[p.name] - p.stated) / p.std for p in SHORT.parameters]
+    assert 1.5 <= max(off) <= 2.5
+
+
+def test_masking_pairs_oppose_each_other() -> None:
+    drawn = draw(Case("flywheel", "masking", 100.0, 1), SHORT)
+    assert len(drawn.hidden) == 2
+    assert -1.0 < drawn.correlation < -0.3
+
+
+def test_what_cannot_be_graded_is_refused() -> None:
+    deaf = replace(SHORT, channels=(replace(SHORT.channels[0], noise=1e6),))
+    with pytest.raises(CaseError, match="does not reach 1000 nats"):
+        draw(Case("flywheel", "heating", 1000.0, 0), deaf)
+
+
+def test_final_seeds_are_other_streams() -> None:
+    case = Case("flywheel", "nothing", 0.0, 1)
+    final = replace(case, final=True)
+    assert case.generator(0).random() != final.generator(0).random()
+    assert case.generator(0).random() == case.generator(0).random()
+    assert case.name != final.name
+    assert case.seed != FINAL
+
+
+def test_a_case_is_written_as_a_study(tmp_path: Path) -> None:
+    machine = replace(machine_named("heated_tank"), rows=60)
+    study = read_study(write(draw(Case("heated_tank", "water_drift", 100.0, 0), machine), tmp_path))
+    records = study.read_records({"heater.power": "W", "tank.heater": "K", "tank.water": "K"})
+    assert len(records.identify) == machine.identify
+    assert len(records.validate) == machine.validate
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    assert truth["effects"][0]["accept"] == ["sensor_drift@tank.water"]
+    told = (tmp_path / "study.toml").read_text() + (tmp_path / "machine.md").read_text()
+    assert "drift" not in told + (tmp_path / "model.py").read_text()
+
+
+def test_every_machine_has_effects_of_each_kind_and_different_physics() -> None:
+    assert len(NAMES) >= 12
+    machines = [machine_named(name) for name in NAMES]
+    assert all(any(e.outside for e in m.effects) for m in machines)
+    assert all(sum(not e.outside for e in m.effects) >= 5 for m in machines)
+    assert len({e.name for m in machines for e in m.effects if e.outside}) >= 12
+
+
+def answer(*names: str, verdict: str = "effect found", ties: dict[str, list[str]] | None = None) -> dict[str, Any]:
+    def entry(name: str) -> dict[str, Any]:
+        kind, _, where = name.partition("@")
+        return {"kind": kind, "where": where}
+
+    effects = [{**entry(n), "indistinguishable_from": [entry(t) for t in (ties or {}).get(n, [])]} for n in names]
+    stages = [{"validate": {"y": {"rmse": r}}} for r in (3.0, 2.0, 1.0)]
+    return {"verdict": verdict, "effects": effects, "stages": stages}
+
+
+def truth(category: str, *accept: str) -> dict[str, Any]:
+    return {"category": category, "effects": [{"accept": [a] if a else []} for a in accept], "achievable": {"y": 0.5}}
+
+
+def test_score_of_a_right_name() -> None:
+    score = judged(truth("single", "drag@a*"), answer("drag@axle"))
+    assert (score.right, score.first, score.in_set, score.invented) == (True, True, True, 0)
+    assert (score.held_out, score.worse) == (2.0, False)
+    assert [(s.said, s.probability, s.true) for s in score.statements] == [
+        ("drag@axle", 1.0, True),
+        ("nothing", 0.0, False),
+        ("unknown", 0.0, False),
+    ]
+
+
+def test_score_of_a_name_in_the_set_beside_an_invented_one() -> None:
+    score = judged(truth("single", "drag@axle"), answer("slip@belt", "play@nut", ties={"slip@belt": ["drag@axle"]}))
+    assert (score.right, score.first, score.in_set, score.invented) == (False, False, True, 1)
+    assert score.set_size == 1.5
+    assert score.confident_wrong
+
+
+def test_score_of_nothing_and_of_something_outside() -> None:
+    nothing = answer(verdict="nothing missing")
+    assert judged(truth("none"), nothing).right
+    assert not judged(truth("none"), answer("drag@axle")).right
+    assert not judged(truth("outside", ""), nothing).right
+    unknown = judged(truth("outside", ""), answer("unknown_force@axle", verdict="unknown effect"))
+    assert unknown.right
+    assert unknown.invented == 0
+    assert judged(truth("outside", ""), answer("drag@axle", verdict="partly explained")).invented == 1
+
+
+def test_score_of_a_pair_wants_both() -> None:
+    pair = truth("pair", "drag@axle", "slip@belt")
+    assert judged(pair, answer("slip@belt", "drag@axle")).right
+    assert not judged(pair, answer("slip@belt")).in_set
+
+
+def test_score_takes_the_probabilities_that_are_shown() -> None:
+    shown = answer("drag@axle")
+    tied = [{"kind": "slip", "where": "belt", "probability": 0.3}]
+    effect = {"kind": "drag", "where": "axle", "probability": 0.6, "set": tied}
+    shown["probabilities"] = {"nothing": 0.05, "unknown": 0.05, "effects": [effect]}
+    score = judged(truth("single", "slip@belt"), shown)
+    assert (score.first, score.in_set, score.confident_wrong, score.set_size) == (False, True, False, 2.0)
+    assert [(s.probability, s.true) for s in score.statements] == [
+        (0.6, False),
+        (0.3, True),
+        (0.05, False),
+        (0.05, False),
+    ]
+
+
+def test_an_output_that_is_predicted_worse_counts() -> None:
+    worse = answer("drag@axle")
+    worse["stages"][-1]["validate"]["y"]["rmse"] = 2.1
+    assert judged(truth("single", "drag@axle"), worse).worse
+
+
+def test_a_temperature_makes_overconfident_evidences_hold() -> None:
+    rng = np.random.default_rng(0)
+    honest = rng.normal(0.0, 1.5, (4000, 5))
+    true = np.array([rng.choice(5, p=p) for p in tempered(honest, 1.0)])
+    first, second = slice(0, 2000), slice(2000, None)
+    boasted = 6.0 * honest
+    assert fitted_temperature(boasted[first], true[first]) == pytest.approx(6.0, rel=0.1)
+    correct = np.eye(5)[true[second]]
+    raw = tempered(boasted[second], 1.0)
+    cool = tempered(boasted[second], fitted_temperature(boasted[first], true[first]))
+    assert (
+        calibration_error(cool.ravel(), correct.ravel()) < 0.02 < 0.1 < calibration_error(raw.ravel(), correct.ravel())
+    )
+    assert brier_score(cool, correct) < brier_score(raw, correct)
+    assert all(b.low <= b.shown <= b.high for b in reliability(cool.ravel(), correct.ravel()) if b.count > 50)
+    assert len(reliability_figure([("raw", raw.ravel(), correct.ravel())]).axes) == 1
+
+
+def test_a_temperature_needs_a_true_model() -> None:
+    with pytest.raises(ValueError, match="temperature cannot be fitted"):
+        fitted_temperature([[-np.inf, 0.0]], [0])
+
+
+def row(**columns: Any) -> dict[str, str]:
+    return {key: str(columns.get(key, "")) for key in COLUMNS}
+
+
+def test_the_page_counts_by_category_and_nats() -> None:
+    common = {"invented": 0, "answer": "effect found", "code": "abc", "machine": "web", "statements": "[]", "worse": 0}
+    rows = [
+        row(case="a", category="single", nats=100, right=1, first=1, in_set=1, **common),
+        row(case="b", category="single", nats=10, right=0, first=0, in_set=1, confident_wrong=1, **common),
+        row(case="c", category="none", nats=0, right=1, **common),
+        row(case="d", category="outside", nats=100, unknown=1, right=1, **common),
+    ]
+    found = {name: (hits, trials) for name, hits, trials in counts(rows)}
+    assert found["right"] == (3, 4)
+    assert found["truth first, 100 nats or more"] == (1, 1)
+    assert found["a confident wrong name, below 100 nats"] == (1, 1)
+    assert found["outside the catalogue, told as unknown"] == (1, 1)
+    text = page(rows, date="2026-01-01", final=True)
+    assert "2026-01-01, code abc, final seeds, run once" in text
+    assert "| nothing missing, told so | 1 | 1 | 100.0% | " in text
+
+
+def test_a_plan_has_every_combination_once() -> None:
+    plan = cases(["web", "valve"], ["nothing", "single"], [10, 100], 3)
+    assert len({case.name for case in plan}) == len(plan) == 2 * (6 + 6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--seeds", "final"], "give --seeds final and --final together"),
+        (["--final"], "give --seeds final and --final together"),
+        (["--what", "rust", "--machine", "web"], "the machine 'web' has"),
+        (["--trials", "0"], "--trials must be at least 1"),
+    ],
+)
+def test_the_command_refuses(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([*arguments, "--out", str(tmp_path)])
+    assert message in capsys.readouterr().err
