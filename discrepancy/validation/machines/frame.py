@@ -70,7 +70,7 @@ def _rates(x: Array, u: Any, w: Any, p: Any) -> list[Array]:
     k_1 = p.k_1 / (1.0 + p.damage * spent)
     drift, rate = x2 - x1, v2 - v1
     lower = k_1 * x1 + p.c_1 * v1 + p.softening * x1**3 + p.level * z
-    upper = p.k_2 * drift + p.c_2 * rate + p.cross * drift**3 + p.rub * np.tanh(rate / 1e-3)
+    upper = (p.k_2 + p.sway * x1) * drift + p.c_2 * rate + p.cross * drift**3 + p.rub * np.tanh(rate / 1e-3)
     a = u["table"]
     return [v1, v2, (upper - lower + w["lower"]) / p.m_1 - a, (w["upper"] - upper) / p.m_2 - a, dz, np.abs(v1)]
 
@@ -136,7 +136,20 @@ MACHINE = Machine(
         ),
         sensor("upper", "upper.position", "gain", 0.02),
         actuator("table", "table.acceleration", "delay", 5e-3),
-        Effect(name="damage", strength="damage", size=0.05, what="stiffness that falls with the way travelled"),
+        Effect(
+            name="damage",
+            strength="damage",
+            size=0.05,
+            accept=("stiffness_drift@columns*",),
+            what="stiffness that falls with the way travelled, and so with time",
+        ),
+        Effect(
+            name="sway",
+            strength="sway",
+            size=2e5,
+            signed=True,
+            what="stiffness of the posts that depends on where the lower floor is",
+        ),
     ),
     constants={"reach": 2e-3},
     places={"lower": 8.0, "upper": 8.0},

@@ -59,7 +59,14 @@ def _rates(x: Array, u: Any, w: Any, p: Any) -> list[Array]:
     s, v, warm = x
     rolling = p.F_r * (1.0 - p.warming * warm) * np.tanh(v / 0.05)
     force = (
-        u["force"] + w["body"] - rolling - p.c * v - p.drag * v * np.abs(v) + p.slope + p.wind * np.sin(s / p.length)
+        u["force"]
+        + w["body"]
+        - rolling
+        - p.c * v
+        - p.drag * v * np.abs(v)
+        + p.slope
+        - p.driveline * np.abs(u["force"]) * v / 25.0
+        + p.wind * np.sin(s / p.length)
     )
     return [v, force / p.m, (np.abs(v) / 25.0 - warm) / 40.0]
 
@@ -97,7 +104,14 @@ MACHINE = Machine(
         sensor("speed", "van.velocity", "delay", 0.3),
         actuator("force", "traction.force", "gain", 0.05),
         actuator("force", "traction.force", "delay", 0.3),
-        Effect(name="warming", strength="warming", size=0.2, what="tyres that roll more easily as they warm up"),
+        Effect(
+            name="warming",
+            strength="warming",
+            size=0.2,
+            accept=("friction_drift@tyres*", "friction_drift@van*"),
+            what="tyres that roll more easily as they warm up",
+        ),
+        Effect(name="driveline", strength="driveline", size=0.02, what="loss with the traction force times the speed"),
     ),
     constants={"length": 45.0, "slope": 0.0},
     places={"body": 20.0},
