@@ -200,7 +200,8 @@ def _drives(case: Case, machine: Machine) -> dict[str, Array]:
     """Draw the drives of all records, rounded as the file holds them."""
     rng = case.generator(4)
     records = [machine.excite(rng, machine.times) for _ in range(machine.identify + machine.validate)]
-    return {d.name: np.round(np.column_stack([r[d.name] for r in records]), 9) for d in machine.drives}
+    columns = {d.name: np.column_stack([r[d.name] for r in records]) for d in machine.drives}
+    return {name: np.asarray(np.round(column, 9), dtype=np.float64) for name, column in columns.items()}
 
 
 def draw(case: Case, machine: Machine) -> Drawn:

@@ -108,7 +108,11 @@ def information(
     knobs = [(p.name, p.std) for p in machine.parameters]
     knobs += [(s.name, s.std) for s in machine.starts]
     own = len(machine.parameters)
-    waves = modes(disturbance, machine.dt * np.arange(rows)) if disturbance.rms else np.zeros((0, rows))
+    waves = (
+        modes(disturbance, np.asarray(machine.dt * np.arange(rows), dtype=np.float64))
+        if disturbance.rms
+        else np.zeros((0, rows))
+    )
     count = 2 * len(knobs) + len(waves) + 1
     full = {k: np.tile(np.broadcast_to(v, records).astype(float), count) for k, v in values.items()}
     for k, (name, std) in enumerate(knobs):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -134,7 +135,7 @@ def fitted_temperature(log_evidence: ArrayLike, true: ArrayLike) -> float:
         scaled = evidence / np.exp(log_temperature)
         return float(-log_softmax(scaled, axis=1)[np.arange(len(index)), index].mean())
 
-    found = minimize_scalar(loss, bounds=np.log(TEMPERATURES), method="bounded")
+    found = minimize_scalar(loss, bounds=(math.log(TEMPERATURES[0]), math.log(TEMPERATURES[1])), method="bounded")
     return float(np.exp(found.x))
 
 

@@ -78,12 +78,16 @@ def simulate(
     silence = np.zeros(runs)
     signals = {d.name: _Received(d, np.asarray(drives[d.name]), p, machine.dt) for d in machine.drives}
     true: dict[str, list[Array]] = {c.name: [] for c in machine.channels}
-    memory, given, h = None, {}, machine.dt / machine.substeps
+    memory: Any = None
+    given: dict[str, Array] = {}
+    h = machine.dt / machine.substeps
     for row in range(rows):
         u = {name: s(row, 0.0) for name, s in signals.items()}
         if machine.control is not None:
             seen = machine.observe(x, {**u, **given}, p)
-            measured = {c.name: _read(c, seen[c.name], noise and noise[c.name][row]) for c in machine.channels}
+            measured = {
+                c.name: _read(c, seen[c.name], None if noise is None else noise[c.name][row]) for c in machine.channels
+            }
             memory, given = machine.control(memory, measured, u, p)
         now = machine.observe(x, {**u, **given}, p)
         for name, column in true.items():
@@ -94,11 +98,11 @@ def simulate(
             x = machine.step(x, {name: s(row, part) for name, s in signals.items()} | given, w, p, h)
     if not np.isfinite(x).all():
         raise FloatingPointError(f"{machine.name}: a run left the finite numbers; give it more substeps")
-    t = machine.dt * np.arange(rows)[:, None]
+    t = np.asarray(machine.dt * np.arange(rows), dtype=np.float64)[:, None]
     recorded = {}
     for c in machine.channels:
-        column = _with_errors(np.stack([np.broadcast_to(v, runs) for v in true[c.name]]), c, p, t)
-        recorded[c.name] = _read(c, column, None if noise is None else noise[c.name])
+        exact = _with_errors(np.stack([np.broadcast_to(v, runs) for v in true[c.name]]), c, p, t)
+        recorded[c.name] = _read(c, exact, None if noise is None else noise[c.name])
     return recorded
 
 
