@@ -38,6 +38,7 @@ def fit_response_surface(
     test: tuple[ArrayLike, ArrayLike] | None = None,
     response: str = "response",
     unit: str = "",
+    limits: tuple[float, float] | None = None,
     on_rank_deficiency: Literal["raise", "warn"] = "raise",
 ) -> ResponseSurface:
     """Fit a polynomial response surface (gearbox paper, Eqs. 4, 6 and 11) by least squares.
@@ -58,6 +59,8 @@ def fit_response_surface(
         Points kept for testing.
     response, unit : str
         Name and unit of the response.
+    limits : tuple of two float, optional
+        Bounds that no response can exceed; see :class:`ResponseSurface`.
     on_rank_deficiency : {"raise", "warn"}
         What to do when the points cannot tell some terms apart; "warn" takes the smallest coefficients.
 
@@ -118,6 +121,7 @@ def fit_response_surface(
         unit=unit,
         train_points=x,
         train_responses=y,
+        limits=limits,
         _fit=fit,
     )
     return surface if test is None else replace(surface, test_quality=surface.test(*test))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from surrogate.methods import SEARCHES, climb, complete_options
 from surrogate.objective import BudgetExhausted, CountedObjective
 from surrogate.optimisation_result import OptimisationResult, StopReason
-from surrogate.space import DesignSpace
+from surrogate.space import DesignSpace, SurrogateWarning
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,6 +85,11 @@ def maximise(
     ------
     ValueError
         For unknown methods or options, a budget below one generation, or when every evaluation failed.
+
+    Warns
+    -----
+    SurrogateWarning
+        When a response surface promises more than its ``limits`` allow, such as a cosine similarity of 1.19.
     """
     chosen = complete_options(method, options)
     climbs = 0 if method == "multistart" else int(polish)
@@ -121,6 +127,7 @@ def maximise(
         raise ValueError(f"the function gave no finite number at any of {objective.evaluations} points")
     searched = objective.best_value
     _polish(objective, climbs)
+    _warn_beyond(getattr(f, "limits", None), getattr(f, "response", "the response"), objective.best_value)
     return OptimisationResult(
         space=space,
         method=method,
@@ -135,6 +142,16 @@ def maximise(
         stopped=stopped,
         options=chosen | {"polish": climbs, "budget": int(total)},
     )
+
+
+def _warn_beyond(limits: tuple[float, float] | None, response: str, value: float) -> None:
+    if limits is not None and value > limits[1]:
+        warnings.warn(
+            f"the surface promises {response} {value:.3g}, and none is above {limits[1]:g}: it is wrong there; "
+            "simulate its optimum, and compare with the best of the simulated points",
+            SurrogateWarning,
+            stacklevel=3,
+        )
 
 
 def local_maxima(

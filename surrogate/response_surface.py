@@ -51,6 +51,9 @@ class ResponseSurface:
         What it was fitted to, in the parameters' units; absent from published surfaces.
     test_quality : TestQuality, optional
         On points kept for testing.
+    limits : tuple of two float, optional
+        Bounds that no response can exceed, such as (−1, 1) for a cosine similarity; a polynomial can, and
+        :func:`surrogate.maximise` warns where its maximum does.
     """
 
     space: DesignSpace
@@ -61,6 +64,7 @@ class ResponseSurface:
     train_points: Array | None = None
     train_responses: Array | None = None
     test_quality: TestQuality | None = None
+    limits: tuple[float, float] | None = None
     _fit: LinearFit | None = field(default=None, repr=False)
 
     #: Points of shape (n, k) are accepted: optimisers evaluate whole swarms at once.
@@ -75,6 +79,8 @@ class ResponseSurface:
         if not np.isfinite(c).all():
             bad = [name for name, ok in zip(self.term_names, np.isfinite(c), strict=True) if not ok]
             raise ValueError(f"coefficients are not finite: {', '.join(bad)}")
+        if self.limits is not None and not self.limits[0] < self.limits[1]:
+            raise ValueError(f"limits must rise, not {self.limits}")
         c.setflags(write=False)
         object.__setattr__(self, "coefficients", c)
         if (self.train_points is None) != (self.train_responses is None):
@@ -269,6 +275,8 @@ class ResponseSurface:
             }
         if self.test_quality is not None:
             content["test_quality"] = asdict(self.test_quality)
+        if self.limits is not None:
+            content["limits"] = list(self.limits)
         return content
 
     @classmethod
@@ -290,6 +298,7 @@ class ResponseSurface:
         try:
             train = content.get("train")
             tested = content.get("test_quality")
+            limits = content.get("limits")
             space = DesignSpace.from_dict(content["space"])
             points = None if train is None else space.points(train["points"], what="train points")
             responses = None if train is None else np.array(train["responses"], dtype=float)
@@ -304,6 +313,7 @@ class ResponseSurface:
                 train_points=points,
                 train_responses=responses,
                 test_quality=None if tested is None else TestQuality(**tested),
+                limits=None if limits is None else (float(limits[0]), float(limits[1])),
             )
         except KeyError as error:
             raise ValueError(f"lacks {error}") from error

@@ -1,6 +1,6 @@
 from .alignment.estimate import align
 from .alignment.result import Alignment
-from .alignment.trips import AlignmentError, read_trips
+from .alignment.trips import AlignmentError, Trip, read_trips
 from .cli.version import __version__
 from .files.parameters import LiftParameters
 from .files.rail_profile import RailProfile
@@ -27,6 +27,7 @@ __all__ = [
     "ProfileTable",
     "RailProfile",
     "RideComfort",
+    "Trip",
     "WhatIf",
     "__version__",
     "align",

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
+from typing import TYPE_CHECKING
 
 from discrepancy.rigs.recording import BenchError
 from gearbox.rig.accelerometers import make_gear
+from gearbox.rig.dataset import DatasetPlan, write_dataset
 from gearbox.rig.encoders import make_encoders
 from gearbox.rig.hidden import KINDS
 from gearbox.rig.rig import GearRig
+from gearbox.stage.faults import FAULTS, HEALTHY
 from multibody.base.progress import ProgressLine
+
+if TYPE_CHECKING:
+    from gearbox.stage.stage import GearStage
 
 __all__ = ["listing", "main"]
 
@@ -68,6 +75,32 @@ def main(arguments: list[str]) -> int:
         action="store_true",
         help="turn the stage slowly and record encoders and torque, for vtsdt diagnose",
     )
+    labelled = parser.add_argument_group(
+        "labelled recordings for a classifier", "every label at every severity, speed and load; see labels.csv"
+    )
+    labelled.add_argument(
+        "--faults",
+        metavar="LABEL[@WHERE]",
+        nargs="+",
+        help=f"write these instead: 'all', or some of {', '.join(FAULTS)}; '{HEALTHY}' is always among them",
+    )
+    plan = DatasetPlan(labels=(HEALTHY,))
+    for option, metavar, values, what in (
+        ("--severities", "S", plan.severities, "1 is a grave fault"),
+        ("--speeds", "RPM", plan.speeds, "r/min of the input shaft"),
+        ("--loads", "NM", plan.torques, "N·m at the output shaft"),
+    ):
+        labelled.add_argument(
+            option,
+            metavar=metavar,
+            nargs="+",
+            type=float,
+            default=tuple(values),
+            help=f"{what} (default {' '.join(f'{v:g}' for v in values)})",
+        )
+    labelled.add_argument(
+        "--repeats", metavar="N", type=int, default=plan.repeats, help="recordings of each (default 1)"
+    )
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     given = parser.parse_args(arguments)
@@ -79,6 +112,8 @@ def main(arguments: list[str]) -> int:
         return 0
     if given.out is None:
         raise BenchError(["--out DIR is missing: name a folder for the recordings, or ask for --list"])
+    if given.faults is not None:
+        return _labelled(given)
     rig = GearRig(
         seed=given.seed,
         manufacturing=given.manufacturing,
@@ -95,3 +130,33 @@ def main(arguments: list[str]) -> int:
         print(f"Synthetic recordings of a virtual gear stage are in {study.parent}")
         print(f"next: vtsdt {command} {study} --out {study.parent / result}")
     return 0
+
+
+def _labelled(given: argparse.Namespace) -> int:
+    """Write a labelled data set."""
+    if given.hide or given.encoders or given.manufacturing:
+        raise BenchError(["--faults writes a labelled data set: leave out --hide, --encoders and --manufacturing"])
+    named = tuple(FAULTS) if given.faults == ["all"] else tuple(given.faults)
+    plan = DatasetPlan(
+        labels=(HEALTHY, *(label for label in dict.fromkeys(named) if label != HEALTHY)),
+        severities=tuple(given.severities),
+        speeds=tuple(given.speeds),
+        torques=tuple(given.loads),
+        repeats=given.repeats,
+        noise=given.noise,
+        seed=given.seed,
+    )
+    with ProgressLine(given.quiet) as progress:
+        progress("preparing the stage")
+        labels = write_dataset(given.out, plan, make=partial(_imperfect_stage, given.housing), progress=progress)
+    if not given.quiet:
+        print(f"{len(labels)} synthetic recordings of {labels['label'].nunique()} labels are in {given.out}")
+        print("labels.csv says what each of them is")
+    return 0
+
+
+def _imperfect_stage(housing: str) -> GearStage:
+    """Return the paper's stage in a housing, with all imperfections of severity zero."""
+    from gearbox.stage.stage import GearStage
+
+    return GearStage.paper(housing=housing, imperfect=True, bearing_defects=True)

@@ -171,7 +171,13 @@ class UpdatingChain(UpdatingProblem):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", SurrogateWarning)
                 fitted[points, order] = fit_response_surface(
-                    space, x, y, order=order, test=(test[0], test[1]), response=self.objective.name
+                    space,
+                    x,
+                    y,
+                    order=order,
+                    test=(test[0], test[1]),
+                    response=self.objective.name,
+                    limits=(-1.0, 1.0),  # a cosine, or a share explained
                 )
         if float(row["test_r2"]) < 0.5:
             self.notes.append(
@@ -184,13 +190,16 @@ class UpdatingChain(UpdatingProblem):
     def search(self, choice: SurfaceChoice) -> tuple[OptimisationResult, pd.DataFrame]:
         """Step 7: the surface's maximum by fireflies with a local polish, and its rivals."""
         s = self.settings
-        best = maximise(
-            choice.surface,
-            choice.surface.space,
-            method=s.method,
-            options=s.options,
-            seed=np.random.default_rng([s.seed, 7]),
-        )
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always", SurrogateWarning)
+            best = maximise(
+                choice.surface,
+                choice.surface.space,
+                method=s.method,
+                options=s.options,
+                seed=np.random.default_rng([s.seed, 7]),
+            )
+        self.notes += [f"{str(w.message)[:1].upper()}{str(w.message)[1:]}." for w in told]
         return best, local_maxima(
             choice.surface, choice.surface.space, starts=30, seed=np.random.default_rng([s.seed, 8])
         )

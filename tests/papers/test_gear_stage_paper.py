@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
 import numpy as np
@@ -106,10 +107,12 @@ def test_a_healthy_stage_has_mesh_lines_only() -> None:
 
 def test_balances_agree() -> None:
     """Static transmission within 0.5 %, energy to 1e-6 of what is lost, mesh lines: as the papers page has them."""
-    from discrepancy.validation.published import AGREES
     from gearbox.papers.energy_balance import balances_chapter
 
-    rows = balances_chapter().rows
-    assert [r.what.split()[0] for r in rows if r.verdict == AGREES] == ["mean", "stored", "share"]
-    efficiency = float(rows[3].ours.removesuffix(" %"))
-    assert 97.0 < efficiency < 99.0  # an independent trial of the same stage had 98.4 %
+    force, energy, share, efficiency = balances_chapter().rows
+    ours, law = (float(v) for v in re.findall(r"(\d+\.\d) N", force.ours))
+    assert ours == pytest.approx(law, rel=5e-3)
+    assert float(energy.ours) < 1e-6
+    assert share.verdict == "agrees"
+    # an independent trial of the same stage had 98.4 %
+    assert 97.0 < float(efficiency.ours.removesuffix(" %")) < 99.0

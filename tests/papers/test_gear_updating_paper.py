@@ -25,13 +25,13 @@ def silent(text: str) -> None:
 def test_tables_that_need_no_simulation() -> None:
     rows = {r.what: r for chapter in (papers._geometry(), papers._table_5(), eq_18_chapter((1,))) for r in chapter.rows}
     assert rows["Hertz stiffness K (Eqs. 15 to 17), N/mm^1.5"].why.startswith("+2.5 %")
-    assert all(r.verdict == AGREES for what, r in rows.items() if what.startswith("joint speed"))
     stated = [r for what, r in rows.items() if what.endswith("(as stated)")]
     assert [r.ours for r in stated] == ["0.437", "0.564"]
     assert all(r.verdict == DIFFERS for r in stated)
     best = next(r for what, r in rows.items() if what.startswith("largest value"))
     # 0.76075 to five figures: PAPER 0.752 was found, the surface's own maximum is 0.7607.
-    assert float(best.ours.split()[0]) == pytest.approx(0.7607, abs=1.5e-4)
+    assert float(best.ours) == pytest.approx(0.7607, abs=1.5e-4)
+    assert best.verdict == DIFFERS
 
 
 def test_virtual_main_components_of_table_6() -> None:
@@ -93,7 +93,7 @@ def test_figs_9_and_10(recordings, gear_runs) -> None:
     assert (
         third.loc[[45, 50], "test_mean_relative_error"].mean() < third.loc[[25, 30], "test_mean_relative_error"].mean()
     )
-    rows = [r for c in (figs_9_10(result), papers._similarity(result)) for r in c.rows]
+    rows = [r for c in (figs_9_10(result), papers.similarity_chapter(result)) for r in c.rows]
     assert all(r.why or r.verdict == AGREES for r in rows)
     assert any("lost" in r.ours for r in rows)
 

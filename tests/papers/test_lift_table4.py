@@ -1,7 +1,7 @@
 """Figures of González et al. 2020 that the lift on the shipped bench has to give: Table 4, Fig. 6, Table 1.
 
-The bench's masses, stiffnesses and profiles are not published.  Four of the bench's numbers were fitted to the
-original column of Table 4; the other three columns follow from the model.
+The bench's masses, stiffnesses and profiles are not published.  Four of the bench's numbers were fitted to four figures
+of Table 4, one of them of the straightened column; what the others are worth stands in tests/papers/test_lift_page.py.
 """
 
 from __future__ import annotations

@@ -156,3 +156,24 @@ def test_every_fault_runs_at_full_severity_over_speeds_and_loads(tmp_path: Path)
     assert len(labels) == 4 * (1 + len(FAULTS))
     for name in labels["file"]:
         assert np.isfinite(pandas.read_parquet(tmp_path / "data" / name).to_numpy()).all()
+
+
+def test_the_command_writes_labelled_recordings(tmp_path: Path, quick: list[dict[str, float]], capsys) -> None:
+    from gearbox.rig.command import main
+
+    words = ["--severities", "0.5", "1", "--speeds", "1000", "1006", "--loads", "50", "--repeats", "2"]
+    assert main(["--faults", "wear", "eccentricity", *words, "--out", str(tmp_path / "data"), "--quiet"]) == 0
+    read = pandas.read_csv(tmp_path / "data" / "labels.csv")
+    assert read["label"].value_counts().to_dict() == {"wear": 8, "eccentricity": 8, "healthy": 4}
+    assert set(read["speed_rpm"]) == {1000.0, 1006.0}
+    assert len(quick) == len(read)
+
+
+def test_labelled_recordings_go_with_no_other_choice_of_what_is_hidden(tmp_path: Path) -> None:
+    from discrepancy.rigs.recording import BenchError
+    from gearbox.rig.command import main
+
+    with pytest.raises(BenchError, match="leave out --hide"):
+        main(["--faults", "wear", "--hide", "tooth_crack", "--out", str(tmp_path / "data")])
+    with pytest.raises(GearError, match="there is no such kind"):
+        main(["--faults", "waer", "--out", str(tmp_path / "data")])

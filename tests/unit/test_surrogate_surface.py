@@ -1,5 +1,6 @@
 """Response surfaces: exact recovery, derivatives, leave-one-out, intervals, files, bad input."""
 
+import dataclasses
 import json
 import warnings
 
@@ -13,6 +14,7 @@ from surrogate import (
     SurrogateWarning,
     fit_response_surface,
     latin_hypercube,
+    maximise,
     polynomial_terms,
     surface_study,
 )
@@ -308,3 +310,18 @@ def test_figures_label_units():
     axes = surface.plot().axes
     assert [a.get_xlabel() for a in axes] == ["simulated x [m]", "K [N/mm^1.5]", "C_D [N*s/mm]", "e_F"]
     assert len(latin_hypercube(SPACE, 9).plot().axes) == 4
+
+
+def test_a_maximum_beyond_what_the_response_can_be_is_told(tmp_path):
+    """A cubic on few points of a cosine promises more than 1 between them; the limit survives a file."""
+    space = DesignSpace.unit_cube(("a", "b"))
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.5, 0.2], [0.2, 0.7]])
+    steep = np.array([0.1, 0.1, 0.1, 0.1, 0.99, 0.99])
+    surface = fit_response_surface(space, points, steep, order=2, response="cosine similarity", limits=(-1.0, 1.0))
+    surface.save(tmp_path / "surface.json")
+    for one in (surface, ResponseSurface.load(tmp_path / "surface.json")):
+        with pytest.warns(SurrogateWarning, match=r"promises cosine similarity 1\.\d+, and none is above 1"):
+            best = maximise(one, space, method="multistart", budget=500)
+        assert best.value > 1.0
+    with pytest.raises(ValueError, match="limits must rise"):
+        dataclasses.replace(surface, limits=(1.0, -1.0))

@@ -6,16 +6,17 @@ import gzip
 import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from estimation.files.column_names import read_column_name
 from estimation.files.read_records import read_records
 from estimation.files.read_rules import ReadRules
-from estimation.files.record import Record
+from estimation.files.record import Record, RecordedSignal
 from estimation.signals.preparation import low_pass
 from multibody.base.units import UnitError
 from vtsdt.files.parameters import LiftParameters
@@ -69,6 +70,39 @@ class Trip:
     payload: float = 0.0
     offset: float = 0.0
     notes: tuple[str, ...] = ()
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time: ArrayLike,
+        tension: ArrayLike,
+        height: ArrayLike,
+        acceleration: ArrayLike,
+        *,
+        payload: float = 0.0,
+        name: str = "trip",
+    ) -> Trip:
+        """Return a trip from arrays in s, N, m and m/s², as they were recorded.
+
+        Raises
+        ------
+        AlignmentError
+            With every array that is not finite or has another length than the time, and a time that does not rise.
+        """
+        given = {"tension": tension, "height": height, "acceleration": acceleration}
+        values = {n: np.asarray(v, dtype=float) for n, v in given.items()}
+        t = np.asarray(time, dtype=float)
+        faults = [
+            f"{name}: {n} has shape {v.shape}, the time {t.shape}" for n, v in values.items() if v.shape != t.shape
+        ]
+        faults += [f"{name}: {n} is not finite everywhere" for n, v in values.items() if not np.isfinite(v).all()]
+        if t.ndim != 1 or t.size < 2 or not np.all(np.diff(t) > 0.0):
+            faults.append(f"{name}: the time must be one row that rises")
+        if faults:
+            raise AlignmentError(faults)
+        signals = {n: RecordedSignal(v, ROLES[n][0], n, ROLES[n][0]) for n, v in values.items()}
+        trip = prepare(Record(name=name, path=Path(name), time=t, signals=signals))
+        return replace(trip, payload=payload)
 
     @cached_property
     def speed(self) -> np.ndarray:

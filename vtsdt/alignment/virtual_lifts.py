@@ -10,17 +10,15 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
 from discrepancy.rigs.recording import Logger, RigDisturbance, perturb
-from estimation.files.record import Record, RecordedSignal
 from multibody.base.progress import Progress, silent
 from vtsdt.alignment.estimate import align, calibrated
 from vtsdt.alignment.filter import DEFAULT, Tuning
 from vtsdt.alignment.rail import equivalent_deviation, pressing_deviation
-from vtsdt.alignment.trips import Trip, prepare
+from vtsdt.alignment.trips import Trip
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.rig.models import with_rails
 from vtsdt.rig.rails import rail_tables
@@ -217,14 +215,10 @@ def prefixed(progress: Progress, prefix: str) -> Progress:
 
 def prepared(records: Sequence[dict[str, np.ndarray]]) -> list[Trip]:
     """Return records as trips: low-passed, without the accelerometer's offset."""
-    units = {"tension": "N", "height": "m", "acceleration": "m/s**2"}
-    trips = []
-    for k, record in enumerate(records):
-        signals = {name: RecordedSignal(record[name], unit, name, unit) for name, unit in units.items()}
-        trips.append(
-            prepare(Record(name=f"trip {k + 1}", path=Path(f"trip_{k + 1}"), time=record["time"], signals=signals))
-        )
-    return trips
+    return [
+        Trip.from_arrays(r["time"], r["tension"], r["height"], r["acceleration"], name=f"trip {k}")
+        for k, r in enumerate(records, 1)
+    ]
 
 
 def with_sensor_errors(

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED
 from multibody.base.progress import ProgressLine
 from vtsdt.cli.arguments import Parser, check_out, common
-from vtsdt.papers.validation import CHAPTERS, count, validate, write, write_docs_page
+from vtsdt.papers.validation import CHAPTERS, count, summary, validate, write, write_docs_page
 
 __all__ = ["main"]
 
@@ -35,9 +34,7 @@ def main(arguments: Sequence[str]) -> int:
             if args.docs:
                 write_docs_page(Path(args.docs), machine, part)
     if not args.quiet:
-        total = count(chapters)
-        print(
-            f"{total[AGREES]} agree, {total[DIFFERS]} differ for a known reason, {total[UNCHECKED]} cannot be checked"
-        )
+        for machine, part in chapters_by_paper.items():
+            print(f"{machine}: {summary(count(part))}")
         print(f"the page is {page}")
     return 0

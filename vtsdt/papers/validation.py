@@ -1,26 +1,66 @@
-"""The validation page: each table and figure of the papers, compared with this project, and a verdict on every row.
+"""The validation pages: each table and figure of the papers compared with this project, verdict and kind of every row.
 
-A row agrees within a stated tolerance, differs for a stated reason, or cannot be checked for a stated reason.
+A page carries the date on which it was written, a hash of the code that wrote it, and a digest of its own text, so that
+a number that is edited by hand is found.
 """
 
 from __future__ import annotations
 
+import datetime
+import hashlib
 import importlib
 import importlib.util
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from discrepancy.validation.published import AGREES, DIFFERS, UNCHECKED, PaperChapter
+from discrepancy.validation.published import AGREES, DIFFERS, KINDS, UNCHECKED, PaperChapter
 from multibody.base.progress import Progress, silent
 
-__all__ = ["CHAPTERS", "count", "to_json", "validate", "write", "write_docs_page"]
+__all__ = ["CHAPTERS", "Stamp", "count", "is_as_written", "summary", "to_json", "validate", "write", "write_docs_page"]
 
 #: Modules with the chapters of each machine, imported when needed: ``chapters(progress)`` yields them.
 CHAPTERS = {"lift": "vtsdt.papers.lift", "gearbox": "gearbox.papers.gearbox"}
 #: Machines whose chapters take a folder as well, in which they keep their simulations.
 KEEPING = ("gearbox",)
+#: Packages whose sources a page depends on.
+PACKAGES = ("multibody", "estimation", "surrogate", "discrepancy", "vtsdt", "gearbox")
+_SEAL = "Digest of this page: "
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """When a page was written, and by which code.
+
+    Parameters
+    ----------
+    date : str
+        ISO date.
+    code : str
+        First twelve digits of the SHA-256 of all sources of the packages.
+    """
+
+    date: str
+    code: str
+
+    @staticmethod
+    def now() -> Stamp:
+        """Return the stamp of today and of the code that runs."""
+        return Stamp(datetime.date.today().isoformat(), code_hash())
+
+
+def code_hash() -> str:
+    """Return the first twelve digits of the SHA-256 of all Python and TOML sources of the packages."""
+    digest = hashlib.sha256()
+    root = Path(__file__).resolve().parents[2]
+    for package in PACKAGES:
+        folder = root / package
+        for path in sorted(p for p in folder.rglob("*") if p.suffix in (".py", ".toml")):
+            digest.update(path.relative_to(root).as_posix().encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 def validate(
@@ -47,22 +87,52 @@ def validate(
     return chapters
 
 
-def count(chapters: Iterable[PaperChapter]) -> dict[str, int]:
-    """Return how many rows have each verdict."""
+def count(chapters: Iterable[PaperChapter]) -> dict[str, dict[str, int]]:
+    """Return how many rows agree and differ by kind, and how many cannot be checked.
+
+    Returns
+    -------
+    dict
+        ``{"predicted": {"agrees": n, "differs": n}, …, "cannot be checked": {"": n}}``.
+    """
     rows = [r for c in chapters for r in c.rows]
-    return {v: sum(r.verdict == v for r in rows) for v in (AGREES, DIFFERS, UNCHECKED)}
+    table = {
+        kind: {v: sum(r.kind == kind and r.verdict == v for r in rows) for v in (AGREES, DIFFERS)} for kind in KINDS
+    }
+    return {**table, UNCHECKED: {"": sum(r.verdict == UNCHECKED for r in rows)}}
 
 
-def to_markdown(chapters: Sequence[PaperChapter], images: str = "") -> str:
+def summary(total: dict[str, dict[str, int]]) -> str:
+    """Return the counts in one sentence."""
+    parts = [f"{kind} {total[kind][AGREES]} agree, {total[kind][DIFFERS]} differ" for kind in KINDS]
+    rows = sum(n for part in total.values() for n in part.values())
+    return f"{rows} rows: " + "; ".join(parts) + f"; {total[UNCHECKED]['']} cannot be checked."
+
+
+_KINDS_EXPLAINED = (
+    "*Predicted*: with other admissible inputs the row would have come out otherwise, so that it is evidence. "
+    "*Fitted*: numbers were chosen to meet the figure. *Identity or arithmetic*: it had to be, or nothing shows "
+    "that it could have been otherwise. Verdicts and kinds are worked out from the numbers of a row."
+)
+
+
+def to_markdown(chapters: Sequence[PaperChapter], images: str = "", stamp: Stamp | None = None) -> str:
     """Return the validation as a page; ``images`` is the folder of the figures as the page sees it."""
+    stamp = stamp or Stamp.now()
     total = count(chapters)
     lines = [
         "# Published results, and the results of this project",
         "",
-        "Written by `vtsdt validate papers`; do not edit. `pytest tests/papers` asserts these verdicts.",
+        f"Written on {stamp.date} by `vtsdt validate papers`, code {stamp.code}; do not edit: `pytest tests/papers` "
+        "finds it, and asserts these verdicts.",
         "",
-        f"{sum(total.values())} rows: {total[AGREES]} agree, {total[DIFFERS]} differ for a stated reason, "
-        f"{total[UNCHECKED]} cannot be checked.",
+        summary(total),
+        "",
+        "| | agree | differ |",
+        "| --- | ---: | ---: |",
+        *(f"| {kind} | {total[kind][AGREES]} | {total[kind][DIFFERS]} |" for kind in KINDS),
+        "",
+        _KINDS_EXPLAINED,
     ]
     paper = ""
     for chapter in chapters:
@@ -72,26 +142,49 @@ def to_markdown(chapters: Sequence[PaperChapter], images: str = "") -> str:
         lines += ["", f"### {chapter.place}: {chapter.title}", ""]
         if chapter.text:
             lines += [chapter.text, ""]
-        lines += ["| | paper | ours | | |", "| --- | --- | --- | --- | --- |"]
+        lines += ["| | paper | ours | | | |", "| --- | --- | --- | --- | --- | --- |"]
         lines += [
-            f"| {_cell(r.what)} | {_cell(r.paper)} | {_cell(r.ours)} | **{r.verdict}** | {_cell(r.why)} |"
+            f"| {cell(r.what)} | {cell(r.paper)} | {cell(r.ours)} | **{r.verdict}** | {r.kind} | {cell(r.why)} |"
             for r in chapter.rows
         ]
         lines += [line for name in chapter.figures for line in ("", f"![{chapter.place}, ours]({images}{name}.png)")]
-    return "\n".join(lines) + "\n"
+    body = "\n".join(lines) + "\n"
+    return f"{body}\n{_SEAL}{_digest(body)}\n"
 
 
-def _cell(text: str) -> str:
+def is_as_written(page: str) -> bool:
+    """Whether a page is still as it was written, by the digest in its last line."""
+    body, found, digest = page.rstrip("\n").rpartition(f"\n{_SEAL}")
+    return bool(found) and _digest(body) == digest
+
+
+def _digest(body: str) -> str:
+    return hashlib.sha256(body.encode()).hexdigest()[:16]
+
+
+def cell(text: str) -> str:
+    """Return a text as a cell of a Markdown table."""
     return text.replace("|", "\\|")
 
 
-def to_json(chapters: Sequence[PaperChapter]) -> dict[str, Any]:
+def to_json(chapters: Sequence[PaperChapter], stamp: Stamp | None = None) -> dict[str, Any]:
     """Return the validation as JSON."""
+    stamp = stamp or Stamp.now()
     return {
-        "schema": 1,
+        "schema": 2,
+        "date": stamp.date,
+        "code": stamp.code,
         "count": count(chapters),
         "chapters": [
-            {"paper": c.paper, "place": c.place, "title": c.title, "text": c.text, "rows": [vars(r) for r in c.rows]}
+            {
+                "paper": c.paper,
+                "place": c.place,
+                "title": c.title,
+                "text": c.text,
+                "rows": [
+                    {n: getattr(r, n) for n in ("what", "paper", "ours", "verdict", "kind", "why")} for r in c.rows
+                ],
+            }
             for c in chapters
         ],
     }
@@ -111,21 +204,41 @@ def write(out: Path, chapters: Sequence[PaperChapter]) -> Path:
         for name, figure in chapter.figures.items():
             figure.savefig(out / f"{name}.png", dpi=110, metadata={"Software": None})
             images[name] = base64.b64encode((out / f"{name}.png").read_bytes()).decode("ascii")
-    (out / "validation.md").write_text(to_markdown(chapters), encoding="utf-8")
-    text = json.dumps(to_json(chapters), indent=1, ensure_ascii=False) + "\n"
+    stamp = Stamp.now()
+    (out / "validation.md").write_text(to_markdown(chapters, stamp=stamp), encoding="utf-8")
+    text = json.dumps(to_json(chapters, stamp), indent=1, ensure_ascii=False) + "\n"
     (out / "validation.json").write_text(text, encoding="utf-8")
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("vtsdt", "templates"), autoescape=True, undefined=jinja2.StrictUndefined
     )
     css = resources.files("discrepancy").joinpath("templates/report.css").read_text(encoding="utf-8")
     page = out / "validation.html"
+    total = count(chapters)
     page.write_text(
         environment.get_template("validation.html").render(
-            css=Markup(css), chapters=chapters, images=images, count=count(chapters)
+            css=Markup(css),
+            chapters=[(c, _paragraphs(c.text)) for c in chapters],
+            images=images,
+            summary=summary(total),
+            kinds=_KINDS_EXPLAINED.replace("*", ""),
+            stamp=stamp,
         ),
         encoding="utf-8",
     )
     return page
+
+
+def _paragraphs(text: str) -> list[dict[str, Any]]:
+    """Return the paragraphs and tables of a chapter's text."""
+    parts: list[dict[str, Any]] = []
+    for block in text.strip().split("\n\n"):
+        lines = block.splitlines()
+        if lines and lines[0].startswith("|"):
+            cells = [[c.strip() for c in line.strip().strip("|").split(" | ")] for line in lines]
+            parts.append({"head": cells[0], "rows": cells[2:]})
+        elif block:
+            parts.append({"text": block})
+    return parts
 
 
 def write_docs_page(docs: Path, machine: str, chapters: Sequence[PaperChapter]) -> None:

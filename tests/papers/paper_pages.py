@@ -1,0 +1,70 @@
+"""Reads the papers' pages in the docs, and holds rows that come out now against those of the page."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from discrepancy.validation.published import PaperChapter
+from vtsdt.papers.validation import cell
+
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "method"
+#: A number, with its sign.
+_NUMBER = re.compile(r"[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def page_text(machine: str) -> str:
+    """Return the page of a machine."""
+    return (DOCS / f"papers-{machine}.md").read_text(encoding="utf-8")
+
+
+def page_rows(machine: str) -> dict[tuple[str, str], list[str]]:
+    """Return the cells of every row of a page by place and first cell."""
+    rows, place = {}, ""
+    for line in page_text(machine).splitlines():
+        if line.startswith("### "):
+            place = line[4:].partition(": ")[0]
+        cells = [c.strip() for c in re.split(r"(?<!\\)\|", line)[1:-1]]
+        if len(cells) == 6 and cells[0] and not cells[0].startswith("---"):
+            rows[place, cells[0]] = cells
+    return rows
+
+
+def differences(machine: str, chapters: Iterable[PaperChapter]) -> list[str]:
+    """Return how rows that come out now differ from those of the page.
+
+    Verdict and kind must be the same, and every number of ours to 2 % or two units of its last digit: simulations of
+    another processor differ by rounding only, which contact and a filter make larger.  Differences of rounding (1e-16)
+    and computing times are not compared.
+    """
+    page, found = page_rows(machine), []
+    for chapter in chapters:
+        for row in chapter.rows:
+            key = (chapter.place, cell(row.what))
+            if key not in page:
+                found.append(f"{key}: not on the page")
+                continue
+            _, paper, ours, verdict, kind, _ = page[key]
+            if (paper, verdict, kind) != (cell(row.paper), f"**{row.verdict}**", row.kind):
+                found.append(
+                    f"{key}: {paper}, {verdict}, {kind} on the page; {row.paper}, {row.verdict}, {row.kind} now"
+                )
+            if not row.what.startswith("time of") and not _same(ours, cell(row.ours)):
+                found.append(f"{key}: {ours} on the page, {row.ours} now")
+    return found
+
+
+def _same(one: str, other: str) -> bool:
+    if _NUMBER.sub("#", one) != _NUMBER.sub("#", other):
+        return False
+    return all(_near(a, b) for a, b in zip(_NUMBER.findall(one), _NUMBER.findall(other), strict=True))
+
+
+def _near(a: str, b: str) -> bool:
+    x, y = (float(n.replace("−", "-")) for n in (a, b))
+    if max(abs(x), abs(y)) < 1e-8:
+        return True
+    decimals = len(a.partition("e")[0].partition(".")[2])
+    exponent = int(a.partition("e")[2] or 0)
+    return abs(x - y) <= max(0.02 * abs(x), 2.0 * 10.0 ** (exponent - decimals))
