@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+import pytest
+
 from discrepancy.validation.published import PaperChapter
 from vtsdt.papers.validation import cell
 
@@ -15,8 +17,11 @@ _NUMBER = re.compile(r"[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 def page_text(machine: str) -> str:
-    """Return the page of a machine."""
-    return (DOCS / f"papers-{machine}.md").read_text(encoding="utf-8")
+    """Return the page of a machine; skips where the page in the docs has not been written by today's command yet."""
+    text = (DOCS / f"papers-{machine}.md").read_text(encoding="utf-8")
+    if "Digest of this page: " not in text and "| predicted |" not in text:
+        pytest.skip(f"an older page without kinds: vtsdt validate papers --only {machine} --out out --docs docs")
+    return text
 
 
 def page_rows(machine: str) -> dict[tuple[str, str], list[str]]:

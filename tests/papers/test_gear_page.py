@@ -50,6 +50,7 @@ def test_every_table_and_figure_has_its_place() -> None:
 
 
 def test_quick_rows_come_out_as_on_the_page() -> None:
+    page_text("gearbox")
     quick = (
         papers._drawings(),
         papers._geometry(),
@@ -95,5 +96,6 @@ def test_the_page_has_the_ranking_of_two_housings_and_surfaces_of_six_sizes() ->
 
 @pytest.mark.slow
 def test_every_row_comes_out_as_on_the_page(gear_runs) -> None:
-    """A quarter of an hour and more."""
+    """Three quarters of an hour on one processor."""
+    page_text("gearbox")
     assert differences("gearbox", papers.chapters(silent, gear_runs)) == []

@@ -49,6 +49,7 @@ def test_the_page_is_as_it_was_written() -> None:
 
 @pytest.fixture(scope="module")
 def quick() -> dict[str, PaperChapter]:
+    """The chapters that take seconds."""
     made = (drawings_chapter(), table_1_chapter(), figure_5_chapter(()), equations_chapter())
     return {c.place: c for c in made}
 
@@ -104,6 +105,7 @@ def lift() -> dict[str, PaperChapter]:
 
 @pytest.mark.slow
 def test_every_row_comes_out_as_on_the_page(lift: dict[str, PaperChapter]) -> None:
+    page_text("lift")
     assert list(lift) == PLACES
     assert differences("lift", lift.values()) == []
 
