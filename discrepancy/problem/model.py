@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from discrepancy.problem.fmu_model import fmu_model
 from discrepancy.problem.study_file import StudyError, StudyFile
 from estimation.files.column_names import pint_unit, to_si
 from multibody.base.references import module_named
@@ -118,6 +119,8 @@ def load_model(study: StudyFile, kind: type | None = None) -> Any:
     StudyError
         If the builder cannot be found, its arguments do not fit, it fails, or it returns something else.
     """
+    if study.model.fmu:
+        return fmu_model(study)
     builder = load_builder(study)
     if faults := _argument_faults(study, builder):
         raise StudyError(faults)

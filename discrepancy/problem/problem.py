@@ -133,10 +133,11 @@ def read_problem(path: str | Path, *, seed: int | None = None, max_effects: int 
     StudyError, RecordError, ModelError
         With all faults of the study, of the records or of the model.
     """
+    from discrepancy.problem.fmu_model import with_model_names
     from discrepancy.problem.model import check_names, load_model
     from multibody.machine.model import Model
 
-    study = read_study(path)
+    study = with_model_names(read_study(path))
     model = load_model(study, Model)
     system = model.build()
     units = {

@@ -12,6 +12,7 @@ from discrepancy.problem.paths import find_files, held_out_faults
 from discrepancy.problem.tables import (
     CandidatesTable,
     Column,
+    ConnectionTable,
     InitialTable,
     ModelTable,
     OffsetsTable,
@@ -30,7 +31,18 @@ if TYPE_CHECKING:
 
 __all__ = ["StudyError", "StudyFile", "read_study"]
 
-_TABLES = ("model", "uncertain", "inputs", "outputs", "records", "candidates", "study", "initial", "offsets")
+_TABLES = (
+    "model",
+    "uncertain",
+    "inputs",
+    "outputs",
+    "records",
+    "candidates",
+    "study",
+    "initial",
+    "offsets",
+    "connections",
+)
 #: Tables that another command reads from the same file, and checks itself.
 _OF_OTHERS = ("updating",)
 
@@ -83,6 +95,8 @@ class StudyFile:
         The tables of these names.
     warnings : tuple of str
         What is allowed but weakens the result.
+    connections : mapping of str to ConnectionTable
+        Where an FMU can take forces.
     """
 
     path: Path
@@ -98,6 +112,7 @@ class StudyFile:
     initial: InitialTable
     offsets: OffsetsTable
     warnings: tuple[str, ...] = field(default=())
+    connections: Mapping[str, ConnectionTable] = field(default_factory=dict)
 
     @property
     def preparation(self) -> Preparation:
@@ -224,8 +239,9 @@ class _Reader:
         candidates = self.struct(CandidatesTable, "candidates")
         study = self.struct(StudyTable, "study")
         offsets = self.struct(OffsetsTable, "offsets")
+        connections = self.connections()
         initial = self.initial()
-        self.check_model(model)
+        self.check_model(model, connections)
         self.check_uncertain(uncertain)
         self.check_columns(inputs, outputs, records)
         if "outputs" in self.content and not outputs and not self.faults:
@@ -263,6 +279,7 @@ class _Reader:
             initial=initial,
             offsets=offsets or OffsetsTable(),
             warnings=tuple(self.warnings),
+            connections=connections,
         )
 
     def struct(self, kind: type[Any], name: str, required: str = "") -> Any:
@@ -286,6 +303,18 @@ class _Reader:
             entries[key] = read_struct(kind, value, self.fault_at(where))
         return entries
 
+    def connections(self) -> dict[str, ConnectionTable]:
+        entries = {}
+        for key, value in self.table("connections").items():
+            where = f'[connections] "{key}"'
+            if not isinstance(value, dict):
+                self.fault(
+                    where, f'must be a table such as {{ force = "F", motion = "s", rate = "v" }}, and is {value!r}'
+                )
+                continue
+            entries[key] = read_struct(ConnectionTable, value, self.fault_at(where))
+        return entries
+
     def initial(self) -> InitialTable:
         table = dict(self.table("initial"))
         free = table.pop("free", [])
@@ -303,8 +332,17 @@ class _Reader:
                 self.fault(f'[initial] "{name}"', f'must be a number in SI, "free" or "measured", and is {value!r}')
         return InitialTable(values, tuple(dict.fromkeys(free)))
 
-    def check_model(self, model: ModelTable | None) -> None:
-        if model is None or not model.build:
+    def check_model(self, model: ModelTable | None, connections: Mapping[str, ConnectionTable]) -> None:
+        if model is None:
+            return
+        if bool(model.build) == bool(model.fmu):
+            both = "names two models" if model.build else "names no model"
+            self.fault("[model]", f'{both}: say build = "file.py:name" or fmu = "plant.fmu"')
+        if connections and not model.fmu:
+            self.fault("[connections]", "is for an FMU: a model of components has its connections itself")
+        if model.fmu:
+            self.check_fmu(model)
+        if not model.build:
             return
         source, _, name = model.build.rpartition(":")
         if not source or not name.isidentifier():
@@ -316,6 +354,15 @@ class _Reader:
             self.fault("[model] build", f"there is no file '{source}' beside the study{hint}")
         elif not source.endswith(".py") and not all(part.isidentifier() for part in source.split(".")):
             self.fault("[model] build", f"'{source}' is neither a file ending in .py nor a module's name")
+
+    def check_fmu(self, model: ModelTable) -> None:
+        if model.arguments:
+            self.fault("[model] arguments", "are for build: an FMU has parameters, name them in [uncertain]")
+        if not (self.path.parent / model.fmu).is_file():
+            folder = (self.path.parent / model.fmu).parent
+            siblings = sorted(p.name for p in folder.glob("*.fmu")) if folder.is_dir() else []
+            hint = nearest_or_choices(Path(model.fmu).name, siblings)
+            self.fault("[model] fmu", f"there is no file '{model.fmu}' beside the study{hint}")
 
     def check_uncertain(self, uncertain: Mapping[str, Uncertain]) -> None:
         for name, entry in uncertain.items():

@@ -14,6 +14,7 @@ from multibody.base.spelling import nearest_or_choices
 __all__ = [
     "CandidatesTable",
     "Column",
+    "ConnectionTable",
     "InitialTable",
     "ModelTable",
     "OffsetsTable",
@@ -28,10 +29,19 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 class ModelTable(msgspec.Struct, frozen=True):
-    """``[model]``: the callable that builds the model, and its keyword arguments."""
+    """``[model]``: the callable that builds the model and its keyword arguments, or an FMU of another tool."""
 
-    build: str
+    build: str = ""
     arguments: dict[str, Any] = {}
+    fmu: str = ""
+
+
+class ConnectionTable(msgspec.Struct, frozen=True):
+    """An entry of ``[connections]``: an FMU's force input, and the outputs that are its motion along this force."""
+
+    force: str
+    motion: str
+    rate: str
 
 
 class Uncertain(msgspec.Struct, frozen=True):

@@ -134,12 +134,17 @@ def kernel_sources(kernels: Kernels, statements: Iterable[Statement] = ()) -> tu
     for name, function in sorted(table_kernels.items()):
         texts += [_raw(name, function), _raw(f"{name}_slope", tables.SLOPES[function])]
         of_tables.append(_raw(tangent_name(name), tables.TANGENTS[function]))
+    with_text = {n: f for n, f in kernels.items() if hasattr(f, "tangent_text")}  # written by the component itself
+    for name, function in sorted(with_text.items()):
+        texts.append(function.text(name))
+        of_tables.append(function.tangent_text(tangent_name(name)))
     known = dict(kernels)
     plain: dict[str, ast.FunctionDef] = {}
-    while pending := [n for n in known if n not in plain and n not in table_kernels]:
+    while pending := [n for n in known if n not in plain and n not in table_kernels and n not in with_text]:
         for name in pending:
             plain[name] = _plain(name, known[name], known)
     counts = {name: _returned(node)[0] for name, node in plain.items()}
+    counts |= {name: function.returned for name, function in with_text.items()}
     for name, node in plain.items():
         _check_calls(node.body, counts, f"function {name}")
     for statement in statements:

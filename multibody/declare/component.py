@@ -44,6 +44,9 @@ class Component:
     #: distance of its points) or an output; the speed is the output at which the feature passes, or ``"time"``.
     features: ClassVar[dict[str, str]] = {}
 
+    #: Whether the equations call what only Python can: a model with such a component is not compiled.
+    only_python: ClassVar[bool] = False
+
     #: Names of states in their order; those that are not named here follow.
     state_order: ClassVar[tuple[str, ...]] = ()
 

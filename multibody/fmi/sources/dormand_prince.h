@@ -43,9 +43,10 @@ static void rates_at(Run *run, double t, const double *x, double *rates)
     model_rhs(t, x, s->value + U, s->value + P, rates);
 }
 
+/* A tighter relative tolerance tightens the absolute one, too. */
 static double allowed_error(const State *s, double a, double b)
 {
-    return ABSOLUTE_TOLERANCE + s->tolerance * fmax(fabs(a), fabs(b));
+    return s->tolerance * (ABSOLUTE_TOLERANCE / RELATIVE_TOLERANCE + fmax(fabs(a), fabs(b)));
 }
 
 /* Return the time in which something narrow passes by half of its width, at the speeds of a state. */

@@ -1,0 +1,210 @@
+"""A foreign unit as a component: its states, inputs, parameters and outputs in a model of components."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from multibody.assembly.equation_set import Assembly
+from multibody.base.spelling import nearest
+from multibody.declare.component import Component
+from multibody.declare.declarations import (
+    Declaration,
+    Input,
+    Option,
+    Output,
+    Parameter,
+    State,
+    Translation,
+)
+from multibody.equations.statements import variable
+from multibody.fmi.errors import FmuError
+from multibody.fmi.foreign_description import ForeignUnit, ForeignVariable, read_unit
+
+__all__ = ["Fmu", "Gap"]
+
+_KEYS = ("force", "motion", "rate")
+
+
+class Fmu(Component):
+    """A model from another tool (an FMU for Model Exchange, FMI 2.0 or 3.0).
+
+    Its states, inputs, parameters and outputs are those of the unit, in SI, under their own names with an underscore in
+    the place of every other character: ``body.x[1]`` is ``body_x_1``.  An input that nothing drives keeps its start
+    value.  The unit runs in a process of its own; the equations of a model that has one are evaluated by Python.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    connections : mapping, optional
+        For each flange that the unit is to have its force input and the outputs (or states) that are its motion along
+        this force: ``{"guide": {"force": "F_ext", "motion": "s", "rate": "v"}}``.  The flange has no acceleration:
+        what depends on it (an added mass) cannot act there.
+    given
+        Parameters, by name.
+
+    Raises
+    ------
+    FmuError
+        If the file cannot be used, with every reason.
+    """
+
+    path = Option("", "the file")
+    connections = Option("", "flanges, as 'guide: force=F_ext motion=s rate=v; ...'")
+
+    only_python: ClassVar[bool] = True
+
+    def __init__(
+        self, path: str | Path = "", connections: Mapping[str, Mapping[str, str]] | str = "", **given: Any
+    ) -> None:
+        text = connections if isinstance(connections, str) else _text(connections)
+        super().__init__(path=str(Path(path).absolute()), connections=text, **given)
+
+    def _decide_declarations(self) -> None:
+        unit = read_unit(str(self.options["path"]))
+        self.digest = unit.digest
+        chosen: dict[str, Declaration] = dict(self.declarations)
+
+        def add(name: str, item: Declaration) -> None:
+            object.__setattr__(item, "name", name)
+            chosen[name] = item
+
+        for v in unit.parameters:
+            add(v.own, Parameter(v.start, v.unit, v.meaning, min=v.min, max=v.max))
+        for v in unit.states:
+            add(v.own, State(v.unit, v.meaning, v.start))
+        for v in unit.inputs:
+            add(v.own, Input(v.unit, v.meaning, v.start))
+        for v in unit.outputs:
+            add(v.own, Output(v.unit, v.meaning))
+        for flange in _flanges(str(self.options["connections"]), unit):
+            add(flange.name, Translation(f"where '{flange.force.name}' acts", prescribed=True))
+        self.declarations = chosen
+
+    def assemble(self, owner: str, work: Assembly) -> None:
+        """Add the statements that ask the unit; an output that does not depend on an input does not wait for it."""
+        unit = read_unit(str(self.options["path"]))
+        flanges = _flanges(str(self.options["connections"]), unit)
+        used = {v.own: variable(owner, v.own) for v in (*unit.states, *unit.inputs, *unit.parameters)}
+        for flange in flanges:
+            own = flange.force.own
+            used[own] = f"{variable(owner, own)}___total"
+            reaction = variable(owner, flange.name, "reaction")
+            work.add(f"{used[own]} = {variable(owner, own)} - {reaction}", owner)
+            for what, shown in (("position", flange.motion), ("velocity", flange.rate)):
+                work.add(f"{variable(owner, flange.name, what)} = {variable(owner, shown.own)}", owner)
+            work.add(f"{variable(owner, flange.name, 'acceleration')} = 0.0", owner)
+        for k, (on, members) in enumerate(_groups(unit).items()):
+            results = [
+                variable(owner, "_der", unit.states[i].own)
+                if i < len(unit.states)
+                else variable(owner, unit.outputs[i - len(unit.states)].own)
+                for i in members
+            ]
+            kernel = f"k_fmu_{owner.replace('.', '_')}_{k}"
+            work.kernels[kernel] = _Asks(unit, members)
+            given = [
+                repr(v.start) if v in unit.inputs and v.reference not in on else used[v.own]
+                for v in (*unit.states, *unit.inputs, *unit.parameters)
+            ]
+            target = ", ".join(results)
+            work.add(f"{target} = {kernel}({', '.join(['t', *given])})", owner)
+
+
+class Gap(Component):
+    """Two flanges with nothing between them: a place where an effect can act."""
+
+    a = Translation("one side")
+    b = Translation("the other side")
+
+    def equations(self) -> None:
+        """State that no force acts."""
+        self.a.force = 0.0  # type: ignore[misc, attr-defined]
+        self.b.force = 0.0  # type: ignore[misc, attr-defined]
+
+
+class _Asks:
+    """A function for equations that brings its own text and that of its tangent (`called_functions.kernel_sources`)."""
+
+    def __init__(self, unit: ForeignUnit, members: tuple[int, ...]) -> None:
+        names = [f"a{k}" for k in range(len(unit.states) + len(unit.inputs) + len(unit.parameters))]
+        self.returned = len(members)
+        first = f"{str(unit.path)!r}, {unit.digest!r}, {members!r}, t, {_tuple(names)}"
+        dots = [f"{n}_dot" for n in names]
+        one = "[0]" if self.returned == 1 else ""
+        module = "multibody.fmi.foreign"
+        self._plain = (
+            f"({', '.join(['t', *names])}):\n    from {module} import evaluate\n    return evaluate({first}){one}\n"
+        )
+        self._tangent = (
+            f"({', '.join(['t', *names, 't_dot', *dots])}):\n    from {module} import tangent\n"
+            f"    return tangent({first}, {_tuple(dots)})\n"
+        )
+
+    def text(self, name: str) -> str:
+        """Return the text of the function under a name."""
+        return f"def {name}{self._plain}"
+
+    def tangent_text(self, name: str) -> str:
+        """Return the text of its tangent under a name."""
+        return f"def {name}{self._tangent}"
+
+
+def _tuple(names: list[str]) -> str:
+    return f"({', '.join(names)},)" if names else "()"
+
+
+def _groups(unit: ForeignUnit) -> dict[frozenset[int], tuple[int, ...]]:
+    """Return rates and outputs by the inputs that they depend on: rates on all, and so does what says nothing."""
+    every = frozenset(v.reference for v in unit.inputs)
+    groups: dict[frozenset[int], list[int]] = {every: list(range(len(unit.states)))}
+    for k, v in enumerate(unit.outputs):
+        on = every if v.depends_on is None else frozenset(v.depends_on)
+        groups.setdefault(on, []).append(len(unit.states) + k)
+    return {on: tuple(members) for on, members in groups.items() if members}
+
+
+@dataclass(frozen=True)
+class _Flange:
+    name: str
+    force: ForeignVariable
+    motion: ForeignVariable
+    rate: ForeignVariable
+
+
+def _text(connections: Mapping[str, Mapping[str, str]]) -> str:
+    return "; ".join(f"{name}: {' '.join(f'{k}={v}' for k, v in given.items())}" for name, given in connections.items())
+
+
+def _flanges(text: str, unit: ForeignUnit) -> list[_Flange]:
+    flanges, faults = [], []
+    shown = {n: v for v in (*unit.states, *unit.outputs) for n in (v.name, v.own)}
+    driven = {n: v for v in unit.inputs for n in (v.name, v.own)}
+    for part in filter(None, (p.strip() for p in text.split(";"))):
+        name, _, rest = part.partition(":")
+        given = dict(word.partition("=")[::2] for word in rest.split())
+        where = f"connection '{name}'"
+        if missing := [k for k in _KEYS if k not in given]:
+            faults.append(f"{where}: {' and '.join(missing)} missing: say which variable it is")
+        faults += [f"{where}: there is no key '{k}'{nearest(k, _KEYS)}" for k in given if k not in _KEYS]
+        found = {}
+        for key, kind, known in (("force", "input", driven), ("motion", "output", shown), ("rate", "output", shown)):
+            if key in given and given[key] not in known:
+                faults.append(f"{where}, {key}: '{unit.name}' has no {kind} '{given[key]}'{nearest(given[key], known)}")
+            elif key in given:
+                found[key] = known[given[key]]
+        if len(found) == len(_KEYS):
+            flanges.append(_Flange(name.strip(), **found))
+            for key in ("motion", "rate"):
+                if found[key] in unit.outputs and found["force"].reference in _inputs_of(found[key], unit):
+                    faults.append(f"{where}, {key}: '{given[key]}' depends on the force at the same instant")
+    if faults:
+        raise FmuError(f"'{unit.path.name}' cannot be used:\n" + "\n".join(f"  - {f}" for f in faults))
+    return flanges
+
+
+def _inputs_of(v: ForeignVariable, unit: ForeignUnit) -> set[int]:
+    return {i.reference for i in unit.inputs} if v.depends_on is None else set(v.depends_on)
