@@ -11,10 +11,10 @@ from multibody.fmi.errors import FmuError
 from multibody.fmi.foreign_description import ForeignUnit, read_unit
 from multibody.machine.model import Model
 
-__all__ = ["PLANT", "fmu_model", "with_model_names"]
+__all__ = ["fmu_model", "with_model_names"]
 
 #: The unit's name in the model: its parameter ``body.m`` is ``plant.body_m``.
-PLANT = "plant"
+_PLANT = "plant"
 
 
 def fmu_model(study: StudyFile) -> Model:
@@ -33,7 +33,7 @@ def fmu_model(study: StudyFile) -> Model:
     }
     model = Model(unit.name)
     try:
-        plant = model.add(PLANT, Fmu(unit.path, connections=connections))
+        plant = model.add(_PLANT, Fmu(unit.path, connections=connections))
     except FmuError as error:
         raise StudyError([f"{study.path.name}, [connections]: {error}"]) from error
     for name in connections:
@@ -42,9 +42,9 @@ def fmu_model(study: StudyFile) -> Model:
         model.connect(gap.a, model.ground)
     for v in unit.inputs:
         if v.name in study.inputs:
-            model.input(v.name, f"{PLANT}.{v.own}")
+            model.input(v.name, f"{_PLANT}.{v.own}")
     for v in (*unit.states, *unit.outputs):
-        model.output(v.name, f"{PLANT}.{v.own}")
+        model.output(v.name, f"{_PLANT}.{v.own}")
     return model
 
 
@@ -53,7 +53,7 @@ def with_model_names(study: StudyFile) -> StudyFile:
     if not study.model.fmu:
         return study
     unit = _unit(study)
-    names = {v.name: f"{PLANT}.{v.own}" for v in (*unit.parameters, *unit.states)}
+    names = {v.name: f"{_PLANT}.{v.own}" for v in (*unit.parameters, *unit.states)}
 
     def known(entries: Any) -> dict[str, Any]:
         return {names.get(name, name): value for name, value in entries.items()}

@@ -52,10 +52,15 @@ def unit(request: Any, axis: System, tmp_path_factory: Any) -> Path:
     return axis.to_fmu(tmp_path_factory.mktemp("fmu") / "axis.fmu", fmi_version=request.param)
 
 
+@pytest.fixture(scope="module")
+def good(axis: System, tmp_path_factory: Any) -> Path:
+    return axis.to_fmu(tmp_path_factory.mktemp("good") / "axis.fmu", fmi_version="2.0")
+
+
 @pytest.fixture
-def second(axis: System, tmp_path: Path) -> Path:
+def second(good: Path, tmp_path: Path) -> Path:
     """Return a unit of FMI 2.0 that a test may spoil."""
-    return axis.to_fmu(tmp_path / "axis.fmu", fmi_version="2.0")
+    return Path(shutil.copy(good, tmp_path / "axis.fmu"))
 
 
 def plant_of(path: Path, **connections: Any) -> Model:
@@ -317,7 +322,7 @@ def test_study_names_an_fmu(second: Path) -> None:
     [
         ('fmu = "axis.fmu"', 'fmu = "axes.fmu"', "no file 'axes.fmu'.*axis.fmu"),
         ('fmu = "axis.fmu"', 'fmu = "axis.fmu"\nbuild = "a.py:b"', "names two models"),
-        ('fmu = "axis.fmu"', "", "names no model"),
+        ('fmu = "axis.fmu"', 'fmu = ""', "names no model"),
         ('fmu = "axis.fmu"', 'fmu = "axis.fmu"\narguments = { a = 1 }', "arguments"),
         ('rate = "carriage.velocity"', 'rate = "carriage.speed"', "no output 'carriage.speed'"),
         ('force = "F_ext", ', "", "force"),
