@@ -31,6 +31,10 @@ class _Process:
 
     def __init__(self, path: str) -> None:
         self.path = Path(path)
+        if os.name != "posix":
+            raise SimulationError(
+                f"the FMU '{self.path.name}' cannot run: its process inherits a pipe, as on Linux and macOS"
+            )
         self.unit = unit = read_unit(path)
         self.connection, theirs = Pipe()
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
