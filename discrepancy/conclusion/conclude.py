@@ -10,14 +10,20 @@ import numpy as np
 from discrepancy.conclusion.conclusion import Conclusion, HiddenEffect, NegligibleEffect, RefusedEffect
 from discrepancy.conclusion.sentences import (
     answer,
+    check_sentence,
     curve_statement,
     manual_checks,
     poor_fit_note,
+    probability_sentence,
     title_of,
     verdict_of,
     warnings_about_effects,
 )
 from discrepancy.effects.effect import unit_at
+from discrepancy.evidence.checks import Check, predictive_checks
+from discrepancy.evidence.posterior import Posterior, posterior
+from discrepancy.evidence.random_forces import RandomForces, random_forces_of
+from discrepancy.evidence.search import EvidenceSearch
 from discrepancy.questions.next_measurement import next_measurements
 from discrepancy.questions.parameter_trend import Trend, parameter_trends
 from discrepancy.questions.unknown_force import (
@@ -29,6 +35,7 @@ from discrepancy.questions.unknown_force import (
 from discrepancy.residual.input_noise import noise_summary
 from discrepancy.search.omnibus import Omnibus
 from discrepancy.search.state import SearchState
+from discrepancy.sensitivities.disturbance import DisturbanceForce
 from discrepancy.sensitivities.input_feedback import feedback_messages, inputs_with_feedback
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 from discrepancy.stages.stage import AcceptedEffect, Stage
@@ -39,8 +46,15 @@ __all__ = ["conclude"]
 MOST_NEGLIGIBLE = 3  # effects that are present but change too little, of which the report lists as many
 
 
-def conclude(state: SearchState) -> Conclusion:
-    """Return the conclusion of a search, or of a comparison where nothing was searched."""
+def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> Conclusion:
+    """Return the conclusion of a search, or of a comparison where nothing was searched.
+
+    Parameters
+    ----------
+    state : SearchState
+    by_evidence : EvidenceSearch, optional
+        That made the stages, if it was such a search.
+    """
     problem, stages = state.problem, tuple(state.stages)
     last = stages[-1]
     accepted = [s.accepted for s in stages if s.accepted is not None]
@@ -53,12 +67,18 @@ def conclude(state: SearchState) -> Conclusion:
     if unidentified is not None:
         curve, force = unidentified
         verdict = "unknown effect"
+    checks = _checks(state, by_evidence)
+    failed = [c for c in checks if not c.passed]
+    if failed and not accepted:
+        verdict = "unknown effect"
     refused, hidden = _not_found(state)
     negligible = _negligible(state)
     trips = state.if_simulated("what to measure next", lambda: next_measurements(state)) or ()
     noisy = state.prepared.noisy if state.prepared is not None else ()
     feedback = _inputs_with_feedback(state)
-    disturbance = last.disturbance
+    disturbance: DisturbanceForce | RandomForces | None = last.disturbance
+    if by_evidence is not None and by_evidence.final.likelihood is not None:
+        disturbance = random_forces_of(by_evidence.final.likelihood)
     trends = state.if_simulated("whether parameters change along the records", lambda: _trends(state)) or ()
     warnings = [
         *problem.warnings,
@@ -77,8 +97,11 @@ def conclude(state: SearchState) -> Conclusion:
     if curve is not None and not accepted:
         sentences = [curve.statement + poor_fit_note(last)]
     else:
-        sentences = [answer(stages, hidden, negligible, judged_on) + poor_fit_note(last)]
+        sentences = [answer(stages, hidden, negligible, judged_on, verdict) + poor_fit_note(last)]
         sentences += [omnibus.sentence] if omnibus is not None else []
+    sentences += [check_sentence(failed)] if failed else []
+    probabilities = _probabilities(by_evidence, verdict)
+    sentences += [probability_sentence(probabilities)] if probabilities is not None else []
     sentences += [noise_summary(noisy)] if noisy else []
     paths = [str(problem.path)] if problem.path is not None else []
     paths += [str(e.record.path) for e in (*problem.identify, *problem.validate)]
@@ -93,6 +116,12 @@ def conclude(state: SearchState) -> Conclusion:
         extra["disturbance"] = disturbance.to_dict()
     if trends:
         extra["parameter_trends"] = [t.to_dict() for t in trends]
+    if probabilities is not None:
+        extra["probabilities"] = probabilities.to_dict()
+    if checks:
+        extra["predictive_checks"] = [c.to_dict() for c in checks]
+    if by_evidence is not None and by_evidence.unconfirmed:
+        extra["not_confirmed_on_held_out_records"] = list(by_evidence.unconfirmed)
     if omnibus is not None:
         extra["follows_inputs"] = _omnibus_entry(omnibus)
     return Conclusion(
@@ -112,7 +141,28 @@ def conclude(state: SearchState) -> Conclusion:
         name=problem.name,
         paths=tuple(paths),
         extra=extra,
+        probabilities=probabilities,
+        models=tuple(by_evidence.models.values()) if by_evidence is not None else (),
     )
+
+
+def _checks(state: SearchState, by_evidence: EvidenceSearch | None) -> tuple[Check, ...]:
+    """Return the predictive checks of the final model of a search by evidence."""
+    likelihood = by_evidence.final.likelihood if by_evidence is not None else None
+    if likelihood is None:
+        return ()
+    checks = state.if_simulated("whether the innovations are as promised", lambda: predictive_checks(likelihood))
+    return checks or ()
+
+
+def _probabilities(by_evidence: EvidenceSearch | None, verdict: str) -> Posterior | None:
+    """Return how probable each answer is, for a search by evidence."""
+    if by_evidence is None:
+        return None
+    found = [str(e) for e in by_evidence.state.stages[-1].effects]
+    start = by_evidence.start
+    asked = start.proposals if start is not None else None
+    return posterior(by_evidence.models, found, asked, unknown=verdict == "unknown effect")
 
 
 def _accepted_curve(

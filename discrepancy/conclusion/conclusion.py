@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
+from discrepancy.evidence.models import TriedModel
+from discrepancy.evidence.posterior import Posterior
 from discrepancy.questions.compare import Comparison, compare
 from discrepancy.questions.locate import WhereItFails, locate
 from discrepancy.questions.unknown_force import UnknownCurve
@@ -94,6 +96,10 @@ class Conclusion:
         Of the study file and the recordings.
     extra : mapping
         Further entries of ``diagnosis.json``.
+    probabilities : Posterior or None
+        Of what is missing, where the search was by evidence.
+    models : tuple of TriedModel
+        Every model that such a search tried, in that order.
     """
 
     verdict: str
@@ -112,6 +118,8 @@ class Conclusion:
     name: str = ""
     paths: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
+    probabilities: Posterior | None = None
+    models: tuple[TriedModel, ...] = ()
 
     @property
     def baseline(self) -> Stage:

@@ -11,6 +11,8 @@ import numpy as np
 from discrepancy.conclusion.conclusion import HiddenEffect, NegligibleEffect
 from discrepancy.effects.gain_words import gain_in_words
 from discrepancy.effects.kinds import kind_named
+from discrepancy.evidence.checks import Check
+from discrepancy.evidence.posterior import Posterior
 from discrepancy.questions.explained_share import explained_share
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
@@ -18,9 +20,11 @@ from multibody.base.quantity_text import quantity_text
 
 __all__ = [
     "answer",
+    "check_sentence",
     "curve_statement",
     "manual_checks",
     "poor_fit_note",
+    "probability_sentence",
     "title_of",
     "title_of_rival",
     "warnings_about_effects",
@@ -28,6 +32,8 @@ __all__ = [
 
 #: Multiple of its noise, and share of its spread, from which an output's error is said to be large: chosen.
 LARGE_OVER_NOISE, LARGE_OVER_SPREAD = 10.0, 0.1
+#: Relative change of an error below which it is said to stay.
+SAME_ERROR = 0.01
 #: Things to do next that are listed.
 MOST_CHECKS = 6
 
@@ -70,7 +76,11 @@ def title_of_rival(rival: RivalExplanation) -> str:
 
 
 def answer(
-    stages: Sequence[Stage], hidden: Sequence[HiddenEffect], negligible: Sequence[NegligibleEffect], judged_on: str
+    stages: Sequence[Stage],
+    hidden: Sequence[HiddenEffect],
+    negligible: Sequence[NegligibleEffect],
+    judged_on: str,
+    verdict: str = "",
 ) -> str:
     """Return the answer in two or three sentences.
 
@@ -84,8 +94,12 @@ def answer(
         Effects that are present but change too little.
     judged_on : {"identify", "validate"}
         Records on which the explained share is computed.
+    verdict : str
+        Of the conclusion.
     """
     accepted = [s.accepted for s in stages if s.accepted is not None]
+    if not accepted and verdict == "unknown effect":
+        return "Something is missing that no effect of the catalogue explains." + negligible_sentence(negligible)
     if not accepted:
         return _nothing_found(hidden, negligible)
     names = [title_of(a) for a in accepted]
@@ -97,7 +111,8 @@ def answer(
         if first[0].masked_by == str(second[0].effect):
             text += f" {first[1].capitalize()} and {second[1]} mask each other: either alone changes little."
     share, _ = explained_share(stages[1], stages[-1], judged_on)
-    text += f" {100 * share:.0f} % of the mean square error above the noise floor is gone."
+    if share > 0.0:
+        text += f" {100 * share:.0f} % of the mean square error above the noise floor is gone."
     return text + _tie(accepted, names)
 
 
@@ -135,15 +150,23 @@ def negligible_sentence(negligible: Sequence[NegligibleEffect]) -> str:
 
 
 def _error_reduction(before: Stage, after: Stage) -> str:
-    """Return by how much the error of the output that falls most has fallen."""
+    """Return how the error of every output has changed."""
     part = "validate" if after.validate is not None else "identify"
     a, b = before.rmse(part), after.rmse(part)
-    name = min(b, key=lambda n: b[n] / a[n] if a[n] > 0 else 1.0)
     records = "on records that were not used to find it" if part == "validate" else "on the records used to find it"
-    unit = after.system.unit(name)
     them = "it" if len(after.effects) == 1 else "them"
-    before_text, after_text = quantity_text(a[name], unit), quantity_text(b[name], unit)
-    return f" With {them} the error of {name} falls from {before_text} to {after_text} {records}."
+    changes = []
+    for name in sorted(b, key=lambda n: b[n] / a[n] if a[n] > 0.0 else 1.0):
+        unit = after.system.unit(name)
+        before_text, after_text = quantity_text(a[name], unit), quantity_text(b[name], unit)
+        if a[name] > 0.0 and abs(b[name] / a[name] - 1.0) < SAME_ERROR:
+            changes.append(f"that of {name} stays at {after_text}")
+        else:
+            verb = "falls" if b[name] < a[name] else "rises"
+            changes.append(f"that of {name} {verb} from {before_text} to {after_text}")
+    first, *others = changes
+    listed = first.replace("that of", "the error of", 1) + "".join(f", {c}" for c in others)
+    return f" With {them} {listed}, {records}."
 
 
 def _conflict_without_effects(before: Stage, after: Stage) -> str:
@@ -171,6 +194,43 @@ def _tie(accepted: Sequence[AcceptedEffect], names: Sequence[str]) -> str:
 def _last(accepted: Sequence[AcceptedEffect]) -> Sequence[AcceptedEffect]:
     """Return the last effect, or the last two where they mask each other."""
     return accepted[-2:] if accepted[-1].masked_by else accepted[-1:]
+
+
+def check_sentence(failed: Sequence[Check]) -> str:
+    """Return where the final model does not predict its records as it promises."""
+    worst = max(failed, key=lambda c: abs(c.deviations))
+    if worst.what == "whiteness":
+        how = f"successive innovations of {worst.output} are correlated ({worst.value:.2f})"
+    else:
+        how = (
+            f"the innovations of {worst.output} at {worst.what} have {worst.value:.2g} times the mean "
+            "square of the others"
+        )
+    return f"The model does not predict its records as well as it promises: {how}."
+
+
+def probability_sentence(probabilities: Posterior) -> str:
+    """Return how probable the answer is, and what else it could be."""
+    if not probabilities.effects:
+        return (
+            f"Probability that nothing is missing which would matter: {_percent(probabilities.nothing)}; that "
+            f"something outside the catalogue is: {_percent(probabilities.unknown)}."
+        )
+    parts = []
+    for effect in probabilities.effects:
+        name = f"{kind_title(effect.kind)} at {effect.where}"
+        others = [
+            f"{kind_title(n.partition('@')[0])} at {n.partition('@')[2]} ({_percent(p)})"
+            for n, p in effect.alternatives
+        ]
+        parts.append(f"{name} {_percent(effect.probability)}" + (f", or {', or '.join(others)}" if others else ""))
+    return f"Probabilities: {'; '.join(parts)}."
+
+
+def _percent(probability: float) -> str:
+    if probability > 0.99:
+        return "over 99 %"
+    return "under 1 %" if probability < 0.01 else f"{100 * probability:.0f} %"
 
 
 def verdict_of(accepted: Sequence[AcceptedEffect]) -> str:

@@ -161,6 +161,11 @@ class Effect:
             return str(item.unit)
         return {"gain": "", "delay": "s", "lag": "s", "filter": "s", "offset": "", "drift": ""}[parameter]
 
+    def usual_shape(self) -> dict[str, float]:
+        """Return the law's parameters beside its strengths, at their usual values (connections)."""
+        usual = _usual_shape(self.definition, self.domain, self.over)
+        return {k: v for k, v in usual.items() if v is not None}
+
     def with_values(self, values: Mapping[str, float]) -> Effect:
         """Return the effect with parameters replaced, given by full name."""
         mine = {

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -16,6 +16,31 @@ if TYPE_CHECKING:
     from discrepancy.statistics.scan_result import ScanRow
 
 __all__ = ["DIFFERENCE", "FURTHEST", "contained", "differs_from", "effect_of", "simpler_in"]
+
+
+class Scored(Protocol):
+    """A candidate with the strength that a scan expects of it."""
+
+    @property
+    def kind(self) -> str:
+        """Of effect."""
+        ...
+
+    @property
+    def where(self) -> str:
+        """Connection or signal."""
+        ...
+
+    @property
+    def shape(self) -> Mapping[str, float]:
+        """At which it fits best."""
+        ...
+
+    @property
+    def expected_strength(self) -> np.ndarray:
+        """One value for each strength of its kind."""
+        ...
+
 
 FURTHEST = 10.0  # times a stated value, or its inverse, to which a straight line from it is followed; chosen
 DIFFERENCE = "difference"  # name of the one amplitude of a law with two sides where their mean is in the model already
@@ -39,13 +64,14 @@ def differs_from(effects: Sequence[Effect], kind: Kind, where: str) -> bool:
     return kind.by_direction and bool(simpler_in(effects, kind.name, where))
 
 
-def effect_of(entry: Entry, row: ScanRow, effects: Sequence[Effect], instead_of: Sequence[Effect] = ()) -> Effect:
+def effect_of(entry: Entry, row: Scored, effects: Sequence[Effect], instead_of: Sequence[Effect] = ()) -> Effect:
     """Return the effect that a row of a scan stands for, at its expected strength.
 
     Parameters
     ----------
     entry : Entry
-    row : ScanRow
+    row : Scored
+        Such as a row of a scan.
     effects : sequence of Effect
         What the model has already.
     instead_of : sequence of Effect

@@ -48,6 +48,8 @@ class Problem:
     warnings : tuple of str
     inputs : {"auto", "as recorded"}
         ``"auto"`` takes noise out of recorded inputs where it matters (`discrepancy.residual.input_noise`).
+    search : {"significance", "evidence"}
+        How models are compared: by steps (`discrepancy.search`) or by evidence (`discrepancy.evidence`).
     """
 
     name: str
@@ -65,6 +67,7 @@ class Problem:
     path: Path | None = None
     warnings: tuple[str, ...] = ()
     inputs: str = "auto"
+    search: str = "significance"
 
 
 def make_experiments(
@@ -176,6 +179,7 @@ def read_problem(path: str | Path, *, seed: int | None = None, max_effects: int 
         path=study.path,
         warnings=(*study.warnings, *of_records),
         inputs=study.study.inputs,
+        search=study.study.search,
     )
 
 

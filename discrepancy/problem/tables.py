@@ -97,7 +97,8 @@ class CandidatesTable(msgspec.Struct, frozen=True):
 class StudyTable(msgspec.Struct, frozen=True):
     """``[study]``: how the search is run.
 
-    ``level`` is the chance, over all candidates of a step together, of naming an effect that is not there.
+    ``level`` is the chance, over all candidates of a step together, of naming an effect that is not there.  ``search``
+    compares models step by step by the significance of effects, or whole models by their marginal likelihood.
     """
 
     residual: Literal["auto", "simulation", "prediction", "inverse"] = "auto"
@@ -105,6 +106,7 @@ class StudyTable(msgspec.Struct, frozen=True):
     seed: int = 0
     max_effects: int = 6
     level: float = 0.02
+    search: Literal["significance", "evidence"] = "significance"
 
 
 class OffsetsTable(msgspec.Struct, frozen=True):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from discrepancy.conclusion.conclusion import Conclusion, Evidence, evidence_of
 from discrepancy.report import effect_figures, figures
 from discrepancy.report.content import content
+from discrepancy.report.decisions_json import save_decisions
 from discrepancy.report.diagnosis_json import save_diagnosis
 from discrepancy.report.schema import VERDICTS
 from discrepancy.stages.residuals_along_motion import residuals_along_motion
@@ -215,6 +216,8 @@ def write_report(conclusion: Conclusion, out: str | Path, evidence: Evidence | N
     conclusion = replace(conclusion, warnings=(*conclusion.warnings, *faults))
     name = "diagnosis.json" if conclusion.verdict in VERDICTS else "comparison.json"
     paths.insert(0, save_diagnosis(conclusion, out / name, evidence))
+    if conclusion.models:
+        paths.append(save_decisions(conclusion, out / "decisions.json"))
     drawn = pictures(conclusion, evidence)
     page = out / "report.html"
     page.write_text(render(conclusion, evidence, drawn), encoding="utf-8")

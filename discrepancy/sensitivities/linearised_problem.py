@@ -20,6 +20,7 @@ from multibody.system.simulate import simulate
 
 if TYPE_CHECKING:
     from discrepancy.effects.catalogue import Entry
+    from discrepancy.statistics.blocks import Weighting
     from discrepancy.statistics.low_rank_weighting import LowRankWeighting
     from estimation.fit.calibrate import Calibration
     from estimation.response.experiment import Experiment
@@ -55,7 +56,7 @@ class LinearisedProblem:
         Parameter vector.
     noise : mapping of str to float
         Noise floor of each output, SI.
-    weighting : tuple of LowRankWeighting
+    weighting : tuple of Weighting
         Weight of each experiment's blocks where an unknown force disturbs the machine; empty: none.
     """
 
@@ -66,11 +67,11 @@ class LinearisedProblem:
     preparation: Preparation
     p: np.ndarray
     noise: Mapping[str, float] = field(default_factory=dict)
-    weighting: tuple[LowRankWeighting, ...] = ()
+    weighting: tuple[Weighting, ...] = ()
     _unweighted: dict[Any, Any] = field(default_factory=dict, repr=False)
     _weighted: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
 
-    def weighted_by(self, weighting: Sequence[LowRankWeighting]) -> LinearisedProblem:
+    def weighted_by(self, weighting: Sequence[Weighting]) -> LinearisedProblem:
         """Return the same problem with other weights; what does not depend on them is shared."""
         return replace(self, weighting=tuple(weighting))
 

@@ -8,14 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from discrepancy.statistics.low_rank_weighting import LowRankWeighting
-
 Array = NDArray[np.float64]
+
+
+class Weighting(Protocol):
+    """A linear map of one block's arrays, (n_t, n_channels) or (n_t, n_channels, k), and its inverse."""
+
+    def __call__(self, block: Array) -> Array:
+        """Return a block weighted."""
+        ...
+
+    def inverse(self, block: Array) -> Array:
+        """Return a block as it was before it was weighted."""
+        ...
 
 
 def _check_blocks(name: str, blocks: Sequence[Array], ndim: int) -> list[str]:
@@ -46,7 +56,7 @@ class Residual:
         Sampling interval, s.
     channels : sequence of str
         Names of the outputs, one per column.
-    weighting : sequence of LowRankWeighting
+    weighting : sequence of Weighting
         Weighting of each block, applied to its sensitivities and candidates as well; empty: none.
 
     Raises
@@ -58,10 +68,10 @@ class Residual:
     blocks: tuple[Array, ...]
     dt: float
     channels: tuple[str, ...]
-    weighting: tuple[LowRankWeighting, ...] = ()
+    weighting: tuple[Weighting, ...] = ()
 
     def __init__(
-        self, blocks: Sequence[Array], dt: float, channels: Sequence[str], weighting: Sequence[LowRankWeighting] = ()
+        self, blocks: Sequence[Array], dt: float, channels: Sequence[str], weighting: Sequence[Weighting] = ()
     ) -> None:
         object.__setattr__(self, "blocks", tuple(np.asarray(b, dtype=float) for b in blocks))
         object.__setattr__(self, "dt", float(dt))

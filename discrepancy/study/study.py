@@ -12,6 +12,7 @@ import numpy as np
 from discrepancy.conclusion.conclude import conclude
 from discrepancy.conclusion.conclusion import Conclusion
 from discrepancy.effects.effect import Effect
+from discrepancy.evidence.search import EvidenceSearch
 from discrepancy.problem.problem import read_problem
 from discrepancy.questions.compare import Comparison, compare
 from discrepancy.questions.locate import WhereItFails, locate
@@ -82,14 +83,18 @@ class Study(SearchState):
         return Search(self).undo()
 
     def diagnose(self) -> Conclusion:
-        """Explain and add until nothing significant is left; then conclude."""
+        """Search for what the model lacks, as ``problem.search`` says; then conclude."""
+        by_evidence = EvidenceSearch(self) if self.problem.search == "evidence" else None
         try:
-            Search(self).run()
+            if by_evidence is not None:
+                by_evidence.run()
+            else:
+                Search(self).run()
         except KeyboardInterrupt:
             if len(self.stages) < 2:
                 raise  # no result would be lost
             self.interrupted = True
-        return conclude(self)
+        return conclude(self, by_evidence)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the root mean square error of every output, stage by stage, on both parts."""

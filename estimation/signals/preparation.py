@@ -117,7 +117,7 @@ def _decimation(count: int, cutoff: float, edge: int, decimate: int) -> list[tup
 class Preparation:
     """Window, low-pass and decimation of a signal before it is compared, the same for record and model.
 
-    The order is: window, low-pass, removal of the edges, decimation.
+    The order is: window, low-pass, removal of the edges, decimation, averaging.
 
     Attributes
     ----------
@@ -130,6 +130,9 @@ class Preparation:
         applied.
     edge : float, optional, s
         Time left out at each end after filtering; default is :func:`edge_time`, or none without a filter.
+    average : int
+        Replace so many samples that follow each other by their mean.  Nothing is left out, white noise stays white,
+        and what changes slowly is known as well as from all samples.
 
     Raises
     ------
@@ -142,9 +145,12 @@ class Preparation:
     low_pass_hz: float | None = None
     decimate: int = 1
     edge: float | None = None
+    average: int = 1
 
     def __post_init__(self) -> None:
         faults = []
+        if self.average != int(self.average) or self.average < 1:
+            faults.append(f"average = {self.average} must be a whole number, 1 or more")
         if self.start is not None and self.stop is not None and not self.start < self.stop:
             faults.append(f"start = {self.start:g} s must come before stop = {self.stop:g} s")
         if self.decimate != int(self.decimate) or self.decimate < 1:
@@ -201,6 +207,20 @@ class Preparation:
         SignalError
             If nothing is left, sampling is uneven where a filter is asked for, or decimation would alias.
         """
+        time, values = self._filtered(time, values)
+        if self.average == 1:
+            return time, values
+        count = len(time) // self.average
+        if count < 2:
+            raise SignalError(f"{len(time)} samples are too few for means over {self.average}")
+        used = count * self.average
+        return (
+            time[:used].reshape(count, -1).mean(axis=1),
+            values[:used].reshape(count, self.average, *values.shape[1:]).mean(axis=1),
+        )
+
+    def _filtered(self, time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Apply everything but the averaging."""
         inside = np.ones(len(time), dtype=bool)
         # Half a microstep of slack, so that 'stop = 0.3' keeps a stamp that was summed to
         # 0.30000000000000004.
@@ -247,6 +267,8 @@ class Preparation:
             lines.append(f"{edge} samples ({edge / rate:.3g} s) left out at each end")
         if self.decimate > 1:
             lines.append(f"every {self.decimate}th sample kept, {rate / self.decimate:.6g} Hz")
+        if self.average > 1:
+            lines.append(f"means of {self.average} samples, {rate / self.decimate / self.average:.6g} Hz")
         return tuple(lines)
 
 

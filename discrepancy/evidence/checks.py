@@ -1,0 +1,137 @@
+"""Predictive checks of a fitted model: are its innovations what the model and its noise promise, everywhere?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from discrepancy.evidence.likelihood import StageLikelihood, record_columns
+from estimation.response.experiment import Experiment
+from estimation.signals.correlation import correlation_time
+
+__all__ = ["Check", "predictive_checks"]
+
+#: Ratio of the innovations' mean square in a regime to that elsewhere, from which a check can fail: the disturbance is
+#: then half again as large there as the model promises.  Smaller ratios are significant in any long record and change
+#: no conclusion.
+REGIME_RATIO = 2.0
+#: Standard deviations by which the logarithm of that ratio must differ from zero: some dozens of regimes are asked.
+REGIME_DEVIATIONS = 4.0
+#: Correlation of innovations one sample apart, from which something is left that the noise model cannot follow.  A
+#: negative one shows no missing force: noise that a sampled controller feeds back one sample later makes it.
+WHITENESS = 0.35
+#: Parts into which position, speed and time are cut.
+PARTS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One predictive check.
+
+    Parameters
+    ----------
+    output : str
+    what : str
+        ``"size"``, ``"whiteness"`` or the regime in words.
+    value : float
+        Ratio of mean squares, or correlation.
+    deviations : float
+        By how many standard deviations it differs from what is promised.
+    passed : bool
+    """
+
+    output: str
+    what: str
+    value: float
+    deviations: float
+    passed: bool
+
+    def __str__(self) -> str:
+        state = "as promised" if self.passed else "not as promised"
+        return f"{self.output}, {self.what}: {self.value:.2g} ({self.deviations:.1f} deviations), {state}"
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as it stands in diagnosis.json."""
+        return {
+            "output": self.output,
+            "what": self.what,
+            "value": self.value,
+            "deviations": self.deviations,
+            "passed": self.passed,
+        }
+
+
+def predictive_checks(likelihood: StageLikelihood) -> tuple[Check, ...]:
+    """Check size, whiteness and evenness of the innovations of every output.
+
+    A force that the noise model takes for a steady disturbance, but that acts only at some places, speeds or times, has
+    innovations larger there and smaller elsewhere.
+
+    Parameters
+    ----------
+    likelihood : StageLikelihood
+    """
+    linearised, fitted = likelihood.linearised, likelihood.noise
+    columns, *_ = record_columns(linearised, fitted.records, likelihood.held)
+    innovations = [c.innovations(fitted.model)[0] for c in columns]
+    outputs = linearised.residual().channels
+    checks = []
+    for c, name in enumerate(outputs):
+        w = [e[:, c] for e in innovations]
+        joined = np.concatenate(w)
+        lag = float(np.mean([np.corrcoef(x[1:], x[:-1])[0, 1] for x in w if x.size > 3 and np.std(x) > 0.0] or [0.0]))
+        deviations = lag * np.sqrt(joined.size)
+        checks.append(
+            Check(output=name, what="whiteness", value=lag, deviations=float(deviations), passed=lag < WHITENESS)
+        )
+        for what, inside in _regimes(likelihood, [len(x) for x in w]):
+            checks.append(_regime_check(name, what, w, inside))
+    return tuple(checks)
+
+
+def _regime_check(name: str, what: str, w: Sequence[np.ndarray], inside: Sequence[np.ndarray]) -> Check:
+    """Return whether the innovations are as large inside a regime as outside."""
+    squares = [x**2 for x in w]
+    memory = float(np.mean([correlation_time(s - s.mean()) for s in squares]))
+    a = np.concatenate([s[m] for s, m in zip(squares, inside, strict=True)])
+    b = np.concatenate([s[~m] for s, m in zip(squares, inside, strict=True)])
+    if min(a.size, b.size) < 30:
+        return Check(output=name, what=what, value=1.0, deviations=0.0, passed=True)
+    ratio = float(np.mean(a) / max(np.mean(b), 1e-300))
+    error = np.sqrt(memory * sum(np.var(x) / (x.size * np.mean(x) ** 2) for x in (a, b)))
+    deviations = float(np.log(max(ratio, 1e-300)) / max(error, 1e-12))
+    uneven = max(ratio, 1.0 / max(ratio, 1e-300)) > REGIME_RATIO and abs(deviations) > REGIME_DEVIATIONS
+    return Check(output=name, what=what, value=ratio, deviations=deviations, passed=not uneven)
+
+
+def _regimes(likelihood: StageLikelihood, lengths: Sequence[int]) -> Iterator[tuple[str, list[np.ndarray]]]:
+    """Yield regimes in words, and the samples of every record that belong to them."""
+    linearised = likelihood.linearised
+    experiments = linearised.experiments
+    for place in linearised.system.places:
+        names = [n for n, _ in place.motion_names()]
+        for what, own in zip(("position", "speed"), names, strict=False):
+            signal = [
+                _on_grid(linearised.nominal_outputs(i)[f"place.{place.name}.{own}"], e)
+                for i, e in enumerate(experiments)
+            ]
+            pooled = np.concatenate(signal)
+            if what == "speed":
+                pooled, signal = np.abs(pooled), [np.abs(s) for s in signal]
+            if np.ptp(pooled) <= 0.0:
+                continue
+            edges = np.quantile(pooled, np.linspace(0.0, 1.0, PARTS + 1))
+            for k in range(PARTS):
+                inside = [(s >= edges[k]) & (s <= edges[k + 1]) for s in signal]
+                yield f"{what} of {place.name} from {edges[k]:.3g} to {edges[k + 1]:.3g}", inside
+    for k in range(PARTS):
+        yield (
+            f"part {k + 1} of {PARTS} of each record",
+            [(np.arange(n) * PARTS // n) == k for n in lengths],
+        )
+
+
+def _on_grid(values: np.ndarray, experiment: Experiment) -> np.ndarray:
+    return np.interp(experiment.time, np.asarray(experiment.record.time), values)

@@ -1,0 +1,111 @@
+"""The criterion of the search: the log marginal likelihood of one model, by Laplace's approximation.
+
+One function of one model, so that differences are antisymmetric and add up.  Parameters of calibration and effects are
+integrated out around the fit; variances of noise and latent forces maximise the restricted likelihood.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from discrepancy.effects.effect import Effect
+from discrepancy.evidence.likelihood import StageLikelihood, log_prior_of_strengths, noise_floor, strength_scale
+
+ROUNDING = 1e-6  # share of an effect's largest strength below zero that counts as zero
+
+__all__ = ["Evidence", "ModelPrior", "log_evidence"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelPrior:
+    """What is known of models before the records are seen.
+
+    Parameters
+    ----------
+    candidates : int
+        Effects of the catalogue that these records can ask for.
+    shapes : mapping of str to int
+        Points of the shape grid of each candidate, by ``kind@where``; all equally probable.
+    stated : mapping of str to float
+        Values of the machine's own parameters as stated, by full name.
+    """
+
+    candidates: int
+    shapes: Mapping[str, int]
+    stated: Mapping[str, float]
+
+    def log_probability(self, effects: Sequence[Effect]) -> float:
+        """Return the log prior probability of a model with some effects.
+
+        Half of the mass is on a model that lacks nothing, half of the rest on one that lacks one effect, and so on; the
+        effects of the catalogue are equally probable, and so are their shapes.
+        """
+        m = len(effects)
+        choices = math.log(math.comb(max(self.candidates, m), m))
+        shapes = sum(math.log(max(self.shapes.get(str(e), 1), 1)) for e in effects)
+        return -(m + 1) * math.log(2.0) - choices - shapes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """The log evidence of a model and its parts, nats.
+
+    Parameters
+    ----------
+    log_likelihood : float
+        Restricted: calibration, own unknowns and strengths integrated out around the fit.
+    log_prior : float
+        Density of the strengths at the fit, with (2π)^½ for each strength that was integrated out.
+    log_odds : float
+        Log prior probability of the model.
+    """
+
+    log_likelihood: float
+    log_prior: float
+    log_odds: float
+
+    @property
+    def total(self) -> float:
+        """Their sum."""
+        return self.log_likelihood + self.log_prior + self.log_odds
+
+
+def log_evidence(likelihood: StageLikelihood, prior: ModelPrior) -> Evidence:
+    """Return the log evidence of a fitted model.
+
+    Parameters
+    ----------
+    likelihood : StageLikelihood
+    prior : ModelPrior
+    """
+    stage, fitted, linearised = likelihood.stage, likelihood.noise, likelihood.linearised
+    sens = linearised.sensitivities()
+    noise = noise_floor(linearised)
+    log_prior = 0.0
+    held = set(likelihood.held)
+    changes = dict(zip([n for n in sens.names if n not in held], fitted.change.tolist(), strict=True))
+    for effect in stage.effects:
+        names = [effect.parameter_name(k) for k in effect.strengths]
+        values = np.array([v + changes.get(n, 0.0) for n, v in zip(names, effect.strengths.values(), strict=True)])
+        if effect.definition.one_sided and np.any(values < -ROUNDING * np.max(np.abs(values), initial=0.0)):
+            return Evidence(log_likelihood=-math.inf, log_prior=0.0, log_odds=0.0)
+        if effect.definition.stated:
+            values = values - np.array([prior.stated.get(n, 0.0) for n in names])
+        moved = [k for k, n in enumerate(names) if n in changes]
+        if not moved:
+            continue
+        columns = [sens.names.index(names[k]) for k in moved]
+        if effect.definition.free_form:
+            spread = max(float(np.sqrt(np.mean(values[moved] ** 2))), 1e-300)
+            log_prior += -0.5 * len(moved) * (math.log(2.0 * math.pi * spread**2) + 1.0)
+        else:
+            scale = strength_scale([b[:, :, columns] for b in sens.blocks], noise)
+            log_prior += log_prior_of_strengths(values[moved], scale, effect.definition.one_sided)
+        log_prior += 0.5 * len(moved) * math.log(2.0 * math.pi)
+    return Evidence(
+        log_likelihood=fitted.log_likelihood, log_prior=log_prior, log_odds=prior.log_probability(stage.effects)
+    )

@@ -1,0 +1,272 @@
+"""The likelihood of a fitted model in innovation form: its noise, its whitening, its linear unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from discrepancy.innovations.linear_record import LinearRecord, linear_record
+from discrepancy.innovations.noise_fit import RecordColumns, fit_noise, likeliest_change
+from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, innovation_weighting
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
+from discrepancy.stages.stage import Stage
+from multibody.base.parallel import parallel_map
+
+__all__ = [
+    "FittedNoise",
+    "StageLikelihood",
+    "log_prior_of_strengths",
+    "noise_floor",
+    "record_columns",
+    "strength_scale",
+    "with_columns",
+]
+
+#: Samples × outputs of all records that a likelihood is computed of.  Where there are more, means over several samples
+#: are taken: white noise stays white, and what changes slowly is known as well as from all of them.
+ROWS = 6000
+#: Samples that remain of the shortest record, at least.
+SHORTEST = 200
+#: Memories of latent processes: so many, from two samples to a third of a record, evenly in their logarithm.
+MEMORIES = 4
+#: Least white noise of an output, over its stated noise: a stated noise may be on the safe side.
+LEAST_NOISE = 0.3
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FittedNoise:
+    """The noise model that explains a residual best beside the calibration.
+
+    Parameters
+    ----------
+    model : NoiseModel
+    log_likelihood : float
+        Restricted: every linear unknown is integrated out.
+    records : tuple of LinearRecord
+    change : ndarray, shape (k,)
+        By which the shared parameters differ from the linearisation's at the largest likelihood.
+    """
+
+    model: NoiseModel
+    log_likelihood: float
+    records: tuple[LinearRecord, ...]
+    change: np.ndarray
+
+    def weighting(self) -> tuple[InnovationWeighting, ...]:
+        """Return the whitening of each record."""
+        return tuple(parallel_map(lambda r: innovation_weighting(r, self.model), self.records))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StageLikelihood:
+    """A fitted stage with its likelihood; everything is computed on first use.
+
+    Parameters
+    ----------
+    stage : Stage
+    start : NoiseModel or None
+        Of a neighbouring model, from which the fit of the noise begins.
+    grow : bool
+        Whether latent processes may be added to those of ``start``.
+    """
+
+    stage: Stage
+    start: NoiseModel | None = None
+    grow: bool = True
+    _shared: dict[str, LinearisedProblem] = field(default_factory=dict, repr=False)
+
+    def with_richer_noise(self) -> StageLikelihood:
+        """Return the same stage with a noise model that may have further latent processes."""
+        return replace(self, start=self.noise.model, grow=True)
+
+    @property
+    def linearised(self) -> LinearisedProblem:
+        """The stage linearised along its identification records, not weighted."""
+        if "linearised" not in self._shared:
+            stage = self.stage
+            fits = stage.identify.fits
+            given = fits[0].experiment.preparation
+            rows = sum(f.residual.size for f in fits)
+            shortest = min(f.residual.shape[0] for f in fits)
+            factor = max(1, min(int(np.ceil(rows / ROWS)), shortest // SHORTEST))
+            problem = stage.linearised_problem(replace(given, average=given.average * factor))
+            # the noise of recorded inputs is a latent process here
+            quiet = tuple(replace(f, experiment=replace(f.experiment, input_noise={})) for f in fits)
+            self._shared["linearised"] = problem.with_calibration(replace(stage.identify, fits=quiet))
+        return self._shared["linearised"]
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Parameters that the likelihood keeps at their values: at a bound, or the shape of a law.
+
+        Each point of a shape grid is a law of its own with its share of the prior, so a shape is not integrated out.
+        """
+        effects = self.stage.effects
+        shapes = [e.parameter_name(k) for e in effects for k in e.definition.free_shapes]
+        return (*self.stage.identify.at_bound, *shapes)
+
+    @cached_property
+    def noise(self) -> FittedNoise:
+        """The noise model that explains the residual best beside the calibration."""
+        records = linear_records(self.linearised)
+        columns, std, offset = record_columns(self.linearised, records, self.held)
+        return fitted_noise(self.linearised, records, columns, std, offset, self.start, grow=self.grow)
+
+    @cached_property
+    def weighted(self) -> LinearisedProblem:
+        """The linearised problem as innovations: white where the model and its noise explain the records."""
+        return self.linearised.weighted_by(self.noise.weighting())
+
+
+def _sources(linearised: LinearisedProblem) -> list[str]:
+    """Return the inputs that latent processes may be added to: a force at every connection, and recorded inputs."""
+    recorded = [n for n in linearised.experiments[0].inputs if n in linearised.slim.input_names]
+    return [*(f"probe.{place.name}" for place in linearised.system.places), *recorded]
+
+
+def linear_records(linearised: LinearisedProblem) -> tuple[LinearRecord, ...]:
+    """Return the machine linearised along every record."""
+    channels = _sources(linearised)
+
+    def of(i: int) -> LinearRecord:
+        start = linearised.initial_state(i)
+        return linear_record(linearised.experiments[i], linearised.slim, linearised.p, start, channels)
+
+    return tuple(parallel_map(of, range(len(linearised.experiments))))
+
+
+def record_columns(
+    linearised: LinearisedProblem,
+    records: Sequence[LinearRecord],
+    without: Sequence[str] = (),
+    more: Sequence[np.ndarray] | None = None,
+) -> tuple[list[RecordColumns], np.ndarray, np.ndarray]:
+    """Return residual and sensitivities of every record, and the priors of the shared parameters.
+
+    Parameters
+    ----------
+    linearised : LinearisedProblem
+        Unweighted.
+    records : sequence of LinearRecord
+    without : sequence of str
+        Parameters that stay at their values.
+    more : sequence of ndarray, shape (n, n_c, k), optional
+        Further columns of each record, without priors.
+
+    Returns
+    -------
+    columns : list of RecordColumns
+    prior_std, prior_offset : ndarray
+    """
+    residual, sens = linearised.residual(), linearised.sensitivities()
+    moved = [k for k, n in enumerate(sens.names) if n not in without]
+    columns = []
+    for i, record in enumerate(records):
+        own = sens.nuisance[i]
+        shared = sens.blocks[i][:, :, moved]
+        if more is not None:
+            shared = np.concatenate([shared, more[i]], axis=2)
+        columns.append(
+            RecordColumns(
+                record=record,
+                residual=residual.blocks[i],
+                shared=shared,
+                own=np.zeros((*residual.blocks[i].shape, 0)) if own is None else own,
+            )
+        )
+    extra = more[0].shape[2] if more is not None else 0
+    std = np.concatenate([sens.prior_std[moved], np.full(extra, np.inf)])
+    return columns, std, np.concatenate([sens.prior_offset[moved], np.zeros(extra)])
+
+
+def noise_floor(linearised: LinearisedProblem) -> np.ndarray:
+    """Return the standard deviation of the noise of each prepared output, SI."""
+    given = linearised.preparation
+    count = given.average * given.decimate
+    channels = linearised.residual().channels
+    noise = np.array([linearised.noise.get(c, 0.0) for c in channels])
+    spread = np.std(np.concatenate([e.measured for e in linearised.experiments]), axis=0)
+    return np.maximum(noise / np.sqrt(count), 1e-9 * np.maximum(spread, 1e-300))
+
+
+def fitted_noise(
+    linearised: LinearisedProblem,
+    records: Sequence[LinearRecord],
+    columns: Sequence[RecordColumns],
+    prior_std: np.ndarray,
+    prior_offset: np.ndarray,
+    start: NoiseModel | None,
+    *,
+    grow: bool = True,
+) -> FittedNoise:
+    """Return the noise model of a residual; ``start`` is that of a neighbouring model."""
+    noise = noise_floor(linearised)
+    candidates = _candidates(linearised, records, noise) if grow else []
+    model, value = fit_noise(columns, prior_std, prior_offset, LEAST_NOISE * noise, candidates, start=start, grow=grow)
+    change = likeliest_change(columns, model, prior_std, prior_offset)
+    return FittedNoise(model=model, log_likelihood=value, records=tuple(records), change=change)
+
+
+def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], noise: np.ndarray) -> list[Process]:
+    """Return the latent processes that may be part of the noise model, each of a size that shows."""
+    longest = float(np.median([r.time[-1] - r.time[0] for r in records]))
+    step = float(np.median(np.concatenate([np.diff(r.time) for r in records])))
+    memories = np.geomspace(2.0 * step, max(longest / 3.0, 4.0 * step), MEMORIES)
+    places = [place.name for place in linearised.system.places]
+    sources = _sources(linearised)
+    shows = _reach(records, noise)
+    candidates = []
+    for j, source in enumerate(sources):
+        if not shows[j] > 0.0:
+            continue
+        where = places[j] if j < len(places) else source
+        own = memories if j < len(places) else memories[:1]  # the noise of a recorded input is white
+        candidates += [
+            Process(where=where, source=j, channel=-1, memory=float(m), std=float(1.0 / shows[j])) for m in own
+        ]
+    for c, name in enumerate(linearised.residual().channels):
+        candidates += [
+            Process(where=name, source=-1, channel=c, memory=float(m), std=float(noise[c])) for m in memories[1:]
+        ]
+    return candidates
+
+
+def _reach(records: Sequence[LinearRecord], noise: np.ndarray) -> np.ndarray:
+    """Return how far a steady unit of each source moves the output that it moves most, root mean square in noise."""
+    total, count = 0.0, 0
+    for record in records[:3]:
+        n, m = record.phi.shape[1], record.gamma0.shape[2]
+        x = np.zeros((n, m))
+        moved = np.empty((record.time.size, record.c.shape[1], m))
+        moved[0] = record.d[0]
+        for k in range(record.time.size - 1):
+            x = record.phi[k] @ x + record.gamma0[k] + record.gamma1[k]
+            moved[k + 1] = record.c[k + 1] @ x + record.d[k + 1]
+        total = total + np.sum((moved / noise[:, None]) ** 2, axis=0)
+        count += record.time.size
+    with np.errstate(all="ignore"):
+        reach = np.sqrt(np.max(np.asarray(total) / count, axis=0))
+    return np.where(np.isfinite(reach), reach, 0.0)
+
+
+def strength_scale(blocks: Sequence[np.ndarray], noise: np.ndarray) -> np.ndarray:
+    """Return the strength that moves some output by its noise at its peak, for every column of (n, n_c, k) blocks."""
+    peak = np.max([np.max(np.abs(b), axis=0, initial=0.0) for b in blocks], axis=0)
+    return 1.0 / np.maximum(np.max(peak / noise[:, None], axis=0), 1e-300)
+
+
+def log_prior_of_strengths(values: np.ndarray, scale: np.ndarray, one_sided: bool) -> float:
+    """Return the log density of Cauchy priors at some strengths; half of it lies above zero where they are one-sided.
+
+    A normal prior would charge an effect thirty times the size that matters 450 nats; the Cauchy prior charges 7.
+    """
+    density = -np.log(np.pi * scale) - np.log1p((values / scale) ** 2)
+    return float(np.sum(density + (np.log(2.0) if one_sided else 0.0)))
+
+
+def with_columns(columns: Sequence[RecordColumns], more: Sequence[np.ndarray]) -> list[RecordColumns]:
+    """Return records with further shared columns."""
+    return [replace(c, shared=np.concatenate([c.shared, m], axis=2)) for c, m in zip(columns, more, strict=True)]

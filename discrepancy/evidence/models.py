@@ -1,0 +1,239 @@
+"""The models that a search tried, and the moves from one to the next: add, add a pair, exchange, drop, a curve."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from discrepancy.effects.effect import Effect
+from discrepancy.effects.from_scan_row import contained, effect_of
+from discrepancy.effects.kinds import kind_named
+from discrepancy.evidence.criterion import Evidence
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.predictive import simulation_gain
+from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, proposed_effects
+from discrepancy.sensitivities.free_curve_scan import scan_free_curves
+from discrepancy.stages.stage import Stage
+from discrepancy.statistics.masking_pairs import Pair, PairScores
+
+if TYPE_CHECKING:
+    from discrepancy.statistics.scan_result import ScanRow
+
+__all__ = [
+    "TriedModel",
+    "additions",
+    "curve",
+    "drops",
+    "exchanges",
+    "is_relevant",
+    "key_of",
+    "pairs",
+    "simplifications",
+]
+
+
+def key_of(effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Return what distinguishes a model from others: the sorted names of its effects."""
+    return tuple(
+        sorted(f"{e}{f' over {e.over}' if e.over else ''}{f' #{e.number}' if e.number > 1 else ''}" for e in effects)
+    )
+
+
+@dataclass(eq=False, kw_only=True)
+class TriedModel:
+    """A model that a search fitted.
+
+    Parameters
+    ----------
+    likelihood : StageLikelihood or None
+        Of the fit on trial; None where the model could not be built or simulated.
+    key : tuple of str
+        ``kind@where`` of its effects, sorted.
+    evidence : Evidence or None
+    move : str
+        By which it was reached: ``"start"``, ``"add"``, ``"add a pair"``, ``"exchange"``, ``"drop"`` or
+        ``"add a curve"``.
+    parent : tuple of str or None
+        The model that it was made of.
+    p_value : float
+        Family-wise probability that chance gives a candidate the score of the new effect.
+    outcome : str
+        Why it was taken or not.
+    proposals : Proposals or None
+        What it may be extended by, once that has been asked.
+    expanded : bool
+        Whether that was asked.
+    better : bool
+        Whether the evidence is for it, against the model that it was made of, and the difference matters.
+    matters : bool
+        False where records are not predicted better with it, whatever the evidence.
+    taken : bool
+        Whether it is the search's answer.
+    """
+
+    likelihood: StageLikelihood | None
+    key: tuple[str, ...]
+    evidence: Evidence | None
+    move: str = "start"
+    parent: tuple[str, ...] | None = None
+    p_value: float = 1.0
+    outcome: str = ""
+    proposals: Proposals | None = None
+    expanded: bool = False
+    better: bool = False
+    matters: bool = True
+    taken: bool = False
+
+    def refuse(self, why: str) -> None:
+        """Note that the model is not taken although the evidence is for it: the difference does not matter."""
+        self.outcome, self.better, self.matters = why, False, False
+
+    @property
+    def stage(self) -> Stage:
+        """The fitted stage; only where there is one."""
+        assert self.likelihood is not None
+        return self.likelihood.stage
+
+    @property
+    def name(self) -> str:
+        """``kind@where`` of its effects joined by ``" + "``; ``"nothing"`` without any."""
+        return " + ".join(self.key) or "nothing"
+
+    @property
+    def total(self) -> float:
+        """Log evidence; minus infinity where there is none."""
+        return self.evidence.total if self.evidence is not None else -math.inf
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as it stands in decisions.json."""
+        evidence = self.evidence
+        return {
+            "effects": list(self.key),
+            "move": self.move,
+            "from": list(self.parent) if self.parent is not None else None,
+            "log_evidence": None
+            if evidence is None
+            else {
+                "total": evidence.total,
+                "log_likelihood": evidence.log_likelihood,
+                "log_prior_density": evidence.log_prior,
+                "log_prior_odds": evidence.log_odds,
+            },
+            "p_value": self.p_value,
+            "taken": self.taken,
+            "outcome": self.outcome,
+        }
+
+
+# -------------------------------------------------------------------- moves
+
+
+def additions(proposals: Proposals, effects: Sequence[Effect]) -> list[Proposal]:
+    """Return the models with one effect more that are worth a full fit."""
+    return [proposed_effects(c, effects) for c in proposals.ahead()]
+
+
+def pairs(proposals: Proposals, stage: Stage) -> list[Proposal]:
+    """Return the models with two effects more, where the two together promise clearly more than either alone."""
+
+    def excluded(a: ScanRow, b: ScanRow) -> bool:
+        return contained(a, b)
+
+    scores = PairScores(proposals.scan, excluded)
+    alone = max((c.gain for c in proposals.candidates), default=0.0)
+    entries = {e.name: e for e in entries_of(stage)}
+    chosen: list[Proposal] = []
+    kept: list[Pair] = []
+    for pair in scores.masking():
+        if len(chosen) == POLICY.pairs:
+            break
+        # nats: each of the two pays for its name and shape as a single effect does
+        cost = sum(math.log(max(len(proposals.candidates), 1)) + 3.0 for _ in pair.rows)
+        if 0.5 * pair.gain - cost < alone + POLICY.pair_advantage:
+            break
+        if any(scores.twins(pair, other) for other in kept):
+            continue
+        kept.append(pair)
+        first = effect_of(entries[pair.rows[0].name], pair.rows[0], stage.effects)
+        second = effect_of(entries[pair.rows[1].name], pair.rows[1], (*stage.effects, first))
+        chosen.append(
+            Proposal(move="add a pair", effects=(*stage.effects, first, second), expected=0.5 * pair.gain - cost)
+        )
+    return chosen
+
+
+def exchanges(model: TriedModel, rivals: Mapping[str, Sequence[Proposal]]) -> list[Proposal]:
+    """Return the models with one effect replaced by another explanation of it.
+
+    Parameters
+    ----------
+    model : TriedModel
+    rivals : mapping of str to sequence of Proposal
+        For each effect, by name, what else may stand in its place.
+    """
+    effects = model.stage.effects
+    out = []
+    for k, effect in enumerate(effects):
+        for proposal in list(rivals.get(str(effect), ()))[: POLICY.rivals]:
+            new = proposal.effects[-1]
+            if any(str(new) == str(e) for e in effects):
+                continue
+            out.append(Proposal(move="exchange", effects=(*effects[:k], *effects[k + 1 :], new)))
+    return out
+
+
+def drops(model: TriedModel) -> list[Proposal]:
+    """Return the models with one effect less."""
+    effects = model.stage.effects
+    return [Proposal(move="drop", effects=tuple(e for e in effects if e is not gone)) for gone in effects]
+
+
+def simplifications(model: TriedModel) -> list[Proposal]:
+    """Return the models with a simpler law in the place of one that contains it."""
+    effects = model.stage.effects
+    out = []
+    for k, effect in enumerate(effects):
+        for kind in effect.definition.contains:
+            simpler = _simpler(effect, kind)
+            if simpler is not None and str(simpler) not in map(str, effects):
+                out.append(Proposal(move="simplify", effects=(*effects[:k], *effects[k + 1 :], simpler)))
+    return out
+
+
+def _simpler(effect: Effect, kind: str) -> Effect | None:
+    """Return a law of another kind in the place of one that contains it, as strong as that is in the mean."""
+    names = kind_named(kind).strengths
+    if kind_named(kind).at != effect.definition.at or not effect.ports:
+        return None
+    usual = Effect(kind, effect.where, domain=effect.domain).usual_shape()
+    mean = sum(map(abs, effect.strengths.values())) / len(effect.strengths)
+    return Effect(
+        kind,
+        effect.where,
+        dict.fromkeys(names, mean),
+        {k: effect.shape.get(k, v) for k, v in usual.items()},
+        ports=effect.ports,
+        domain=effect.domain,
+        load=effect.load if kind_named(kind).needs else "",
+    )
+
+
+def curve(likelihood: StageLikelihood, *, level: float, seed: int) -> list[tuple[Proposal, float]]:
+    """Return the model with the free curve that promises most, and its p-value, if one is significant."""
+    effects = likelihood.stage.effects
+    offer = scan_free_curves(likelihood.weighted, effects, level=level, seed=seed)
+    best = list(zip(offer.effects, offer.p_values, strict=True))[:1]
+    return [(Proposal(move="add a curve", effects=(*effects, e)), float(p)) for e, p in best]
+
+
+def is_relevant(model: TriedModel, parent: TriedModel) -> bool:
+    """Tell whether an effect makes the simulation of records left out better, and of no output worse."""
+    assert model.likelihood is not None
+    assert parent.likelihood is not None
+    gain = simulation_gain(model.likelihood, parent.likelihood)
+    return gain.helps(POLICY.relevance, POLICY.simulation_errors) and not gain.harms(
+        POLICY.harm, POLICY.simulation_errors
+    )

@@ -1,0 +1,74 @@
+"""Every number that a search chooses, each with its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["POLICY", "Policy"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Policy:
+    """The numbers of a search.
+
+    Parameters
+    ----------
+    beam : int
+        Models that may be extended at a time.  Two effects that hide each other are found where the second-best first
+        step is kept; five keeps the best of each kind of explanation at a cost of some ten seconds each.
+    reach : float
+        Nats below the best model up to which another is extended: one effect more seldom turns a larger deficit.
+    expansions : int
+        Models that are extended, at most: bounds the time of a search.
+    refits : int
+        Candidates of a step that are fitted in full.  The linear evidence orders them; its error is some ten per cent
+        of the gain, within which three or four candidates of different kind usually lie.
+    same_direction : float
+        Correlation of what two candidates change, from which a full fit of both would tell nothing more.
+    linear_error : float
+        Share of a gain by which the linear evidence may be off: rivals within it are tried.
+    rivals : int
+        Other explanations of one effect that are tried in its place.
+    pairs : int
+        Pairs of a step that are fitted in full.
+    pair_advantage : float
+        Nats by which the linear evidence of a pair must exceed that of the best single effect to be fitted at once.
+    improvement : float
+        Nats by which a model must be better than the one that it was made of.  The prior odds are part of the
+        evidence, so zero would do were the evidence exact; the Laplace approximation is not, by about one nat for each
+        of the few parameters that an effect has.
+    relevance : float
+        Share of the mean square error of some output, simulated with parameters from the other records, that an effect
+        must take away: a hundredth of the error itself.  What is smaller is told as present but negligible.
+    harm : float
+        Share by which the mean square error of no output may grow, in the same sense.
+    simulation_errors : float
+        Standard errors, over the records, that such a share must exceed.
+    predictive_errors : float
+        Standard errors by which the log predictive score of records left out must rise with an effect.
+    temperature : float
+        Divisor of log evidence in the probabilities that are shown.  The evidence takes the model for exact but for its
+        noise; it never is, so its differences are too large.
+    certain : float
+        Nats at most that a candidate which was not fitted in full may be ahead of one that was, for the probabilities.
+    """
+
+    beam: int = 5
+    reach: float = 12.0
+    expansions: int = 6
+    refits: int = 4
+    same_direction: float = 0.995
+    linear_error: float = 0.3
+    rivals: int = 4
+    pairs: int = 2
+    pair_advantage: float = 5.0
+    improvement: float = 3.0
+    relevance: float = 0.02
+    harm: float = 0.02
+    simulation_errors: float = 2.0
+    predictive_errors: float = 1.0
+    temperature: float = 3.0
+    certain: float = 0.0
+
+
+POLICY = Policy()

@@ -1,0 +1,296 @@
+"""What a model may be extended by: every candidate scored on its innovations, ordered by linear evidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from discrepancy.effects.catalogue import Entry, catalogue
+from discrepancy.effects.effect import Effect
+from discrepancy.effects.from_scan_row import effect_of, simpler_in
+from discrepancy.evidence.likelihood import (
+    FittedNoise,
+    StageLikelihood,
+    fitted_noise,
+    log_prior_of_strengths,
+    noise_floor,
+    record_columns,
+    strength_scale,
+    with_columns,
+)
+from discrepancy.evidence.policy import POLICY
+from discrepancy.sensitivities.candidates import candidate_sensitivities
+from discrepancy.sensitivities.linearised_problem import LinearisedProblem
+from discrepancy.stages.stage import Stage
+from discrepancy.statistics.blocks import Candidate, Weighting
+from discrepancy.statistics.scan import scan
+from discrepancy.statistics.scan_result import ScanResult
+from discrepancy.statistics.thresholds import LEVEL_SHARES
+from discrepancy.statistics.ties import canonical_correlation
+from discrepancy.statistics.whitened import WhitenedProblem, whiten_all
+from discrepancy.statistics.whitening import identity
+
+__all__ = ["Proposal", "Proposals", "ScoredCandidate", "entries_of", "propose"]
+
+
+#: Kinds of which a machine may have several at one place, told apart by their shape: waves of other orders, tight spots
+#: elsewhere.  A second law of any other kind at the same place is the first with another strength.
+REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
+
+
+def entries_of(stage: Stage, include: Sequence[str] = ("*",), exclude: Sequence[str] = ()) -> list[Entry]:
+    """Return the catalogue of a stage's machine."""
+    experiment = stage.identify.fits[0].experiment
+    return catalogue(stage.system, experiment.outputs, experiment.inputs, include=include, exclude=exclude)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScoredCandidate:
+    """One candidate at the shape at which its linear evidence is largest.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    shape : dict of str to float
+    expected_strength : ndarray, shape (k,)
+        In the candidate's unit.
+    gain : float
+        By which the log evidence rises with it in the linearised problem, without the prior odds of its name.
+    direction : ndarray, shape (n_rows, k)
+        Orthonormal: what it changes that calibration cannot.
+    """
+
+    candidate: Candidate
+    shape: dict[str, float]
+    expected_strength: np.ndarray
+    gain: float
+    direction: np.ndarray
+
+    @property
+    def name(self) -> str:
+        """``kind@where``."""
+        return self.candidate.name
+
+    @property
+    def kind(self) -> str:
+        """Of the candidate."""
+        return self.candidate.kind
+
+    @property
+    def where(self) -> str:
+        """Of the candidate."""
+        return self.candidate.where
+
+    @property
+    def entry(self) -> Entry:
+        """Of the catalogue."""
+        entry: Entry = self.candidate.info["entry"]
+        return entry
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Proposal:
+    """Effects that may be added at once, and those that they replace.
+
+    Parameters
+    ----------
+    move : str
+        ``"add"``, ``"add a pair"``, ``"add a curve"``, ``"exchange"`` or ``"drop"``.
+    effects : tuple of Effect
+        Of the model that is proposed.
+    starts : tuple of tuple of Effect
+        Further sets of values from which the fit may begin.
+    expected : float
+        Log evidence by which it should be better, from the linearised problem; NaN where that is not known.
+    """
+
+    move: str
+    effects: tuple[Effect, ...]
+    starts: tuple[tuple[Effect, ...], ...] = ()
+    expected: float = math.nan
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Proposals:
+    """The candidates of a model, scored.
+
+    Parameters
+    ----------
+    scan : ScanResult
+        With its null distribution: of the innovations under the model's own noise.
+    candidates : tuple of ScoredCandidate
+        Best linear evidence first: under the model's noise, or under the noise that is left beside the best of them,
+        whichever is larger.
+    refused : tuple of (Entry, str)
+    """
+
+    scan: ScanResult
+    candidates: tuple[ScoredCandidate, ...]
+    refused: tuple[tuple[Entry, str], ...]
+
+    def named(self, name: str) -> ScoredCandidate | None:
+        """Return a candidate by its ``kind@where``; None if it was not scored."""
+        return next((c for c in self.candidates if c.name == name), None)
+
+    def ahead(self) -> list[ScoredCandidate]:
+        """Return the candidates to fit in full: the best of those that differ in what they change."""
+        chosen: list[ScoredCandidate] = []
+        for c in self.candidates:
+            if c.gain <= 0.0 or len(chosen) == POLICY.refits:
+                break
+            if not any(_same(c, o) for o in chosen):
+                chosen.append(c)
+        return chosen
+
+    def twins(self, name: str) -> list[ScoredCandidate]:
+        """Return the candidates that change the same as another."""
+        own = self.named(name)
+        if own is None:
+            return []
+        return [c for c in self.candidates if c is not own and _same(c, own)]
+
+
+def _same(one: ScoredCandidate, other: ScoredCandidate) -> bool:
+    """Tell whether two candidates change the same; one with more strengths may contain the other and more."""
+    if one.expected_strength.size != other.expected_strength.size:
+        return False
+    return canonical_correlation(one.direction, other.direction) >= POLICY.same_direction
+
+
+def propose(
+    likelihood: StageLikelihood,
+    *,
+    include: Sequence[str],
+    exclude: Sequence[str],
+    level: float,
+    seed: int,
+    progress: Callable[[str], None],
+) -> Proposals:
+    """Score every candidate on a stage's innovations.
+
+    A force that is missing is first taken for noise, and the noise then hides it.  So the candidates are scored twice:
+    under the noise of the model as it is, and under the noise that is left when the best of them is part of the model.
+
+    Parameters
+    ----------
+    likelihood : StageLikelihood
+    include, exclude : sequence of str
+        Patterns of the catalogue.
+    level : float
+        Family-wise significance level of everything that is asked.
+    seed : int
+    progress : callable
+    """
+    progress("what is random: sensor noise and latent forces")
+    stage, problem, plain = likelihood.stage, likelihood.weighted, likelihood.linearised
+    entries = entries_of(stage, include, exclude)
+    present = {str(e) for e in stage.effects}
+    entries = [e for e in entries if e.name not in present or e.kind.name in REPEATABLE]
+    raw, refused = candidate_sensitivities(plain, entries, progress, stage.effects, curves=not stage.effects)
+    progress(f"scores of {len(raw)} candidates")
+    residual, sens = problem.residual(), problem.sensitivities()
+    scored = _scored(problem, raw)
+    result = scan(
+        residual,
+        sens,
+        _whitened(raw, problem.weighting),
+        level=level / LEVEL_SHARES,
+        seed=seed,
+        noise_floor=[stage.noise[c] for c in residual.channels],
+        whiten=False,
+        plain=scored,
+    )
+    noise = noise_floor(plain)
+    best = _by_evidence(scored, raw, noise)
+    if best:
+        progress(f"the noise that is left beside {best[0].name}")
+        beside = plain.weighted_by(_noise_beside(likelihood, best[0]).weighting())
+        again = {c.name: c for c in _by_evidence(_scored(beside, raw), raw, noise)}
+        merged = [max(c, again.get(c.name, c), key=lambda x: x.gain) for c in best]
+        merged += [c for n, c in again.items() if n not in {b.name for b in best}]
+        # the direction decides what is alike: one metric for all
+        best = sorted((again.get(c.name, c) for c in merged), key=lambda c: -c.gain)
+    return Proposals(scan=result, candidates=tuple(best), refused=tuple(refused))
+
+
+def _whitened(candidates: Sequence[Candidate], weighting: Sequence[Weighting]) -> list[Candidate]:
+    def of(blocks: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+        return tuple(w(b) for w, b in zip(weighting, blocks, strict=True))
+
+    return [replace(c, sensitivities=tuple(of(blocks) for blocks in c.sensitivities)) for c in candidates]
+
+
+def _scored(problem: LinearisedProblem, raw: Sequence[Candidate]) -> WhitenedProblem:
+    """Return candidates in innovations, whose variance is one by construction."""
+    residual = problem.residual()
+    unit = identity([1.0] * len(residual.channels), residual.channels, residual.dt)
+    return whiten_all(unit, residual, problem.sensitivities(), _whitened(raw, problem.weighting))
+
+
+def _by_evidence(w: WhitenedProblem, raw: Sequence[Candidate], noise: np.ndarray) -> list[ScoredCandidate]:
+    """Return every candidate at its best shape, ordered by linear evidence."""
+    if w.scorer is None:
+        return []
+    scores = w.scorer(w.e[:, None])
+    best: dict[int, tuple[float, int, np.ndarray]] = {}
+    for g, group in enumerate(w.columns.groups):
+        candidate = raw[group.candidate]
+        amplitude = scores.amplitude[group.columns, 0]
+        strength, covariance = w.scorer.strength(g, amplitude)
+        scale = strength_scale(candidate.sensitivities[group.shape], noise)
+        k = strength.size
+        gain = 0.5 * float(amplitude @ amplitude) + log_prior_of_strengths(strength, scale, candidate.one_sided)
+        gain += 0.5 * k * math.log(2.0 * math.pi) + 0.5 * float(np.linalg.slogdet(covariance)[1])
+        gain -= math.log(len(candidate.shapes))
+        if group.candidate not in best or gain > best[group.candidate][0]:
+            best[group.candidate] = gain, g, strength
+    out = [
+        ScoredCandidate(
+            candidate=raw[c],
+            shape=dict(raw[c].shapes[w.columns.groups[g].shape]),
+            expected_strength=strength,
+            gain=gain,
+            direction=w.columns.Z[:, w.columns.groups[g].columns],
+        )
+        for c, (gain, g, strength) in best.items()
+    ]
+    return sorted(out, key=lambda c: -c.gain)
+
+
+def _noise_beside(likelihood: StageLikelihood, scored: ScoredCandidate) -> FittedNoise:
+    """Return the noise of a model that has a candidate in it, in the linearised problem."""
+    plain, fitted = likelihood.linearised, likelihood.noise
+    columns, std, offset = record_columns(plain, fitted.records, likelihood.held)
+    k = scored.candidate.shapes.index(scored.shape)
+    more = scored.candidate.sensitivities[k]
+    width = more[0].shape[2]
+    return fitted_noise(
+        plain,
+        fitted.records,
+        with_columns(columns, more),
+        np.concatenate([std, np.full(width, np.inf)]),
+        np.concatenate([offset, np.zeros(width)]),
+        fitted.model,
+        grow=False,
+    )
+
+
+def proposed_effects(scored: ScoredCandidate, effects: Sequence[Effect]) -> Proposal:
+    """Return the model with a candidate added to some effects, in place of those that it contains."""
+    entry = scored.entry
+    simpler = simpler_in(effects, scored.kind, scored.where)
+    kept = tuple(e for e in effects if e not in simpler)
+    expected = effect_of(entry, scored, effects, simpler)
+    starts: list[tuple[Effect, ...]] = []
+    if not entry.kind.linear:
+        sizes = {float(s["amplitude"]) for s in scored.candidate.shapes if s.get("amplitude", 0.0) > 0.0}
+        starts = [(*kept, replace(expected, strengths=dict.fromkeys(expected.strengths, z))) for z in sorted(sizes)]
+    return Proposal(
+        move="exchange" if simpler else "add",
+        effects=(*kept, expected),
+        starts=tuple(starts),
+        expected=scored.gain,
+    )

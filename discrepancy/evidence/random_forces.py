@@ -1,0 +1,72 @@
+"""The random forces that a fitted model needs beside its sensors' noise, in words and numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.innovations.noise_model import Process
+from multibody.base.quantity_text import quantity_text
+
+__all__ = ["RandomForces", "random_forces_of"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomForces:
+    """What acts at random on a machine and on its sensors.
+
+    Parameters
+    ----------
+    processes : tuple of (Process, str)
+        The latent processes, each with its unit.
+    noise : dict of str to float
+        Standard deviation of the white noise of each output, SI, in the means that the fit used.
+    """
+
+    processes: tuple[tuple[Process, str], ...]
+    noise: dict[str, float]
+
+    @property
+    def sentence(self) -> str:
+        """What it is and what was done."""
+        if not self.processes:
+            return "The records ask for no random force beside the noise of their sensors."
+        parts = [
+            f"{quantity_text(q.std, unit, 2)} at {q.where}, changing within about {q.memory:.2g} s"
+            for q, unit in self.processes
+        ]
+        return (
+            "Beside the noise of the sensors the records show random forces or errors (standard deviations): "
+            f"{'; '.join(parts)}. All effects were judged with these taken into account."
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as it stands in diagnosis.json."""
+        return {
+            "processes": [
+                {
+                    "where": q.where,
+                    "acts_on": "output" if q.channel >= 0 else "machine",
+                    "size": q.std,
+                    "unit": unit,
+                    "memory_s": q.memory,
+                }
+                for q, unit in self.processes
+            ],
+            "white_noise": self.noise,
+        }
+
+
+def random_forces_of(likelihood: StageLikelihood) -> RandomForces:
+    """Return the random forces of a fitted model, those of no size left out."""
+    stage, model = likelihood.stage, likelihood.noise.model
+    places = {p.name: ("N*m" if p.domain == "rotation" else "N") for p in stage.system.places}
+
+    def unit_of(where: str) -> str:
+        if where in places:
+            return places[where]
+        return stage.system.unit(where)
+
+    kept = tuple((q, unit_of(q.where)) for q in model.processes if q.std > 1e-6 * max(p.std for p in model.processes))
+    return RandomForces(processes=kept, noise=dict(zip(stage.outputs, model.noise, strict=True)))

@@ -1,0 +1,393 @@
+"""The search by evidence: models are extended from the best of those that were fitted, while the evidence rises."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discrepancy.evidence import models
+from discrepancy.evidence.criterion import ModelPrior, log_evidence
+from discrepancy.evidence.likelihood import StageLikelihood
+from discrepancy.evidence.models import TriedModel, key_of
+from discrepancy.evidence.policy import POLICY
+from discrepancy.evidence.posterior import rivals_of
+from discrepancy.evidence.predictive import PredictiveGain, gain_of_errors, held_out_errors, predictive_gain
+from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, propose, proposed_effects
+from discrepancy.search.moves import Decision
+from discrepancy.stages.fit_stage import with_validation
+from discrepancy.stages.stage import AcceptedEffect, Stage
+from discrepancy.statistics.thresholds import LEVEL_SHARES
+from multibody.base.errors import ModelError
+from multibody.base.parallel import parallel_map
+
+if TYPE_CHECKING:
+    from discrepancy.effects.effect import Effect
+    from discrepancy.search.state import SearchState
+
+__all__ = ["EvidenceSearch"]
+
+
+@dataclass(eq=False)
+class EvidenceSearch:
+    """A search for the effects that a model lacks, by the marginal likelihood of whole models.
+
+    Parameters
+    ----------
+    state : SearchState
+        Its stages are made; its decisions list what was asked.
+
+    Attributes
+    ----------
+    models : dict of tuple to TriedModel
+        Every model that was fitted, by the sorted names of its effects.
+    predictive : dict of str to PredictiveGain
+        By how much records left out are predicted better with an effect.
+    unconfirmed : list of str
+        Effects that no record held out is predicted better with.
+    prior : ModelPrior or None
+    """
+
+    state: SearchState
+    models: dict[tuple[str, ...], TriedModel] = field(default_factory=dict, init=False)
+    predictive: dict[str, PredictiveGain] = field(default_factory=dict, init=False)
+    unconfirmed: list[str] = field(default_factory=list, init=False)
+    prior: ModelPrior | None = field(default=None, init=False)
+
+    def run(self) -> None:
+        """Extend the best models, keep of the best what predicts better, and make its stages."""
+        state = self.state
+        start = self._known(state.stage)
+        while (model := self._next()) is not None:
+            self._extend(model)
+        best = self._confirmed(self._kept_by_prediction(self._standing()[0]))
+        self._make_stages(start, best)
+
+    @property
+    def final(self) -> TriedModel:
+        """The model that was taken."""
+        return self.models[key_of(self.state.stages[-1].effects)]
+
+    @property
+    def start(self) -> TriedModel | None:
+        """The model without effects, if it was tried."""
+        return self.models.get(())
+
+    # ---------------------------------------------------------------- the beam
+
+    def _standing(self) -> list[TriedModel]:
+        """Return the models that may be extended or taken, best first."""
+        models = [m for m in self.models.values() if m.better]
+        return sorted(models, key=lambda m: -m.total)
+
+    def _next(self) -> TriedModel | None:
+        """Return the model to extend next: the best of the beam that has not been extended, if it is within reach."""
+        while True:
+            models = self._standing()[: POLICY.beam]
+            rough = [m for m in models if m.total >= models[0].total - POLICY.reach and self._refine(m)]
+            if not rough:
+                break
+        if sum(m.expanded for m in self.models.values()) >= POLICY.expansions:
+            return None
+        within = [m for m in models if not m.expanded and m.total >= models[0].total - POLICY.reach]
+        return within[0] if within else None
+
+    def _refine(self, model: TriedModel) -> bool:
+        """Let the noise of a model have further latent processes; tell whether that was not done before."""
+        if model.likelihood is None or model.likelihood.grow:
+            return False
+        self.state.progress(f"what is random beside {model.name}")
+        model.likelihood = model.likelihood.with_richer_noise()
+        self._refresh(model)
+        return True
+
+    def _extend(self, model: TriedModel) -> None:
+        """Score the candidates of a model, fit those that promise most, and keep every model that was fitted."""
+        state, problem = self.state, self.state.problem
+        likelihood = model.likelihood
+        assert likelihood is not None
+        stage = likelihood.stage
+        model.expanded = True
+        state.progress(f"extend the model with {model.name}")
+        proposals = state.if_simulated("what is still missing", lambda: self._proposals(likelihood))
+        if proposals is None:
+            model.outcome = "it could not be asked what is still missing"
+            return
+        model.proposals = proposals
+        if self.prior is None:
+            self.prior = self._prior(stage, proposals)
+            self._refresh(model)
+        offers: list[tuple[Proposal, float]] = []
+        room = problem.max_effects - len(stage.effects)
+        p_values = {r.name: r.p_value for r in proposals.scan.rows}
+        if room > 0:
+            offers += [(p, p_values.get(str(p.effects[-1]), 1.0)) for p in models.additions(proposals, stage.effects)]
+            curves = state.if_simulated("free curves", lambda: self._curves(likelihood))
+            offers += curves or []
+        if room > 1:
+            offers += [(p, 1.0) for p in models.pairs(proposals, stage)]
+        if len(stage.effects) > 1:
+            offers += [(p, 1.0) for p in models.exchanges(model, self._rival_effects(model))]
+        new = [(p, q) for p, q in offers if key_of(p.effects) not in self.models]
+        trials = self._fitted(model, new)
+        state.decisions.append(
+            Decision(scans=(proposals.scan,), reason=self._reason(model, trials), refused=proposals.refused)
+        )
+
+    def _proposals(self, likelihood: StageLikelihood) -> Proposals:
+        problem = self.state.problem
+        return propose(
+            likelihood,
+            include=problem.include,
+            exclude=problem.exclude,
+            level=problem.level,
+            seed=problem.seed + len(likelihood.stage.effects),
+            progress=self.state.progress,
+        )
+
+    def _curves(self, likelihood: StageLikelihood) -> list[tuple[Proposal, float]]:
+        problem = self.state.problem
+        self.state.progress(f"free curves at {len(likelihood.stage.system.places)} places")
+        return models.curve(likelihood, level=problem.level / LEVEL_SHARES, seed=problem.seed)
+
+    def _prior(self, stage: Stage, proposals: Proposals) -> ModelPrior:
+        """Return what is known of models before the records are seen, from the first model that is extended."""
+        names = [e.name for e in entries_of(stage, self.state.problem.include, self.state.problem.exclude)]
+        shapes = {c.name: len(c.candidate.shapes) for c in proposals.candidates}
+        values = self.state.stages[0].p
+        stated = dict(zip(self.state.stages[0].system.parameter_names, map(float, values), strict=False))
+        return ModelPrior(candidates=len(names), shapes=shapes, stated=stated)
+
+    def _rival_effects(self, model: TriedModel) -> dict[str, list[Proposal]]:
+        """Return what else may stand in the place of each effect of a model: the candidates of the model without it."""
+        rivals: dict[str, list[Proposal]] = {}
+        for effect in model.stage.effects:
+            rest = tuple(e for e in model.stage.effects if e is not effect)
+            asked = [m for m in self.models.values() if m.proposals is not None and str(effect) not in m.key]
+            asked.sort(key=lambda m: len(set(m.key) ^ set(key_of(rest))))
+            if not asked:
+                continue
+            source = asked[0].proposals
+            assert source is not None
+            own = source.named(str(effect))
+            least = own.gain - max(POLICY.reach, POLICY.linear_error * own.gain) if own is not None else 0.0
+            names = [c for c in source.candidates if c.gain > max(least, 0.0) and c is not own]
+            rivals[str(effect)] = [proposed_effects(c, rest) for c in names[: POLICY.rivals]]
+        return rivals
+
+    def _fitted(self, parent: TriedModel, offers: Sequence[tuple[Proposal, float]]) -> list[TriedModel]:
+        """Fit the models that are offered and keep them, each with its evidence."""
+        state = self.state
+        assert parent.likelihood is not None
+        noise = parent.likelihood.noise.model
+
+        def tried(offer: tuple[Proposal, float]) -> TriedModel:
+            proposal, p_value = offer
+            model = TriedModel(
+                likelihood=None,
+                key=key_of(proposal.effects),
+                evidence=None,
+                move=proposal.move,
+                parent=parent.key,
+                p_value=p_value,
+            )
+            for effects in (proposal.effects, *proposal.starts):
+                state.progress(f"fit with {model.name}")
+                try:
+                    stage = state.on_trial(model.name, effects, parent.stage)
+                    likelihood = StageLikelihood(stage=stage, start=noise, grow=False)
+                    assert self.prior is not None
+                    evidence = log_evidence(likelihood, self.prior)
+                except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
+                    model.outcome = model.outcome or f"could not be simulated: {error}"
+                    continue
+                present = all(any(e.strengths.values()) for e in stage.effects)
+                if present and math.isfinite(evidence.total) and evidence.total > model.total:
+                    model.likelihood, model.evidence = likelihood, evidence
+            if model.likelihood is None and not model.outcome:
+                model.outcome = "a strength is zero: it would act the other way"
+            return model
+
+        trials = parallel_map(tried, offers)
+        for model in trials:
+            if model.likelihood is not None:
+                self._judge(model, parent)
+            self.models[model.key] = model
+            state.progress(f"{model.name}: log evidence {model.total - parent.total:+.1f} ({model.outcome})")
+        return trials
+
+    def _judge(self, model: TriedModel, parent: TriedModel) -> None:
+        """Note whether a model is better than the one that it was made of."""
+        gain = model.total - parent.total
+        more = len(model.stage.effects) > len(parent.stage.effects)
+        if gain <= (POLICY.improvement if more else 0.0):
+            model.outcome = "not better"
+        elif more and not models.is_relevant(model, parent):
+            model.refuse("better, but records left out are not simulated better")
+        else:
+            model.better, model.outcome = True, "better"
+
+    def _known(self, stage: Stage) -> TriedModel:
+        """Return the model of a stage among those that were tried; it joins them if it is new."""
+        key = key_of(stage.effects)
+        if key not in self.models:
+            self.state.progress("what is random: sensor noise and latent forces")
+            likelihood = StageLikelihood(stage=stage)
+            model = TriedModel(likelihood=likelihood, key=key, evidence=None, outcome="start", better=True)
+            self.models[key] = model
+            self._refresh(model)
+        return self.models[key]
+
+    def _refresh(self, model: TriedModel) -> None:
+        prior = self.prior or ModelPrior(candidates=1, shapes={}, stated={})
+        assert model.likelihood is not None
+        model.evidence = log_evidence(model.likelihood, prior)
+
+    @staticmethod
+    def _reason(model: TriedModel, trials: Sequence[TriedModel]) -> str:
+        if not trials:
+            return "no candidate promises a better model"
+        best = max(trials, key=lambda m: m.total)
+        return f"the best of {len(trials)} models is {best.name}, log evidence {best.total - model.total:+.1f}"
+
+    # ---------------------------------------------------------------- what remains
+
+    def _kept_by_prediction(self, best: TriedModel) -> TriedModel:
+        """Drop effects without which records left out are predicted as well, one after another."""
+        state = self.state
+        while best.key and best.likelihood is not None:
+            weakest: tuple[float, TriedModel, str] | None = None
+            for model in self._fitted_once(best, [*models.simplifications(best), *models.drops(best)]):
+                if model.likelihood is None:
+                    continue
+                gain = predictive_gain(best.likelihood, model.likelihood)
+                dropped = " + ".join(sorted(set(best.key) - set(model.key)))
+                if new := set(model.key) - set(best.key):
+                    dropped += f" in place of {' + '.join(sorted(new))}"
+                else:
+                    self.predictive[dropped] = gain
+                state.progress(
+                    f"{dropped}: log predictive score of {gain.blocks} blocks left out {gain.gain:+.1f} "
+                    f"± {gain.standard_error:.1f}"
+                )
+                why = self._why_dropped(best, model, gain)
+                if why and (weakest is None or gain.gain < weakest[0]):
+                    weakest = gain.gain, model, f"{dropped} is not taken: {why}"
+            if weakest is None:
+                best.taken = True
+                return best
+            state.progress(weakest[2])
+            best.refuse(weakest[2])
+            best = weakest[1]
+        return best
+
+    @staticmethod
+    def _why_dropped(best: TriedModel, without: TriedModel, gain: PredictiveGain) -> str:
+        """Return why an effect is dropped again; an empty text where it stays."""
+        if not gain.exceeds(POLICY.predictive_errors):
+            return "records left out are predicted no better with it"
+        if best.total - without.total <= POLICY.improvement:
+            return "the evidence for it is weak"
+        if not models.is_relevant(best, without):
+            return "no record left out is simulated better with it"
+        return ""
+
+    def _confirmed(self, best: TriedModel) -> TriedModel:
+        """Drop effects that make no output of the records held out better, or some output worse, one after another.
+
+        They may be there: the evidence for them stands in the probabilities.  They are not announced, because the model
+        predicts nothing better with them.
+        """
+        state = self.state
+        while best.key and best.likelihood is not None and state.problem.validate:
+            here = held_out_errors(with_validation(state.problem, best.stage))
+            weakest: tuple[float, TriedModel, str] | None = None
+            for model in self._fitted_once(best, models.drops(best)):
+                if model.likelihood is None:
+                    continue
+                gain = gain_of_errors(
+                    best.stage.outputs, here, held_out_errors(with_validation(state.problem, model.stage))
+                )
+                dropped = " + ".join(sorted(set(best.key) - set(model.key)))
+                state.progress(f"{dropped}: share of the held-out mean square error that is gone: {gain}")
+                if gain.helps(POLICY.relevance, 0.0) and not gain.harms(POLICY.harm, POLICY.simulation_errors):
+                    continue
+                most = float(gain.share.max())
+                if weakest is None or most < weakest[0]:
+                    weakest = most, model, dropped
+            if weakest is None:
+                return best
+            best.refuse(f"{weakest[2]} is not announced: no output of the records held out is predicted better")
+            state.progress(best.outcome)
+            self.unconfirmed.append(weakest[2])
+            best = weakest[1]
+        return best
+
+    def _fitted_once(self, model: TriedModel, proposals: Sequence[Proposal]) -> list[TriedModel]:
+        """Return the models of some proposals, fitting those that were not tried yet."""
+        new = [(p, 1.0) for p in proposals if key_of(p.effects) not in self.models]
+        if new:
+            self._fitted(model, new)
+        return [self.models[key_of(p.effects)] for p in proposals]
+
+    def _make_stages(self, start: TriedModel, best: TriedModel) -> None:
+        """Make the stages of the best model, one for each effect, in the order in which they raise the evidence."""
+        state = self.state
+        self._keep_scans()
+        if best.likelihood is None or best.key == start.key:
+            return
+        had = {str(e) for e in start.stage.effects}
+        order = self._order([e for e in best.stage.effects if str(e) not in had], best)
+        effects = tuple(e for e in best.stage.effects if str(e) in had)
+        names = {str(e) for e in effects}
+        for effect in order:
+            names.add(str(effect))
+            effects = tuple(e for e in best.stage.effects if str(e) in names)
+            state.progress(f"add {effect}")
+            tried = self.models.get(key_of(effects))
+            from_trial = tried.stage if tried is not None and tried.likelihood is not None else best.stage
+            before = state.stages[-1]
+            try:
+                stage = state.fitted(f"+ {effect}", from_trial.effects if tried else effects, from_trial, before.noise)
+            except RuntimeError as error:
+                state.progress(f"{effect} could not be fitted further, the fit on trial is kept: {error}")
+                stage = with_validation(state.problem, from_trial)
+            fitted = next(e for e in stage.effects if str(e) == str(effect))
+            others = (*(e for e in stage.effects if e is not fitted), fitted)
+            model = self.models.get(key_of(effects))
+            parent = self.models.get(key_of(before.effects))
+            known = model is not None and parent is not None
+            gain = model.total - parent.total if known else math.nan  # type: ignore[union-attr]
+            accepted = AcceptedEffect(
+                effect=fitted,
+                p_value=self._p_value(str(fitted)),
+                delta_bic=-2.0 * gain,
+                rivals=rivals_of(best, str(fitted), self.models, start.proposals),
+            )
+            state.stages.append(replace(stage, effects=others, accepted=accepted))
+            self._keep_scans()
+            state.save()
+
+    def _keep_scans(self) -> None:
+        """Give the latest stage the scores of its candidates, if its model was extended."""
+        stages = self.state.stages
+        model = self.models.get(key_of(stages[-1].effects))
+        if model is not None and model.proposals is not None:
+            stages[-1] = replace(stages[-1], scan=model.proposals.scan)
+
+    def _order(self, effects: Sequence[Effect], best: TriedModel) -> list[Effect]:
+        """Return effects in the order in which the search can have added them."""
+
+        def alone(effect: Effect) -> float:
+            model = self.models.get(key_of([effect]))
+            return model.total if model is not None else -math.inf
+
+        return sorted(effects, key=lambda e: -alone(e))
+
+    def _p_value(self, name: str) -> float:
+        """Return the smallest family-wise p-value with which a candidate was scored at any step."""
+        found = [r.p_value for d in self.state.decisions for s in d.scans for r in s.rows if r.name == name]
+        return min(found, default=1.0)

@@ -1,0 +1,303 @@
+"""The noise model of a residual, by restricted marginal likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from discrepancy.innovations.linear_record import LinearRecord
+from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
+from multibody.base.parallel import parallel_map
+
+__all__ = ["RecordColumns", "fit_noise", "likeliest_change", "restricted_log_likelihood"]
+
+#: Nats by which a further process must raise the likelihood; it costs two parameters, of which one is at its bound
+#: where there is no such process.
+WORTH = 4.0
+MOST_PROCESSES = 6
+PROMISING = 8  # processes that are tried again in the next round: those that raised the likelihood most
+#: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
+FIRST_SIZES = (0.3, 3.0)
+#: Change of a log standard deviation over which derivatives are taken, and the largest step.
+STEP, LARGEST_STEP = 0.05, 2.0
+ROUNDS = 12
+#: Samples × outputs of the records, thinned out, on which it is decided which process to try next.
+SCREENING_ROWS = 1500
+#: Updates of the correlation of the outputs' white noise, and its least eigenvalue: a command that a sampled controller
+#: makes of noisy measurements has their noise some time later, so no combination of outputs is nearly free of noise.
+CORRELATION_ROUNDS, LEAST_EIGENVALUE = 3, 0.05
+LEAST_EIGENVALUE_OF_NORMAL = 1e-12  # of the scaled normal matrix: directions below are not known at all
+CLOSE = 0.05  # nats that another round must promise
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordColumns:
+    """One record's residual and what may explain it, before whitening.
+
+    Parameters
+    ----------
+    record : LinearRecord
+    residual : ndarray, shape (n, n_c)
+    shared : ndarray, shape (n, n_c, k)
+        Derivatives by parameters that all records share.
+    own : ndarray, shape (n, n_c, q)
+        Derivatives by the record's own unknowns.
+    """
+
+    record: LinearRecord
+    residual: np.ndarray
+    shared: np.ndarray
+    own: np.ndarray
+
+    def whitened(self, model: NoiseModel) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return residual and shared columns, whitened and free of the own unknowns, and half of both log-dets."""
+        weighting = innovation_weighting(self.record, model)
+        together = np.concatenate([self.residual[:, :, None], self.shared, self.own], axis=2)
+        flat = weighting(together).reshape(-1, together.shape[2])
+        k, half = self.shared.shape[2], weighting.log_det
+        if self.own.shape[2]:
+            own = flat[:, 1 + k :]
+            size = np.maximum(np.linalg.norm(self.own.reshape(-1, own.shape[1]), axis=0), 1e-300)
+            q, r = np.linalg.qr(own / size)
+            kept = np.abs(np.diag(r)) > 1e-12 * np.max(np.abs(np.diag(r)), initial=0.0)
+            q = q[:, kept]
+            flat = flat[:, : 1 + k] - q @ (q.T @ flat[:, : 1 + k])
+            half += float(np.sum(np.log(np.abs(np.diag(r)[kept]))))
+        return flat[:, 0], flat[:, 1 : 1 + k], half
+
+    def every(self, count: int) -> RecordColumns:
+        """Return the same on every so-manieth sample."""
+        if count == 1:
+            return self
+        rows = np.cumsum(self.record.observed) - 1
+        thinned = self.record.every(count)
+        kept = rows[np.arange(0, self.record.time.size, count)][thinned.observed]
+        return RecordColumns(record=thinned, residual=self.residual[kept], shared=self.shared[kept], own=self.own[kept])
+
+    def innovations(self, model: NoiseModel) -> tuple[np.ndarray, np.ndarray]:
+        """Return the standardised innovations, (n, n_c), free of linear unknowns, and their roots, (n, n_c, n_c)."""
+        weighting = innovation_weighting(self.record, model)
+        together = np.concatenate([self.residual[:, :, None], self.shared, self.own], axis=2)
+        flat = weighting(together).reshape(-1, together.shape[2])
+        basis = flat[:, 1:] / np.maximum(np.linalg.norm(flat[:, 1:], axis=0), 1e-300)
+        left = flat[:, 0] - basis @ np.linalg.lstsq(basis, flat[:, 0], rcond=1e-10)[0]
+        return left.reshape(self.residual.shape), weighting.root[self.record.observed]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Normal:
+    """Normal equations of the shared parameters, and what the likelihood needs beside them."""
+
+    matrix: np.ndarray
+    right: np.ndarray
+    constant: float
+
+    @classmethod
+    def of(
+        cls, records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
+    ) -> _Normal:
+        parts = parallel_map(lambda r: r.whitened(model), records)
+        known = np.isfinite(prior_std)
+        precision = np.where(known, 1.0 / np.where(known, prior_std, 1.0) ** 2, 0.0)
+        matrix, right = np.diag(precision), precision * prior_offset
+        constant = -0.5 * float(np.sum(precision * prior_offset**2)) + 0.5 * float(np.sum(np.log(precision[known])))
+        for e, f, half in parts:
+            constant -= half + 0.5 * float(e @ e)
+            matrix = matrix + f.T @ f
+            right = right + f.T @ e
+        return cls(matrix=matrix, right=right, constant=constant)
+
+    @property
+    def finite(self) -> bool:
+        return bool(np.isfinite(self.constant) and np.all(np.isfinite(self.matrix)))
+
+    def solved(self) -> tuple[np.ndarray, float, float]:
+        """Return the parameters' change, half the decrease of the quadratic form, and half the log-determinant."""
+        if not self.right.size:
+            return self.right, 0.0, 0.0
+        size = np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
+        values, vectors = np.linalg.eigh(self.matrix / np.outer(size, size))
+        kept = values > LEAST_EIGENVALUE_OF_NORMAL
+        along = vectors.T @ (self.right / size)
+        change = vectors[:, kept] @ (along[kept] / values[kept]) / size
+        half_log_det = 0.5 * float(np.sum(np.log(values[kept]))) + float(np.sum(np.log(size)))
+        return change, 0.5 * float(np.sum(along[kept] ** 2 / values[kept])), half_log_det
+
+
+def restricted_log_likelihood(
+    records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
+) -> float:
+    """Return the log marginal likelihood of a noise model, every linear unknown integrated out.
+
+    Parameters
+    ----------
+    records : sequence of RecordColumns
+    model : NoiseModel
+    prior_std, prior_offset : ndarray, shape (k,)
+        Of the shared parameters: standard deviation (infinite: none), and mean minus the value of the linearisation.
+    """
+    try:
+        normal = _Normal.of(records, model, prior_std, prior_offset)
+        if not normal.finite:
+            return -np.inf
+        _, gain, half_log_det = normal.solved()
+    except np.linalg.LinAlgError:
+        return -np.inf
+    total = normal.constant + gain - half_log_det
+    return total if np.isfinite(total) else -np.inf
+
+
+def likeliest_change(
+    records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
+) -> np.ndarray:
+    """Return by how much the shared parameters differ from the linearisation's at the largest likelihood, (k,)."""
+    return _Normal.of(records, model, prior_std, prior_offset).solved()[0]
+
+
+def fit_noise(
+    records: Sequence[RecordColumns],
+    prior_std: np.ndarray,
+    prior_offset: np.ndarray,
+    floor: np.ndarray,
+    candidates: Sequence[Process],
+    start: NoiseModel | None = None,
+    *,
+    grow: bool = True,
+) -> tuple[NoiseModel, float]:
+    """Return the noise model with the largest restricted likelihood, and that likelihood.
+
+    Begins with white noise, or with ``start``; then processes are added one after another, the one that raises the
+    likelihood most, as long as it does so by more than `WORTH`.
+
+    Parameters
+    ----------
+    records : sequence of RecordColumns
+    prior_std, prior_offset : ndarray, shape (k,)
+    floor : ndarray, shape (n_c,)
+        Least standard deviation of the white noise of each output, SI.
+    candidates : sequence of Process
+        With the standard deviation that moves some output by its noise.
+    start : NoiseModel, optional
+    grow : bool
+        False: fit the standard deviations of ``start`` only.
+    """
+
+    def likelihood(model: NoiseModel) -> float:
+        return restricted_log_likelihood(records, model, prior_std, prior_offset)
+
+    if start is None:
+        left = np.sqrt(np.mean(np.concatenate([r.residual for r in records]) ** 2, axis=0))
+        start = NoiseModel(noise=tuple(np.maximum(left, floor).tolist()))
+    model, best = _climb(*_with_correlation(start, records, likelihood, floor), likelihood, floor)
+    promising = list(candidates)
+    rows = sum(r.residual.size for r in records)
+    thinned = [r.every(max(1, min(rows // SCREENING_ROWS, len(r.residual) // 50))) for r in records]
+
+    def screened(model: NoiseModel) -> float:
+        return restricted_log_likelihood(thinned, model, prior_std, prior_offset)
+
+    while grow and len(model.processes) < MOST_PROCESSES:
+        tried = []
+        for process in promising:
+            if any(q.where == process.where and q.memory == process.memory for q in model.processes):
+                continue
+            sizes = (replace(process, std=size * process.std) for size in FIRST_SIZES)
+            trials = [replace(model, processes=(*model.processes, q)) for q in sizes]
+            tried.append((*max(((screened(t), t) for t in trials), key=lambda t: t[0]), process))
+        if not tried:
+            break
+        tried.sort(key=lambda t: -t[0])
+        promising = [process for *_, process in tried[:PROMISING]]
+        trial = tried[0][1]
+        fitted, value = _climb(trial, likelihood(trial), likelihood, floor)
+        fitted, value = _climb(*_with_correlation(fitted, records, likelihood, floor), likelihood, floor)
+        if value < best + WORTH:
+            break
+        model, best = fitted, value
+    return model, best
+
+
+def _with_correlation(model: NoiseModel, records, likelihood, floor) -> tuple[NoiseModel, float]:  # type: ignore[no-untyped-def]
+    """Return the model with the covariance of the white noise that the innovations ask for, if that is likelier."""
+    value = likelihood(model)
+    n_c = len(model.noise)
+    if n_c == 1 or not np.isfinite(value):
+        return model, value
+    for _ in range(CORRELATION_ROUNDS):
+        excess, count = np.zeros((n_c, n_c)), 0
+        for record in records:
+            e, root = record.innovations(model)
+            factor = np.linalg.inv(root)
+            spread = np.einsum("ki,kj->kij", e, e) - np.eye(n_c)
+            excess += np.sum(factor @ spread @ factor.transpose(0, 2, 1), axis=0)
+            count += len(e)
+        for share in (1.0, 0.3):
+            covariance = model.noise_covariance() + share * excess / count
+            trial = _noise_of(model, covariance, floor)
+            reached = likelihood(trial)
+            if reached > value:
+                break
+        if not reached > value + CLOSE:
+            break
+        model, value = trial, reached
+    return model, value
+
+
+def _noise_of(model: NoiseModel, covariance: np.ndarray, floor: np.ndarray) -> NoiseModel:
+    std = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), floor)
+    values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
+    covariance = (vectors * np.maximum(values, LEAST_EIGENVALUE)) @ vectors.T
+    size = np.sqrt(np.diag(covariance))
+    return replace(model, noise=tuple(std.tolist()), correlation=covariance / np.outer(size, size))
+
+
+def _climb(model: NoiseModel, value: float, likelihood, floor: np.ndarray) -> tuple[NoiseModel, float]:  # type: ignore[no-untyped-def]
+    """Maximise over all standard deviations by BFGS in their logarithms."""
+    n_c = len(model.noise)
+    low = np.concatenate([np.log(floor), np.full(len(model.processes), -np.inf)])
+    x = np.log([*model.noise, *(max(q.std, 1e-300) for q in model.processes)])
+    x = np.maximum(x, low)
+
+    def at(x: np.ndarray) -> NoiseModel:
+        std = np.exp(x)
+        processes = tuple(replace(q, std=float(s)) for q, s in zip(model.processes, std[n_c:], strict=True))
+        return replace(model, noise=tuple(std[:n_c].tolist()), processes=processes)
+
+    def gradient(x: np.ndarray, here: float) -> np.ndarray:
+        slopes = np.empty(x.size)
+        for k in range(x.size):
+            moved = x.copy()
+            moved[k] += STEP
+            slopes[k] = (likelihood(at(moved)) - here) / STEP
+        return slopes
+
+    slope = gradient(x, value)
+    inverse = np.eye(x.size) / max(float(np.max(np.abs(slope))), 1.0)
+    for _ in range(ROUNDS):
+        free = ~((x <= low) & (slope < 0.0))
+        step = np.where(free, inverse @ np.where(free, slope, 0.0), 0.0)
+        step *= min(1.0, LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-300))
+        if float(step @ slope) < CLOSE:
+            break
+        share = 1.0
+        while True:
+            moved = np.maximum(x + share * step, low)
+            reached = likelihood(at(moved))
+            if reached > value or share < 0.05:
+                break
+            share *= 0.3
+        if not reached > value:
+            break
+        new_slope = gradient(moved, reached)
+        s, y = moved - x, slope - new_slope
+        if float(s @ y) > 1e-12:
+            rho = 1.0 / float(s @ y)
+            left = np.eye(x.size) - rho * np.outer(s, y)
+            inverse = left @ inverse @ left.T + rho * np.outer(s, s)
+        done = reached - value < CLOSE
+        x, value, slope = moved, reached, new_slope
+        if done:
+            break
+    return at(x), value

@@ -1,0 +1,222 @@
+"""Innovations: the whitening is that of the dense covariance, and the likelihood has the invariances of a likelihood."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from discrepancy.innovations.linear_record import LinearRecord
+from discrepancy.innovations.noise_fit import RecordColumns, fit_noise, restricted_log_likelihood
+from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
+
+STEP, STIFFNESS, DAMPING = 0.02, 40.0, 1.5
+NO_PRIOR = np.array([np.inf, np.inf])
+NO_OFFSET = np.zeros(2)
+
+
+def oscillator(count: int) -> LinearRecord:
+    """Return an oscillator of unit mass with a force as its input; position and speed are measured."""
+    from scipy.linalg import expm
+
+    a = np.zeros((4, 4))  # state, force, and the rate of the force between two samples
+    a[0, 1], a[1, 0], a[1, 1], a[1, 2], a[2, 3] = 1.0, -STIFFNESS, -DAMPING, 1.0, 1.0
+    whole = expm(a * STEP)
+    phi, held, ramp = whole[:2, :2], whole[:2, 2:3], whole[:2, 3:4] / STEP
+    return LinearRecord(
+        time=STEP * np.arange(count),
+        observed=np.ones(count, dtype=bool),
+        phi=np.repeat(phi[None], count - 1, axis=0),
+        gamma0=np.repeat((held - ramp)[None], count - 1, axis=0),
+        gamma1=np.repeat(ramp[None], count - 1, axis=0),
+        c=np.repeat(np.eye(2)[None], count, axis=0),
+        d=np.zeros((count, 2, 1)),
+    )
+
+
+def noise_model(force: float = 0.8, drift: float = 0.002) -> NoiseModel:
+    return NoiseModel(
+        noise=(0.003, 0.02),
+        processes=(
+            Process(where="spring", source=0, channel=-1, memory=0.3, std=force),
+            Process(where="position", source=-1, channel=0, memory=0.1, std=drift),
+        ),
+        correlation=np.array([[1.0, 0.4], [0.4, 1.0]]),
+    )
+
+
+def dense_covariance(record: LinearRecord, model: NoiseModel) -> np.ndarray:
+    """Return the covariance of all outputs by propagating unit forces, without any filter."""
+    count, n_c = record.c.shape[:2]
+    force, drift = model.processes
+    response = np.zeros((count, n_c, count))
+    for k in range(count):
+        x = np.zeros(2)
+        for t in range(count):
+            response[t, :, k] = record.c[t] @ x
+            if t + 1 < count:
+                x = record.phi[t] @ x + record.gamma0[t, :, 0] * (t == k) + record.gamma1[t, :, 0] * (t + 1 == k)
+    apart = np.abs(record.time[:, None] - record.time[None])
+    flat = response.reshape(count * n_c, count)
+    total = flat @ (force.std**2 * np.exp(-apart / force.memory)) @ flat.T
+    total += np.kron(drift.std**2 * np.exp(-apart / drift.memory), np.diag([1.0, 0.0]))
+    return total + np.kron(np.eye(count), model.noise_covariance())
+
+
+def columns_of(record: LinearRecord, seed: int, model: NoiseModel) -> RecordColumns:
+    rng = np.random.default_rng(seed)
+    count = record.time.size
+    root = np.linalg.cholesky(dense_covariance(record, model))
+    shared = np.stack([np.sin(3.0 * record.time), np.cos(7.0 * record.time)], axis=1)[:, None, :] * np.ones((1, 2, 1))
+    shared[:, 1] *= 2.0
+    return RecordColumns(
+        record=record,
+        residual=(root @ rng.standard_normal(2 * count)).reshape(count, 2),
+        shared=shared,
+        own=np.exp(-record.time)[:, None, None] * np.ones((1, 2, 1)),
+    )
+
+
+def test_the_filter_whitens_as_the_dense_covariance_does() -> None:
+    record, model = oscillator(40), noise_model()
+    covariance = dense_covariance(record, model)
+    weighting = innovation_weighting(record, model)
+    white = weighting(np.eye(80).reshape(40, 2, 80)).reshape(80, 80)
+    np.testing.assert_allclose(white @ covariance @ white.T, np.eye(80), atol=1e-9)
+    assert weighting.log_det == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1], abs=1e-8)
+    np.testing.assert_allclose(white, np.tril(white), atol=1e-12)  # innovations know the past only
+
+
+def test_the_restricted_likelihood_is_that_of_the_dense_covariance() -> None:
+    record, model = oscillator(40), noise_model()
+    one = columns_of(record, 1, model)
+    inverse = np.linalg.inv(dense_covariance(record, model))
+    e = one.residual.ravel()
+    f = np.concatenate([one.shared, one.own], axis=2).reshape(80, 3)
+    # own unknowns are scaled by their size, which is the same for all models
+    f[:, 2] /= np.linalg.norm(f[:, 2])
+    normal = f.T @ inverse @ f
+    right = f.T @ inverse @ e
+    expected = (
+        -0.5 * (e @ inverse @ e - right @ np.linalg.solve(normal, right))
+        + 0.5 * np.linalg.slogdet(inverse)[1]
+        - 0.5 * np.linalg.slogdet(normal)[1]
+    )
+    assert restricted_log_likelihood([one], model, NO_PRIOR, NO_OFFSET) == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_order_of_records_does_not_matter() -> None:
+    record, model = oscillator(60), noise_model()
+    records = [columns_of(record, seed, model) for seed in (1, 2, 3)]
+    forwards, backwards = (restricted_log_likelihood(r, model, NO_PRIOR, NO_OFFSET) for r in (records, records[::-1]))
+    assert forwards == pytest.approx(backwards, abs=1e-8)
+
+
+def test_the_order_of_outputs_does_not_matter() -> None:
+    record, model = oscillator(60), noise_model()
+    one = columns_of(record, 1, model)
+    turned = replace(
+        one,
+        record=replace(record, c=np.ascontiguousarray(record.c[:, ::-1]), d=np.ascontiguousarray(record.d[:, ::-1])),
+        residual=one.residual[:, ::-1],
+        shared=one.shared[:, ::-1],
+        own=one.own[:, ::-1],
+    )
+    force, drift = model.processes
+    other = NoiseModel(
+        noise=model.noise[::-1], processes=(force, replace(drift, channel=1)), correlation=model.correlation
+    )
+    assert restricted_log_likelihood([turned], other, NO_PRIOR, NO_OFFSET) == pytest.approx(
+        restricted_log_likelihood([one], model, NO_PRIOR, NO_OFFSET), abs=1e-8
+    )
+
+
+def test_differences_do_not_depend_on_units() -> None:
+    record, model = oscillator(60), noise_model()
+    one = columns_of(record, 1, model)
+    unit = np.array([1000.0, 1.0])  # the position in millimetres
+    scaled = replace(
+        one,
+        record=replace(record, c=record.c * unit[:, None], d=record.d * unit[:, None]),
+        residual=one.residual * unit,
+        shared=one.shared * unit[:, None],
+        own=one.own * unit[:, None],
+    )
+
+    def in_millimetres(m: NoiseModel) -> NoiseModel:
+        force, drift = m.processes
+        return replace(
+            m, noise=(1000.0 * m.noise[0], m.noise[1]), processes=(force, replace(drift, std=1000.0 * drift.std))
+        )
+
+    other = noise_model(force=0.3, drift=0.001)
+    plain = [restricted_log_likelihood([one], m, NO_PRIOR, NO_OFFSET) for m in (model, other)]
+    milli = [restricted_log_likelihood([scaled], in_millimetres(m), NO_PRIOR, NO_OFFSET) for m in (model, other)]
+    assert plain[0] - plain[1] == pytest.approx(milli[0] - milli[1], abs=1e-7)
+
+
+def test_a_record_of_sensor_noise_may_be_split_in_two() -> None:
+    """With a latent force the second half starts anew and knows less; without one nothing is lost."""
+    record = oscillator(60)
+    model = replace(noise_model(), processes=())
+    whole = replace(columns_of(record, 1, noise_model()), own=np.zeros((60, 2, 0)))
+    halves = [
+        RecordColumns(
+            record=replace(
+                record,
+                time=record.time[part],
+                observed=record.observed[part],
+                phi=record.phi[:29],
+                gamma0=record.gamma0[:29],
+                gamma1=record.gamma1[:29],
+                c=record.c[part],
+                d=record.d[part],
+            ),
+            residual=whole.residual[part],
+            shared=whole.shared[part],
+            own=whole.own[part],
+        )
+        for part in (slice(0, 30), slice(30, 60))
+    ]
+    together, apart = (restricted_log_likelihood(r, model, NO_PRIOR, NO_OFFSET) for r in ([whole], halves))
+    assert together == pytest.approx(apart, abs=1e-8)
+
+
+def test_the_noise_of_a_record_is_estimated() -> None:
+    record, truth = oscillator(1500), noise_model(drift=0.0)
+    rng = np.random.default_rng(5)
+    # by simulation, not by the filter under test
+    decay = np.exp(-STEP / 0.3)
+    force, x = np.zeros(1500), np.zeros(2)
+    force[0] = 0.8 * rng.standard_normal()
+    outputs = np.zeros((1500, 2))
+    for k in range(1499):
+        force[k + 1] = decay * force[k] + 0.8 * np.sqrt(1.0 - decay**2) * rng.standard_normal()
+        x = record.phi[k] @ x + record.gamma0[k, :, 0] * force[k] + record.gamma1[k, :, 0] * force[k + 1]
+        outputs[k + 1] = x
+    outputs += rng.standard_normal((1500, 2)) @ np.linalg.cholesky(truth.noise_covariance()).T
+    one = RecordColumns(record=record, residual=outputs, shared=np.zeros((1500, 2, 0)), own=np.zeros((1500, 2, 0)))
+    memories = (0.04, 0.3, 3.0)
+    candidates = [Process(where="spring", source=0, channel=-1, memory=m, std=0.1) for m in memories]
+    candidates += [Process(where="position", source=-1, channel=0, memory=m, std=0.003) for m in memories[1:]]
+    model, _ = fit_noise([one], np.zeros(0), np.zeros(0), np.array([1e-3, 1e-2]), candidates)
+    assert model.noise[0] == pytest.approx(0.003, rel=0.1)
+    assert model.noise[1] == pytest.approx(0.02, rel=0.1)
+    of_force = [q for q in model.processes if q.where == "spring"]
+    assert np.sqrt(sum(q.std**2 for q in of_force)) == pytest.approx(0.8, rel=0.25)
+    assert model.correlation is not None
+    assert model.correlation[0, 1] == pytest.approx(0.4, abs=0.1)
+
+
+def test_white_noise_gets_no_latent_force() -> None:
+    """In 40 records of white noise alone a process is added in at most two: it must be worth four nats."""
+    record = oscillator(200)
+    candidates = [Process(where="spring", source=0, channel=-1, memory=m, std=0.1) for m in (0.04, 0.4)]
+    added = 0
+    for seed in range(40):
+        noise = np.random.default_rng(seed).standard_normal((200, 2)) * np.array([0.003, 0.02])
+        one = RecordColumns(record=record, residual=noise, shared=np.zeros((200, 2, 0)), own=np.zeros((200, 2, 0)))
+        model, _ = fit_noise([one], np.zeros(0), np.zeros(0), np.array([1e-3, 1e-2]), candidates)
+        added += bool(model.processes)
+    assert added <= 2
