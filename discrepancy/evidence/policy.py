@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["POLICY", "Policy"]
+__all__ = ["POLICY"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,9 +48,7 @@ class Policy:
         Standard errors by which the log predictive score of records left out must rise with an effect.
     temperature : float
         Divisor of log evidence in the probabilities that are shown.  The evidence takes the model for exact but for its
-        noise; it never is, so its differences are too large.
-    certain : float
-        Nats at most that a candidate which was not fitted in full may be ahead of one that was, for the probabilities.
+        noise; it never is, so its differences are too large.  Chosen and not yet fitted to graded cases.
     """
 
     beam: int = 5
@@ -68,7 +66,6 @@ class Policy:
     simulation_errors: float = 2.0
     predictive_errors: float = 1.0
     temperature: float = 3.0
-    certain: float = 0.0
 
 
 POLICY = Policy()

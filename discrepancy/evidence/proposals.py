@@ -33,7 +33,7 @@ from discrepancy.statistics.ties import canonical_correlation
 from discrepancy.statistics.whitened import WhitenedProblem, whiten_all
 from discrepancy.statistics.whitening import identity
 
-__all__ = ["Proposal", "Proposals", "ScoredCandidate", "entries_of", "propose"]
+__all__ = ["Proposal", "Proposals", "entries_of", "propose", "proposed_effects"]
 
 
 #: Kinds of which a machine may have several at one place, told apart by their shape: waves of other orders, tight spots

@@ -1,4 +1,4 @@
-"""Innovations: the whitening is that of the dense covariance, and the likelihood has the invariances of a likelihood."""
+"""Innovations: the whitening is that of the dense covariance; the likelihood does not depend on order or units."""
 
 from __future__ import annotations
 

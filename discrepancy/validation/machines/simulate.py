@@ -32,7 +32,7 @@ def rk4(rates: Callable[..., Any]) -> Callable[..., Array]:
 def _blank_values(machine: Machine) -> dict[str, float]:
     """Return all quantities of the equations: stated parameters, constants, and every effect absent."""
     values: dict[str, float] = {**machine.constants}
-    values |= {s.name: 0.0 for s in machine.starts}
+    values |= {start.name: 0.0 for start in machine.starts}
     values |= {p.name: p.stated for p in machine.parameters}
     for signal in (*machine.channels, *machine.drives):
         values |= {f"{signal.name}_{error}": 0.0 for error in ("offset", "gain", "delay", "drift")}

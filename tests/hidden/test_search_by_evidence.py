@@ -1,0 +1,102 @@
+"""The search by evidence: what is hidden is named with its probability, nothing is named where nothing is hidden."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from discrepancy.evidence.search import EvidenceSearch
+from discrepancy.report.decisions_json import save_decisions
+from discrepancy.report.diagnosis_json import to_diagnosis
+from discrepancy.rigs.axis import axis_case
+from discrepancy.study.study import Study
+
+FEW = ("coulomb_friction@*", "viscous_friction@*", "stribeck_friction@guide", "sensor_offset@*", "constant_force@guide")
+
+
+@pytest.fixture(scope="module")
+def diagnosed():
+    """Return a function that diagnoses an axis with something hidden, among few candidates."""
+    kept = {}
+
+    def diagnose(seed, hidden=()):
+        key = seed, tuple(hidden)
+        if key not in kept:
+            problem = axis_case(seed, list(hidden), trips=4).problem(seed=seed)
+            study = Study(replace(problem, include=FEW, search="evidence"))
+            kept[key] = study, study.diagnose()
+        return kept[key]
+
+    return diagnose
+
+
+def test_a_hidden_friction_is_named_with_its_probability(diagnosed):
+    study, conclusion = diagnosed(1, ["coulomb_friction@guide"])
+    assert [str(e) for e in study.stage.effects] == ["coulomb_friction@guide"]
+    assert conclusion.probabilities is not None
+    (effect,) = conclusion.probabilities.effects
+    assert effect.probability > 0.5, "more probable than everything else together"
+    assert conclusion.probabilities.nothing < 1e-3
+    before, after = (s.rmse("validate") for s in (study.stages[1], study.stages[-1]))
+    assert after["motor.torque"] < 0.8 * before["motor.torque"]
+
+
+def test_nothing_hidden_nothing_named(diagnosed):
+    study, conclusion = diagnosed(41)
+    assert study.stage.effects == ()
+    assert conclusion.verdict == "nothing missing"
+    assert conclusion.probabilities is not None
+    assert conclusion.probabilities.nothing > 0.8
+
+
+def test_every_model_that_was_tried_is_in_the_decisions(diagnosed, tmp_path):
+    _, conclusion = diagnosed(1, ["coulomb_friction@guide"])
+    content = json.loads(save_decisions(conclusion, tmp_path / "decisions.json").read_text())
+    names = [tuple(m["effects"]) for m in content["models"]]
+    assert () in names
+    assert ("coulomb_friction@guide",) in names
+    assert len(names) == len(set(names)), "a model is tried once"
+    assert content["taken"] == ["coulomb_friction@guide"]
+    (taken,) = [m for m in content["models"] if m["taken"]]
+    parts = taken["log_evidence"]
+    assert parts["total"] == pytest.approx(sum(v for k, v in parts.items() if k != "total"))
+    assert all(m["outcome"] for m in content["models"])
+
+
+def test_evidence_rises_along_the_path_that_was_taken(diagnosed):
+    _, conclusion = diagnosed(1, ["coulomb_friction@guide"])
+    by_name = {m.key: m for m in conclusion.models}
+    model = next(m for m in conclusion.models if m.taken)
+    while model.parent is not None:
+        parent = by_name[model.parent]
+        assert model.total > parent.total
+        model = parent
+    assert model.key == ()
+
+
+def test_the_diagnosis_tells_probabilities_checks_and_random_forces(diagnosed):
+    _, conclusion = diagnosed(1, ["coulomb_friction@guide"])
+    diagnosis = to_diagnosis(conclusion)
+    assert diagnosis["probabilities"]["effects"][0]["kind"] == "coulomb_friction"
+    assert {c["output"] for c in diagnosis["predictive_checks"]} == set(conclusion.final.outputs)
+    assert "white_noise" in diagnosis["disturbance"]
+    assert "Probabilities: dry (Coulomb) friction at guide" in diagnosis["sentence"]
+
+
+def test_the_search_by_significance_has_none_of_it():
+    problem = axis_case(41, [], trips=3).problem(seed=41)
+    study = Study(replace(problem, include=("viscous_friction@guide",)))
+    conclusion = study.diagnose()
+    assert conclusion.probabilities is None
+    assert conclusion.models == ()
+    assert problem.search == "significance"
+
+
+def test_a_search_without_room_for_effects_names_nothing():
+    problem = axis_case(1, ["coulomb_friction@guide"], trips=3).problem(seed=1)
+    study = Study(replace(problem, include=FEW, max_effects=0, search="evidence"))
+    study.prepare()
+    EvidenceSearch(study).run()
+    assert study.stage.effects == ()

@@ -1,0 +1,101 @@
+"""Evidence: priors are proper, probabilities add up, gains are relative to the blocks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from discrepancy.effects.effect import Effect
+from discrepancy.evidence.criterion import Evidence, ModelPrior
+from discrepancy.evidence.likelihood import log_prior_of_strengths
+from discrepancy.evidence.models import TriedModel, key_of
+from discrepancy.evidence.posterior import posterior
+from discrepancy.evidence.predictive import gain_of_errors
+
+GAIN = Effect("sensor_gain", "speed", {"gain": 0.1})
+OFFSET = Effect("sensor_offset", "speed", {"offset": 0.1})
+
+
+def tried(total: float, *names: str, parent: tuple[str, ...] | None = None, matters: bool = True) -> TriedModel:
+    return TriedModel(
+        likelihood=None,
+        key=tuple(sorted(names)),
+        evidence=Evidence(log_likelihood=total, log_prior=0.0, log_odds=0.0),
+        parent=parent,
+        matters=matters,
+    )
+
+
+def by_key(*models: TriedModel) -> dict[tuple[str, ...], TriedModel]:
+    return {m.key: m for m in models}
+
+
+def test_the_prior_of_models_adds_up_to_one() -> None:
+    prior = ModelPrior(candidates=3, shapes={}, stated={})
+    total = math.exp(prior.log_probability([]))
+    total += 3 * math.exp(prior.log_probability([GAIN])) + 3 * math.exp(prior.log_probability([GAIN, OFFSET]))
+    assert total == pytest.approx(0.5 + 0.25 + 0.125)
+    assert math.exp(prior.log_probability([])) == 0.5
+
+
+def test_the_shapes_of_a_law_share_its_prior() -> None:
+    plain = ModelPrior(candidates=3, shapes={}, stated={})
+    shaped = ModelPrior(candidates=3, shapes={str(GAIN): 8}, stated={})
+    assert shaped.log_probability([GAIN]) == pytest.approx(plain.log_probability([GAIN]) - math.log(8.0))
+
+
+@pytest.mark.parametrize("one_sided", [True, False])
+def test_the_prior_of_a_strength_is_proper(one_sided: bool) -> None:
+    values = np.tan(np.linspace(0.0 if one_sided else -np.pi / 2, np.pi / 2, 200_001)[1:-1])
+    density = [math.exp(log_prior_of_strengths(np.array([v]), np.array([2.0]), one_sided)) for v in values[::20]]
+    assert np.trapezoid(density, values[::20]) == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_key_of_a_model_does_not_depend_on_order() -> None:
+    assert key_of([GAIN, OFFSET]) == key_of([OFFSET, GAIN])
+
+
+def test_probabilities_add_up_and_rivals_share_them() -> None:
+    models = by_key(tried(0.0), tried(12.0, "a@x"), tried(10.0, "b@x"), tried(-50.0, "a@x", "c@y", parent=("a@x",)))
+    result = posterior(models, ["a@x"], None, temperature=1.0)
+    assert sum(result.models.values()) == pytest.approx(1.0)
+    (effect,) = result.effects
+    assert effect.probability == pytest.approx(1.0 / (1.0 + math.exp(-2.0)), rel=1e-3)
+    assert effect.alternatives == (("b@x", pytest.approx(1.0 - effect.probability, rel=1e-3)),)
+    assert posterior(models, ["a@x"], None, temperature=10.0).effects[0].probability < effect.probability
+
+
+def test_an_effect_that_does_not_matter_counts_for_the_model_without_it() -> None:
+    models = by_key(tried(0.0), tried(40.0, "a@x", parent=(), matters=False))
+    result = posterior(models, [], None)
+    assert result.nothing == pytest.approx(1.0)
+
+
+def test_a_model_that_fails_its_checks_leaves_nothing_to_nothing() -> None:
+    models = by_key(tried(0.0), tried(-40.0, "a@x", parent=()))
+    result = posterior(models, [], None, unknown=True)
+    assert result.nothing == 0.0
+    assert result.unknown == pytest.approx(1.0, abs=1e-4)
+
+
+def test_a_gain_is_relative_to_each_block() -> None:
+    """One block with a thousand times the error does not decide alone."""
+    other = np.array([[1.0], [1.0], [1.0], [1000.0]])
+    one = 0.5 * other
+    gain = gain_of_errors(("y",), one, other)
+    assert gain.share[0] == pytest.approx(0.5)
+    assert gain.standard_error[0] == pytest.approx(0.0, abs=1e-12)
+    assert gain.helps(0.02, 2.0)
+    worse = gain_of_errors(("y",), other, one)
+    assert worse.share[0] == pytest.approx(-1.0)
+    assert worse.harms(0.02, 2.0)
+    assert not worse.helps(0.02, 2.0)
+
+
+def test_evidence_is_antisymmetric_and_additive() -> None:
+    """It is one number of one model, so that this holds by construction."""
+    a, b, c = (tried(v, n) for v, n in ((3.0, "a@x"), (7.5, "b@x"), (-1.0, "c@x")))
+    assert (a.total - b.total) == -(b.total - a.total)
+    assert (a.total - b.total) + (b.total - c.total) == a.total - c.total
