@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from discrepancy.evidence.models import TriedModel
     from discrepancy.evidence.proposals import Proposals
 
-__all__ = ["EffectProbability", "Posterior", "posterior", "rivals_of"]
+__all__ = ["Posterior", "posterior", "rivals_of"]
 
 UNKNOWN = "unknown_force"
 #: Share of the probability that a set of explanations has to hold.

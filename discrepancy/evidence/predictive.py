@@ -12,11 +12,9 @@ from discrepancy.stages.stage import Stage
 
 __all__ = [
     "PredictiveGain",
-    "SimulationGain",
     "gain_of_errors",
     "held_out_errors",
     "predictive_gain",
-    "predictive_scores",
     "simulation_gain",
 ]
 

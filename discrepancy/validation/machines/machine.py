@@ -220,7 +220,7 @@ class Machine:
     @property
     def times(self) -> Array:
         """Times of the rows, s."""
-        return self.dt * np.arange(self.rows)
+        return self.dt * np.arange(self.rows, dtype=np.float64)
 
     def effect(self, name: str) -> Effect:
         """Return an effect by its name.
