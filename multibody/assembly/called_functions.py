@@ -134,7 +134,9 @@ def kernel_sources(kernels: Kernels, statements: Iterable[Statement] = ()) -> tu
     for name, function in sorted(table_kernels.items()):
         texts += [_raw(name, function), _raw(f"{name}_slope", tables.SLOPES[function])]
         of_tables.append(_raw(tangent_name(name), tables.TANGENTS[function]))
-    with_text = {n: f for n, f in kernels.items() if hasattr(f, "tangent_text")}  # written by the component itself
+    with_text: dict[str, Any] = {
+        n: f for n, f in kernels.items() if hasattr(f, "tangent_text")
+    }  # written by the component itself
     for name, function in sorted(with_text.items()):
         texts.append(function.text(name))
         of_tables.append(function.tangent_text(tangent_name(name)))

@@ -105,7 +105,8 @@ class Fmu(Component):
                 for i in members
             ]
             kernel = f"k_fmu_{owner.replace('.', '_')}_{k}"
-            work.kernels[kernel] = _Asks(unit, members)
+            kernels: dict[str, Any] = work.kernels
+            kernels[kernel] = _Asks(unit, members)
             given = [
                 repr(v.start) if v in unit.inputs and v.reference not in on else used[v.own]
                 for v in (*unit.states, *unit.inputs, *unit.parameters)

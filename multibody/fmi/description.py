@@ -148,12 +148,14 @@ def _depends(v: Variable) -> tuple[int, ...]:
 def _root(about: Description, variables: Variables, fmi_version: str, **given: str) -> ET.Element:
     return ET.Element(
         "fmiModelDescription",
-        fmiVersion=fmi_version,
-        modelName=about.name,
-        description=about.text,
-        generationTool=f"vtsdt {about.version}",
-        variableNamingConvention="structured" if variables.structured else "flat",
-        **given,
+        {
+            "fmiVersion": fmi_version,
+            "modelName": about.name,
+            "description": about.text,
+            "generationTool": f"vtsdt {about.version}",
+            "variableNamingConvention": "structured" if variables.structured else "flat",
+            **given,
+        },
     )
 
 

@@ -34,8 +34,8 @@ def _blank_values(machine: Machine) -> dict[str, float]:
     values: dict[str, float] = {**machine.constants}
     values |= {start.name: 0.0 for start in machine.starts}
     values |= {p.name: p.stated for p in machine.parameters}
-    for signal in (*machine.channels, *machine.drives):
-        values |= {f"{signal.name}_{error}": 0.0 for error in ("offset", "gain", "delay", "drift")}
+    for signal in (*(c.name for c in machine.channels), *(d.name for d in machine.drives)):
+        values |= {f"{signal}_{error}": 0.0 for error in ("offset", "gain", "delay", "drift")}
     for effect in machine.effects:
         values[effect.strength] = 0.0
         values |= {name: 0.5 * (low + high) for name, (low, high) in effect.shape.items()}
