@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-from discrepancy.evidence.models import TriedModel
+from discrepancy.evidence.moves import TriedModel
 from discrepancy.evidence.posterior import Posterior
 from discrepancy.questions.compare import Comparison, compare
 from discrepancy.questions.locate import WhereItFails, locate

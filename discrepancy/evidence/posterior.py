@@ -11,7 +11,7 @@ from discrepancy.evidence.policy import POLICY
 from discrepancy.stages.stage import RivalExplanation
 
 if TYPE_CHECKING:
-    from discrepancy.evidence.models import TriedModel
+    from discrepancy.evidence.moves import TriedModel
     from discrepancy.evidence.proposals import Proposals
 
 __all__ = ["Posterior", "posterior", "rivals_of"]

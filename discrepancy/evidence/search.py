@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discrepancy.evidence import models
+from discrepancy.evidence import moves
 from discrepancy.evidence.criterion import ModelPrior, log_evidence
 from discrepancy.evidence.likelihood import StageLikelihood
-from discrepancy.evidence.models import TriedModel, key_of
+from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.posterior import rivals_of
 from discrepancy.evidence.predictive import PredictiveGain, gain_of_errors, held_out_errors, predictive_gain
@@ -64,6 +64,7 @@ class EvidenceSearch:
         while (model := self._next()) is not None:
             self._extend(model)
         best = self._confirmed(self._kept_by_prediction(self._standing()[0]))
+        best.taken = True
         self._make_stages(start, best)
 
     @property
@@ -80,20 +81,18 @@ class EvidenceSearch:
 
     def _standing(self) -> list[TriedModel]:
         """Return the models that may be extended or taken, best first."""
-        models = [m for m in self.models.values() if m.better]
-        return sorted(models, key=lambda m: -m.total)
+        return sorted((m for m in self.models.values() if m.better), key=lambda m: -m.total)
 
     def _next(self) -> TriedModel | None:
         """Return the model to extend next: the best of the beam that has not been extended, if it is within reach."""
         while True:
-            models = self._standing()[: POLICY.beam]
-            rough = [m for m in models if m.total >= models[0].total - POLICY.reach and self._refine(m)]
-            if not rough:
+            beam = self._standing()[: POLICY.beam]
+            within = [m for m in beam if m.total >= beam[0].total - POLICY.reach]
+            if not [m for m in within if self._refine(m)]:  # each of them: it may change the order
                 break
         if sum(m.expanded for m in self.models.values()) >= POLICY.expansions:
             return None
-        within = [m for m in models if not m.expanded and m.total >= models[0].total - POLICY.reach]
-        return within[0] if within else None
+        return next((m for m in within if not m.expanded), None)
 
     def _refine(self, model: TriedModel) -> bool:
         """Let the noise of a model have further latent processes; tell whether that was not done before."""
@@ -124,13 +123,13 @@ class EvidenceSearch:
         room = problem.max_effects - len(stage.effects)
         p_values = {r.name: r.p_value for r in proposals.scan.rows}
         if room > 0:
-            offers += [(p, p_values.get(str(p.effects[-1]), 1.0)) for p in models.additions(proposals, stage.effects)]
+            offers += [(p, p_values.get(str(p.effects[-1]), 1.0)) for p in moves.additions(proposals, stage.effects)]
             curves = state.if_simulated("free curves", lambda: self._curves(likelihood))
             offers += curves or []
         if room > 1:
-            offers += [(p, 1.0) for p in models.pairs(proposals, stage)]
+            offers += [(p, 1.0) for p in moves.pairs(proposals, stage)]
         if len(stage.effects) > 1:
-            offers += [(p, 1.0) for p in models.exchanges(model, self._rival_effects(model))]
+            offers += [(p, 1.0) for p in moves.exchanges(model, self._rival_effects(model))]
         new = [(p, q) for p, q in offers if key_of(p.effects) not in self.models]
         trials = self._fitted(model, new)
         state.decisions.append(
@@ -151,7 +150,7 @@ class EvidenceSearch:
     def _curves(self, likelihood: StageLikelihood) -> list[tuple[Proposal, float]]:
         problem = self.state.problem
         self.state.progress(f"free curves at {len(likelihood.stage.system.places)} places")
-        return models.curve(likelihood, level=problem.level / LEVEL_SHARES, seed=problem.seed)
+        return moves.curve(likelihood, level=problem.level / LEVEL_SHARES, seed=problem.seed)
 
     def _prior(self, stage: Stage, proposals: Proposals) -> ModelPrior:
         """Return what is known of models before the records are seen, from the first model that is extended."""
@@ -225,7 +224,7 @@ class EvidenceSearch:
         more = len(model.stage.effects) > len(parent.stage.effects)
         if gain <= (POLICY.improvement if more else 0.0):
             model.outcome = "not better"
-        elif more and not models.is_relevant(model, parent):
+        elif more and not moves.is_relevant(model, parent):
             model.refuse("better, but records left out are not simulated better")
         else:
             model.better, model.outcome = True, "better"
@@ -260,7 +259,7 @@ class EvidenceSearch:
         state = self.state
         while best.key and best.likelihood is not None:
             weakest: tuple[float, TriedModel, str] | None = None
-            for model in self._fitted_once(best, [*models.simplifications(best), *models.drops(best)]):
+            for model in self._fitted_once(best, [*moves.simplifications(best), *moves.drops(best)]):
                 if model.likelihood is None:
                     continue
                 gain = predictive_gain(best.likelihood, model.likelihood)
@@ -277,7 +276,6 @@ class EvidenceSearch:
                 if why and (weakest is None or gain.gain < weakest[0]):
                     weakest = gain.gain, model, f"{dropped} is not taken: {why}"
             if weakest is None:
-                best.taken = True
                 return best
             state.progress(weakest[2])
             best.refuse(weakest[2])
@@ -291,7 +289,7 @@ class EvidenceSearch:
             return "records left out are predicted no better with it"
         if best.total - without.total <= POLICY.improvement:
             return "the evidence for it is weak"
-        if not models.is_relevant(best, without):
+        if not moves.is_relevant(best, without):
             return "no record left out is simulated better with it"
         return ""
 
@@ -305,7 +303,7 @@ class EvidenceSearch:
         while best.key and best.likelihood is not None and state.problem.validate:
             here = held_out_errors(with_validation(state.problem, best.stage))
             weakest: tuple[float, TriedModel, str] | None = None
-            for model in self._fitted_once(best, models.drops(best)):
+            for model in self._fitted_once(best, moves.drops(best)):
                 if model.likelihood is None:
                     continue
                 gain = gain_of_errors(

@@ -10,7 +10,7 @@ import pytest
 from discrepancy.effects.effect import Effect
 from discrepancy.evidence.criterion import Evidence, ModelPrior
 from discrepancy.evidence.likelihood import log_prior_of_strengths
-from discrepancy.evidence.models import TriedModel, key_of
+from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.posterior import posterior
 from discrepancy.evidence.predictive import gain_of_errors
 
