@@ -338,7 +338,7 @@ def test_result_is_written_and_can_be_read(result, tmp_path):
 
 def test_held_lag_is_the_one_before_updating():
     found = chain(rule="held", points=(25,), surface_orders=(2,), identify=1)
-    before = replace(found.similarity, rule="best", lag=None, _measured=[], _bound=[])
+    before = replace(found.similarity, rule="best", lag=None)
     runs = found.start_runs(found.similarity.conditions)
     assert found.similarity.lag == pytest.approx(before.similarity(runs[0]).lag)
     assert found.similarity.at(found.identify[0]).rule == "best"

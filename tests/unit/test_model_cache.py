@@ -167,7 +167,7 @@ def test_derivatives_are_written_once_and_follow_an_edit(tmp_path: Path) -> None
     assert answer() == "-3.0 found"
     (folder / "machine.py").write_text(MACHINE.replace("FACTOR = 1.0", "FACTOR = 2.0"))
     assert answer() == "-6.0 written"
-    for kept in cache.glob("rhs_tangent_*.txt"):
+    for kept in cache.glob("rhs_columns_*.txt"):
         kept.write_bytes(kept.read_bytes()[:-20])  # damaged: seen, and written anew
     assert answer() == "-6.0 written"
     assert answer() == "-6.0 found"
