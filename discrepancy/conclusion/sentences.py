@@ -23,6 +23,7 @@ __all__ = [
     "check_sentence",
     "curve_statement",
     "manual_checks",
+    "percent_words",
     "poor_fit_note",
     "probability_sentence",
     "title_of",
@@ -213,21 +214,22 @@ def probability_sentence(probabilities: Posterior) -> str:
     """Return how probable the answer is, and what else it could be."""
     if not probabilities.effects:
         return (
-            f"Probability that nothing is missing which would matter: {_percent(probabilities.nothing)}; that "
-            f"something outside the catalogue is: {_percent(probabilities.unknown)}."
+            f"Probability that nothing is missing which would matter: {percent_words(probabilities.nothing)}; that "
+            f"something outside the catalogue is: {percent_words(probabilities.unknown)}."
         )
     parts = []
     for effect in probabilities.effects:
         name = f"{kind_title(effect.kind)} at {effect.where}"
         others = [
-            f"{kind_title(n.partition('@')[0])} at {n.partition('@')[2]} ({_percent(p)})"
+            f"{kind_title(n.partition('@')[0])} at {n.partition('@')[2]} ({percent_words(p)})"
             for n, p in effect.alternatives
         ]
-        parts.append(f"{name} {_percent(effect.probability)}" + (f", or {', or '.join(others)}" if others else ""))
+        parts.append(f"{name} {percent_words(effect.probability)}" + (f", or {', or '.join(others)}" if others else ""))
     return f"Probabilities: {'; '.join(parts)}."
 
 
-def _percent(probability: float) -> str:
+def percent_words(probability: float) -> str:
+    """Return a probability in percent."""
     if probability > 0.99:
         return "over 99 %"
     return "under 1 %" if probability < 0.01 else f"{100 * probability:.0f} %"

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from discrepancy.conclusion.conclusion import Conclusion, Evidence
-from discrepancy.conclusion.sentences import title_of_rival
+from discrepancy.conclusion.sentences import percent_words, title_of_rival
 from discrepancy.effects.gain_words import gain_in_words
 from discrepancy.effects.kinds import KindText, kinds
 from discrepancy.questions.compare import PARTS
@@ -22,6 +22,7 @@ __all__ = ["content"]
 
 Entry = dict[str, Any]
 
+MOST_TRIED = 15  # models of a search by evidence that the report lists; decisions.json has all
 HEADLINES = {
     "effect found": "A missing effect was found",
     "nothing missing": "These records show no missing effect",
@@ -67,6 +68,7 @@ def content(conclusion: Conclusion, evidence: Evidence) -> Entry:
         "hidden": _hidden(conclusion),
         "negligible": _negligible(conclusion),
         "refused": _refused(conclusion),
+        "tried": _tried(conclusion),
         "next": list(conclusion.next_measurement),
         "separating": list(conclusion.extra.get("separating_trips", ())),
         "parameters": _parameters(conclusion),
@@ -84,9 +86,14 @@ def _compared(conclusion: Conclusion) -> str:
         f"({_seconds(fits['identify'])}) used for fitting"
     )
     if fits["validate"]:
+        purpose = (
+            "neither to fit parameters nor to choose effects, only to verify."
+            if conclusion.probabilities is None
+            else "not to fit parameters, only to verify: an effect that they do not confirm is not announced."
+        )
         return text + (
             f" and {_count(len(fits['validate']), 'record')} ({_seconds(fits['validate'])}) held out, which were used "
-            "neither to fit parameters nor to choose effects, only to verify."
+            + purpose
         )
     return text + (
         ". No record was held out, so the result cannot be verified on records that were not used to find it; hold one "
@@ -179,11 +186,39 @@ def _effect(conclusion: Conclusion, accepted: AcceptedEffect) -> Entry:
         "chance": chance_words(accepted.p_value),
         "p_value": f"{accepted.p_value:.2g}",
         "delta_bic": f"{accepted.delta_bic:.0f}",
+        "evidence": _evidence(conclusion, accepted),
         "masked_by": _masked_by(conclusion, accepted),
         "changes": _error_changes(conclusion, before, stage),
         "ambiguous": accepted.ambiguous,
         "tied": [title_of_rival(r) for r in accepted.rivals if r.indistinguishable],
     }
+
+
+def _evidence(conclusion: Conclusion, accepted: AcceptedEffect) -> str:
+    """Return the probability of an effect and the gain of log evidence, for a search by evidence; else nothing."""
+    if conclusion.probabilities is None:
+        return ""
+    name = str(accepted.effect)
+    own = next((e for e in conclusion.probabilities.effects if f"{e.kind}@{e.where}" == name), None)
+    parts = [f"The log evidence of the model rises by {-0.5 * accepted.delta_bic:.0f} with it."]
+    if own is not None:
+        parts.insert(0, f"Its probability is {percent_words(own.probability)}.")
+    return " ".join(parts)
+
+
+def _tried(conclusion: Conclusion) -> list[Entry]:
+    """Return the models of a search by evidence, best first, with the reason why each was taken or not."""
+    known = sorted((m for m in conclusion.models if math.isfinite(m.total)), key=lambda m: -m.total)
+    taken = next((m.total for m in known if m.taken), known[0].total if known else 0.0)
+    return [
+        {
+            "effects": "; ".join(m.key) or "no effect",
+            "evidence": f"{m.total - taken:+.1f}",
+            "outcome": "taken" if m.taken else m.outcome,
+            "taken": m.taken,
+        }
+        for m in known[:MOST_TRIED]
+    ]
 
 
 def _masked_by(conclusion: Conclusion, accepted: AcceptedEffect) -> Entry | None:

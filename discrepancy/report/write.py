@@ -73,7 +73,7 @@ def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
             "falling_error",
             "Error of the model at each step; effects are numbered as in the section below. "
             + (
-                "Square marks: records held out, which are used for this comparison only."
+                "Square marks: records held out, which no fit has seen."
                 if conclusion.judged_on == "validate"
                 else "No record was held out, so this is the error on the records of the fit."
             ),

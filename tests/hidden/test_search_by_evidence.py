@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import pytest
 
+from discrepancy.conclusion.conclusion import evidence_of
 from discrepancy.evidence.search import EvidenceSearch
+from discrepancy.report.content import content
 from discrepancy.report.decisions_json import save_decisions
 from discrepancy.report.diagnosis_json import to_diagnosis
 from discrepancy.rigs.axis import axis_case
@@ -83,6 +85,14 @@ def test_the_diagnosis_tells_probabilities_checks_and_random_forces(diagnosed):
     assert {c["output"] for c in diagnosis["predictive_checks"]} == set(conclusion.final.outputs)
     assert "white_noise" in diagnosis["disturbance"]
     assert "Probabilities: dry (Coulomb) friction at guide" in diagnosis["sentence"]
+
+
+def test_the_report_lists_what_was_tried_and_says_what_held_out_records_were_used_for(diagnosed):
+    _, conclusion = diagnosed(1, ["coulomb_friction@guide"])
+    entries = content(conclusion, evidence_of(conclusion))
+    assert [m["effects"] for m in entries["tried"] if m["taken"]] == ["coulomb_friction@guide"]
+    assert "Its probability is" in entries["effects"][0]["evidence"]
+    assert "nor to choose effects" not in str(entries["compared"])
 
 
 def test_the_search_by_significance_has_none_of_it():
