@@ -77,8 +77,9 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     noisy = state.prepared.noisy if state.prepared is not None else ()
     feedback = _inputs_with_feedback(state)
     disturbance: DisturbanceForce | RandomForces | None = last.disturbance
-    if by_evidence is not None and by_evidence.final.likelihood is not None:
-        disturbance = random_forces_of(by_evidence.final.likelihood)
+    likelihood = by_evidence.likelihood if by_evidence is not None else None
+    if likelihood is not None:
+        disturbance = random_forces_of(likelihood)
     trends = state.if_simulated("whether parameters change along the records", lambda: _trends(state)) or ()
     warnings = [
         *problem.warnings,
@@ -120,6 +121,8 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         extra["probabilities"] = probabilities.to_dict()
     if checks:
         extra["predictive_checks"] = [c.to_dict() for c in checks]
+    if by_evidence is not None and by_evidence.predictive:
+        extra["predictive_gain"] = {name: gain.to_dict() for name, gain in by_evidence.predictive.items()}
     if by_evidence is not None and by_evidence.unconfirmed:
         extra["not_confirmed_on_held_out_records"] = list(by_evidence.unconfirmed)
     if omnibus is not None:
@@ -148,7 +151,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
 
 def _checks(state: SearchState, by_evidence: EvidenceSearch | None) -> tuple[Check, ...]:
     """Return the predictive checks of the final model of a search by evidence."""
-    likelihood = by_evidence.final.likelihood if by_evidence is not None else None
+    likelihood = by_evidence.likelihood if by_evidence is not None else None
     if likelihood is None:
         return ()
     checks = state.if_simulated("whether the innovations are as promised", lambda: predictive_checks(likelihood))

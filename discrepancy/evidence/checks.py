@@ -14,7 +14,7 @@ from estimation.signals.correlation import correlation_time
 __all__ = ["Check", "predictive_checks"]
 
 #: Ratio of the innovations' mean square in a regime to that elsewhere, from which a check can fail: the disturbance is
-#: then half again as large there as the model promises.  Smaller ratios are significant in any long record and change
+#: then 1.4 times as large there as elsewhere.  Smaller ratios are significant in any long record and change
 #: no conclusion.
 REGIME_RATIO = 2.0
 #: Standard deviations by which the logarithm of that ratio must differ from zero: some dozens of regimes are asked.

@@ -14,14 +14,13 @@ from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel,
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
 from multibody.base.parallel import parallel_map
+from multibody.solvers.kernels.perturbations import propagate
 
 __all__ = [
     "FittedNoise",
     "StageLikelihood",
-    "log_prior_of_strengths",
     "noise_floor",
     "record_columns",
-    "strength_scale",
     "with_columns",
 ]
 
@@ -34,6 +33,7 @@ SHORTEST = 200
 MEMORIES = 4
 #: Least white noise of an output, over its stated noise: a stated noise may be on the safe side.
 LEAST_NOISE = 0.3
+SHOWN = 3  # records from which it is worked out how far a force moves the outputs: an order of magnitude is enough
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -142,7 +142,6 @@ def record_columns(
     linearised: LinearisedProblem,
     records: Sequence[LinearRecord],
     without: Sequence[str] = (),
-    more: Sequence[np.ndarray] | None = None,
 ) -> tuple[list[RecordColumns], np.ndarray, np.ndarray]:
     """Return residual and sensitivities of every record, and the priors of the shared parameters.
 
@@ -153,8 +152,6 @@ def record_columns(
     records : sequence of LinearRecord
     without : sequence of str
         Parameters that stay at their values.
-    more : sequence of ndarray, shape (n, n_c, k), optional
-        Further columns of each record, without priors.
 
     Returns
     -------
@@ -166,20 +163,15 @@ def record_columns(
     columns = []
     for i, record in enumerate(records):
         own = sens.nuisance[i]
-        shared = sens.blocks[i][:, :, moved]
-        if more is not None:
-            shared = np.concatenate([shared, more[i]], axis=2)
         columns.append(
             RecordColumns(
                 record=record,
                 residual=residual.blocks[i],
-                shared=shared,
+                shared=sens.blocks[i][:, :, moved],
                 own=np.zeros((*residual.blocks[i].shape, 0)) if own is None else own,
             )
         )
-    extra = more[0].shape[2] if more is not None else 0
-    std = np.concatenate([sens.prior_std[moved], np.full(extra, np.inf)])
-    return columns, std, np.concatenate([sens.prior_offset[moved], np.zeros(extra)])
+    return columns, sens.prior_std[moved], sens.prior_offset[moved]
 
 
 def noise_floor(linearised: LinearisedProblem) -> np.ndarray:
@@ -236,35 +228,17 @@ def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], 
 
 def _reach(records: Sequence[LinearRecord], noise: np.ndarray) -> np.ndarray:
     """Return how far a steady unit of each source moves the output that it moves most, root mean square in noise."""
-    total, count = 0.0, 0
-    for record in records[:3]:
+    energy = []
+    for record in records[:SHOWN]:
         n, m = record.phi.shape[1], record.gamma0.shape[2]
-        x = np.zeros((n, m))
-        moved = np.empty((record.time.size, record.c.shape[1], m))
-        moved[0] = record.d[0]
-        for k in range(record.time.size - 1):
-            x = record.phi[k] @ x + record.gamma0[k] + record.gamma1[k]
-            moved[k + 1] = record.c[k + 1] @ x + record.d[k + 1]
-        total = total + np.sum((moved / noise[:, None]) ** 2, axis=0)
-        count += record.time.size
+        moved = np.empty((*record.c.shape[:2], m))
+        steady, room = np.ones((record.time.size, m)), np.empty((2, n, m))
+        matrices = (record.phi, record.gamma0, record.gamma1, record.c, record.d)
+        propagate(*matrices, np.arange(m), steady, room, moved)
+        energy.append((moved / noise[:, None]) ** 2)
     with np.errstate(all="ignore"):
-        reach = np.sqrt(np.max(np.asarray(total) / count, axis=0))
+        reach = np.sqrt(np.max(np.mean(np.concatenate(energy), axis=0), axis=0))
     return np.where(np.isfinite(reach), reach, 0.0)
-
-
-def strength_scale(blocks: Sequence[np.ndarray], noise: np.ndarray) -> np.ndarray:
-    """Return the strength that moves some output by its noise at its peak, for every column of (n, n_c, k) blocks."""
-    peak = np.max([np.max(np.abs(b), axis=0, initial=0.0) for b in blocks], axis=0)
-    return 1.0 / np.maximum(np.max(peak / noise[:, None], axis=0), 1e-300)
-
-
-def log_prior_of_strengths(values: np.ndarray, scale: np.ndarray, one_sided: bool) -> float:
-    """Return the log density of Cauchy priors at some strengths; half of it lies above zero where they are one-sided.
-
-    A normal prior would charge an effect thirty times the size that matters 450 nats; the Cauchy prior charges 7.
-    """
-    density = -np.log(np.pi * scale) - np.log1p((values / scale) ** 2)
-    return float(np.sum(density + (np.log(2.0) if one_sided else 0.0)))
 
 
 def with_columns(columns: Sequence[RecordColumns], more: Sequence[np.ndarray]) -> list[RecordColumns]:

@@ -54,8 +54,8 @@ class TriedModel:
         ``kind@where`` of its effects, sorted.
     evidence : Evidence or None
     move : str
-        By which it was reached: ``"start"``, ``"add"``, ``"add a pair"``, ``"exchange"``, ``"drop"`` or
-        ``"add a curve"``.
+        By which it was reached: ``"start"``, ``"add"``, ``"add a pair"``, ``"add a curve"``, ``"exchange"``,
+        ``"simplify"`` or ``"drop"``.
     parent : tuple of str or None
         The model that it was made of.
     p_value : float
@@ -144,14 +144,14 @@ def pairs(proposals: Proposals, stage: Stage) -> list[Proposal]:
 
     scores = PairScores(proposals.scan, excluded)
     alone = max((c.gain for c in proposals.candidates), default=0.0)
+    # the gain of a single effect has paid for its strength and shape, but not for its name
+    cost = 2.0 * POLICY.effect_cost + math.log(max(len(proposals.candidates), 1))
     entries = {e.name: e for e in entries_of(stage)}
     chosen: list[Proposal] = []
     kept: list[Pair] = []
     for pair in scores.masking():
         if len(chosen) == POLICY.pairs:
             break
-        # nats: each of the two pays for its name and shape as a single effect does
-        cost = sum(math.log(max(len(proposals.candidates), 1)) + 3.0 for _ in pair.rows)
         if 0.5 * pair.gain - cost < alone + POLICY.pair_advantage:
             break
         if any(scores.twins(pair, other) for other in kept):
@@ -159,9 +159,7 @@ def pairs(proposals: Proposals, stage: Stage) -> list[Proposal]:
         kept.append(pair)
         first = effect_of(entries[pair.rows[0].name], pair.rows[0], stage.effects)
         second = effect_of(entries[pair.rows[1].name], pair.rows[1], (*stage.effects, first))
-        chosen.append(
-            Proposal(move="add a pair", effects=(*stage.effects, first, second), expected=0.5 * pair.gain - cost)
-        )
+        chosen.append(Proposal(move="add a pair", effects=(*stage.effects, first, second)))
     return chosen
 
 

@@ -14,23 +14,25 @@ class Policy:
     Parameters
     ----------
     beam : int
-        Models that may be extended at a time.  Two effects that hide each other are found where the second-best first
-        step is kept; five keeps the best of each kind of explanation at a cost of some ten seconds each.
+        Models that may be extended at a time.  Two effects that mask each other are found where the second-best first
+        step is kept.
     reach : float
         Nats below the best model up to which another is extended: one effect more seldom turns a larger deficit.
     expansions : int
         Models that are extended, at most: bounds the time of a search.
     refits : int
-        Candidates of a step that are fitted in full.  The linear evidence orders them; its error is some ten per cent
-        of the gain, within which three or four candidates of different kind usually lie.
+        Candidates of a step that are fitted in full, best linear evidence first: each costs a second or more.
     same_direction : float
         Correlation of what two candidates change, from which a full fit of both would tell nothing more.
     linear_error : float
-        Share of a gain by which the linear evidence may be off: rivals within it are tried.
+        Share of a gain by which the linear evidence may be off: rivals within it are tried.  A guess.
     rivals : int
         Other explanations of one effect that are tried in its place.
     pairs : int
         Pairs of a step that are fitted in full.
+    effect_cost : float
+        Nats that an effect of a pair pays for its strength and shape in the linear evidence, where each is taken at the
+        shape that fits it best by itself: about what the prior of one strength and a short shape grid cost.
     pair_advantage : float
         Nats by which the linear evidence of a pair must exceed that of the best single effect to be fitted at once.
     improvement : float
@@ -39,7 +41,7 @@ class Policy:
         of the few parameters that an effect has.
     relevance : float
         Share of the mean square error of some output, simulated with parameters from the other records, that an effect
-        must take away: a hundredth of the error itself.  What is smaller is told as present but negligible.
+        must take away, a hundredth of the error itself: nobody would see less in a figure.
     harm : float
         Share by which the mean square error of no output may grow, in the same sense.
     simulation_errors : float
@@ -49,6 +51,10 @@ class Policy:
     temperature : float
         Divisor of log evidence in the probabilities that are shown.  The evidence takes the model for exact but for its
         noise; it never is, so its differences are too large.  Chosen and not yet fitted to graded cases.
+    set_share, listed : float
+        Probability that an effect and the alternatives listed beside it reach together, and the least of one of them.
+    tie : float
+        Odds against the best explanation down to which another counts as indistinguishable: one to twenty.
     """
 
     beam: int = 5
@@ -59,6 +65,7 @@ class Policy:
     linear_error: float = 0.3
     rivals: int = 4
     pairs: int = 2
+    effect_cost: float = 3.0
     pair_advantage: float = 5.0
     improvement: float = 3.0
     relevance: float = 0.02
@@ -66,6 +73,9 @@ class Policy:
     simulation_errors: float = 2.0
     predictive_errors: float = 1.0
     temperature: float = 3.0
+    set_share: float = 0.95
+    listed: float = 0.01
+    tie: float = 0.05
 
 
 POLICY = Policy()

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 __all__ = ["Posterior", "posterior", "rivals_of"]
 
 UNKNOWN = "unknown_force"
-#: Share of the probability that a set of explanations has to hold.
-SET = 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +132,7 @@ def posterior(
                 others[other] = others.get(other, 0.0) + p
         alternatives, total = [], own
         for other, p in sorted(others.items(), key=lambda t: -t[1]):
-            if total >= SET or p < 0.01:
+            if total >= POLICY.set_share or p < POLICY.listed:
                 break
             alternatives.append((other, p))
             total += p
@@ -209,11 +207,7 @@ def rivals_of(
                 where=where,
                 delta_bic=2.0 * behind,
                 refitted=key in fitted,
-                indistinguishable=math.exp(-max(behind, 0.0) / POLICY.temperature) > TIE,
+                indistinguishable=math.exp(-max(behind, 0.0) / POLICY.temperature) > POLICY.tie,
             )
         )
     return tuple(sorted(rivals, key=lambda r: r.delta_bic))
-
-
-#: Odds against the best explanation from which another is no longer listed as indistinguishable: a twentieth.
-TIE = 0.05

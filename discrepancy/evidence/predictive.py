@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from discrepancy.evidence.likelihood import StageLikelihood, noise_floor, record_columns
-from discrepancy.innovations.noise_model import innovation_weighting
+from discrepancy.innovations.noise_fit import prior_precision
 from discrepancy.stages.stage import Stage
 
 __all__ = [
@@ -21,6 +22,9 @@ __all__ = [
 #: Blocks that are left out in turn, at least: records, cut in parts where there are fewer.
 BLOCKS = 8
 LEAST_BLOCKS = 4  # of a simulation that is left out
+#: Share of a block's own information about a parameter that is kept when the block is left out: what no other block
+#: shows, such as a point of a curve where none comes, would else be free.  And what keeps the matrix regular.
+KEPT, RIDGE = 1e-2, 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +43,10 @@ class PredictiveGain:
     gain: float
     standard_error: float
     blocks: int
+
+    def to_dict(self) -> dict[str, float]:
+        """Return it as it stands in diagnosis.json."""
+        return {"gain": self.gain, "standard_error": self.standard_error, "blocks": self.blocks}
 
     def exceeds(self, errors: float) -> bool:
         """Tell whether the gain is above zero by more than so many standard errors."""
@@ -116,28 +124,19 @@ def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:
     weights = np.array([stage.identify.scale[c] for c in residual.channels])
     given = linearised.preparation
     lost = noise_floor(linearised) ** 2 * (given.average * given.decimate - 1)
-    known = np.isfinite(sens.prior_std)
-    precision = np.where(known, 1.0 / np.where(known, sens.prior_std, 1.0) ** 2, 0.0)
+    # the fit has `average` samples for each of these
+    count = float(given.average)
     rows = []
     for block, slopes, own in zip(residual.blocks, sens.blocks, sens.nuisance, strict=True):
         e, f = (block / weights).ravel(), (slopes / weights[:, None]).reshape(block.size, -1)
         if own is not None and own.shape[2]:
             q, _ = np.linalg.qr((own / weights[:, None]).reshape(block.size, -1))
             e, f = e - q @ (q.T @ e), f - q @ (q.T @ f)
-        rows.append((e, f))
-    # samples are means over `average` of those of the fit, whose weights these are
-    count = float(given.average)
-    normal = np.diag(precision) + count * sum(f.T @ f for _, f in rows)
-    right = precision * sens.prior_offset + count * sum(f.T @ e for e, f in rows)
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        rows.append((np.sqrt(count) * e, np.sqrt(count) * f))
     parts = max(1, -(-LEAST_BLOCKS // len(rows)))
     errors = []
-    for e, f in rows:
-        left = (normal - count * f.T @ f) / np.outer(size, size)
-        # what only this record determines keeps a hundredth of the information that there is of it
-        left += 1e-2 * count * np.diag(np.sum((f / size) ** 2, axis=0)) + 1e-9 * np.eye(size.size)
-        theta = np.linalg.solve(left, (right - count * f.T @ e) / size) / size
-        left_over = ((e - f @ theta).reshape(-1, weights.size) * weights) ** 2
+    for (e, f), without in zip(rows, _left_out(rows, sens.prior_std, sens.prior_offset), strict=True):
+        left_over = ((e - f @ without.change).reshape(-1, weights.size) * weights) ** 2 / count
         errors += [np.sum(part, axis=0) + len(part) * lost for part in np.array_split(left_over, parts)]
     return np.array(errors)
 
@@ -149,45 +148,56 @@ def predictive_scores(likelihood: StageLikelihood) -> np.ndarray:
     the parameters: the parameters' distribution without a block follows from the normal equations.  Each record's own
     unknowns are fitted to the record itself, as they are when a record is held out.
     """
-    linearised, fitted = likelihood.linearised, likelihood.noise
-    columns, std, offset = record_columns(linearised, fitted.records, likelihood.held)
+    noise = likelihood.noise
+    columns, std, offset = record_columns(likelihood.linearised, noise.records, likelihood.held)
     parts = max(1, -(-BLOCKS // len(columns)))
-    blocks = []
+    blocks, roots = [], []
     for record in columns:
-        weighting = innovation_weighting(record.record, fitted.model)
-        together = np.concatenate([record.residual[:, :, None], record.shared, record.own], axis=2)
-        white = weighting(together)
-        log_root = np.log(np.diagonal(weighting.root[record.record.observed], axis1=1, axis2=2)).sum(axis=1)
-        flat = white.reshape(-1, white.shape[2])
-        k = record.shared.shape[2]
-        own = flat[:, 1 + k :]
-        if own.shape[1]:
-            q, _ = np.linalg.qr(own / np.maximum(np.linalg.norm(own, axis=0), 1e-300))
-            flat = flat[:, : 1 + k] - q @ (q.T @ flat[:, : 1 + k])
+        white = record.whitened(noise.model)
         n_c = record.residual.shape[1]
-        for rows in np.array_split(np.arange(len(white)), parts):
-            part = flat[rows[0] * n_c : (rows[-1] + 1) * n_c]
-            blocks.append((part[:, 0], part[:, 1 : 1 + k], float(np.sum(log_root[rows]))))
-    known = np.isfinite(std)
-    precision = np.where(known, 1.0 / np.where(known, std, 1.0) ** 2, 0.0)
-    normal = np.diag(precision) + sum(f.T @ f for _, f, _ in blocks)
-    right = precision * offset + sum(f.T @ e for e, f, _ in blocks)
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        for rows in np.array_split(np.arange(len(record.residual)), parts):
+            part = slice(int(rows[0]) * n_c, (int(rows[-1]) + 1) * n_c)
+            blocks.append((white.residual[part], white.shared[part]))
+            roots.append(float(np.sum(white.log_root[rows])))
     scores = []
-    for e, f, log_root in blocks:
-        f_scaled = f / size
-        # what only this block determines keeps a hundredth of the information that all blocks have of it
-        left = (
-            (normal - f.T @ f) / np.outer(size, size)
-            + 1e-2 * np.diag(np.sum(f_scaled**2, axis=0))
-            + 1e-9 * np.eye(size.size)
-        )
-        theta = np.linalg.solve(left, (right - f.T @ e) / size)
-        r = e - f_scaled @ theta
-        # Σ = I + F A⁻¹ Fᵀ, by the small matrix
-        inner = left + f_scaled.T @ f_scaled
-        fr = f_scaled.T @ r
-        quadratic = float(r @ r - fr @ np.linalg.solve(inner, fr))
-        log_det = float(np.linalg.slogdet(inner)[1] - np.linalg.slogdet(left)[1])
-        scores.append(-0.5 * (quadratic + log_det) + log_root)
+    for (e, f), root, without in zip(blocks, roots, _left_out(blocks, std, offset), strict=True):
+        r, columns_of_block = e - f @ without.change, f / without.size
+        # the covariance I + F A⁻¹ Fᵀ of a block, by the small matrix
+        inner = without.normal + columns_of_block.T @ columns_of_block
+        along = columns_of_block.T @ r
+        quadratic = float(r @ r - along @ np.linalg.solve(inner, along))
+        log_det = float(np.linalg.slogdet(inner)[1] - np.linalg.slogdet(without.normal)[1])
+        scores.append(root - 0.5 * (quadratic + log_det))
     return np.array(scores)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Without:
+    """What all blocks but one say of the parameters.
+
+    Parameters
+    ----------
+    change : ndarray, shape (k,)
+        Of the parameters, from the linearisation's values.
+    normal : ndarray, shape (k, k)
+        Normal matrix of the parameters times ``size``.
+    size : ndarray, shape (k,)
+    """
+
+    change: np.ndarray
+    normal: np.ndarray
+    size: np.ndarray
+
+
+def _left_out(
+    blocks: Sequence[tuple[np.ndarray, np.ndarray]], prior_std: np.ndarray, prior_offset: np.ndarray
+) -> Iterator[_Without]:
+    """Yield for each block, its residual and columns in standard deviations, what the others say of the parameters."""
+    precision = prior_precision(prior_std)
+    whole = np.diag(precision) + sum(f.T @ f for _, f in blocks)
+    right = precision * prior_offset + sum(f.T @ e for e, f in blocks)
+    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    for e, f in blocks:
+        own = f.T @ f / np.outer(size, size)
+        normal = whole / np.outer(size, size) - own + KEPT * np.diag(np.diag(own)) + RIDGE * np.eye(size.size)
+        yield _Without(change=np.linalg.solve(normal, (right - f.T @ e) / size) / size, normal=normal, size=size)

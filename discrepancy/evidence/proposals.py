@@ -11,14 +11,13 @@ import numpy as np
 from discrepancy.effects.catalogue import Entry, catalogue
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import effect_of, simpler_in
+from discrepancy.evidence.criterion import log_prior_of_strengths, strength_scale
 from discrepancy.evidence.likelihood import (
     FittedNoise,
     StageLikelihood,
     fitted_noise,
-    log_prior_of_strengths,
     noise_floor,
     record_columns,
-    strength_scale,
     with_columns,
 )
 from discrepancy.evidence.policy import POLICY
@@ -103,14 +102,11 @@ class Proposal:
         Of the model that is proposed.
     starts : tuple of tuple of Effect
         Further sets of values from which the fit may begin.
-    expected : float
-        Log evidence by which it should be better, from the linearised problem; NaN where that is not known.
     """
 
     move: str
     effects: tuple[Effect, ...]
     starts: tuple[tuple[Effect, ...], ...] = ()
-    expected: float = math.nan
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -292,5 +288,4 @@ def proposed_effects(scored: ScoredCandidate, effects: Sequence[Effect]) -> Prop
         move="exchange" if simpler else "add",
         effects=(*kept, expected),
         starts=tuple(starts),
-        expected=scored.gain,
     )

@@ -68,9 +68,10 @@ class EvidenceSearch:
         self._make_stages(start, best)
 
     @property
-    def final(self) -> TriedModel:
-        """The model that was taken."""
-        return self.models[key_of(self.state.stages[-1].effects)]
+    def likelihood(self) -> StageLikelihood | None:
+        """Of the latest stage's model; None where the search was interrupted before that was tried."""
+        model = self.models.get(key_of(self.state.stages[-1].effects))
+        return model.likelihood if model is not None else None
 
     @property
     def start(self) -> TriedModel | None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from discrepancy.innovations.linear_record import LinearRecord
 from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
 from multibody.base.parallel import parallel_map
 
-__all__ = ["RecordColumns", "fit_noise", "likeliest_change", "restricted_log_likelihood"]
+__all__ = ["RecordColumns", "fit_noise", "likeliest_change", "prior_precision", "restricted_log_likelihood"]
 
 #: Nats by which a further process must raise the likelihood; it costs two parameters, of which one is at its bound
 #: where there is no such process.
@@ -20,16 +21,37 @@ MOST_PROCESSES = 6
 PROMISING = 8  # processes that are tried again in the next round: those that raised the likelihood most
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
 FIRST_SIZES = (0.3, 3.0)
-#: Change of a log standard deviation over which derivatives are taken, and the largest step.
-STEP, LARGEST_STEP = 0.05, 2.0
-ROUNDS = 12
+#: Change of a log standard deviation over which derivatives are taken, most iterations, and how far it may move in all:
+#: by a factor of 400.
+STEP, ROUNDS, FURTHEST = 1e-3, 30, 6.0
+HOPELESS = 1e4  # nats below the start that a model counts as where its likelihood cannot be computed
 #: Samples × outputs of the records, thinned out, on which it is decided which process to try next.
 SCREENING_ROWS = 1500
 #: Updates of the correlation of the outputs' white noise, and its least eigenvalue: a command that a sampled controller
 #: makes of noisy measurements has their noise some time later, so no combination of outputs is nearly free of noise.
 CORRELATION_ROUNDS, LEAST_EIGENVALUE = 3, 0.05
 LEAST_EIGENVALUE_OF_NORMAL = 1e-12  # of the scaled normal matrix: directions below are not known at all
-CLOSE = 0.05  # nats that another round must promise
+CLOSE = 0.05  # nats that an iteration must gain, or it is the last: far below what two models are told apart by
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WhitenedRecord:
+    """One record as innovations, free of its own unknowns.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n · n_c,)
+    shared : ndarray, shape (n · n_c, k)
+    log_root : ndarray, shape (n,)
+        Log-determinant of every sample's whitening: minus half that of the covariance of its innovations.
+    own_log_det : float
+        Half the log-determinant of the own unknowns' normal matrix, in units of their columns.
+    """
+
+    residual: np.ndarray
+    shared: np.ndarray
+    log_root: np.ndarray
+    own_log_det: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,12 +73,12 @@ class RecordColumns:
     shared: np.ndarray
     own: np.ndarray
 
-    def whitened(self, model: NoiseModel) -> tuple[np.ndarray, np.ndarray, float]:
-        """Return residual and shared columns, whitened and free of the own unknowns, and half of both log-dets."""
+    def whitened(self, model: NoiseModel) -> WhitenedRecord:
+        """Return residual and shared columns as innovations, free of the own unknowns."""
         weighting = innovation_weighting(self.record, model)
         together = np.concatenate([self.residual[:, :, None], self.shared, self.own], axis=2)
         flat = weighting(together).reshape(-1, together.shape[2])
-        k, half = self.shared.shape[2], weighting.log_det
+        k, own_log_det = self.shared.shape[2], 0.0
         if self.own.shape[2]:
             own = flat[:, 1 + k :]
             size = np.maximum(np.linalg.norm(self.own.reshape(-1, own.shape[1]), axis=0), 1e-300)
@@ -64,8 +86,14 @@ class RecordColumns:
             kept = np.abs(np.diag(r)) > 1e-12 * np.max(np.abs(np.diag(r)), initial=0.0)
             q = q[:, kept]
             flat = flat[:, : 1 + k] - q @ (q.T @ flat[:, : 1 + k])
-            half += float(np.sum(np.log(np.abs(np.diag(r)[kept]))))
-        return flat[:, 0], flat[:, 1 : 1 + k], half
+            own_log_det = float(np.sum(np.log(np.abs(np.diag(r)[kept]))))
+        root = weighting.root[self.record.observed]
+        return WhitenedRecord(
+            residual=flat[:, 0],
+            shared=flat[:, 1 : 1 + k],
+            log_root=np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1),
+            own_log_det=own_log_det,
+        )
 
     def every(self, count: int) -> RecordColumns:
         """Return the same on every so-manieth sample."""
@@ -86,6 +114,11 @@ class RecordColumns:
         return left.reshape(self.residual.shape), weighting.root[self.record.observed]
 
 
+def prior_precision(prior_std: np.ndarray) -> np.ndarray:
+    """Return the inverse variances of normal priors; zero where there is none (an infinite deviation)."""
+    return np.where(np.isfinite(prior_std), 1.0 / np.where(np.isfinite(prior_std), prior_std, 1.0) ** 2, 0.0)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Normal:
     """Normal equations of the shared parameters, and what the likelihood needs beside them."""
@@ -98,13 +131,13 @@ class _Normal:
     def of(
         cls, records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
     ) -> _Normal:
-        parts = parallel_map(lambda r: r.whitened(model), records)
-        known = np.isfinite(prior_std)
-        precision = np.where(known, 1.0 / np.where(known, prior_std, 1.0) ** 2, 0.0)
+        precision = prior_precision(prior_std)
+        known = precision > 0.0
         matrix, right = np.diag(precision), precision * prior_offset
         constant = -0.5 * float(np.sum(precision * prior_offset**2)) + 0.5 * float(np.sum(np.log(precision[known])))
-        for e, f, half in parts:
-            constant -= half + 0.5 * float(e @ e)
+        for white in parallel_map(lambda r: r.whitened(model), records):
+            e, f = white.residual, white.shared
+            constant += float(np.sum(white.log_root)) - white.own_log_det - 0.5 * float(e @ e)
             matrix = matrix + f.T @ f
             right = right + f.T @ e
         return cls(matrix=matrix, right=right, constant=constant)
@@ -219,7 +252,12 @@ def fit_noise(
     return model, best
 
 
-def _with_correlation(model: NoiseModel, records, likelihood, floor) -> tuple[NoiseModel, float]:  # type: ignore[no-untyped-def]
+def _with_correlation(
+    model: NoiseModel,
+    records: Sequence[RecordColumns],
+    likelihood: Callable[[NoiseModel], float],
+    floor: np.ndarray,
+) -> tuple[NoiseModel, float]:
     """Return the model with the covariance of the white noise that the innovations ask for, if that is likelier."""
     value = likelihood(model)
     n_c = len(model.noise)
@@ -253,51 +291,33 @@ def _noise_of(model: NoiseModel, covariance: np.ndarray, floor: np.ndarray) -> N
     return replace(model, noise=tuple(std.tolist()), correlation=covariance / np.outer(size, size))
 
 
-def _climb(model: NoiseModel, value: float, likelihood, floor: np.ndarray) -> tuple[NoiseModel, float]:  # type: ignore[no-untyped-def]
-    """Maximise over all standard deviations by BFGS in their logarithms."""
+def _climb(
+    model: NoiseModel, value: float, likelihood: Callable[[NoiseModel], float], floor: np.ndarray
+) -> tuple[NoiseModel, float]:
+    """Maximise over the logarithms of all standard deviations (L-BFGS-B), beginning at a model and its likelihood."""
+    from scipy.optimize import Bounds, minimize
+
     n_c = len(model.noise)
-    low = np.concatenate([np.log(floor), np.full(len(model.processes), -np.inf)])
-    x = np.log([*model.noise, *(max(q.std, 1e-300) for q in model.processes)])
-    x = np.maximum(x, low)
 
     def at(x: np.ndarray) -> NoiseModel:
         std = np.exp(x)
         processes = tuple(replace(q, std=float(s)) for q, s in zip(model.processes, std[n_c:], strict=True))
         return replace(model, noise=tuple(std[:n_c].tolist()), processes=processes)
 
-    def gradient(x: np.ndarray, here: float) -> np.ndarray:
-        slopes = np.empty(x.size)
-        for k in range(x.size):
-            moved = x.copy()
-            moved[k] += STEP
-            slopes[k] = (likelihood(at(moved)) - here) / STEP
-        return slopes
+    begin = np.log([*model.noise, *(max(q.std, 1e-300) for q in model.processes)])
+    least = np.concatenate([np.log(floor), begin[n_c:] - FURTHEST])
+    begin = np.maximum(begin, least)
 
-    slope = gradient(x, value)
-    inverse = np.eye(x.size) / max(float(np.max(np.abs(slope))), 1.0)
-    for _ in range(ROUNDS):
-        free = ~((x <= low) & (slope < 0.0))
-        step = np.where(free, inverse @ np.where(free, slope, 0.0), 0.0)
-        step *= min(1.0, LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-300))
-        if float(step @ slope) < CLOSE:
-            break
-        share = 1.0
-        while True:
-            moved = np.maximum(x + share * step, low)
-            reached = likelihood(at(moved))
-            if reached > value or share < 0.05:
-                break
-            share *= 0.3
-        if not reached > value:
-            break
-        new_slope = gradient(moved, reached)
-        s, y = moved - x, slope - new_slope
-        if float(s @ y) > 1e-12:
-            rho = 1.0 / float(s @ y)
-            left = np.eye(x.size) - rho * np.outer(s, y)
-            inverse = left @ inverse @ left.T + rho * np.outer(s, s)
-        done = reached - value < CLOSE
-        x, value, slope = moved, reached, new_slope
-        if done:
-            break
-    return at(x), value
+    def loss(x: np.ndarray) -> float:
+        return -max(likelihood(at(x)), value - HOPELESS)
+
+    bounds: Any = Bounds(least, begin + FURTHEST)
+    result = minimize(
+        loss,
+        begin,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"eps": STEP, "maxiter": ROUNDS, "ftol": CLOSE / max(abs(value), 1.0)},
+    )
+    reached = -float(result.fun)
+    return (at(result.x), reached) if reached > value else (model, value)

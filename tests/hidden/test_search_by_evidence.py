@@ -84,6 +84,8 @@ def test_the_diagnosis_tells_probabilities_checks_and_random_forces(diagnosed):
     assert diagnosis["probabilities"]["effects"][0]["kind"] == "coulomb_friction"
     assert {c["output"] for c in diagnosis["predictive_checks"]} == set(conclusion.final.outputs)
     assert "white_noise" in diagnosis["disturbance"]
+    shown = diagnosis["predictive_gain"]["coulomb_friction@guide"]
+    assert shown["gain"] > shown["standard_error"]
     assert "Probabilities: dry (Coulomb) friction at guide" in diagnosis["sentence"]
 
 
@@ -102,6 +104,21 @@ def test_the_search_by_significance_has_none_of_it():
     assert conclusion.probabilities is None
     assert conclusion.models == ()
     assert problem.search == "significance"
+
+
+def test_a_search_that_is_interrupted_at_once_concludes_without_an_answer(monkeypatch):
+    problem = axis_case(41, [], trips=3).problem(seed=41)
+    study = Study(replace(problem, include=FEW, search="evidence"))
+    study.compare()
+
+    def broken(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(EvidenceSearch, "run", broken)
+    conclusion = study.diagnose()
+    assert study.interrupted
+    assert conclusion.accepted == ()
+    assert conclusion.verdict == ""
 
 
 def test_a_search_without_room_for_effects_names_nothing():
