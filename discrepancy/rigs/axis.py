@@ -24,7 +24,7 @@ from discrepancy.rigs.hidden_effects import Hidden
 from discrepancy.rigs.recording import Channel, RigDisturbance
 from discrepancy.rigs.rig import Rig, Run
 from estimation.fit.calibrate import UncertainParameter
-from multibody.base.progress import Progress, silent
+from multibody.base.progress import Progress, Step, silent
 from multibody.base.spelling import nearest
 from multibody.machine.model import Model, System
 
@@ -163,7 +163,7 @@ class AxisRig(Rig):
         runs: list[Run] = []
         new = 0 if self.plan == TripPlan(sensor=self.plan.sensor) else 1000
         for k, name in enumerate(names):
-            progress(f"trip {k + 1} of {len(names)}")
+            progress(Step(f"trip {k + 1} of {len(names)}", k, len(names)))
             time, changed = self.plan.apply(*_named(trip(self.stream(new + 100 + k), self.duration)))
             place = changed[INPUTS[0]]
             duration = float(np.round(time[-1] - 1.0 / self.plan.speed, 3))

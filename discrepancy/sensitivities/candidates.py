@@ -30,6 +30,7 @@ from estimation.response.experiment import Experiment
 from estimation.response.perturbations import InputPerturbation, Perturbation, cheaper_by_transition_matrices
 from multibody.base.errors import ModelError
 from multibody.base.parallel import available_cores, parallel_map
+from multibody.base.progress import Step
 
 __all__ = ["candidate_sensitivities", "cannot_be_built"]
 
@@ -126,12 +127,17 @@ def _all_sensitivities(
     """Return the sensitivities to every candidate and shape, record by record, computed in parallel."""
     channels = [c.channel for c in linearised.free_curves()] if curves else []
 
+    count = len(linearised.experiments)
+    finished: list[int] = []
+
     def of(i: int) -> dict[tuple[str, int], np.ndarray]:
         if progress is not None:
-            progress(f"sensitivities of {len(plans)} candidates on {linearised.experiments[i].name}")
-        return _record_sensitivities(linearised, i, plans, channels)
+            text = f"sensitivities of {len(plans)} candidates on {linearised.experiments[i].name}"
+            progress(Step(text, len(finished), count))
+        sensitivities = _record_sensitivities(linearised, i, plans, channels)
+        finished.append(i)
+        return sensitivities
 
-    count = len(linearised.experiments)
     first = of(0)  # the others use what it compiles and builds
     records = [first, *parallel_map(of, range(1, count))]
     return {key: [record[key] for record in records] for key in first}

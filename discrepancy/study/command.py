@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from discrepancy.conclusion.conclude import conclude
 from discrepancy.conclusion.conclusion import Conclusion
 from discrepancy.problem.study_file import StudyError
 from discrepancy.report.write import write_report
+from discrepancy.stages.stage import Stage
 from discrepancy.study.history import restore, save_history
 from discrepancy.study.study import Study
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 __all__ = ["compare", "diagnose"]
 
@@ -56,37 +62,18 @@ def _finish(study: Study, conclusion: Conclusion, out: Path, args: Namespace, *,
     if compared_only:
         conclusion = replace(conclusion, verdict="", sentence="")
     files = write_report(conclusion, out)
-    if not args.quiet:
+    if getattr(args, "json", False):
+        sys.stdout.write(files[0].read_text(encoding="utf-8").rstrip() + "\n")
+    elif not args.quiet:
         _show(study, conclusion, files)
 
 
 def _show(study: Study, conclusion: Conclusion, files: list[Path]) -> None:
     """Print the error stage by stage, the conclusion, and the path of the report."""
     from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
 
-    console = Console()
-    title = "Root mean square error, stage by stage"
-    parts = [p for p in ("identify", "validate") if study.stages[0].fits(p)]
-    names = study.stages[0].outputs
-    table = Table("stage", title=title)
-    for part in parts:
-        for name in names:
-            table.add_column(escape(f"{name}\n[{study.stages[0].system.unit(name)}]\n{part}"), justify="right")
-    for stage in study.stages:
-        table.add_row(stage.name, *(f"{stage.rmse(part)[name]:.4g}" for part in parts for name in names))
-    if console.measure(table, options=console.options.update(max_width=10_000)).maximum > console.width:
-        # one row for each output, the stages as columns; long names are folded, not cut
-        table = Table(title=title)
-        for header in ("output", *(stage.name for stage in study.stages)):
-            table.add_column(header, justify="left" if header == "output" else "right", overflow="fold")
-        for part in parts:
-            for name in names:
-                unit = study.stages[0].system.unit(name)
-                cells = [f"{stage.rmse(part)[name]:.4g}" for stage in study.stages]
-                table.add_row(escape(f"{name} [{unit}], {part}" if unit else f"{name}, {part}"), *cells)
-    console.print(table)
+    console = Console(highlight=False)
+    console.print(_error_table(study.stages))
     if conclusion.sentence:
         console.print(f"[bold]{conclusion.verdict}[/bold]: {conclusion.sentence}", soft_wrap=True)
     for text in conclusion.next_measurement if conclusion.sentence else ():
@@ -94,3 +81,29 @@ def _show(study: Study, conclusion: Conclusion, files: list[Path]) -> None:
     report = next((f for f in files if f.name == "report.html"), None)
     if report is not None:
         console.print(f"report: {report}", soft_wrap=True)
+
+
+#: Words for the parts of the records where a column is narrow.
+_COLUMNS = {"identify": "fitted", "validate": "held out"}
+
+
+def _error_table(stages: Sequence[Stage]) -> Table:
+    """Return the errors of every output from stage to stage: one line each, so that 80 columns are enough.
+
+    Names that are longer than the column go on in a second line; numbers have columns of their own width.
+    """
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    parts = [part for part in _COLUMNS if stages[0].fits(part)]
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), title="Root mean square error", title_justify="left")
+    table.add_column("output and stage", overflow="fold")
+    for part in parts:
+        table.add_column(_COLUMNS[part], justify="right", no_wrap=True)
+    for name in stages[0].outputs:
+        unit = stages[0].system.unit(name)
+        table.add_row(Text(f"{name} [{unit}]" if unit else name, style="bold"))
+        for stage in stages:
+            table.add_row(Text(f"  {stage.name}"), *(f"{stage.rmse(part)[name]:.4g}" for part in parts))
+    return table

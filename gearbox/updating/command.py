@@ -91,6 +91,9 @@ def main(arguments: list[str]) -> int:
         help="cosine similarity at the first recording, or amplitudes and phases over all; default: the study's",
     )
     parser.add_argument("--processes", metavar="N", type=int, help="simulations at a time; default: one per processor")
+    parser.add_argument(
+        "--json", action="store_true", help="print the result as JSON, as in updating.json, and nothing else"
+    )
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     given = parser.parse_args(arguments)
@@ -113,7 +116,9 @@ def main(arguments: list[str]) -> int:
             seed=given.seed,
             objective=given.objective,
         )
-    if not given.quiet:
+    if given.json:
+        print((Path(given.out) / "updating.json").read_text(encoding="utf-8").rstrip())
+    elif not given.quiet:
         _show(result, Path(given.out))
     return 0
 

@@ -20,7 +20,7 @@ import numpy as np
 from gearbox.files.operating_condition import OperatingCondition
 from gearbox.signals.signal import Signal
 from gearbox.updating.virtual import Run, Settings, VibrationModel, run_model
-from multibody.base.progress import Progress, silent
+from multibody.base.progress import Progress, Step, silent
 
 __all__ = ["ModelSource", "Runs"]
 
@@ -153,7 +153,8 @@ class Runs:
 
         def keep(key: str, run: Run) -> None:
             self._keep(key, run)
-            self.progress(f"{what}: {self.done - before} of {len(missing)} simulated")
+            done = self.done - before
+            self.progress(Step(f"{what}: {done} of {len(missing)} simulated", done, len(missing)))
 
         self._make(missing, keep)
         return [self._known[key] for key in keys]

@@ -1,8 +1,9 @@
-"""Progress: what a long function reports while it works, and the line that shows it."""
+"""Progress: what a long function reports while it works, and the display that shows it."""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -10,9 +11,9 @@ from typing import Any
 
 from multibody.base.compile_events import on_compile
 
-__all__ = ["Progress", "ProgressLine", "silent"]
+__all__ = ["Progress", "ProgressLine", "Step", "silent"]
 
-#: What a long function calls with a line of text now and then.
+#: What a long function calls with a line of text now and then; a `Step` also says which part of the work is done.
 Progress = Callable[[str], None]
 
 PATIENCE = 2.0  # s of work before the first line is printed where lines cannot be removed
@@ -23,11 +24,56 @@ def silent(text: str) -> None:
     """Ignore a line of progress."""
 
 
-class ProgressLine(AbstractContextManager["ProgressLine"]):
-    """A line that is replaced on a terminal, plain lines elsewhere, or nothing; compilations are reported as well.
+class Step(str):
+    """A line of progress that says how much of a countable piece of work is done.
 
-    A context manager that removes the line at its end, and a callable that takes its text.  Where lines cannot be
-    replaced, those of one kind (the same text before the first colon) are printed every few seconds only.
+    Parameters
+    ----------
+    text : str
+        What is being done.
+    done, total : int
+        Finished items, and all items.
+
+    Examples
+    --------
+    >>> step = Step("simulate trip 3 of 8", 2, 8)
+    >>> step, step.share
+    ('simulate trip 3 of 8', 0.25)
+    """
+
+    done: int
+    total: int
+
+    def __new__(cls, text: str, done: int, total: int) -> Step:
+        step = super().__new__(cls, text)
+        step.done, step.total = done, total
+        return step
+
+    @property
+    def share(self) -> float:
+        """Finished share of the work, 0 to 1."""
+        return self.done / self.total if self.total else 1.0
+
+
+def seconds_text(seconds: float) -> str:
+    """Return a duration in words.
+
+    Examples
+    --------
+    >>> seconds_text(8.2), seconds_text(150.0)
+    ('8 s', '2 min 30 s')
+    """
+    whole = max(1, round(seconds))
+    return f"{whole} s" if whole < 60 else f"{whole // 60} min {whole % 60} s"
+
+
+class ProgressLine(AbstractContextManager["ProgressLine"]):
+    """A line that is replaced on a terminal or in a notebook, plain lines elsewhere, or nothing.
+
+    A context manager that removes the line at its end, and a callable that takes its text.  A `Step` adds a bar with
+    the finished share of that piece of work and an estimate of the time left.  Compilations are folded into one line.
+    Where lines cannot be replaced, those of one kind (the same text before the first colon) are printed every few
+    seconds only.  Everything goes to standard error: standard output is for results.
 
     Parameters
     ----------
@@ -42,9 +88,13 @@ class ProgressLine(AbstractContextManager["ProgressLine"]):
 
     def __init__(self, quiet: bool = False) -> None:
         self.quiet = quiet
-        self._status: Any = None
+        self._lock = threading.Lock()
+        self._display: _Terminal | _Notebook | None = None
         self._start = time.monotonic()
         self._printed = (float("-inf"), "")  # when, and the kind
+        self._compiled = 0
+        self._text = ""
+        self._counted = (0, float("-inf"), 0)  # items of the work in hand, when it began, and at which item
         self._unsubscribe: Callable[[], None] | None = None
 
     def __enter__(self) -> ProgressLine:
@@ -53,33 +103,134 @@ class ProgressLine(AbstractContextManager["ProgressLine"]):
         return self
 
     def _compiling(self, name: str, seconds: float | None) -> None:
-        if seconds is None:
-            self(f"compile {name} (once on this machine)")
+        if seconds is not None:
+            return
+        self._compiled += 1
+        if self._live() is not None:
+            self._show(self._text or "prepare the model", None)
+        elif self._compiled == 1:
+            self("compile the model's equations (once on this machine)")
 
     def __call__(self, text: str) -> None:
         """Show what is being done."""
         if self.quiet:
             return
-        if sys.stdout.isatty():
-            from rich.console import Console
-            from rich.text import Text
+        with self._lock:
+            step = text if isinstance(text, Step) else None
+            self._text = str(text)
+            left = self._seconds_left(step)
+            if self._live() is not None:
+                self._show(str(text), step, left)
+                return
+            now, kind = time.monotonic(), text.partition(":")[0]
+            printed, last = self._printed
+            if step is not None:
+                kind = f"{step.total} steps"  # the items of one piece of work are of one kind
+            if now - self._start > PATIENCE and (kind != last or now - printed > INTERVAL):
+                estimate = f" (about {seconds_text(left)} left)" if left is not None else ""
+                sys.stderr.write(f"{now - self._start:6.1f} s  {text}{estimate}\n")
+                sys.stderr.flush()
+                self._printed = (now, kind)
 
-            if self._status is None:
-                self._status = Console(highlight=False).status("")
-                self._status.start()
-            self._status.update(Text(text))
-            return
-        now, kind = time.monotonic(), text.partition(":")[0]
-        printed, last = self._printed
-        if now - self._start > PATIENCE and (kind != last or now - printed > INTERVAL):
-            sys.stderr.write(f"{now - self._start:6.1f} s  {text}\n")
-            sys.stderr.flush()
-            self._printed = (now, kind)
+    def _seconds_left(self, step: Step | None) -> float | None:
+        """Return the estimated time to the end of a piece of countable work, s; None where nothing is finished yet."""
+        now = time.monotonic()
+        if step is None:
+            self._counted = (0, now, 0)
+            return None
+        total, begun, first = self._counted
+        if step.total != total or step.done < first:
+            self._counted = (step.total, now, step.done)
+            return None
+        finished = step.done - first
+        return (now - begun) / finished * (step.total - step.done) if finished else None
+
+    def _show(self, text: str, step: Step | None, left: float | None = None) -> None:
+        display = self._live()
+        if display is not None:
+            notes = [f"about {seconds_text(left)} left"] if left is not None else []
+            notes.append(f"{seconds_text(time.monotonic() - self._start)} so far")
+            if self._compiled:
+                notes.append(f"{self._compiled} functions compiled")
+            display.show(text, step, ", ".join(notes))
+
+    def _live(self) -> _Terminal | _Notebook | None:
+        """Return the display whose line can be replaced; None where there is none."""
+        if self._display is None:
+            if sys.stderr.isatty():
+                self._display = _Terminal()
+            elif _in_notebook():
+                self._display = _Notebook()
+        return self._display
 
     def __exit__(self, *error: object) -> None:
         if self._unsubscribe is not None:
             self._unsubscribe()
             self._unsubscribe = None
-        if self._status is not None:
-            self._status.stop()
-            self._status = None
+        if self._display is not None:
+            self._display.close()
+            self._display = None
+
+
+class _Terminal:
+    """A line of a terminal, with a bar where the work can be counted; what does not fit is left out at its end."""
+
+    WIDTH = 10  # characters of the bar
+
+    def __init__(self) -> None:
+        from rich.console import Console
+
+        self._status = Console(stderr=True, highlight=False).status("")
+        self._status.start()
+
+    def show(self, text: str, step: Step | None, notes: str) -> None:
+        """Replace the line."""
+        from rich.text import Text
+
+        line = Text(no_wrap=True, overflow="ellipsis")
+        if step is not None:
+            full = round(self.WIDTH * step.share)
+            line.append("━" * full, "green").append("━" * (self.WIDTH - full), "dim").append(f" {step.share:.0%} ")
+        self._status.update(line.append(text).append(f"  {notes}", "dim"))
+
+    def close(self) -> None:
+        """Remove the line."""
+        self._status.stop()
+
+
+def _in_notebook() -> bool:
+    """Tell whether a notebook's kernel runs this process."""
+    if "IPython" not in sys.modules:
+        return False
+    import IPython
+
+    shell = IPython.get_ipython()  # type: ignore[no-untyped-call,attr-defined]
+    return shell is not None and getattr(shell, "kernel", None) is not None
+
+
+class _Notebook:
+    """A line below a notebook's cell; no widget is needed, so that a stored notebook shows it as well."""
+
+    INTERVAL = 0.1  # s between updates: each is a message to the page
+
+    def __init__(self) -> None:
+        from IPython.display import HTML, display
+
+        self._html = HTML
+        self._handle: Any = display(HTML(""), display_id=True)  # type: ignore[no-untyped-call]
+        self._updated = float("-inf")
+
+    def show(self, text: str, step: Step | None, notes: str) -> None:
+        """Replace the line."""
+        from html import escape
+
+        now = time.monotonic()
+        if now - self._updated < self.INTERVAL:
+            return
+        self._updated = now
+        bar = f"<progress value='{step.share:.3f}'></progress> {step.share:.0%} " if step is not None else ""
+        self._handle.update(self._html(f"{bar}{escape(text)} <small>({escape(notes)})</small>"))
+
+    def close(self) -> None:
+        """Remove the line."""
+        self._handle.update(self._html(""))

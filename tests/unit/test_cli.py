@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from multibody.base.progress import ProgressLine
+from multibody.base.compile_events import tell
+from multibody.base.progress import ProgressLine, Step
 from vtsdt.cli import command_line as cli
 from vtsdt.cli.commands import COMMANDS, Command
 
@@ -248,6 +250,7 @@ def test_study_commands_hand_their_arguments_over(run: Run, monkeypatch: pytest.
         "seed": 4,
         "max_effects": 2,
         "resume": False,
+        "json": False,
         "quiet": True,
         "debug": False,
     }
@@ -291,6 +294,69 @@ def test_progress_waits_before_it_writes_lines(capsys: pytest.CaptureFixture[str
         progress._start -= 10.0
         progress("later")
     assert [line.split("s  ")[1] for line in capsys.readouterr().err.splitlines()] == ["later"]
+
+
+def test_progress_folds_compilations_and_estimates_what_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressLine() as progress:
+        progress._start -= 10.0
+        for name in ("rhs", "outputs", "rhs_tangent"):
+            tell(name, None)
+            tell(name, 0.5)
+        progress(Step("trip 1 of 4", 0, 4))
+        progress._counted = (4, progress._counted[1] - 3.0, 0)  # as if the first had taken three seconds
+        progress._printed = (float("-inf"), "")
+        progress(Step("trip 2 of 4", 1, 4))
+    lines = [line.split("s  ", 1)[1] for line in capsys.readouterr().err.splitlines()]
+    assert lines == [
+        "compile the model's equations (once on this machine)",
+        "trip 1 of 4",
+        "trip 2 of 4 (about 9 s left)",
+    ]
+
+
+def _completed(line: str) -> list[str]:
+    """What the shell is offered at the end of a line."""
+    environment = {
+        **os.environ,
+        "_ARGCOMPLETE": "1",
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+        "COMP_TYPE": "9",
+        "_ARGCOMPLETE_IFS": "\n",
+        "_ARGCOMPLETE_SHELL": "fish",
+        "_ARGCOMPLETE_SUPPRESS_SPACE": "1",
+    }
+    with tempfile.TemporaryFile("w+") as answer:
+        code = (
+            f"import os, sys; os.dup2({answer.fileno()}, 8); import vtsdt.cli.command_line as c; sys.exit(c.main([]))"
+        )
+        subprocess.run(
+            [sys.executable, "-c", code], env=environment, pass_fds=[answer.fileno()], capture_output=True, check=True
+        )
+        answer.seek(0)
+        return [word.split("\t")[0].strip() for word in answer.read().split("\n") if word.strip()]
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("vtsdt dia", ["diagnose"]),
+        ("vtsdt bench a", ["axis"]),
+        ("vtsdt diagnose --max", ["--max-effects"]),
+        ("vtsdt bench gear --fau", ["--faults"]),
+        ("vtsdt what-if --direction d", ["down"]),
+    ],
+)
+def test_shells_complete_commands_options_and_choices(line: str, offered: list[str]) -> None:
+    assert _completed(line) == offered
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_scripts_call_vtsdt(run: Run, shell: str) -> None:
+    code, out, _ = run("completion", shell)
+    assert code == 0
+    assert "vtsdt" in out
+    assert "_ARGCOMPLETE" in out
 
 
 def test_progress_on_a_terminal_is_taken_away_again() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from multibody.base.progress import Progress, silent
+from multibody.base.progress import Progress, Step, silent
 from vtsdt.alignment.filter import DEFAULT, DELTA, MAX_SPEED_ERROR, TUNINGS, GuideFilter, Tuning
 from vtsdt.alignment.result import Alignment
 from vtsdt.alignment.trips import AlignmentError, Trip
@@ -88,7 +88,7 @@ def align(
     faults: list[str] = []
     notes, observability = [note for t in trips for note in t.notes], None
     for k, trip in enumerate(trips):
-        progress(f"trip {k + 1} of {len(trips)}: {trip.name}")
+        progress(Step(f"trip {k + 1} of {len(trips)}: {trip.name}", k, len(trips)))
         try:
             run = sensor.run(trip, error or 0.0, keep="everything" if smooth else "variances")
         except AlignmentError as refused:

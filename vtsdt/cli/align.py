@@ -10,7 +10,7 @@ from vtsdt.alignment.estimate import THRESHOLD, align
 from vtsdt.alignment.filter import DEFAULT, TUNINGS
 from vtsdt.alignment.report import write
 from vtsdt.alignment.trips import ROLES, read_trips
-from vtsdt.cli.arguments import Parser, check_out, common, number
+from vtsdt.cli.arguments import Parser, check_out, common, json_option, number, print_json
 from vtsdt.files.parameters import LiftParameters
 
 __all__ = ["main"]
@@ -45,7 +45,9 @@ def main(arguments: Sequence[str]) -> int:
         )
         progress("write the report")
         page = write(alignment, out, parameters, trips)
-    if not args.quiet:
+    if args.json:
+        print_json(out / "alignment.json")
+    elif not args.quiet:
         print("\n".join(alignment.sentences()))
         print(f"report: {page}")
         print(f"next: vtsdt what-if --profile {out / 'profile.csv'} --out {out / 'what-if'}")
@@ -91,6 +93,7 @@ def _parser() -> Parser:
     add("--start", metavar="S", type=float, default=None, help="use the record from this time on, s")
     add("--stop", metavar="S", type=float, default=None, help="use the record up to this time, s")
     add("--no-balance", action="store_true", help="do not correct the zero of the tension and the cabin's mass")
+    json_option(parser)
     common(parser)
     return parser
 

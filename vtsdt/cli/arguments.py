@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-__all__ = ["CommandError", "Parser", "check_out", "common", "number", "whole"]
+__all__ = ["CommandError", "Parser", "check_out", "common", "json_option", "number", "print_json", "whole"]
 
 
 class CommandError(ValueError):
@@ -68,6 +69,18 @@ def common(parser: argparse.ArgumentParser, out: bool = True) -> None:
     parser.add_argument("--out", metavar="DIR", required=out, help="folder to write into; made if it is not there")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+
+
+def json_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--json`` to the parser of a command that writes a JSON file."""
+    parser.add_argument(
+        "--json", action="store_true", help="print the result as JSON, as in the file that is written, and nothing else"
+    )
+
+
+def print_json(path: Path) -> None:
+    """Print a JSON file that a command has written."""
+    sys.stdout.write(path.read_text(encoding="utf-8").rstrip() + "\n")
 
 
 def check_out(out: str) -> None:

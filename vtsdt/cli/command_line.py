@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 from vtsdt.cli.arguments import CommandError
 from vtsdt.cli.commands import COMMANDS, Command, parser
+from vtsdt.cli.completion import asked_for, complete
 
 __all__ = ["BAD_INPUT", "main"]
 
@@ -98,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = [w for w in words if w != "--debug"]
     _one_thread_for_linear_algebra()
     try:
-        code = _dispatch(words)
+        code = complete(_dispatch) if asked_for() else _dispatch(words)
         sys.stdout.flush()
         return code
     except SystemExit as ended:  # argparse ends --help this way

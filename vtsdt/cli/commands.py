@@ -62,6 +62,7 @@ COMMANDS = {
     ("update-gearbox",): Command("gearbox.updating.command:main", "update a gear stage model from recordings"),
     ("export-fmu",): Command("vtsdt.cli.export_fmu:main", "a model as an FMU (FMI 2.0 or 3.0) for other tools"),
     ("warm",): Command("vtsdt.cli.warm:main", "compile the shipped models before they are needed"),
+    ("completion",): Command("vtsdt.cli.completion:main", "completion of commands and options for bash, zsh and fish"),
     ("validate", "papers"): Command("vtsdt.cli.validate_papers:main", "the papers' tables, reproduced and compared"),
     ("validate", "discrepancy"): Command(
         "vtsdt.cli.validate_discrepancy:main", "error rates of finding missing effects"

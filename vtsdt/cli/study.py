@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from multibody.base.progress import ProgressLine
-from vtsdt.cli.arguments import Parser, check_out, common, whole
+from vtsdt.cli.arguments import Parser, check_out, common, json_option, whole
 
 __all__ = ["compare", "diagnose"]
 
@@ -57,4 +57,5 @@ def _parser(name: str, description: str) -> Parser:
     parser.add_argument(
         "--seed", metavar="N", type=whole(0, "seed"), help="of all random numbers; default: the study's"
     )
+    json_option(parser)
     return parser

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from multibody.base.progress import ProgressLine
-from vtsdt.cli.arguments import CommandError, Parser, check_out, common, number, whole
+from vtsdt.cli.arguments import CommandError, Parser, check_out, common, json_option, number, print_json, whole
 from vtsdt.whatif.report import summary
 from vtsdt.whatif.run import run_what_if
 from vtsdt.whatif.settings import Settings, read_settings
@@ -42,7 +42,9 @@ def main(arguments: Sequence[str]) -> int:
             if type(error) is ValueError:  # settings that contradict each other
                 raise CommandError(str(error)) from None
             raise
-    if not args.quiet:
+    if args.json:
+        print_json(page.with_name("what-if.json"))
+    elif not args.quiet:
         print(summary(study))
         print(f"the page is {page}")
     return 0
@@ -66,5 +68,6 @@ def _parser() -> Parser:
     add("--samples", metavar="N", type=whole(0, "number of draws"), help="draws for the intervals (default 40)")
     add("--seed", metavar="N", type=whole(0, "seed"), help="of the draws (default 0)")
     add("--trips-per-day", metavar="N", type=number(False, "number of trips"), help="to state the savings of a year")
+    json_option(parser)
     common(parser)
     return parser

@@ -16,7 +16,7 @@ import numpy as np
 from discrepancy.rigs.hidden_effects import Hidden
 from discrepancy.rigs.rig import Run
 from estimation.response.sensors import SensorError
-from multibody.base.progress import Progress
+from multibody.base.progress import Progress, Step
 from multibody.machine.model import Model
 from vtsdt.lift.lift import Lift
 from vtsdt.rig.models import add_weighed_load
@@ -53,7 +53,7 @@ class PlainLiftRig(LiftRig):
         undisturbed = {"disturbance.force": (fine[[0, -1]], np.zeros(2))}
         runs: list[Run] = []
         for k, name in enumerate(names):
-            progress(f"trip {k + 1} of {len(names)}")
+            progress(Step(f"trip {k + 1} of {len(names)}", k, len(names)))
             friction = seen_by(self._run(guided, friction_system, k, fine, (), **undisturbed), _FRICTION)
             inputs = {n: (fine, v) for n, v in friction.items()}
             inputs["payload"] = (fine[[0, -1]], np.full(2, self.trip(k).load))

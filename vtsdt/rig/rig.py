@@ -19,7 +19,7 @@ from discrepancy.rigs.recording import Channel, Logger, RigDisturbance
 from discrepancy.rigs.rig import Rig, Run
 from estimation.fit.calibrate import UncertainParameter
 from estimation.response.sensors import SensorError
-from multibody.base.progress import Progress
+from multibody.base.progress import Progress, Step
 from multibody.machine.model import Model, System
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.lift.lift import Lift
@@ -312,7 +312,7 @@ class LiftRig(Rig):
         stamps, fine = self.logger.stamps(self.duration), self.logger.fine_grid(self.duration, BEFORE)
         runs: list[Run] = []
         for k, name in enumerate(names):
-            progress(f"trip {k + 1} of {len(names)}")
+            progress(Step(f"trip {k + 1} of {len(names)}", k, len(names)))
             run = self._run(lift, system, k, fine, hidden)
             runs.append((name, stamps, self._logged(k, stamps, fine, seen_by(run), recorded)))
         return true_model, runs

@@ -13,7 +13,7 @@ import numpy as np
 from estimation.files.read_records import read_records
 from estimation.signals.metrics import pearson, rmse
 from estimation.signals.preparation import low_pass
-from multibody.base.progress import Progress, silent
+from multibody.base.progress import Progress, Step, silent
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile_table import ProfileTable
 from vtsdt.lift.lift import Lift
@@ -221,7 +221,7 @@ def compare_trips(
     system = lift.build(outputs=list(names))
     comparisons = []
     for k, record in enumerate(records):
-        progress(f"simulate trip {k + 1} of {len(records)}")
+        progress(Step(f"simulate trip {k + 1} of {len(records)}", k, len(records)))
         t = np.asarray(record.time, dtype=float)
         t = t - t[0]
         signal = {n: np.asarray(s.values, dtype=float) for n, s in record.signals.items()}

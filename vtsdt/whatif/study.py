@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from multibody.base.progress import Progress, silent
+from multibody.base.progress import Progress, Step, silent
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile import RailProfile
 from vtsdt.files.rail_profile_table import ProfileTable
@@ -150,7 +150,7 @@ def what_if(
     for done, trip in enumerate(runner.run(runs), 1):
         energies.append(trip.energy)
         if done % 8 == 0 or done == len(runs):
-            progress(f"trip {done} of {len(runs)}")
+            progress(Step(f"trip {done} of {len(runs)}", done, len(runs)))
     width = 4 + (len(ranges) if sections else 0)
     table = [energies[k : k + width] for k in range(0, len(energies), width)]
     actions = tuple(Action(name, table[0][k], tuple(row[k] for row in table[1:])) for k, name in enumerate(ACTIONS))
