@@ -9,16 +9,19 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from discrepancy.problem.candidate_patterns import check_patterns
+from discrepancy.problem.held_out import held_out_content
 from discrepancy.problem.study_file import StudyError, StudyFile, read_study
 from estimation.files.record import Record
 from estimation.fit.calibrate import UncertainParameter
 from estimation.response.experiment import Experiment
-from estimation.signals.preparation import Preparation
+from estimation.signals.metrics import LEAST_SAMPLES
+from estimation.signals.preparation import Preparation, SignalError
 
 if TYPE_CHECKING:
     from multibody.machine.model import Model, System
 
-__all__ = ["Problem", "make_experiments", "noise_floors", "read_problem"]
+__all__ = ["Problem", "make_experiments", "noise_floors", "read_model", "read_problem"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -136,23 +139,25 @@ def read_problem(path: str | Path, *, seed: int | None = None, max_effects: int 
     StudyError, RecordError, ModelError
         With all faults of the study, of the records or of the model.
     """
-    from discrepancy.problem.fmu_model import with_model_names
-    from discrepancy.problem.model import check_names, load_model
-    from multibody.machine.model import Model
-
-    study = with_model_names(read_study(path))
-    model = load_model(study, Model)
+    study, model = read_model(path)
     system = model.build()
     units = {
-        "parameters": {q.name: q.unit for q in system.parameters},
         "inputs": {q.name: q.unit for q in system.inputs},
         "outputs": {q.name: q.unit for q in system.outputs},
-        "states": {q.name: q.unit for q in system.states},
     }
-    faults = check_names(study, **units)
-    if faults:
-        raise StudyError(faults)
+    patterns = check_patterns(
+        model.build(probes=True),
+        tuple(study.outputs),
+        tuple(study.inputs),
+        study.candidates.include,
+        study.candidates.exclude,
+    )
+    if patterns.faults:
+        raise StudyError([f"{study.path.name}, {text}" for text in patterns.faults])
     records = study.read_records({**units["inputs"], **units["outputs"]})
+    faults, doubts = held_out_content(records.identify, records.validate, tuple(study.outputs))
+    if faults:
+        raise StudyError([f"{study.path.name}, {text}" for text in faults])
     common: dict[str, Any] = {
         "inputs": tuple(study.inputs),
         "outputs": tuple(study.outputs),
@@ -162,13 +167,17 @@ def read_problem(path: str | Path, *, seed: int | None = None, max_effects: int 
         "offsets": study.offsets.outputs,
         "held": tuple(n for n, column in study.inputs.items() if column.interpolation == "hold"),
     }
+    identify = make_experiments(model, records.identify, **common)
+    validate = make_experiments(model, records.validate, **common)
+    if faults := [fault for e in (*identify, *validate) if (fault := _too_short(e))]:
+        raise StudyError([f"{study.path.name}, {text}" for text in faults])
     of_records = dict.fromkeys(w for r in (*records.identify, *records.validate) for w in r.warnings)
     return Problem(
         name=study.path.stem if study.path.stem != "study" else study.path.parent.name,
         model=model,
         uncertain=_uncertain(study, system),
-        identify=make_experiments(model, records.identify, **common),
-        validate=make_experiments(model, records.validate, **common),
+        identify=identify,
+        validate=validate,
         noise={n: column.noise for n, column in study.outputs.items() if column.noise is not None},
         include=tuple(study.candidates.include),
         exclude=tuple(study.candidates.exclude),
@@ -177,10 +186,66 @@ def read_problem(path: str | Path, *, seed: int | None = None, max_effects: int 
         max_effects=study.study.max_effects if max_effects is None else max_effects,
         residual=study.study.residual,
         path=study.path,
-        warnings=(*study.warnings, *of_records),
+        warnings=(*study.warnings, *patterns.warnings, *doubts, *of_records),
         inputs=study.study.inputs,
         search=study.study.search,
     )
+
+
+def _too_short(experiment: Experiment) -> str:
+    """Return why a record cannot be compared, or an empty text."""
+    try:
+        left = len(experiment.time)
+    except SignalError as error:
+        return f"[records]: '{experiment.record.path.name}': {error}"
+    if left >= LEAST_SAMPLES:
+        return ""
+    rows = len(experiment.record.time)
+    cause = "" if left == rows else f" of {rows} after start, stop, low_pass_hz, edge and decimate"
+    return (
+        f"[records]: '{experiment.record.path.name}' ({experiment.name}): {left} rows{cause} are too few, at least "
+        f"{LEAST_SAMPLES} are needed: name a longer recording{' or keep more of it' if cause else ''}"
+    )
+
+
+def read_model(path: str | Path) -> tuple[StudyFile, Model]:
+    """Read a study file and its model, and check that the file's names are names of the model.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    StudyError, ModelError
+        With all faults of the study or of the model.
+    """
+    from discrepancy.problem.fmu_model import with_model_names
+    from discrepancy.problem.model import check_names, load_model
+    from multibody.machine.model import Model
+
+    study = with_model_names(read_study(path))
+    model = load_model(study, Model)
+    system = model.build()
+    faults = check_names(
+        study,
+        parameters={q.name: q.unit for q in system.parameters},
+        inputs={q.name: q.unit for q in system.inputs},
+        outputs={q.name: q.unit for q in system.outputs},
+        states={q.name: q.unit for q in system.states},
+    )
+    faults = (
+        *faults,
+        *(
+            f"{study.path.name}, [inputs]: the model needs its input '{name}' ({system.unit(name)}): add "
+            f'"{name}" = "column" to [inputs], or give the model a default for it'
+            for name, declared in model.inputs.items()
+            if declared.default is None and name not in study.inputs
+        ),
+    )
+    if faults:
+        raise StudyError(faults)
+    return study, model
 
 
 def _uncertain(study: StudyFile, system: System) -> tuple[UncertainParameter, ...]:

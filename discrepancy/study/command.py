@@ -1,4 +1,4 @@
-"""The commands ``vtsdt diagnose`` and ``vtsdt compare``."""
+"""The commands ``vtsdt diagnose``, ``vtsdt compare`` and ``vtsdt catalogue``."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING
 
 from discrepancy.conclusion.conclude import conclude
 from discrepancy.conclusion.conclusion import Conclusion
+from discrepancy.effects.catalogue import catalogue
+from discrepancy.problem.candidate_patterns import check_patterns
+from discrepancy.problem.problem import read_model
 from discrepancy.problem.study_file import StudyError
 from discrepancy.report.write import write_report
 from discrepancy.stages.stage import Stage
@@ -20,7 +23,8 @@ from discrepancy.study.study import Study
 if TYPE_CHECKING:
     from rich.table import Table
 
-__all__ = ["compare", "diagnose"]
+
+__all__ = ["compare", "diagnose", "list_catalogue"]
 
 
 def diagnose(args: Namespace) -> int:
@@ -55,6 +59,45 @@ def compare(args: Namespace) -> int:
     _ = study.stage  # made on first use
     conclusion = conclude(study)
     _finish(study, conclusion, Path(args.out), args, compared_only=True)
+    return 0
+
+
+def list_catalogue(args: Namespace) -> int:
+    """Print every effect that fits a study's model, and whether the study looks for it.
+
+    Parameters
+    ----------
+    args : namespace
+        ``study``, ``names``.
+    """
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    study, model = read_model(args.study)
+    system = model.build(probes=True)
+    signals = tuple(study.outputs), tuple(study.inputs)
+    patterns = check_patterns(system, *signals, study.candidates.include, study.candidates.exclude)
+    if patterns.faults:
+        raise StudyError([f"{study.path.name}, {text}" for text in patterns.faults])
+    everything = catalogue(system, *signals)
+    chosen = catalogue(system, *signals, include=study.candidates.include, exclude=study.candidates.exclude)
+    if args.names:
+        print("\n".join(entry.name for entry in chosen))
+        return 0
+    names = {entry.name for entry in chosen}
+    table = Table(title=f"{len(chosen)} of {len(everything)} effects are candidates of {study.path.name}")
+    table.add_column("kind", no_wrap=True)
+    table.add_column("where", overflow="fold")
+    if len(chosen) < len(everything):
+        table.add_column("left out at", overflow="fold")
+    for kind in dict.fromkeys(entry.kind.name for entry in everything):
+        entries = [entry for entry in everything if entry.kind.name == kind]
+        places = [[e.where for e in entries if (e.name in names) is wanted] for wanted in (True, False)]
+        table.add_row(kind, *(escape(", ".join(each)) for each in places[: len(table.columns) - 1]))
+    Console().print(table)
+    for text in patterns.warnings:
+        print(f"vtsdt: {text}", file=sys.stderr)
     return 0
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 __all__ = [
+    "LEAST_SAMPLES",
     "Agreement",
     "NoiseFloor",
     "agreement",
@@ -22,6 +23,9 @@ __all__ = [
     "share_above_noise",
     "spectral_density",
 ]
+
+LEAST_SAMPLES = 8
+"""Fewest samples for an estimate of noise: third differences over two spacings, and a median of a few of them."""
 
 
 def _pair(measured: np.ndarray, model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -257,8 +261,10 @@ def noise_floor(values: np.ndarray) -> NoiseFloor:
     acceleration); beyond these and synthetic signals they are untested.
     """
     values = np.asarray(values, dtype=float)
-    if len(values) < 8:
-        raise ValueError(f"{len(values)} samples are too few for an estimate of noise: at least 8 are needed")
+    if len(values) < LEAST_SAMPLES:
+        raise ValueError(
+            f"{len(values)} samples are too few for an estimate of noise: at least {LEAST_SAMPLES} are needed"
+        )
     step = quantisation_step(values)
     levels = _difference_levels(values)
     rounding = step / np.sqrt(12.0)

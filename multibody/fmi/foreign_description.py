@@ -15,7 +15,7 @@ from multibody.base.units import UnitError, same_dimension, si_factor
 from multibody.fmi.compiler import binary_folder
 from multibody.fmi.errors import FmuError
 
-__all__ = ["ForeignUnit", "ForeignVariable", "file_digest", "read_unit"]
+__all__ = ["ForeignUnit", "ForeignVariable", "read_unit"]
 
 _REALS = ("Real", "Float64", "Float32")
 _BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")

@@ -17,13 +17,13 @@ from vtsdt.files.parameters import LiftParameters
 STEP = 2e-3
 
 
-def signals(direction: int = 1, friction: float = 7.0, offset: float = 0.0):
+def signals(direction: int = 1, friction: float = 7.0, offset: float = 0.0, seed: int = 5):
     """A trip without vibration: weight, inertia, friction against the way, sensors with little noise."""
     from multibody.library.profiles import jerk_limited
 
     time = np.arange(3000) * STEP
     moved = np.array([jerk_limited(t - 0.15, 1.9 * direction, 0.42, 0.45, 1.5)[:3] for t in time])
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(seed)
     height = moved[:, 0] + (0.0 if direction > 0 else 1.9)
     tension = 32.0 * (9.80665 + moved[:, 2]) + friction * np.tanh(moved[:, 1] / 0.01) + offset
     return {
@@ -138,11 +138,22 @@ def test_columns_are_found_by_their_names_or_asked_for(tmp_path):
 
 
 def test_balance_finds_what_is_no_friction(tmp_path):
-    paths = [write(tmp_path / f"{k}.csv", signals(direction, 7.0, 2.5)) for k, direction in enumerate((1, -1, 1, -1))]
+    ways = enumerate((1, -1, 1, -1))
+    paths = [write(tmp_path / f"{k}.csv", signals(direction, 7.0, 2.5, seed=k)) for k, direction in ways]
     trips = read_trips(paths)
     height = np.linspace(0.1, 1.8, 50)
     assert balance(trips, LiftParameters.bench(), height) == pytest.approx(2.5, abs=0.05)
     assert balance(trips[::2], LiftParameters.bench(), height) is None
+
+
+def test_one_trip_named_twice_is_refused(tmp_path):
+    trip = signals(1, seed=1)
+    paths = [write(tmp_path / "t0.csv", trip), write(tmp_path / "again.csv", {k: v[500:2500] for k, v in trip.items()})]
+    for twice in ([paths[0], paths[0]], paths):
+        with pytest.raises(
+            AlignmentError, match=r"holds what t0.csv holds \(\d+ rows\), so that one trip would count twice"
+        ):
+            read_trips(twice)
 
 
 def test_sections_join_and_leave_out():
@@ -172,7 +183,7 @@ def test_rail_has_the_equivalent_deviation_and_says_what_is_unknown():
 
 
 def test_command_writes_page_json_rail_and_figures(tmp_path, capsys):
-    paths = [str(write(tmp_path / f"{k}.csv", signals(d, 7.0))) for k, d in enumerate((1, -1))]
+    paths = [str(write(tmp_path / f"{k}.csv", signals(d, 7.0, seed=k))) for k, d in enumerate((1, -1))]
     out = tmp_path / "out"
     assert main(["align", *paths, "--out", str(out), "--threshold", "2.0"]) == 0
     message = capsys.readouterr().out

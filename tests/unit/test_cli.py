@@ -109,6 +109,41 @@ def test_bench_axis_writes_a_study(run: Run, tmp_path: Path) -> None:
     }
 
 
+def test_the_catalogue_of_a_study_is_listed(run: Run, tmp_path: Path) -> None:
+    run("bench", "axis", "--out", "o", "--trips", "2", "--quiet")
+    study = tmp_path / "o/study.toml"
+    study.write_text(study.read_text().replace("[records]", '[candidates]\ninclude = ["*friction@guide"]\n[records]'))
+    code, out, err = run("catalogue", "o/study.toml")
+    assert (code, err) == (0, "")
+    assert "coulomb_friction" in out
+    assert "left out at" in out
+    code, out, err = run("catalogue", "o/study.toml", "--names")
+    assert "coulomb_friction@guide" in out.splitlines()
+    assert all(name.endswith("friction@guide") for name in out.splitlines())
+    study.write_text(study.read_text().replace("*friction@guide", "coulomb"))
+    code, out, err = run("catalogue", "o/study.toml")
+    assert (code, out) == (2, "")
+    assert "nearest: 'coulomb_friction'" in err
+
+
+def test_what_a_study_lacks_is_bad_input(run: Run, tmp_path: Path) -> None:
+    import gzip
+
+    run("bench", "axis", "--out", "o", "--trips", "2", "--quiet")
+    study = tmp_path / "o/study.toml"
+    sound = study.read_text()
+    rows = gzip.decompress((tmp_path / "o/identify_01.csv.gz").read_bytes()).decode().splitlines()
+    (tmp_path / "o/four.csv").write_text("\n".join(rows[:5]) + "\n")
+    study.write_text(sound.replace("identify_01.csv.gz", "four.csv"))
+    code, _, err = run("diagnose", "o/study.toml", "--out", "d")
+    assert code == 2
+    assert "'four.csv' (four): 4 rows are too few, at least 8 are needed" in err
+    study.write_text(sound.replace('"reference.position" = "position_ref_mm"', ""))
+    code, _, err = run("diagnose", "o/study.toml", "--out", "d")
+    assert code == 2
+    assert 'add "reference.position" = "column" to [inputs]' in err
+
+
 def test_quiet_prints_nothing(run: Run) -> None:
     assert run("bench", "axis", "--out", "o", "--trips", "2", "--quiet") == (0, "", "")
 
@@ -116,6 +151,11 @@ def test_quiet_prints_nothing(run: Run) -> None:
 BAD = {
     "unknown command": (["diagnos"], "did you mean 'diagnose'?"),
     "unknown machine": (["bench", "axle"], "did you mean 'axis'?"),
+    "misspelt option": (["diagnose", "study.toml", "--oot", "o"], "there is no option '--oot'; nearest: '--out'"),
+    "misspelt option of a bench": (
+        ["bench", "axis", "--out", "o", "--hyde=x"],
+        "no option '--hyde'; nearest: '--hide'",
+    ),
     "unknown option": (["bench", "axis", "--out", "o", "--hid", "x", "--sede", "1"], "--sede"),
     "missing study": (
         ["diagnose", "nothing.toml", "--out", "o"],

@@ -244,12 +244,6 @@ def test_one_error_lists_all_faults(folder):
         assert any(key in fault for fault in found), key
 
 
-def test_a_copy_of_a_recording_is_no_held_out_recording(folder):
-    (folder / "held_out/b.csv").write_text((folder / "a1.csv").read_text())
-    (fault,) = faults(folder, SOUND)
-    assert "'b.csv' has the content of 'a1.csv'" in fault
-
-
 def test_missing_study_names_the_nearest(folder):
     study(folder)
     with pytest.raises(StudyError, match=r"no such study file; nearest: 'study.toml'"):

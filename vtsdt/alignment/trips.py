@@ -17,6 +17,7 @@ from estimation.files.column_names import read_column_name
 from estimation.files.read_records import read_records
 from estimation.files.read_rules import ReadRules
 from estimation.files.record import Record, RecordedSignal
+from estimation.files.shared_rows import shared_rows
 from estimation.signals.preparation import low_pass
 from multibody.base.units import UnitError
 from vtsdt.files.parameters import LiftParameters
@@ -218,6 +219,12 @@ def read_trips(
     )
     given = parameters if parameters is not None else LiftParameters.bench()
     faults = [fault for record in records for fault in _faults(record, given)]
+    for same in shared_rows(records, ("tension", "acceleration")):
+        first, second = (records[k].path.name for k in (same.first, same.second))
+        faults.append(
+            f"{second}: from {same.start:.6g} to {same.stop:.6g} s it holds what {first} holds ({same.rows} rows), so "
+            "that one trip would count twice: name one of the two"
+        )
     if faults:
         raise AlignmentError(faults)
     return [prepare(record, low_pass_hz) for record in records]

@@ -6,9 +6,11 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
+
+from multibody.base.spelling import nearest_or_choices
 
 __all__ = ["CommandError", "Parser", "check_out", "common", "json_option", "number", "print_json", "whole"]
 
@@ -18,7 +20,18 @@ class CommandError(ValueError):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that raises `CommandError` instead of ending the process."""
+    """A parser that raises `CommandError` instead of ending; it names the option nearest to a misspelt one."""
+
+    def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """Refuse a misspelt option before argparse complains of what it would have given; then as argparse."""
+        known = [name for name in self._option_string_actions if name.startswith("--")]
+        for word in args or ():
+            if word == "--":
+                break
+            name = word.partition("=")[0]
+            if name.startswith("--") and not any(option.startswith(name) for option in known):
+                self.error(f"there is no option '{name}'{nearest_or_choices(name, known)}")
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Raise the message, with the nearest word where a word is unknown, and the usage."""

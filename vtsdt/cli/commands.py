@@ -54,6 +54,7 @@ class Command:
 COMMANDS = {
     ("diagnose",): Command("vtsdt.cli.study:diagnose", "find the missing effects, add them, and write a report"),
     ("compare",): Command("vtsdt.cli.study:compare", "compare model and recordings, and say where they differ"),
+    ("catalogue",): Command("vtsdt.cli.study:catalogue", "list the effects that a study's model could lack"),
     ("bench", "axis"): Command("vtsdt.cli.bench_axis:main", "recordings of a virtual linear axis"),
     ("bench", "lift"): Command("vtsdt.cli.bench_lift:main", "recordings of a virtual lift"),
     ("bench", "gear"): Command("gearbox.rig.command:main", "recordings of a virtual gear stage"),

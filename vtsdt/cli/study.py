@@ -1,4 +1,4 @@
-"""``vtsdt diagnose`` and ``vtsdt compare``: a study file from the command line."""
+"""``vtsdt diagnose``, ``vtsdt compare`` and ``vtsdt catalogue``: a study file from the command line."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from multibody.base.progress import ProgressLine
 from vtsdt.cli.arguments import Parser, check_out, common, json_option, whole
 
-__all__ = ["compare", "diagnose"]
+__all__ = ["catalogue", "compare", "diagnose"]
 
 
 def diagnose(arguments: Sequence[str]) -> int:
@@ -49,6 +49,21 @@ def compare(arguments: Sequence[str]) -> int:
         from discrepancy.study.command import compare as run
 
         return run(args)
+
+
+def catalogue(arguments: Sequence[str]) -> int:
+    """Run ``vtsdt catalogue``."""
+    parser = Parser(
+        prog="vtsdt catalogue",
+        description="List every effect that fits a study's model, by kind and place, and what [candidates] keeps.",
+    )
+    parser.add_argument("study", metavar="STUDY.toml", help="the study file")
+    parser.add_argument("--names", action="store_true", help="print the candidates as kind@where, one a line")
+    parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    args = parser.parse_args(list(arguments))
+    from discrepancy.study.command import list_catalogue
+
+    return list_catalogue(args)
 
 
 def _parser(name: str, description: str) -> Parser:
