@@ -6,6 +6,7 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
+import os
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -19,7 +20,7 @@ import numpy as np
 from discrepancy.problem.fmu_model import fmu_model
 from discrepancy.problem.study_file import StudyError, StudyFile
 from estimation.files.column_names import pint_unit, to_si
-from multibody.base.references import module_named
+from multibody.base.references import MODELS_GROUP, OWN, module_named, offered_modules
 from multibody.base.spelling import nearest_or_choices
 from multibody.base.units import UnitError
 
@@ -28,11 +29,14 @@ __all__ = ["check_names", "load_model"]
 
 @contextmanager
 def _import_from(folder: Path) -> Iterator[None]:
-    """Let the builder import the other files of its folder."""
+    """Let the builder import the other files of its folder; a working directory that it changes is restored."""
     sys.path.insert(0, str(folder))
+    working = os.getcwd()
     try:
         yield
     finally:
+        if os.getcwd() != working:
+            os.chdir(working)
         if str(folder) in sys.path:
             sys.path.remove(str(folder))
 
@@ -52,10 +56,22 @@ def _user_error(error: BaseException, study: StudyFile, doing: str) -> StudyErro
     return StudyError([f'{study.path.name}, [model] build = "{study.model.build}": {doing}: {place}: {name}: {text}'])
 
 
+#: Modules of this distribution that have builders for studies.
+BUILDERS = ("vtsdt.lift", "vtsdt.rig.models", "gearbox.stage", "gearbox.rig.encoders")
+
+
 def _module(study: StudyFile, source: str) -> ModuleType:
+    folder = study.path.parent.resolve()
     if not source.endswith(".py"):
-        return module_named(source)
-    file = (study.path.parent / source).resolve()
+        return _named_module(study, source)
+    file = (folder / source).resolve()
+    if not file.is_relative_to(folder):
+        raise StudyError(
+            [
+                f"{study.path.name}, [model] build: '{source}' is not beside the study: a study runs only files of its "
+                "own folder; copy the file there"
+            ]
+        )
     # Two studies may both have an axis.py: the folder makes the module's name unique.
     name = f"_study_{hashlib.sha256(str(file).encode()).hexdigest()[:12]}_{file.stem}"
     spec = importlib.util.spec_from_file_location(name, file)
@@ -72,6 +88,36 @@ def _module(study: StudyFile, source: str) -> ModuleType:
     return module
 
 
+def _named_module(study: StudyFile, name: str) -> ModuleType:
+    """Import a module beside the study, one of this distribution that has builders, or one that is offered."""
+    folder = study.path.parent.resolve()
+    where = f"{study.path.name}, [model] build"
+    top = name.partition(".")[0]
+    if (folder / f"{top}.py").is_file() or (folder / top).is_dir():
+        module = importlib.import_module(name)
+        places = [getattr(module, "__file__", None), *getattr(module, "__path__", ())]
+        if not any(place and Path(place).resolve().is_relative_to(folder) for place in places):
+            raise StudyError(
+                [f"{where}: another module '{top}' is imported already: give the one beside the study another name"]
+            )
+        return module
+    if top in OWN:
+        module = module_named(name)
+        if module.__name__ not in BUILDERS:
+            raise StudyError([f"{where}: '{name}' has no models for studies{nearest_or_choices(name, BUILDERS)}"])
+        return module
+    if any(name == offered or name.startswith(f"{offered}.") for offered in offered_modules()):
+        return module_named(name)
+    known = [*BUILDERS, *offered_modules()]
+    raise StudyError(
+        [
+            f"{where}: there is no module '{name}' beside the study or offered by an installed package: name a file as "
+            f"\"file.py:name\", or let the package say in its entry points, group '{MODELS_GROUP}', that it has models"
+            f"{nearest_or_choices(name, known, lead='; nearest of those that do: ')}"
+        ]
+    )
+
+
 def load_builder(study: StudyFile) -> Callable[..., Any]:
     """Import the callable that ``[model] build`` names.
 
@@ -85,16 +131,9 @@ def load_builder(study: StudyFile) -> Callable[..., Any]:
     with _import_from(study.path.parent):
         try:
             module = _module(study, source)
-        except ModuleNotFoundError as error:
-            if (
-                not source.endswith(".py")
-                and error.name
-                and (source == error.name or source.startswith(error.name + "."))
-            ):
-                text = f"there is no module '{error.name}' beside the study or installed"
-                raise StudyError([f'{where}: {text}: name a file as "file.py:{name}"']) from error
-            raise _user_error(error, study, "the import fails") from error
-        except Exception as error:
+        except StudyError:
+            raise
+        except (Exception, SystemExit) as error:
             raise _user_error(error, study, "the import fails") from error
     builder = getattr(module, name, None)
     if builder is None:
@@ -102,6 +141,10 @@ def load_builder(study: StudyFile) -> Callable[..., Any]:
         raise StudyError([f"{where}: '{source}' has no '{name}'{nearest_or_choices(name, own)}"])
     if not callable(builder):
         raise StudyError([f"{where}: '{name}' in '{source}' is {type(builder).__name__} and not callable"])
+    beside = Path(getattr(module, "__file__", None) or "").resolve().is_relative_to(study.path.parent.resolve())
+    package = str(getattr(builder, "__module__", "")).partition(".")[0]
+    if not beside and package != source.partition(".")[0]:
+        raise StudyError([f"{where}: '{name}' in '{source}' comes from '{package}': it is no builder of that package"])
     return builder  # type: ignore[no-any-return]
 
 
@@ -127,7 +170,7 @@ def load_model(study: StudyFile, kind: type | None = None) -> Any:
     with _import_from(study.path.parent):
         try:
             model = builder(**study.model.arguments)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise _user_error(error, study, "the builder fails") from error
     if model is None or (kind is not None and not isinstance(model, kind)):
         wanted = "a model" if kind is None else f"a {kind.__name__}"

@@ -19,6 +19,7 @@ from discrepancy.report.write import write_report
 from discrepancy.stages.stage import Stage
 from discrepancy.study.history import restore, save_history
 from discrepancy.study.study import Study
+from multibody.base.terminal_text import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -83,7 +84,7 @@ def list_catalogue(args: Namespace) -> int:
     everything = catalogue(system, *signals)
     chosen = catalogue(system, *signals, include=study.candidates.include, exclude=study.candidates.exclude)
     if args.names:
-        print("\n".join(entry.name for entry in chosen))
+        print("\n".join(printable(entry.name) for entry in chosen))
         return 0
     names = {entry.name for entry in chosen}
     table = Table(title=f"{len(chosen)} of {len(everything)} effects are candidates of {study.path.name}")
@@ -94,10 +95,10 @@ def list_catalogue(args: Namespace) -> int:
     for kind in dict.fromkeys(entry.kind.name for entry in everything):
         entries = [entry for entry in everything if entry.kind.name == kind]
         places = [[e.where for e in entries if (e.name in names) is wanted] for wanted in (True, False)]
-        table.add_row(kind, *(escape(", ".join(each)) for each in places[: len(table.columns) - 1]))
+        table.add_row(kind, *(escape(printable(", ".join(each))) for each in places[: len(table.columns) - 1]))
     Console().print(table)
     for text in patterns.warnings:
-        print(f"vtsdt: {text}", file=sys.stderr)
+        print(f"vtsdt: {printable(text)}", file=sys.stderr)
     return 0
 
 
@@ -114,13 +115,14 @@ def _finish(study: Study, conclusion: Conclusion, out: Path, args: Namespace, *,
 def _show(study: Study, conclusion: Conclusion, files: list[Path]) -> None:
     """Print the error stage by stage, the conclusion, and the path of the report."""
     from rich.console import Console
+    from rich.markup import escape
 
     console = Console(highlight=False)
     console.print(_error_table(study.stages))
     if conclusion.sentence:
-        console.print(f"[bold]{conclusion.verdict}[/bold]: {conclusion.sentence}", soft_wrap=True)
+        console.print(f"[bold]{conclusion.verdict}[/bold]: {escape(printable(conclusion.sentence))}", soft_wrap=True)
     for text in conclusion.next_measurement if conclusion.sentence else ():
-        console.print(f"[bold]next measurement[/bold]: {text}", soft_wrap=True)
+        console.print(f"[bold]next measurement[/bold]: {escape(printable(text))}", soft_wrap=True)
     report = next((f for f in files if f.name == "report.html"), None)
     if report is not None:
         console.print(f"report: {report}", soft_wrap=True)
@@ -146,7 +148,7 @@ def _error_table(stages: Sequence[Stage]) -> Table:
         table.add_column(_COLUMNS[part], justify="right", no_wrap=True)
     for name in stages[0].outputs:
         unit = stages[0].system.unit(name)
-        table.add_row(Text(f"{name} [{unit}]" if unit else name, style="bold"))
+        table.add_row(Text(printable(f"{name} [{unit}]" if unit else name), style="bold"))
         for stage in stages:
             table.add_row(Text(f"  {stage.name}"), *(f"{stage.rmse(part)[name]:.4g}" for part in parts))
     return table

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import csv
-import gzip
 import re
-import zlib
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from estimation.files.bounded import check_size, unpacked_gzip
 from estimation.files.faults import RecordError, Rows
 from estimation.files.table import NUMBER, FileTable, cells_to_numbers, column_faults, notes_on_names, present_columns
 
@@ -36,14 +35,10 @@ def _decode(name: str, raw: bytes) -> tuple[str, list[str]]:
 def read_csv(path: Path, columns: list[str], labels: list[str], optional: Collection[str]) -> FileTable:
     """Read columns of a CSV file; see `estimation.files.read_table.read_table`."""
     name = path.name
+    check_size(name, path.stat().st_size, path.stat().st_size, text=True)
     raw = path.read_bytes()
     if raw.startswith(_GZIP):
-        try:
-            raw = gzip.decompress(raw)
-        except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-            raise RecordError(
-                [f"{name}: the compressed file is damaged or cut off ({error}): copy it again"]
-            ) from error
+        raw = unpacked_gzip(path, raw)
     elif name.lower().endswith(".gz"):
         raise RecordError([f"{name}: is not a gzip file although its name says so: rename it to '{name[:-3]}'"])
     text, log = _decode(name, raw)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from estimation.files.bounded import check_size
 from estimation.files.faults import RecordError
 from estimation.files.table import FileTable, column_faults, present_columns, table_from_arrays
 
@@ -58,7 +60,11 @@ def load_arrays(path: Path) -> dict[str, np.ndarray]:
     import scipy.io
 
     try:
+        sizes = [8.0 * math.prod(shape) for _, shape, _ in scipy.io.whosmat(path)]
+        check_size(path.name, sum(sizes), path.stat().st_size)
         content = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=True)
+    except RecordError:
+        raise
     except Exception as error:  # the reader raises many kinds on damaged files
         raise RecordError([f"{path.name}: is not a readable MATLAB file ({error})"]) from error
     arrays: dict[str, np.ndarray] = {}
@@ -87,9 +93,12 @@ def _load_73(path: Path) -> dict[str, np.ndarray]:
             [f"{path.name}: is a MATLAB 7.3 (HDF5) file: save it with save(…, '-v7'), or install h5py"]
         ) from error
     arrays: dict[str, np.ndarray] = {}
+    sizes: list[float] = []
 
     def visit(key: str, node: Any) -> None:
         if isinstance(node, h5py.Dataset) and not key.startswith("#"):
+            sizes.append(float(node.nbytes))
+            check_size(path.name, sum(sizes), path.stat().st_size)
             arrays[key.replace("/", ".")] = np.asarray(node[()]).squeeze()
 
     try:

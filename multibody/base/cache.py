@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Callable
@@ -20,6 +21,11 @@ def cache_dir() -> Path:
     """Return the folder of generated sources and compiled code, and create it.
 
     It is the environment variable ``VTSDT_CACHE`` if that is set, else the user's cache folder for ``vtsdt``.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made or written to, or if somebody else can write into it: what lies there is run.
     """
     named = os.environ.get("VTSDT_CACHE")
     if named:
@@ -29,14 +35,35 @@ def cache_dir() -> Path:
 
         folder = user_cache_path("vtsdt")
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     except OSError as error:
         raise OSError(
             f"the cache folder '{folder}' cannot be made ({error}): set VTSDT_CACHE to a writable folder"
         ) from error
     if not os.access(folder, os.W_OK):
         raise OSError(f"the cache folder '{folder}' cannot be written to: set VTSDT_CACHE to a writable folder")
+    _refuse_foreign(folder)
     return folder
+
+
+def _refuse_foreign(folder: Path) -> None:
+    """Refuse a folder into which another user could have put code, directly or by putting another in its place."""
+    if not hasattr(os, "getuid"):  # elsewhere a user's folders are protected by access lists
+        return
+    real = folder.resolve()
+    for path in (real, *real.parents):
+        found = path.stat()
+        others = found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+        if path == real and found.st_uid != os.getuid():
+            fault = "belongs to another user"
+        elif others and (path == real or not found.st_mode & stat.S_ISVTX):
+            fault = f"lies in '{path}', which others can write to" if path != real else "can be written to by others"
+        else:
+            continue
+        raise OSError(
+            f"the cache folder '{folder}' {fault}: compiled code from it is run, so take that right away with "
+            f"'chmod go-w {path}', or set VTSDT_CACHE to a folder of your own"
+        )
 
 
 def digest_of(*texts: str) -> str:

@@ -10,6 +10,7 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 from multibody.base.compile_events import on_compile
+from multibody.base.terminal_text import printable
 
 __all__ = ["Progress", "ProgressLine", "Step", "silent"]
 
@@ -117,10 +118,10 @@ class ProgressLine(AbstractContextManager["ProgressLine"]):
             return
         with self._lock:
             step = text if isinstance(text, Step) else None
-            self._text = str(text)
+            self._text = printable(str(text))
             left = self._seconds_left(step)
             if self._live() is not None:
-                self._show(str(text), step, left)
+                self._show(self._text, step, left)
                 return
             now, kind = time.monotonic(), text.partition(":")[0]
             printed, last = self._printed
@@ -128,7 +129,7 @@ class ProgressLine(AbstractContextManager["ProgressLine"]):
                 kind = f"{step.total} steps"  # the items of one piece of work are of one kind
             if now - self._start > PATIENCE and (kind != last or now - printed > INTERVAL):
                 estimate = f" (about {seconds_text(left)} left)" if left is not None else ""
-                sys.stderr.write(f"{now - self._start:6.1f} s  {text}{estimate}\n")
+                sys.stderr.write(f"{now - self._start:6.1f} s  {self._text}{estimate}\n")
                 sys.stderr.flush()
                 self._printed = (now, kind)
 

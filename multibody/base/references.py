@@ -3,10 +3,46 @@
 from __future__ import annotations
 
 import importlib
+import sys
 import warnings
+from functools import lru_cache
+from importlib import metadata
 from types import ModuleType
 
-__all__ = ["module_named"]
+__all__ = ["MODELS_GROUP", "OWN", "is_offered", "module_named", "offered_modules"]
+
+MODELS_GROUP = "vtsdt.models"
+"""Entry points by which an installed package says that a module of it offers models and components to files."""
+OWN = ("multibody", "estimation", "surrogate", "discrepancy", "vtsdt", "gearbox")
+"""Packages of this distribution."""
+
+
+@lru_cache(maxsize=1)
+def offered_modules() -> tuple[str, ...]:
+    """Return the modules that installed packages offer by an entry point of the group ``vtsdt.models``."""
+    return tuple(sorted({entry.value.partition(":")[0] for entry in metadata.entry_points(group=MODELS_GROUP)}))
+
+
+def is_offered(name: str) -> bool:
+    """Tell whether a file may name a module: one of this distribution, one offered, or one already imported.
+
+    Importing runs a module, so that a file from elsewhere must not choose freely among all that is installed.
+
+    Parameters
+    ----------
+    name : str
+        Dotted name of a module.
+
+    Examples
+    --------
+    >>> is_offered("multibody.library"), is_offered("antigravity")
+    (True, False)
+    """
+    return (
+        name.partition(".")[0] in OWN
+        or name in sys.modules
+        or any(name == module or name.startswith(f"{module}.") for module in offered_modules())
+    )
 
 
 def current_name(name: str) -> str:

@@ -6,6 +6,7 @@ a noticeable part of the start-up time.
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from typing import Any
 
@@ -46,6 +47,15 @@ _BASE = {
 }
 
 
+#: Characters of the longest unit that is read; 'kg*m**2/(s**3*A**2*K*mol)' has 25.
+LONGEST_UNIT = 80
+#: Powers that a text can ask for and a unit does not have: of a number, of a power, or of two digits or more.
+#: pint works such a power out, which for 9**9**9 takes hours.
+_COSTLY = re.compile(
+    r"(?<![A-Za-z_])\d[\d.]*\)*\s*\*\*|\*\*\s*\(*\s*[-+]?\s*\d+(\.\d*)?\)*\s*\*\*|\*\*\s*\(*\s*[-+]?\s*\d{2,}"
+)
+
+
 class UnitError(ValueError):
     """A unit is unknown, or measures another quantity than the required one."""
 
@@ -65,10 +75,13 @@ def _unit(text: str) -> Any:
     cleaned = text.strip().replace("·", "*").replace("²", "**2").replace("³", "**3").replace("^", "**")
     if cleaned in ("", "1", "-"):
         cleaned = "dimensionless"
+    example = "'N', 'mm', 'rad/s', 'N*m', 'm/s**2'"
+    if len(cleaned) > LONGEST_UNIT or _COSTLY.search(cleaned):
+        shown = text if len(text) <= LONGEST_UNIT else f"{text[:LONGEST_UNIT]}…"
+        raise UnitError(f"unknown unit '{shown}': write it as in {example}")
     try:
         return _registry().parse_units(cleaned)
     except Exception as error:
-        example = "'N', 'mm', 'rad/s', 'N*m', 'm/s**2'"
         raise UnitError(f"unknown unit '{text}': write it as in {example}") from error
 
 

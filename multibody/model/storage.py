@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 from multibody.base.errors import ModelError
 from multibody.base.json_file import write_json_atomically
-from multibody.base.references import module_named
+from multibody.base.references import MODELS_GROUP, is_offered, module_named
 from multibody.base.spelling import nearest
 from multibody.declare.component import Component
 from multibody.model.graph import ModelGraph, ModelInput
@@ -246,6 +246,11 @@ def _class(reference: str, folder: Path) -> type[Component]:
 def _named_module(name: str) -> ModuleType:
     if not re.fullmatch(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*", name):
         raise LookupError(f"'{name}' is neither the name of a module nor a file ending in .py")
+    if not is_offered(name):
+        raise LookupError(
+            f"module '{name}' is not imported because a file names it: import it before you load the model, or let its "
+            f"package offer it by an entry point of the group '{MODELS_GROUP}'"
+        )
     try:
         return module_named(name)
     except ImportError as error:

@@ -304,11 +304,6 @@ def test_builder_is_called_with_its_arguments(folder):
     assert sys.path == path
 
 
-def test_builder_from_an_installed_module(folder):
-    text = SOUND.replace("axis.py:build", "collections:Counter")
-    assert load_model(study(folder, text)) == {"travel": 0.25}
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -318,7 +313,7 @@ def test_builder_from_an_installed_module(folder):
         ("py:build", "py:NOT_A_FUNCTION", "is int and not callable"),
         ("py:build", "py:fails", "axis.py, line 10, in fails: ZeroDivisionError: float division by zero"),
         ("py:build", "py:forgets", "got None: does it end with 'return model'"),
-        ("axis.py:build", "no_such_package.rig:build", "there is no module 'no_such_package'"),
+        ("axis.py:build", "no_such_package.rig:build", "there is no module 'no_such_package.rig'"),
     ],
 )
 def test_builder_faults_name_the_users_file(folder, old, new, message):

@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+from multibody.base.terminal_text import printable
 from vtsdt.cli.arguments import CommandError
 from vtsdt.cli.commands import COMMANDS, Command, parser
 from vtsdt.cli.completion import asked_for, complete
@@ -117,10 +118,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             traceback.print_exc()
         elif expected:
-            print(f"vtsdt: {_message(error)}", file=sys.stderr)
+            print(f"vtsdt: {printable(_message(error))}", file=sys.stderr)
         else:
             print(
-                f"vtsdt: a fault in the program: {type(error).__name__}: {error}\n"
+                f"vtsdt: a fault in the program: {type(error).__name__}: {printable(str(error))}\n"
                 "run the same command with --debug and report what it prints",
                 file=sys.stderr,
             )
