@@ -49,7 +49,7 @@ def check_size(name: str, size: float, packed: float, *, text: bool = False) -> 
     if size > HARMLESS and size > MOST_RATIO * packed:
         raise RecordError(
             [
-                f"{name}: unpacks from {packed / 1e6:.3g} MB to more than {size / 1e6:.3g} MB, which no recording does: "
+                f"{name}: unpacks from {packed / 1e6:.3g} MB to more than {size / 1e6:.3g} MB, as no recording does: "
                 "it is damaged or made to fill the memory; if it is sound, unpack it and name the unpacked file"
             ]
         )
