@@ -144,6 +144,11 @@ class Conclusion:
         """Part on which the falling error is judged: held-out records where there are any."""
         return "validate" if self.baseline.fits("validate") else "identify"
 
+    def _repr_html_(self) -> str:
+        from discrepancy.stages.errors_view import errors_view
+
+        return errors_view((self.verdict or "compared only").capitalize(), self.stages, self.sentence)
+
     def __repr__(self) -> str:
         effects = ", ".join(str(a.effect) for a in self.accepted) or "none"
         return f"Conclusion({self.verdict or 'compared only'!r}, effects: {effects})\n  {self.sentence}"

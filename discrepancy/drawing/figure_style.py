@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec
 import numpy as np
 
 from multibody.base.quantity_text import unit_text
+from multibody.base.thinning import extreme_rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -147,11 +148,7 @@ def plain_log(axes: Axes, low: float, high: float) -> None:
 
 def thinned(time: np.ndarray, values: np.ndarray, most: int = 3000) -> tuple[np.ndarray, np.ndarray]:
     """Return a series thinned for drawing: smallest and largest of each stretch, so no peak is lost."""
-    n = len(time)
-    if n <= most:
-        return time, values
-    stretches = np.array_split(np.arange(n), most // 2)
-    rows = np.unique([f(values[s]) + s[0] for s in stretches for f in (np.argmin, np.argmax)])
+    rows = extreme_rows(values, most)
     return time[rows], values[rows]
 
 

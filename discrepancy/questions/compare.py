@@ -178,6 +178,26 @@ class Comparison:
             raise KeyError(f"there is {what} in part '{part}'; there are: {known}")
         return comparison_figure([s for s in signals if s.record == signals[0].record])
 
+    def _repr_html_(self) -> str:
+        from multibody.base.notebook import notebook_view, small_figure
+
+        parts = [part for part in PARTS if self.of(part)]
+        pooled = {part: self.pooled(part) for part in parts}
+        worst = max(self.signals, key=lambda s: s.over_noise or s.figures.nrmse)
+        rows = []
+        for output in pooled[parts[0]]:
+            unit = self.of(output=output)[0].unit
+            cells = [
+                f"{pooled[part][output].rmse:.4g} {unit} ({100.0 * pooled[part][output].nrmse:.3g} %)" for part in parts
+            ]
+            rows.append((output, *cells))
+        label = f"{worst.output} [{worst.unit or '1'}]"
+        panels = [(label, {"measured": worst.measured, "model": worst.model}), ("residual", {"": worst.residual})]
+        header = ("output", *("RMS error, fitted" if part == "identify" else "RMS error, held out" for part in parts))
+        text = f"The worst: {worst.output} on record '{worst.record}'."
+        title = f"Model '{self.stage}' against measurement"
+        return notebook_view(title, rows, header=header, text=text, figure=small_figure(worst.time, panels))
+
     def __repr__(self) -> str:
         lines = [
             f"Comparison of '{self.stage}'",

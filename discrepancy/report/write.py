@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from discrepancy.stages.stage import Stage
     from multibody.machine.model import Model
 
-__all__ = ["pictures", "render", "write_report"]
+__all__ = ["pictures", "render", "write_page", "write_report"]
 
 _log = logging.getLogger(__name__)
 _DPI = 150
@@ -227,6 +227,22 @@ def write_report(conclusion: Conclusion, out: str | Path, evidence: Evidence | N
         path.write_bytes(picture.png)
         paths.append(path)
     return paths
+
+
+def write_page(conclusion: Conclusion, path: str | Path) -> Path:
+    """Write the page of a conclusion alone, with its figures in it; return its path.
+
+    Parameters
+    ----------
+    conclusion : Conclusion
+    path : path
+        Of the page; its folder is made if it is not there.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    evidence = evidence_of(conclusion)
+    path.write_text(render(conclusion, evidence, pictures(conclusion, evidence)), encoding="utf-8")
+    return path
 
 
 def _save_model(conclusion: Conclusion, out: Path) -> tuple[list[Path], str]:

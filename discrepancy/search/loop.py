@@ -81,7 +81,7 @@ class Search:
             "progress": self.state.progress,
         }
 
-    def add(self, effect: Effect, accepted: AcceptedEffect | None = None) -> Stage:
+    def add(self, effect: Effect, accepted: AcceptedEffect | None = None, instead_of: Sequence[Effect] = ()) -> Stage:
         """Add an effect to the model, fit again, and make that the latest stage.
 
         Where the machine cannot be simulated with the strengths given, the fit begins at smaller ones.
@@ -91,6 +91,8 @@ class Search:
         effect : Effect
         accepted : AcceptedEffect, optional
             Why it is added, as `explain` gives it (``decision.accepted``); by default the effect counts as given.
+        instead_of : sequence of Effect, optional
+            Effects of the model that leave it.
 
         Raises
         ------
@@ -101,7 +103,7 @@ class Search:
         for share in START_SHARES:
             smaller = replace(effect, strengths={k: share * v for k, v in effect.strengths.items()})
             try:
-                stage = self.state.with_effect(smaller)
+                stage = self.state.with_effect(smaller, instead_of)
                 break
             except SimulationError as error:
                 reason = error

@@ -73,7 +73,7 @@ class SearchState:
     stages: list[Stage] = field(default_factory=list, kw_only=True)
     decisions: list[Decision] = field(default_factory=list, kw_only=True)
     prepared: PreparedProblem | None = field(default=None, kw_only=True)
-    checkpoint: Callable[[SearchState], object] | None = field(default=None, kw_only=True)
+    checkpoint: Callable[[Any], object] | None = field(default=None, kw_only=True)
     elimination_pending: bool = field(default=False, kw_only=True)
     interrupted: bool = field(default=False, kw_only=True)
     in_windows_instead: bool = field(default=False, kw_only=True)

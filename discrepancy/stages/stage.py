@@ -162,6 +162,19 @@ class Stage:
         stacked = np.concatenate([f.residual for f in fits])
         return dict(zip(self.outputs, np.sqrt(np.mean(stacked**2, axis=0)).tolist(), strict=True))
 
+    def _repr_html_(self) -> str:
+        from multibody.base.notebook import notebook_view, small_figure
+
+        fit = self.identify.fits[0]
+        experiment, output = fit.experiment, self.outputs[0]
+        lines = {"measured": experiment.measured[:, 0], "model": fit.response.outputs[:, 0]}
+        figure = small_figure(experiment.time, [(f"{output} [{self.system.unit(output) or '1'}]", lines)])
+        rows = [(name, f"{error:.4g} {self.system.unit(name)}") for name, error in self.rmse("identify").items()]
+        effects = f"With {', '.join(map(str, self.effects))}." if self.effects else "Without effects."
+        title = f"Stage '{self.name}'"
+        header = ("output", "root mean square error")
+        return notebook_view(title, rows, header=header, text=f"{effects} Record '{experiment.name}':", figure=figure)
+
     def __repr__(self) -> str:
         errors = ", ".join(f"{n}: {e:.4g} {self.system.unit(n)}" for n, e in self.rmse("identify").items())
         return f"Stage({self.name!r}, {len(self.effects)} effects, RMS errors: {errors})"
@@ -172,7 +185,8 @@ class Stage:
         """Return the same stage with nothing computed of it yet."""
         return replace(self, _results={})
 
-    def _once(self, key: Any, compute: Callable[[], Result]) -> Result:
+    def once(self, key: Any, compute: Callable[[], Result]) -> Result:
+        """Return something that is computed of this stage, once; ``key`` begins with a word of its own."""
         if key not in self._results:
             self._results[key] = compute()
         result: Result = self._results[key]
@@ -205,7 +219,7 @@ class Stage:
             Default: `scan_preparation`.
         """
         preparation = preparation or self.scan_preparation
-        return self._once(
+        return self.once(
             ("linearised problem", preparation),
             lambda: LinearisedProblem(
                 system=self.system,
@@ -223,10 +237,10 @@ class Stage:
 
         def weighted() -> LinearisedProblem:
             linearised = self.linearised_problem()
-            disturbance = self._once("disturbance", lambda: accumulating_disturbance(linearised))
+            disturbance = self.once("disturbance", lambda: accumulating_disturbance(linearised))
             return linearised.weighted_by(disturbance.weighting) if disturbance is not None else linearised
 
-        return self._once("weighted problem", weighted)
+        return self.once("weighted problem", weighted)
 
     @property
     def disturbance(self) -> DisturbanceForce | None:
@@ -236,7 +250,7 @@ class Stage:
     def weighted_residuals(self, disturbance: DisturbanceForce) -> list[np.ndarray]:
         """Return each identification record's residual, weighted for a disturbance and free of calibration."""
         linearised = self.linearised_problem(disturbance.preparation)
-        return self._once(("weighted residuals", disturbance), lambda: weighted_residuals(linearised, disturbance))
+        return self.once(("weighted residuals", disturbance), lambda: weighted_residuals(linearised, disturbance))
 
     def free_curve_scan(
         self,
@@ -253,7 +267,7 @@ class Stage:
             progress(f"free curves at {count} places")
             return scan_free_curves(self.weighted_problem(), self.effects, level=level, seed=seed, where=where)
 
-        return self._once(("free curve scan", level, seed, tuple(where) if where is not None else None), scanned)
+        return self.once(("free curve scan", level, seed, tuple(where) if where is not None else None), scanned)
 
     def free_curve_error_drops(self) -> dict[tuple[str, str], np.ndarray]:
         """Return the share of each output's residual energy that every free curve would take away.
@@ -263,7 +277,7 @@ class Stage:
         dict of (str, str) to ndarray, shape (n_channels,)
             By place and argument.
         """
-        return self._once("free curve drops", lambda: free_curve_error_drops(self.weighted_problem()))
+        return self.once("free curve drops", lambda: free_curve_error_drops(self.weighted_problem()))
 
     def trial_fit(self, name: str, effects: tuple[Effect, ...], fit: Callable[[], Stage]) -> Stage:
         """Return the trial fit of a model with some effects that begins at this stage; ``fit`` is called at most once.
@@ -272,7 +286,7 @@ class Stage:
         candidates differs by rounding.
         """
         values = tuple((e.over, *((k, f"{v:.9g}") for k, v in e.parameters().items())) for e in effects)
-        return self._once(("trial fit", name, values), fit)
+        return self.once(("trial fit", name, values), fit)
 
 
 def comparable_residuals(one: Stage, other: Stage) -> tuple[list[np.ndarray], list[np.ndarray]]:

@@ -17,8 +17,9 @@ import numpy as np
 
 from discrepancy.effects.effect import Effect
 from discrepancy.problem.study_file import StudyError
-from discrepancy.search.state import SearchState
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
+from discrepancy.study.left_out import Stretch
+from discrepancy.study.study import Study
 from multibody.base.json_file import write_json_atomically
 from multibody.machine.model import Model
 
@@ -27,9 +28,9 @@ __all__ = ["SCHEMA", "fingerprint", "restore", "save_history"]
 SCHEMA = 1
 
 
-def fingerprint(state: SearchState) -> str:
+def fingerprint(study: Study) -> str:
     """Return a hash of the model, the records and the settings of the study."""
-    problem = state.given
+    problem = study.source
     digest = hashlib.sha256()
     parts = [
         *_parts_of(problem.model),
@@ -82,7 +83,7 @@ def _entry(stage: Stage) -> dict[str, Any]:
     }
 
 
-def save_history(state: SearchState, path: str | Path) -> Path:
+def save_history(state: Study, path: str | Path) -> Path:
     """Write the stages of a study, and whether backward elimination is pending; return the path."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -93,6 +94,8 @@ def save_history(state: SearchState, path: str | Path) -> Path:
         "seed": state.problem.seed,
         "settled": not state.elimination_pending,
         "in_windows_instead": state.mode_reason if state.in_windows_instead else "",
+        "steps": state.steps,
+        "left_out": [s.to_dict() for s in state.left_out],
         "stages": [_entry(s) for s in state.stages],
     }
     return write_json_atomically(path, content)
@@ -122,7 +125,7 @@ def read_history(path: str | Path) -> dict[str, Any]:
     return content
 
 
-def restore(state: SearchState, path: str | Path) -> None:
+def restore(state: Study, path: str | Path) -> None:
     """Restore the stages of a history in a new study of the same model and records.
 
     Raises
@@ -138,6 +141,9 @@ def restore(state: SearchState, path: str | Path) -> None:
                 f"{content.get('seed')}): use the study as it was, or start again in another folder"
             ]
         )
+    if content.get("left_out"):
+        state.take_out([_stretch(entry) for entry in content["left_out"]])
+    state.steps[:] = content.get("steps", [])
     state.prepare()
     if content.get("in_windows_instead") and state.cut_into_windows() and state.prepared is not None:
         state.prepared = dataclasses.replace(state.prepared, reason=content["in_windows_instead"])
@@ -159,6 +165,11 @@ def restore(state: SearchState, path: str | Path) -> None:
             raise StudyError([f"{path}: stage {k} is damaged: {type(error).__name__}: {error}"]) from error
         state.stages.append(dataclasses.replace(stage, accepted=accepted, notes=tuple(entry["notes"])))
     state.elimination_pending = not content["settled"]
+
+
+def _stretch(entry: dict[str, Any]) -> Stretch:
+    start, stop = entry["start"], entry["stop"]
+    return Stretch(entry["record"], -np.inf if start is None else start, np.inf if stop is None else stop)
 
 
 def _effect(entry: dict[str, Any]) -> Effect:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,10 +20,13 @@ from discrepancy.search.loop import Search
 from discrepancy.search.moves import Decision
 from discrepancy.search.state import SearchState
 from discrepancy.stages.stage import AcceptedEffect, Stage
+from discrepancy.study.candidates import Candidates, Prediction, candidates_of, named_effect
+from discrepancy.study.left_out import Stretch, without_stretches
 from multibody.base.progress import silent
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.figure import Figure
 
 __all__ = ["Study"]
 
@@ -32,9 +35,31 @@ __all__ = ["Study"]
 class Study(SearchState):
     """A model compared with records, and every stage of the search for what it lacks.
 
-    Make one with `Study.from_file`, then call `diagnose`, or take the steps yourself: `compare`, `locate`, `explain`,
-    `add`, `undo`.  Parameters and attributes as of `discrepancy.search.state.SearchState`.
+    Make one with `Study.from_file`, then call `diagnose`, or take the steps yourself: `compare`, `locate`,
+    `candidates`, `predict`, `explain`, `add`, `undo`, `redo`, `leave_out`.  `plot` and `report` show where it stands.
+
+    Parameters
+    ----------
+    steps : list of dict
+        What was asked of this study, in order; `discrepancy.study.script` writes it as a script.
+    left_out : list of Stretch
+        Stretches of records that are not used.
+
+    Attributes
+    ----------
+    source : Problem
+        As handed in, with every record whole.
+
+    Further parameters and attributes as of `discrepancy.search.state.SearchState`.
     """
+
+    steps: list[dict[str, Any]] = field(default_factory=list, kw_only=True)
+    left_out: list[Stretch] = field(default_factory=list, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.source = self.problem
+        self._undone: list[Stage] = []
 
     @classmethod
     def from_file(
@@ -56,34 +81,133 @@ class Study(SearchState):
         """Locate the error of the latest stage: signals, regimes, frequencies, connections."""
         return locate(self.stage)
 
+    def candidates(self) -> Candidates:
+        """Score every candidate on the latest stage, without refits; nothing is added."""
+        return candidates_of(self)
+
+    def predict(self, name: str) -> Prediction:
+        """Return what a candidate such as ``"coulomb_friction@guide"`` is expected to change, without a simulation."""
+        return self.candidates().predict(name)
+
     def explain(self) -> Decision:
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""
         return Search(self).explain()
 
-    def add(self, effect: Effect, accepted: AcceptedEffect | None = None) -> Stage:
+    def add(
+        self,
+        effect: Effect | str,
+        accepted: AcceptedEffect | None = None,
+        *,
+        strength: float | Mapping[str, float] | None = None,
+        shape: Mapping[str, float] | None = None,
+    ) -> Stage:
         """Add an effect to the model, fit again, and make that the latest stage.
 
         Where the machine cannot be simulated with the strengths given, the fit begins at smaller ones.
 
         Parameters
         ----------
-        effect : Effect
+        effect : Effect or str
+            An effect, or the name of a candidate such as ``"coulomb_friction@guide"``; it takes the place of simpler
+            effects that it contains.
         accepted : AcceptedEffect, optional
             Why it is added, as `explain` gives it (``decision.accepted``); by default the effect counts as given.
+        strength : float or mapping of str to float, optional
+            Of a candidate, SI, where the fit begins; default: what its score lets expect.
+        shape : mapping of str to float, optional
+            Other parameters of a candidate's law where the fit begins.
 
         Raises
         ------
+        KeyError
+            If there is no candidate of that name.
+        ValueError
+            If its law has no such strength or parameter.
         SimulationError
-            If the machine cannot be simulated with a hundredth of them either.
+            If the machine cannot be simulated with a hundredth of the strengths either.
         """
-        return Search(self).add(effect, accepted)
+        step: dict[str, Any] = {"action": "add", "effect": str(effect)}
+        if isinstance(effect, str):
+            given = {"strength": dict(strength) if isinstance(strength, Mapping) else strength, "shape": shape}
+            step |= {k: v for k, v in given.items() if v}
+            effect, replaced = named_effect(self, effect, strength, shape)
+            stage = Search(self).add(effect, accepted, replaced)
+        else:
+            step |= {"strength": dict(effect.strengths), "shape": dict(effect.shape)}
+            stage = Search(self).add(effect, accepted)
+        self._undone.clear()
+        self._log(step)
+        return stage
 
     def undo(self) -> Stage:
-        """Remove the latest effect."""
-        return Search(self).undo()
+        """Remove the latest effect; `redo` brings it back."""
+        before = list(self.stages)
+        stage = Search(self).undo()
+        if len(self.stages) < len(before):
+            self._undone.append(before[-1])
+            self._log({"action": "undo"})
+        return stage
+
+    def redo(self) -> Stage:
+        """Bring back the effect that was removed last, as it was fitted; nothing is computed."""
+        if self._undone:
+            self.stages.append(self._undone.pop())
+            self._log({"action": "redo"})
+        return self.stage
+
+    @property
+    def can_redo(self) -> bool:
+        """True if there is something that `redo` would bring back."""
+        return bool(self._undone)
+
+    def leave_out(self, record: str, start: float = -np.inf, stop: float = np.inf) -> Stage:
+        """Leave a stretch of a record out, or the whole record, and fit every stage again without it.
+
+        Parameters
+        ----------
+        record : str
+        start, stop : float, s
+            Default: the record's own beginning and end.
+
+        Raises
+        ------
+        KeyError
+            If there is no such record.
+        ValueError
+            If the stretch is empty, or nothing would be left to fit.
+        """
+        stretch = Stretch(record, start, stop)
+        self.take_out([*self.left_out, stretch])
+        self._again()
+        self._log({"action": "leave_out", **stretch.to_dict()})
+        return self.stage
+
+    def take_out(self, stretches: Sequence[Stretch]) -> None:
+        """Use the records without some stretches, and forget every stage."""
+        self.problem = self.given = without_stretches(self.source, stretches)
+        self.left_out[:] = stretches
+        self.prepared, self.in_windows_instead = None, False
+        self._effects_before = [(s.effects, s.accepted) for s in self.stages[2:]]
+        for forgotten in (self.stages, self.decisions, self._undone, self.unanswered):
+            forgotten.clear()
+
+    def _again(self) -> None:
+        """Make the stages again that there were before records were left out."""
+        for effects, accepted in self._effects_before:
+            current = self.stage
+            name = f"+ {effects[-1]}" if effects else current.name
+            stage = self.fitted(name, effects, current, current.noise)
+            self.stages.append(replace(stage, accepted=accepted))
+            self.save()
+
+    def _log(self, step: dict[str, Any]) -> None:
+        self.steps.append(step)
+        self.save()
 
     def diagnose(self) -> Conclusion:
         """Search for what the model lacks, as ``problem.search`` says; then conclude."""
+        self._undone.clear()
+        self.steps.append({"action": "search"})
         by_evidence = EvidenceSearch(self) if self.problem.search == "evidence" else None
         try:
             if by_evidence is not None:
@@ -111,6 +235,41 @@ class Study(SearchState):
         columns = pandas.MultiIndex.from_tuples(names) if names else None
         cells = [[row.get(name, np.nan) for name in names] for row in rows.values()]
         return pandas.DataFrame(cells, index=list(rows), columns=columns)
+
+    def conclude(self) -> Conclusion:
+        """Return the conclusion of the stages as they are, without a search."""
+        _ = self.stage
+        return conclude(self)
+
+    def plot(self) -> Figure:
+        """Draw the error of every output from stage to stage."""
+        from discrepancy.report.figures import falling_error
+
+        _ = self.stage
+        return falling_error(Conclusion(verdict="", sentence="", stages=tuple(self.stages)))
+
+    def report(self, path: str | Path) -> Path:
+        """Write the report of the stages as they are, and return its path.
+
+        Parameters
+        ----------
+        path : str or Path
+            A page (``"report.html"``), which is written alone; or a folder, for the page with its figures, JSON and
+            the model of every stage.
+        """
+        from discrepancy.report.write import write_page, write_report
+
+        path = Path(path)
+        if path.suffix in (".html", ".htm"):
+            return write_page(self.conclude(), path)
+        write_report(self.conclude(), path)
+        return path / "report.html"
+
+    def _repr_html_(self) -> str:
+        from discrepancy.stages.errors_view import errors_view
+
+        text = f"{len(self.problem.identify)} records to fit, {len(self.problem.validate)} held out."
+        return errors_view(f"Study '{self.problem.name}'", self.stages, text)
 
     def __repr__(self) -> str:
         records = f"{len(self.problem.identify)} + {len(self.problem.validate)} records"

@@ -83,6 +83,20 @@ class Record:
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "signals", MappingProxyType(signals))
 
+    def _repr_html_(self) -> str:
+        from multibody.base.notebook import notebook_view, small_figure
+
+        rows = [(key, s.unit or "1", s.column) for key, s in self.signals.items()]
+        if len(rows) > 12:
+            rows = [*rows[:12], (f"and {len(rows) - 12} more", "", "")]
+        panels = [(f"{key} [{s.unit or '1'}]", {key: s.values}) for key, s in list(self.signals.items())[:3]]
+        text = f"{len(self.time)} samples over {self.duration:.4g} s at {self.rate:.5g} Hz, from {self.path.name}."
+        if self.warnings:
+            text += f" {len(self.warnings)} warnings: {'; '.join(self.warnings)}"
+        figure = small_figure(self.time, panels) if panels else None
+        header = ("signal", "unit", "column")
+        return notebook_view(f"Record '{self.name}'", rows, header=header, text=text, figure=figure)
+
     @property
     def rate(self) -> float:
         """Mean sampling rate, Hz."""

@@ -58,6 +58,27 @@ class GearStage(GearModel):
     58
     """
 
+    def _repr_html_(self) -> str:
+        from multibody.base.notebook import notebook_view, small_figure
+
+        pair = self.pair
+        rows = [
+            ("teeth", f"{pair.teeth_1} / {pair.teeth_2}"),
+            ("normal module, width", f"{1e3 * pair.module:g} mm, {1e3 * pair.width:g} mm"),
+            ("helix angle", f"{np.degrees(pair.helix_angle):.3g}°"),
+            ("housing", self.structure.housing),
+            ("components, states", f"{len(self.components)}, {len(self.system.states)}"),
+        ]
+        # The mesh and its first sidebands by a turn of either shaft, in orders of the input shaft.
+        mesh = pair.teeth_1 * np.arange(1.0, 4.0)
+        sides = (1.0, pair.teeth_1 / pair.teeth_2)
+        lines = np.unique([m + sign * side for m in mesh for side in sides for sign in (-1, 0, 1)])
+        height = np.where(np.isin(lines, mesh), 1.0, 0.3)
+        x = np.repeat(lines, 3)
+        y = np.stack([np.zeros_like(height), height, np.zeros_like(height)], axis=1).ravel()
+        figure = small_figure(x, [("", {"mesh lines": y})], across="order of the input shaft")
+        return notebook_view(f"Gear stage '{self.name}'", rows, figure=figure)
+
     def simulate(self, speed: float, torque: float, duration: float = 1.0, **options: Any) -> Trajectory:
         """Run the stage at a speed (r/min) under a load (N m); see `gearbox.stage.running.run`."""
         return run(self, speed, torque, duration, **options)

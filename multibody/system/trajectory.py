@@ -132,6 +132,24 @@ class Trajectory:
         axes[-1].set_xlabel("time [s]")
         return figure
 
+    def _repr_html_(self) -> str:
+        from multibody.base.notebook import notebook_view, small_figure
+
+        names = self.system.state_names or self.system.output_names
+        panels: dict[str, dict[str, np.ndarray]] = {}
+        for name in names:
+            lines = panels.setdefault(f"[{self.unit(name) or '1'}]", {})
+            if len(lines) < 3:
+                lines[name] = self[name]
+        t = self.times
+        rows = [
+            ("samples", f"{t.size} from {t[0]:g} s to {t[-1]:g} s"),
+            ("states, inputs, outputs", f"{self.states.shape[1]}, {self.inputs.shape[1]}, {len(self.system.outputs)}"),
+            ("method", str(self.statistics.get("method", "?"))),
+        ]
+        figure = small_figure(t, list(panels.items())[:3]) if panels else None
+        return notebook_view(f"Simulation of '{self.system.name}'", rows, figure=figure)
+
     def __repr__(self) -> str:
         t = self.times
         method = self.statistics.get("method", "?")

@@ -89,6 +89,20 @@ class Lift(LiftModel):
         """Return the cabin model: 12 states, input the tension F_c."""
         return cls(parameters, Structure(**{"drive": False, **structure}), start=start, payload=payload, name=name)
 
+    def _repr_html_(self) -> str:
+        from multibody.base.notebook import notebook_view, small_figure
+
+        p = self.parameters
+        rows = [
+            ("travel", f"{p.hoistway.travel:g} m"),
+            ("mass of the cabin", f"{p.cabin.mass:g} kg"),
+            ("components, states", f"{len(self.components)}, {len(self.system.states)}"),
+            ("friction coefficient of the cabin's shoes", f"{p.cabin_guide.mu:g}"),
+        ]
+        time, speed = self.speed_reference()
+        figure = small_figure(time, [("pulley [rad/s]", {"speed reference, trip up": speed})])
+        return notebook_view(f"Lift '{self.name}'", rows, figure=figure)
+
     def speed_reference(self, direction: str = "up", step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
         """Return times (s) and speed reference of the pulley (rad/s) of a whole trip.
 

@@ -1,0 +1,52 @@
+"""Thinning of long signals for drawing, without losing a peak."""
+
+from __future__ import annotations
+
+import numpy as np
+
+__all__ = ["extreme_rows"]
+
+
+def extreme_rows(values: np.ndarray, most: int) -> np.ndarray:
+    """Return the rows of a signal to draw: first, last, and the smallest and the largest of each stretch.
+
+    The stretches have equal lengths, but for the last one, which takes what is left.  The smallest and the largest
+    value of the signal are always among the rows.  NaN is passed over; a stretch of nothing else gives its first row.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    most : int
+        Rows at most, 4 or more; a signal that is not longer is kept whole.
+
+    Returns
+    -------
+    ndarray of int, shape (m,)
+        Increasing, m at most ``most``.
+
+    Examples
+    --------
+    >>> x = np.zeros(1001)
+    >>> x[1000], x[17] = 5.0, -3.0
+    >>> rows = extreme_rows(x, 20)
+    >>> len(rows) <= 20, 17 in rows, 1000 in rows
+    (True, True, True)
+    """
+    values = np.asarray(values, dtype=float)
+    n = values.size
+    if n <= most:
+        return np.arange(n)
+    count = max(1, (most - 2) // 2)
+    length = -(-n // count)  # the last stretch is the shorter one
+    whole = n // length
+    stretches = values[: whole * length].reshape(whole, length)
+    start = length * np.arange(whole)
+    low = np.argmin(np.where(np.isnan(stretches), np.inf, stretches), axis=1) + start
+    high = np.argmax(np.where(np.isnan(stretches), -np.inf, stretches), axis=1) + start
+    rows = [low, high, np.array([0, n - 1])]
+    tail = values[whole * length :]
+    if tail.size:
+        at = whole * length
+        rows.append(np.array([at + np.argmin(np.where(np.isnan(tail), np.inf, tail))]))
+        rows.append(np.array([at + np.argmax(np.where(np.isnan(tail), -np.inf, tail))]))
+    return np.unique(np.concatenate(rows))

@@ -1,0 +1,174 @@
+"""A study step by step: candidates, predictions, effects by name, undo and redo, records left out, history, script."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_study_history import problem_of
+
+from discrepancy.study.history import restore, save_history
+from discrepancy.study.left_out import Stretch, without_stretches
+from discrepancy.study.script import replay, script_of
+from discrepancy.study.study import Study
+
+NAME = "coulomb_friction@guide"
+
+
+@pytest.fixture(scope="module")
+def stepped(tmp_path_factory):
+    """A study in which the second-best candidate was added, removed, and the best added; what was seen on the way."""
+    path = tmp_path_factory.mktemp("steps") / "history.json"
+    study = Study(problem_of())
+    study.checkpoint = lambda s: save_history(s, path)
+    rows = [r for r in study.candidates().scan.rows if np.isfinite(r.p_value)]
+    prediction = study.predict(NAME)
+    second = next(r.name for r in rows if r.name != NAME)
+    study.add(second)
+    other = study.stage.rmse("validate")
+    study.undo()
+    study.add(NAME)
+    return study, path, rows, prediction, second, other
+
+
+def test_the_hidden_effect_is_the_best_candidate(stepped):
+    assert stepped[2][0].name == NAME
+
+
+def test_the_linear_prediction_of_a_small_effect_is_that_of_a_fit():
+    """What is small enough changes the outputs in proportion; the law's own curve and the shape's grid remain."""
+    study = Study(problem_of(dry=0.6))
+    before, after = study.predict(NAME).rmse()["carriage.position"]
+    assert before == pytest.approx(study.stage.rmse("identify")["carriage.position"], rel=1e-3)
+    fitted = study.add(NAME).rmse("identify")["carriage.position"]
+    assert before > 2.0 * fitted
+    assert before - after == pytest.approx(before - fitted, rel=0.05)
+
+
+def test_the_prediction_of_a_large_effect_has_the_right_order(stepped):
+    study, _, _, prediction, _, _ = stepped
+    before, after = prediction.rmse()["carriage.position"]
+    assert after < 0.3 * before
+    assert study.stage.rmse("identify")["carriage.position"] < after
+
+
+def test_an_effect_added_by_name_lowers_the_error_on_held_out_records(stepped):
+    study, _, _, _, _, other = stepped
+    output = "carriage.position"
+    assert [s.name for s in study.stages] == ["as given", "recalibrated", f"+ {NAME}"]
+    assert study.stage.rmse("validate")[output] < 0.2 * study.stages[1].rmse("validate")[output]
+    assert study.stage.rmse("validate")[output] < other[output]
+
+
+def test_undo_and_redo_compute_nothing_and_end_where_they_began(stepped):
+    study = stepped[0]
+    last = study.stage
+    assert study.undo() is study.stages[1]
+    assert study.can_redo
+    assert study.redo() is last
+    assert not study.can_redo
+    assert study.redo() is last
+    for _ in range(2):
+        study.steps.pop()
+    study.save()
+
+
+def test_history_holds_every_step_and_builds_the_stages_again(stepped):
+    study, path, _, _, second, _ = stepped
+    steps = json.loads(path.read_text(encoding="utf-8"))["steps"]
+    assert [s["action"] for s in steps] == ["add", "undo", "add"]
+    assert [s.get("effect") for s in steps] == [second, None, NAME]
+    again = Study(problem_of())
+    restore(again, path)
+    assert again.steps == steps
+    for part in ("identify", "validate"):
+        assert again.stage.rmse(part) == study.stage.rmse(part)
+
+
+def test_steps_taken_again_give_the_same_numbers(stepped):
+    study = stepped[0]
+    again = Study(problem_of())
+    replay(again, study.steps)
+    assert again.stage.rmse("validate") == study.stage.rmse("validate")
+    assert again.steps == study.steps
+
+
+def test_a_script_says_the_same_steps(stepped):
+    text = script_of(stepped[0].steps, "study.toml")
+    compile(text, "script.py", "exec")
+    assert text.splitlines()[2:6] == [
+        "study = Study.from_file('study.toml')",
+        f"study.add({stepped[4]!r})",
+        "study.undo()",
+        f"study.add({NAME!r})",
+    ]
+
+
+def test_strengths_and_shapes_are_checked(stepped):
+    study = Study(problem_of())
+    with pytest.raises(KeyError, match="give kind@where"):
+        study.add("coulomb_friction")
+    with pytest.raises(KeyError, match="did you mean 'coulomb_friction@guide'"):
+        study.add("coulomb_frition@guide")
+    with pytest.raises(ValueError, match=r"no strength 'coulom'.*no parameter 'x'"):
+        study.add(NAME, strength={"coulom": 1.0}, shape={"x": 1.0})
+    assert study.steps == []
+
+
+def test_a_stretch_is_left_out_and_everything_is_fitted_again(stepped, tmp_path):
+    study = Study(problem_of())
+    study.add(NAME)
+    before = study.stage
+    study.leave_out("run0", 4.0, 6.0)
+    assert [e.name for e in study.problem.identify] == ["run0, part 1", "run0, part 2", "run1"]
+    assert [s.name for s in study.stages] == ["as given", "recalibrated", f"+ {NAME}"]
+    times = np.concatenate([e.record.time for e in study.problem.identify[:2]])
+    assert not np.any((times >= 4.0) & (times <= 6.0))
+    assert study.stage.rmse("validate") != before.rmse("validate")
+    path = save_history(study, tmp_path / "history.json")
+    again = Study(problem_of())
+    restore(again, path)
+    assert again.left_out == [Stretch("run0", 4.0, 6.0)]
+    assert again.stage.rmse("identify") == study.stage.rmse("identify")
+
+
+def test_a_whole_record_may_be_left_out_but_not_all():
+    problem = problem_of()
+    assert [e.name for e in without_stretches(problem, [Stretch("run0")]).identify] == ["run1"]
+    with pytest.raises(ValueError, match="nothing would be left to fit"):
+        without_stretches(problem, [Stretch("run0"), Stretch("run1")])
+    with pytest.raises(KeyError, match="there is no record 'run9'"):
+        without_stretches(problem, [Stretch("run9")])
+    with pytest.raises(ValueError, match="is empty"):
+        without_stretches(problem, [Stretch("run0", 3.0, 3.0)])
+
+
+def _check(html: str, *texts: str) -> None:
+    assert "data:image/png;base64," in html
+    assert len(html) < 120_000
+    for text in texts:
+        assert text in html
+
+
+def test_notebooks_show_short_tables_with_a_small_figure(stepped, tmp_path: Path):
+    study = stepped[0]
+    _check(study._repr_html_(), "Study &#x27;slide&#x27;", NAME, "carriage.position [m]")
+    _check(study.stage._repr_html_(), NAME, "root mean square error")
+    _check(study.compare()._repr_html_(), "RMS error, held out", "The worst")
+    conclusion = study.conclude()
+    _check(conclusion._repr_html_(), "recalibrated")
+    experiment = study.problem.identify[0]
+    _check(experiment.record._repr_html_(), "drive.force", "run0.csv")
+    system = study.stage.slim
+    run = system.simulate(1.0, inputs={"drive.force": 10.0})
+    _check(run._repr_html_(), "samples", "states, inputs, outputs")
+    page = study.report(tmp_path / "x.html")
+    assert "<html" in page.read_text(encoding="utf-8")
+    assert [p.name for p in tmp_path.iterdir()] == ["x.html"]
+    assert len(study.plot().axes) == 1
+
+
+def test_a_study_without_stages_says_so():
+    assert "Nothing is fitted yet" in Study(problem_of())._repr_html_()
