@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from discrepancy.validation.published import PaperChapter, PaperRow, claimed, counted
+from discrepancy.validation.source_hash import source_hash
 from gearbox.papers.printed import PAPER
 from multibody.base.progress import Progress
 
@@ -41,6 +42,22 @@ SENSORS = ("a_input_seat_y", "a_output_seat_y", "a_output_seat_z", "a_base_z")
 #: What the paper identifies (Table 4).
 TABLE_4 = ("K", "C_D", "e_F")
 LOADS = 3  # recordings at the base speed, the paper's load first
+#: Changes of the settings, by objective.
+_OBJECTIVES: dict[str, dict[str, Any]] = {
+    "similarity": {},
+    "difference": {"objective": "difference"},
+    "amplitudes": {"used": LOADS, "objective": "amplitudes", "sensors": SENSORS},
+}
+#: Designs for objectives that are not the paper's: they cost as much, or three times as much.
+FEWER = range(5)
+#: What is tried: name, whether the truth lies inside the model, objective, designs, and whether on other rigs as well.
+CASES = (
+    ("truth inside the model, Eq. 8", True, "similarity", DESIGNS, True),
+    ("truth inside the model, Eq. 7", True, "difference", FEWER, False),
+    ("errors of manufacturing, Eq. 8", False, "similarity", DESIGNS, True),
+    ("errors of manufacturing, Eq. 7", False, "difference", FEWER, False),
+    ("errors of manufacturing, amplitudes and phases over three loads", False, "amplitudes", FEWER, True),
+)
 GOOD = 0.7  # "all values are greater than 0.7" (section 4.5)
 
 
@@ -72,12 +89,13 @@ def chain_on_rig(
     store: Path | None = None,
     *,
     used: int = 1,
+    model: Callable[[str], Any] | None = None,
     **changes: Any,
 ) -> UpdatingChain:
     """The updating chain for the rig of a housing, with the paper's settings.
 
-    The first ``used`` recordings may be fitted to, the others are held out; ``changes`` go to
-    :class:`gearbox.updating.settings.UpdatingSettings`.
+    The first ``used`` recordings may be fitted to, the others are held out; ``model`` takes the place of
+    `rig_vibration`; ``changes`` go to :class:`gearbox.updating.settings.UpdatingSettings`.
     """
     from gearbox.rig.accelerometers import PARAMETERS, SENSOR
     from gearbox.updating.chain import UpdatingChain
@@ -89,7 +107,10 @@ def chain_on_rig(
     space = DesignSpace.from_mapping({name: (low, high, unit) for name, _, low, high, unit in PARAMETERS})
     start = {name: value for name, value, *_ in PARAMETERS}
     settings = UpdatingSettings(space=space, start=start, sensor=SENSOR[housing], driving_teeth=32, **changes)
-    source = ModelSource(rig_vibration, housing, f"papers, {housing}")
+    model = model or rig_vibration
+    # Simulations of other sources are not used again.
+    code = source_hash("gearbox.stage.stage", data=("gearbox/files/data",))
+    source = ModelSource(model, housing, f"papers, {housing}, {model.__name__}, {code}")
     runs = Runs(
         source,
         Settings(driving_teeth=32),
@@ -267,49 +288,48 @@ def _rig_rows(what: str, outcomes: Sequence[Success], seeds: Sequence[int], *, p
 
 
 def success_chapter(
-    progress: Progress, inside: Sequence[Recording], store: Callable[[str], Path | None] = lambda name: None
+    progress: Progress,
+    housing: str,
+    inside: Sequence[Recording],
+    store: Callable[[str], Path | None] = lambda name: None,
 ) -> PaperChapter:
-    """How often the chain succeeds: truth inside the model, then with errors of manufacturing, by both objectives.
+    """How often the chain succeeds: truth inside the model, then with errors of manufacturing, by several objectives.
 
     Parameters
     ----------
     progress : callable
+    housing : str
     inside : sequence of Recording
-        Of the rig with a rigid housing, without errors of manufacturing.
+        Of the rig with this housing, without errors of manufacturing.
     store : callable
         Gives a file for the simulations of a housing, or None.
     """
-    kept = store("rigid")
-    names = (
-        "truth inside the model",
-        "errors of manufacturing, similarity",
-        "errors of manufacturing, amplitudes and phases over three loads",
-    )
-    lines: dict[str, Any] = {"used": LOADS, "objective": "amplitudes", "sensors": SENSORS}
+    kept = store(housing)
 
-    def of_errors(made: Sequence[Recording], seeds: Iterable[int]) -> tuple[Success, Success]:
-        return (
-            success("rigid", one_load(made), progress, kept, seeds),
-            success("rigid", made, progress, kept, seeds, **lines),
-        )
+    def of(recordings: Sequence[Recording], seeds: Iterable[int], way: str) -> Success:
+        used = recordings if way == "amplitudes" else one_load(recordings)
+        return success(housing, used, progress, kept, seeds, **_OBJECTIVES[way])
 
-    made = rig_recordings("rigid", progress, manufacturing=1.0)
-    rows = _rows(names[0], success("rigid", one_load(inside), progress, kept, DESIGNS))
-    similar, amplitudes = of_errors(made, DESIGNS)
-    rows += _rows(names[1], similar) + _rows(names[2], amplitudes, printed=False)
+    made = rig_recordings(housing, progress, manufacturing=1.0)
+    rows = []
+    for name, clean, way, designs, _ in CASES:
+        progress(f"{housing} housing, {name}")
+        rows += _rows(name, of(inside if clean else made, designs, way), printed=way == "similarity")
     rigs = tuple(OTHER_RIGS)
-    by_rig: list[list[Success]] = [[], [], []]
+    elsewhere = [(name, clean, way) for name, clean, way, _, others in CASES if others]
+    by_case: dict[str, list[Success]] = {name: [] for name, *_ in elsewhere}
     for seed in rigs:
-        progress(f"rig with seed {seed}")
-        clean = one_load(rig_recordings("rigid", progress, seed=seed))
-        by_rig[0].append(success("rigid", clean, progress, kept, DESIGNS[:1]))
-        others = of_errors(rig_recordings("rigid", progress, manufacturing=1.0, seed=seed), DESIGNS[:1])
-        for place, outcome in zip(by_rig[1:], others, strict=True):
-            place.append(outcome)
-    for k, name in enumerate(names):
-        rows += _rig_rows(name, by_rig[k], rigs, printed=k < 2)
+        progress(f"{housing} housing, rig with seed {seed}")
+        other = {
+            clean: rig_recordings(housing, progress, manufacturing=0.0 if clean else 1.0, seed=seed)
+            for clean in (True, False)
+        }
+        for name, clean, way in elsewhere:
+            by_case[name].append(of(other[clean], DESIGNS[:1], way))
+    for name, _, way in elsewhere:
+        rows += _rig_rows(name, by_case[name], rigs, printed=way == "similarity")
     for name, recordings in (("truth inside the model", inside), ("errors of manufacturing", made)):
-        found = lost_directions("rigid", recordings, progress, kept)
+        found = lost_directions(housing, recordings, progress, kept)
         for information in found:
             lost = "; ".join(information.words(i) for i in information.lost)
             rows.append(
@@ -327,11 +347,16 @@ def success_chapter(
                 )
             )
     text = (
-        f"Synthetic recordings of the rig with rigid housing, seed {RIG_SEED} unless others are named; each design has "
-        "45 points and 10 test points, parameters chosen by sensitivity. Counts stand with the 95 % interval of their "
-        "rate. The objective of amplitudes and phases is the share of the measured mesh lines explained, and not a "
-        "cosine similarity; what stands under conditions 1 to 3 is one."
+        f"Synthetic recordings of the rig with {housing} housing, seed {RIG_SEED} unless others are named; each design "
+        "has 45 points and 10 test points, parameters chosen by sensitivity. Counts stand with the 95 % interval of "
+        "their rate. Eq. 7 is taken in m/s², as the share 1 − ‖X_e − X_g‖²/‖X_e‖² at the best lag: of signals of one "
+        "size it has the optimum of Eq. 8. The objective of amplitudes and phases over three loads is the share of "
+        "the measured mesh lines explained. Neither is a cosine similarity; what stands under conditions 1 to 3 is one."
     )
     return PaperChapter(
-        paper=PAPER, place="Sections 3.4 and 4.4", title="how often the chain succeeds", rows=tuple(rows), text=text
+        paper=PAPER,
+        place=f"Sections 3.4 and 4.4, {housing} housing",
+        title="how often the chain succeeds",
+        rows=tuple(rows),
+        text=text,
     )

@@ -41,6 +41,8 @@ CONDITIONS: tuple[tuple[str, float, float, bool], ...] = (
 SENSORS = ("input_seat", "output_seat", "base")
 AXES = ("x", "y", "z")
 ACCELEROMETERS = tuple(f"a_{sensor}_{axis}" for sensor in SENSORS for axis in AXES)
+#: What gear 1 has turned ahead of gear 2, along the line of action, from an encoder on each shaft.
+TRANSMISSION_ERROR = Channel("transmission_error", "transmission_error [um]", "m", "um", noise=3e-7, resolution=0.01)
 #: What is drawn for each rig, within Table 3: name, lowest, highest, unit.
 TRUE_RANGES = (
     ("K", 5.2e5, 11.0e5, "N at 1 mm"),
@@ -74,6 +76,8 @@ class GearRig:
         As in the model under test: "flexible", "rigid" or "clamped".
     conditions : tuple
         As :data:`CONDITIONS`.
+    encoders : bool
+        Whether an encoder on each shaft records the transmission error as well.
     """
 
     seed: int = 0
@@ -85,6 +89,7 @@ class GearRig:
     duration: float = 1.0
     housing: str = "flexible"
     conditions: tuple[tuple[str, float, float, bool], ...] = CONDITIONS
+    encoders: bool = False
     logger: Logger = field(default_factory=lambda: Logger(rate=25_600.0, fine=2, jitter=0.0, cutoff=0.8))
 
     def __post_init__(self) -> None:
@@ -123,7 +128,7 @@ class GearRig:
             Channel(name, f"{name} [m/s2]", "m/s**2", "m/s**2", noise=self.noise, resolution=2e-3, analogue=True)
             for name in ACCELEROMETERS
         )
-        return slow + fast
+        return slow + fast + ((TRANSMISSION_ERROR,) if self.encoders else ())
 
     def true_values(self) -> dict[str, float]:
         """Contact parameters of the rig, drawn within the ranges that the study allows."""
@@ -171,6 +176,12 @@ class RigRecording:
         rate = 1.0 / float(self.stamps[1] - self.stamps[0])
         signals = {s: Signal(self.columns[f"{s} [m/s2]"], rate, name=s, unit="m/s**2") for s in sensors}
         return Recording(self.reported, signals)
+
+    def transmission_error(self) -> Signal:
+        """What the encoders saw, m; only of a rig that has them."""
+        rate = 1.0 / float(self.stamps[1] - self.stamps[0])
+        values = 1e-6 * self.columns[TRANSMISSION_ERROR.column]
+        return Signal(values, rate, name=TRANSMISSION_ERROR.signal, unit="m")
 
 
 def true_stage(rig: GearRig, faults: Sequence[HiddenFault]) -> tuple[GearStage, dict[str, float]]:
@@ -255,7 +266,9 @@ def record(
             elif channel.signal == "speed":
                 seen = np.full(fine.size, convert(rpm, "rpm", "rad/s"))
             else:
-                seen = _sensor_path(rig, number, np.asarray(run[channel.signal])[: fine.size], step)
+                seen = np.asarray(run[channel.signal])[: fine.size]
+                if channel is not TRANSMISSION_ERROR:
+                    seen = _sensor_path(rig, number, seen, step)
             columns[channel.column] = rig.logger.read(channel, fine[: seen.size], seen, stamps, rng)
         plain = name.partition("_")[2].lstrip("0123456789_").replace("_", " ")
         reported = OperatingCondition(rpm, torque, plain)

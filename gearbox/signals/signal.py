@@ -292,6 +292,8 @@ class Processing:
         Of the window.
     start : float, optional, s
         Where the window begins after the first sample; by default where the filter has settled.
+    scaled : bool
+        Whether both are scaled to the same size first.
 
     Examples
     --------
@@ -303,6 +305,7 @@ class Processing:
     band: tuple[float, float] = (300.0, 1200.0)
     duration: float = 0.5
     start: float | None = None
+    scaled: bool = True
 
     def __post_init__(self) -> None:
         faults = []
@@ -336,7 +339,7 @@ class Processing:
         return self.start_time + self.duration + self.settling
 
     def apply(self, signal: Signal) -> Signal:
-        """Resample, normalise, band-pass and cut the window out.
+        """Resample, scale, band-pass and cut the window out.
 
         Raises
         ------
@@ -348,13 +351,15 @@ class Processing:
                 f"signal '{signal.name}' is sampled at {signal.rate:g} Hz and holds nothing above {signal.nyquist:g} "
                 f"Hz: a band up to {self.band[1]:g} Hz is above its Nyquist frequency"
             )
-        even = band_pass(normalise(resample(signal, self.rate)), *self.band)
+        even = resample(signal, self.rate)
+        even = band_pass(normalise(even) if self.scaled else even, *self.band)
         return even.cut(self.start_time, self.duration)
 
     def describe(self) -> str:
         """What is done, in a sentence."""
+        scaled = "normalised, " if self.scaled else ""
         return (
-            f"resampled to {self.rate:g} Hz, normalised, band-pass {self.band[0]:g} to {self.band[1]:g} Hz "
+            f"resampled to {self.rate:g} Hz, {scaled}band-pass {self.band[0]:g} to {self.band[1]:g} Hz "
             f"(Butterworth of order {_ORDER}, forwards and backwards), window of {self.duration:g} s from "
             f"{self.start_time:g} s"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -101,7 +101,12 @@ class GearStage(GearModel):
         return static_state(self, torque, **options)
 
     def vibration(
-        self, values: Mapping[str, float], condition: OperatingCondition, duration: float, rate: float = VIBRATION_RATE
+        self,
+        values: Mapping[str, float],
+        condition: OperatingCondition,
+        duration: float,
+        rate: float = VIBRATION_RATE,
+        more: Sequence[str] = (),
     ) -> dict[str, Signal]:
         """Return settled signals of the accelerometers.
 
@@ -113,6 +118,8 @@ class GearStage(GearModel):
         condition : OperatingCondition
         duration : float, s
         rate : float, Hz
+        more : sequence of str
+            Other outputs to return as well, such as ``"transmission_error"``.
         """
         run = self.simulate(
             condition.speed_rpm,
@@ -123,8 +130,8 @@ class GearStage(GearModel):
             parameters=self.values(**values),
             **_VIBRATION_METHOD,
         )
-        names = [name for name in self.outputs if name.startswith("a_")]
-        return {name: Signal(run[name], rate, name=name, unit="m/s**2") for name in names}
+        names = [*(name for name in self.outputs if name.startswith("a_")), *more]
+        return {name: Signal(run[name], rate, name=name, unit=run.unit(name)) for name in names}
 
 
 def build(

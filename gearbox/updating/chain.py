@@ -177,7 +177,7 @@ class UpdatingChain(UpdatingProblem):
                     order=order,
                     test=(test[0], test[1]),
                     response=self.objective.name,
-                    limits=(-1.0, 1.0),  # a cosine, or a share explained
+                    limits=(-1.0, 1.0) if s.objective == "similarity" else None,  # a cosine
                 )
         if float(row["test_r2"]) < 0.5:
             self.notes.append(

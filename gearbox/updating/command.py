@@ -9,6 +9,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gearbox.updating.settings import OBJECTIVES
 from multibody.base.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -87,8 +88,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seed", metavar="N", type=int, help="of all random numbers; default: the study's")
     parser.add_argument(
         "--objective",
-        choices=("similarity", "amplitudes"),
-        help="cosine similarity at the first recording, or amplitudes and phases over all; default: the study's",
+        choices=tuple(OBJECTIVES),
+        help="cosine similarity (Eq. 8) or difference (Eq. 7) at the first recording, or amplitudes and phases over "
+        "all; default: the study's",
     )
     parser.add_argument("--processes", metavar="N", type=int, help="simulations at a time; default: one per processor")
     parser.add_argument(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discrepancy.drawing.figure_style import AFTER, BEFORE, MEASURED, drawing, label, new_figure
+from gearbox.updating.settings import OBJECTIVES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +24,7 @@ _MARKS = "osv^D<>"
 
 
 def _objective(result: UpdatingOutcome) -> str:
-    return "cosine similarity [–]" if result.settings.objective == "similarity" else "share of mesh lines explained [–]"
+    return f"{OBJECTIVES[result.settings.objective]} [–]"
 
 
 @drawing

@@ -1,6 +1,6 @@
-"""What an updated model is judged by: the paper's cosine similarity, and amplitudes and phases over several loads.
+"""What an updated model is judged by: the paper's two objectives, and amplitudes and phases over several loads.
 
-Both take runs of the model at the recordings' conditions and return one number to be made large.  Both are explicit
+All take runs of the model at the recordings' conditions and return one number to be made large.  They are explicit
 about what they fit on the way: a lag for each recording and, for amplitudes, a gain for each sensor.
 """
 
@@ -21,7 +21,7 @@ from gearbox.signals.signal import Processing, Signal, SignalError
 from gearbox.signals.similarity import LagRule, Similarity, bound_of_mesh_lines, similarity
 from gearbox.updating.virtual import Run
 
-__all__ = ["AmplitudeObjective", "MeasuredLines", "Objective", "SimilarityObjective"]
+__all__ = ["AmplitudeObjective", "DifferenceObjective", "MeasuredLines", "Objective", "SimilarityObjective"]
 
 Complex = NDArray[np.complex128]
 
@@ -117,6 +117,40 @@ class SimilarityObjective:
         """The same for another recording, whose lag is found anew."""
         rule: LagRule = "best" if self.rule == "held" else self.rule
         return replace(self, recording=recording, rule=rule, lag=None)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DifferenceObjective(SimilarityObjective):
+    """The difference of signals in their own unit (Eq. 7), as the share of the measured signal that it explains.
+
+    It is 1 − ‖X_e − X_g‖²/‖X_e‖², with the lag of the highest cosine.  A wrong size of the signal counts, which the
+    cosine similarity does not see; of signals scaled to one size both have the same optimum.
+    """
+
+    name: str = "share explained in m/s²"
+
+    def value(self, runs: Sequence[Run]) -> float:
+        """Share explained, at most 1; NaN where the run failed."""
+        if runs[0].failed:
+            return float("nan")
+        size = self._size_of(runs[0]) / self._measured_size
+        return 2.0 * size * self.similarity(runs[0]).value - size**2
+
+    @cached_property
+    def _own_unit(self) -> SimilarityObjective:
+        return SimilarityObjective(
+            recording=self.recording,
+            sensor=self.sensor,
+            processing=replace(self.processing, scaled=False),
+            driving_teeth=self.driving_teeth,
+        )
+
+    @cached_property
+    def _measured_size(self) -> float:
+        return self._own_unit.measured.rms
+
+    def _size_of(self, run: Run) -> float:
+        return self._own_unit.virtual(run).rms
 
 
 @dataclass(frozen=True, eq=False)

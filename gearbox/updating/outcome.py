@@ -10,7 +10,7 @@ from gearbox.files.operating_condition import OperatingCondition
 from gearbox.signals.main_components import MainComponents
 from gearbox.signals.similarity import Similarity
 from gearbox.updating.identifiability import Identifiability
-from gearbox.updating.settings import UpdatingSettings
+from gearbox.updating.settings import OBJECTIVES, UpdatingSettings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -189,7 +189,7 @@ class UpdatingOutcome:
 
     def sentence(self) -> str:
         """The outcome in a sentence or two."""
-        what = "cosine similarity" if self.settings.objective == "similarity" else "share of the mesh lines explained"
+        what = OBJECTIVES[self.settings.objective]
         before, optimum = self.start.simulated, self.optimum
         text = (
             f"The surface predicted a {what} of {optimum.predicted:.3f}; the simulation gives {optimum.simulated:.3f}, "

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from gearbox.signals.recordings import Recording
 from gearbox.updating.errors import UpdatingError
-from gearbox.updating.objectives import AmplitudeObjective, MeasuredLines, SimilarityObjective
+from gearbox.updating.objectives import AmplitudeObjective, DifferenceObjective, MeasuredLines, SimilarityObjective
 from gearbox.updating.recording_checks import recording_faults
 from gearbox.updating.runs import Runs
 from gearbox.updating.settings import UpdatingSettings
@@ -87,10 +87,25 @@ class UpdatingProblem:
         """Amplitudes and phases over all recordings that may be used."""
         return self.lines_of(self.identify, self.settings.free_gain)
 
+    @cached_property
+    def difference(self) -> DifferenceObjective:
+        """The difference of signals at the base condition, Eq. 7, in their own unit."""
+        s = self.similarity
+        return DifferenceObjective(
+            recording=s.recording,
+            sensor=s.sensor,
+            processing=s.processing,
+            driving_teeth=s.driving_teeth,
+            rule=s.rule,
+            lag=s.lag,
+        )
+
     @property
     def objective(self) -> SimilarityObjective | AmplitudeObjective:
         """What the model is updated by."""
-        return self.similarity if self.settings.objective == "similarity" else self.amplitudes
+        if self.settings.objective == "amplitudes":
+            return self.amplitudes
+        return self.similarity if self.settings.objective == "similarity" else self.difference
 
     # ---------------------------------------------------------------- runs
 

@@ -14,6 +14,7 @@ from gearbox.signals.similarity import LAG_RULES
 from gearbox.updating.figures import all_figures
 from gearbox.updating.json_file import content
 from gearbox.updating.outcome import UpdatingOutcome
+from gearbox.updating.settings import OBJECTIVES
 from multibody.base.quantity_text import unit_text
 
 __all__ = ["render", "write"]
@@ -88,9 +89,9 @@ def _page_content(result: UpdatingOutcome) -> dict[str, Any]:
         "headline": _headline(result),
         "sentence": result.sentence(),
         "improved": result.improved,
-        "objective": "cosine similarity at the first recording"
-        if s.objective == "similarity"
-        else "amplitudes and phases of the mesh lines over all recordings used",
+        "objective": f"{OBJECTIVES[s.objective]} over all recordings used"
+        if s.objective == "amplitudes"
+        else f"{OBJECTIVES[s.objective]} at the first recording",
         "processing": s.processing.describe(),
         "rule": f"'{s.rule}': {LAG_RULES[s.rule]}",
         "scores": [(n, score.describe()) for n, score in (("before", start), ("after", updated)) if score is not None],
@@ -141,7 +142,7 @@ def _page_content(result: UpdatingOutcome) -> dict[str, Any]:
 
 def _headline(result: UpdatingOutcome) -> str:
     before, after = result.start.simulated, result.updated.simulated
-    what = "Similarity" if result.settings.objective == "similarity" else "Share of mesh lines explained"
+    what = OBJECTIVES[result.settings.objective].capitalize()
     if not result.improved:
         return f"The model stays as it was: nothing better than {before:.3f} was found"
     return f"{what} {before:.3f} → {after:.3f}"

@@ -11,9 +11,15 @@ from gearbox.signals.similarity import LAG_RULES, LagRule
 from gearbox.updating.errors import UpdatingError
 from surrogate import DesignSpace
 
-__all__ = ["UpdatingSettings"]
+__all__ = ["OBJECTIVES", "ObjectiveKind", "UpdatingSettings"]
 
-ObjectiveKind = Literal["similarity", "amplitudes"]
+ObjectiveKind = Literal["similarity", "difference", "amplitudes"]
+#: What each of them is the value of.
+OBJECTIVES: dict[ObjectiveKind, str] = {
+    "similarity": "cosine similarity",
+    "difference": "share of the signal explained",
+    "amplitudes": "share of the mesh lines explained",
+}
 Method = Literal["firefly", "differential_evolution", "direct", "multistart"]
 
 
@@ -33,8 +39,8 @@ class UpdatingSettings:
         Compared by amplitudes and phases.
     driving_teeth : int
         z₁.
-    objective : {"similarity", "amplitudes"}
-        The paper's, or amplitudes and phases over several loads.
+    objective : {"similarity", "difference", "amplitudes"}
+        The paper's Eq. 8 or Eq. 7, the latter in the signals' own unit; or amplitudes and phases over several loads.
     processing : Processing
         Section 4.3.
     rule : str
@@ -110,8 +116,8 @@ class UpdatingSettings:
         ]
         if self.rule not in LAG_RULES:
             faults.append(f"there is no lag rule '{self.rule}': take one of {', '.join(LAG_RULES)}")
-        if self.objective not in ("similarity", "amplitudes"):
-            faults.append(f"there is no objective '{self.objective}': take similarity or amplitudes")
+        if self.objective not in OBJECTIVES:
+            faults.append(f"there is no objective '{self.objective}': take one of {', '.join(OBJECTIVES)}")
         if self.method not in METHODS:
             faults.append(f"there is no method '{self.method}': take one of {', '.join(METHODS)}")
         if self.driving_teeth < 3:

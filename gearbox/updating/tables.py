@@ -8,6 +8,7 @@ from typing import Any, Literal
 import msgspec
 
 from discrepancy.problem.tables import read_struct
+from gearbox.updating.settings import ObjectiveKind
 
 __all__ = ["ParameterEntry", "UpdatingTable", "read_updating"]
 
@@ -29,7 +30,7 @@ class UpdatingTable(msgspec.Struct, frozen=True):
     speed: str
     load: str
     sensors: list[str] = []
-    objective: Literal["similarity", "amplitudes"] = "similarity"
+    objective: ObjectiveKind = "similarity"
     lag: Literal["best", "mesh", "held", "none"] = "best"
     rate: float = 10_000.0
     band: list[float] = msgspec.field(default_factory=lambda: [300.0, 1200.0])

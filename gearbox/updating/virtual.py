@@ -70,6 +70,8 @@ class Run:
     amplitudes : mapping of str to ndarray of complex, shape (m,)
         By sensor: mesh orders 1 … m, peak value and phase at time zero; empty if the run failed.
     units : mapping of str to str
+    means : mapping of str to float
+        By sensor, in its unit.
     off_mesh : float
         Largest share of a sensor's RMS that is not at mesh lines.
     seconds : float
@@ -85,6 +87,7 @@ class Run:
     mesh_frequency: float
     amplitudes: Mapping[str, NDArray[np.complex128]]
     units: Mapping[str, str]
+    means: Mapping[str, float] = field(default_factory=dict)
     off_mesh: float = 0.0
     seconds: float = 0.0
     error: str = ""
@@ -128,6 +131,7 @@ class Run:
             "mesh_frequency": self.mesh_frequency,
             "amplitudes": {s: [[float(a.real), float(a.imag)] for a in lines] for s, lines in self.amplitudes.items()},
             "units": dict(self.units),
+            "means": dict(self.means),
             "off_mesh": self.off_mesh,
             "seconds": self.seconds,
             "error": self.error,
@@ -142,6 +146,7 @@ class Run:
             mesh_frequency=content["mesh_frequency"],
             amplitudes={s: np.array([complex(*a) for a in lines]) for s, lines in content["amplitudes"].items()},
             units=content["units"],
+            means=content.get("means", {}),
             off_mesh=content["off_mesh"],
             seconds=content["seconds"],
             error=content["error"],
@@ -163,7 +168,7 @@ def run_model(
         signals = dict(model(values, condition, settings.length(condition)))
         if not signals:
             raise SignalError("the model returned no signal")
-        amplitudes, off = {}, 0.0
+        amplitudes, means, off = {}, {}, 0.0
         for sensor, signal in signals.items():
             highest = min(settings.harmonics, int(0.98 * signal.nyquist / mesh))
             if highest < 1:
@@ -171,7 +176,7 @@ def run_model(
                     f"the model's signal '{sensor}' is sampled at {signal.rate:g} Hz, below twice the mesh frequency"
                 )
             fit = fit_lines(signal, mesh * np.arange(1, highest + 1))
-            amplitudes[sensor] = fit.amplitudes
+            amplitudes[sensor], means[sensor] = fit.amplitudes, fit.mean
             # Off the mesh is what no harmonic explains, those above the highest kept included.
             varying = float(np.std(signal.values))
             off = max(off, fit.residual_rms / varying if varying > 0.0 else 0.0)
@@ -196,6 +201,7 @@ def run_model(
         mesh_frequency=mesh,
         amplitudes=amplitudes,
         units=units,
+        means=means,
         off_mesh=off,
         seconds=spent,
         error="",

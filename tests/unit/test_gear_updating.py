@@ -17,7 +17,7 @@ from gearbox.signals.signal import Processing, SignalError, resample
 from gearbox.updating.chain import UpdatingChain
 from gearbox.updating.errors import UpdatingError
 from gearbox.updating.identifiability import identifiability
-from gearbox.updating.objectives import AmplitudeObjective, MeasuredLines, SimilarityObjective
+from gearbox.updating.objectives import AmplitudeObjective, DifferenceObjective, MeasuredLines, SimilarityObjective
 from gearbox.updating.runs import ModelSource, Runs
 from gearbox.updating.settings import UpdatingSettings
 from gearbox.updating.virtual import Run, Settings, run_model
@@ -245,6 +245,27 @@ def test_objective_of_amplitudes_reaches_the_truth():
     louder = [replace(r, amplitudes={s: 3.0 * a for s, a in r.amplitudes.items()}) for r in runs]
     assert objective.value(louder) < 0.0
     assert replace(objective, free_gain=True).value(louder) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_difference_of_signals_sees_their_size_and_the_cosine_does_not():
+    """Eq. 7 in the signals' own unit: of k times the signal it leaves (1 - k)^2, whose cosine is one."""
+    made = recordings(noise=0.0, sidebands=0.0)[0].matched(TEETH)
+    of = {"recording": made, "sensor": "seat", "processing": Processing(), "driving_teeth": TEETH}
+    eq_7, eq_8 = DifferenceObjective(**of), SimilarityObjective(**of)
+    run = run_model(stand_in, TRUTH, made.condition, Settings(driving_teeth=TEETH))
+    assert eq_7.value([run]) == pytest.approx(1.0, abs=1e-3)
+    for k in (0.5, 1.5):
+        other = replace(run, amplitudes={s: k * a for s, a in run.amplitudes.items()})
+        assert eq_8.value([other]) == pytest.approx(eq_8.value([run]), abs=1e-9)
+        assert eq_7.value([other]) == pytest.approx(1.0 - (1.0 - k) ** 2, abs=2e-3)
+    failed = replace(run, amplitudes={}, error="no rest")
+    assert np.isnan(eq_7.value([failed]))
+
+
+def test_difference_updates_as_well():
+    result = chain(objective="difference", points=(25,), identify=True).run()
+    assert result.updated.simulated > result.start.simulated
+    assert result.sentence().startswith("The surface predicted a share of the signal explained")
 
 
 def test_directions_scale_with_the_noise():

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from discrepancy.validation.published import AGREES, DIFFERS, KINDS, UNCHECKED, PaperChapter
+from discrepancy.validation.source_hash import source_hash
 from multibody.base.progress import Progress, silent
 
 __all__ = ["CHAPTERS", "Stamp", "count", "is_as_written", "summary", "to_json", "validate", "write", "write_docs_page"]
@@ -25,8 +26,6 @@ __all__ = ["CHAPTERS", "Stamp", "count", "is_as_written", "summary", "to_json", 
 CHAPTERS = {"lift": "vtsdt.papers.lift", "gearbox": "gearbox.papers.gearbox"}
 #: Machines whose chapters take a folder as well, in which they keep their simulations.
 KEEPING = ("gearbox",)
-#: Packages whose sources a page depends on.
-PACKAGES = ("multibody", "estimation", "surrogate", "discrepancy", "vtsdt", "gearbox")
 _SEAL = "Digest of this page: "
 
 
@@ -39,28 +38,22 @@ class Stamp:
     date : str
         ISO date.
     code : str
-        First twelve digits of the SHA-256 of all sources of the packages.
+        Hash of the sources behind the chapters, of each machine.
     """
 
     date: str
     code: str
 
     @staticmethod
-    def now() -> Stamp:
-        """Return the stamp of today and of the code that runs."""
-        return Stamp(datetime.date.today().isoformat(), code_hash())
+    def now(machines: Iterable[str] = tuple(CHAPTERS)) -> Stamp:
+        """Return the stamp of today and of the code behind the chapters of some machines."""
+        return Stamp(datetime.date.today().isoformat(), " and ".join(code_of(m) for m in machines))
 
 
-def code_hash() -> str:
-    """Return the first twelve digits of the SHA-256 of all Python and TOML sources of the packages."""
-    digest = hashlib.sha256()
-    root = Path(__file__).resolve().parents[2]
-    for package in PACKAGES:
-        folder = root / package
-        for path in sorted(p for p in folder.rglob("*") if p.suffix in (".py", ".toml")):
-            digest.update(path.relative_to(root).as_posix().encode())
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
+def code_of(machine: str) -> str:
+    """Return the hash of the sources that the chapters of a machine depend on; others may change as they like."""
+    name = CHAPTERS[machine]
+    return source_hash(name, "vtsdt.papers.validation", data=(f"{name.partition('.')[0]}/files/data",))
 
 
 def validate(
@@ -248,5 +241,5 @@ def write_docs_page(docs: Path, machine: str, chapters: Sequence[PaperChapter]) 
     for chapter in chapters:
         for name, figure in chapter.figures.items():
             figure.savefig(folder / f"{name}.png", dpi=90, metadata={"Software": None})
-    text = to_markdown(chapters, "../images/papers/")
+    text = to_markdown(chapters, "../images/papers/", Stamp.now((machine,)))
     (docs / "method" / f"papers-{machine}.md").write_text(text, encoding="utf-8")
