@@ -107,7 +107,7 @@ def _stub(package: str) -> dict[str, str]:
     path = ROOT.joinpath(*package.split("."), "__init__.pyi")
     if not path.is_file():
         return {}
-    names = {}
+    names: dict[str, str] = {}
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom):
             module = f"{package}.{node.module}" if node.level else str(node.module)
