@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multibody.base.errors import SimulationError
+from multibody.base.errors import SimulationError, Stop, StopMessage
 from multibody.system.along_trajectory import observe_along
+from multibody.system.not_finite import not_finite
 
 if TYPE_CHECKING:
     from multibody.inputs.table import InputTable
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     from multibody.solvers.problem import Directions
 
 __all__ = ["RecordSimulation"]
+
+LARGEST = 1e150
+"""Outputs beyond this cannot be compared: their squares are beyond the largest number."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,7 +61,22 @@ class RecordSimulation:
 
     def error(self, reason: object) -> SimulationError:
         """Return the error that names the system and the record."""
-        return SimulationError(f"'{self.system.name}' on record '{self.record}': {reason}")
+        stop = reason.stop if isinstance(reason, StopMessage) else Stop.OTHER
+        return SimulationError(f"'{self.system.name}' on record '{self.record}': {reason}", stop)
+
+    def _not_finite(self, row: int, x: np.ndarray) -> SimulationError:
+        """Return the error that says where an output that is not finite is born, or which one is beyond all bounds."""
+        t, u = float(self.time[row]), np.asarray(self.inputs[row])
+        text = not_finite(self.system, t, x, u, self.p, "outputs")
+        if not text:
+            y = self.system.outputs_at(t, x, u, self.p)
+            worst = max(self.outputs.tolist(), key=lambda k: abs(y[k]))
+            q = self.system.outputs[worst]
+            text = (
+                f"output '{q.name}' reaches {y[worst]:.3g} {q.unit} at t = {t:.6g} s: the model runs away; check the "
+                "sign of its feedback, stiffness and damping, and its start values"
+            )
+        return self.error(StopMessage(text, Stop.NOT_FINITE))
 
     def integrate(self, directions: Directions | None) -> tuple[np.ndarray, np.ndarray, int]:
         """Integrate the system, and its derivatives along directions.
@@ -83,6 +102,7 @@ class RecordSimulation:
         problem = native_problem(system, p, self.table, directions)
         n, m = len(system.states), problem.n_directions
         y = np.empty((time.size, self.outputs.size))
+        bad: list[tuple[int, np.ndarray]] = []  # the first sample whose outputs cannot be compared, and its state
         dy = np.empty((time.size, self.outputs.size, m))
         n_y = len(system.outputs)
         if directions is not None:
@@ -96,6 +116,8 @@ class RecordSimulation:
             rows = slice(first, first + times.size)
             x = np.ascontiguousarray(states[:, :n])
             y[rows] = system.outputs_along(times, x, inputs[rows], p)[:, self.outputs]
+            if not bad and not (sound := np.all(np.abs(y[rows]) < LARGEST, axis=1)).all():
+                bad.append((first + int(np.argmin(sound)), x[int(np.argmin(sound))].copy()))
             if directions is not None:
                 step = max(1, 4_000_000 // max(m * n_y, 1))
                 for a in range(0, times.size, step):
@@ -115,6 +137,8 @@ class RecordSimulation:
 
         if n == 0:  # the motion is given: nothing to integrate
             receive(0, time, np.zeros((time.size, 0)))
+            if bad:
+                raise self._not_finite(*bad[0])
             return y, dy, 0
         solution = integrate(
             problem,
@@ -127,6 +151,8 @@ class RecordSimulation:
             max_evaluations=self.max_evaluations,
             stiff_problem=lambda: native_problem(system, p, self.table, directions, tangent=True),
         )
-        if solution.status < 0 or not np.all(np.isfinite(y)):
+        if bad:
+            raise self._not_finite(*bad[0])
+        if solution.status < 0:
             raise self.error(solution.message)
         return y, dy, int(solution.nfev)

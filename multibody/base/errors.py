@@ -3,8 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from enum import Enum
 
-__all__ = ["EquationError", "ModelError", "SimulationError"]
+__all__ = ["EquationError", "ModelError", "SimulationError", "Stop", "StopMessage"]
+
+
+class Stop(Enum):
+    """Why an integration stopped before its end."""
+
+    NOT_FINITE = "a value is not finite"
+    STEP_TOO_SMALL = "the step became too small"
+    TOO_MANY_EVALUATIONS = "the limit on evaluations was reached"
+    OTHER = "another reason, which the message gives"
+
+
+class StopMessage(str):
+    """A message of a solver with its reason; SciPy hands it through as the text that it is."""
+
+    stop: Stop
+
+    def __new__(cls, text: str, stop: Stop) -> StopMessage:
+        """Return the text with its reason."""
+        message = super().__new__(cls, text)
+        message.stop = stop
+        return message
 
 
 class ModelError(ValueError):
@@ -30,4 +52,18 @@ class EquationError(ValueError):
 
 
 class SimulationError(RuntimeError):
-    """A simulation or a search for an equilibrium failed; the message names time and state."""
+    """A simulation or a search for an equilibrium failed; the message names time and state.
+
+    Parameters
+    ----------
+    message : str
+    stop : Stop
+        Why an integration stopped, for programs.
+    """
+
+    def __init__(self, message: str, stop: Stop = Stop.OTHER) -> None:
+        self.stop = stop
+        super().__init__(message)
+
+    def __reduce__(self) -> tuple[type[SimulationError], tuple[str, Stop]]:
+        return type(self), (str(self), self.stop)

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
 
+from multibody.base.errors import Stop, StopMessage
 from multibody.solvers.kernels.dense_output import interpolate_many
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
@@ -30,6 +31,7 @@ from multibody.solvers.kernels.stepping import (
     WORST,
     T,
 )
+from multibody.solvers.limits import EVALUATIONS_PER_SAMPLE, LEAST_EVALUATIONS, too_many
 from multibody.solvers.problem import NativeProblem, ProblemError
 
 __all__ = ["NativeSolver", "Samples"]
@@ -163,7 +165,8 @@ class NativeSolver(OdeSolver):
         direction can need smaller steps than the state: where the state rests and the direction grows or stiffly
         decays, the state's error says nothing.  Infinity leaves the directions without control.
     max_evaluations : int, optional
-        Give up, with a message, after a call that has taken the right-hand side beyond this number of evaluations.
+        Give up, with a message, after a call that has taken the right-hand side beyond this number of evaluations;
+        default: `LEAST_EVALUATIONS` and `EVALUATIONS_PER_SAMPLE` for each sample and each time of the input table.
     """
 
     ORDER: ClassVar[int] = 5
@@ -210,7 +213,11 @@ class NativeSolver(OdeSolver):
             raise ProblemError(f"first_step must be positive and within the interval of {span:g} s, it is {first_step}")
         self.problem = problem
         self.y = self.y.astype(np.float64)
-        self.max_step, self.max_evaluations = min(max_step, problem.largest_step), max_evaluations
+        self.max_step = min(max_step, problem.largest_step)
+        points = problem.table.times.size + (0 if samples is None else samples.times.size)
+        self.max_evaluations = LEAST_EVALUATIONS + EVALUATIONS_PER_SAMPLE * points
+        if max_evaluations is not None:
+            self.max_evaluations = max_evaluations
         self.rtol = _tolerance("rtol", rtol, problem, LEAST_RTOL)
         self.atol = _tolerance("atol", atol, problem)
         if not direction_rtol > 0.0:
@@ -302,13 +309,14 @@ class NativeSolver(OdeSolver):
     def _step_impl(self) -> tuple[bool, str | None]:
         clock, tally, samples = self._clock, self._tally, self._samples
         # Where nobody looks between calls, SciPy need not hear of them.
-        unseen = self._unasked and samples is not None and samples.receive is None and self.max_evaluations is None
+        unseen = self._unasked and samples is not None and samples.receive is None
         while True:
             status = self._advance()
             self.problem.check()
             if samples is not None and (status != MORE or samples.receive is not None):
                 tally[FIRST] = samples.flush(int(tally[FIRST]), int(tally[SAMPLE]))
-            if status != BUFFER_FULL and not (status == MORE and unseen):
+            within = tally[EVALUATIONS] <= self.max_evaluations
+            if status != BUFFER_FULL and not (status == MORE and unseen and within):
                 break
         self.nfev, self.njev, self.nlu = (
             int(tally[EVALUATIONS]),
@@ -321,23 +329,25 @@ class NativeSolver(OdeSolver):
         self.y = self._state.copy()
         if status == TOO_SMALL and tally[DONE] == 0:
             return False, self._explanation()
-        if self.max_evaluations is not None and self.nfev > self.max_evaluations and status != FINISHED:
-            return False, (
-                f"{self.nfev} evaluations of the equations, more than the {self.max_evaluations} allowed, came only "
-                f"to t = {self.t:.9g} s: the steps are very small there"
-            )
+        if self.nfev > self.max_evaluations and status != FINISHED:
+            return False, StopMessage(too_many(self.nfev, self.max_evaluations, self.t), Stop.TOO_MANY_EVALUATIONS)
         return True, None
 
-    def _explanation(self) -> str:
-        derivative = self.problem.derivative(self.t, self.y[: self.problem.n])
+    def _explanation(self) -> StopMessage:
+        problem = self.problem
+        if problem.explain is not None and (text := problem.explain(self.t, self.y[: problem.n])):
+            return StopMessage(text, Stop.NOT_FINITE)
+        derivative = problem.derivative(self.t, self.y[: problem.n])
         bad = np.flatnonzero(~np.isfinite(derivative))
         if bad.size:
-            return f"the derivative of {self.problem.name_of(int(bad[0]))} is not finite at t = {self.t:.9g} s" + (
+            text = f"the derivative of {self.problem.name_of(int(bad[0]))} is not finite at t = {self.t:.9g} s" + (
                 f" ({bad.size} derivatives in all)" if bad.size > 1 else ""
             )
-        return (
+            return StopMessage(text, Stop.NOT_FINITE)
+        return StopMessage(
             f"the step became too small at t = {self.t:.9g} s; the largest scaled error was that of "
-            f"{self.problem.name_of(int(self._tally[WORST]))}"
+            f"{self.problem.name_of(int(self._tally[WORST]))}",
+            Stop.STEP_TOO_SMALL,
         )
 
     def _dense_output_impl(self) -> DenseOutput:

@@ -156,6 +156,8 @@ class NativeProblem:
         it ends.
     largest_step : float, s
         No step is longer, whatever the largest step that a method is given.
+    explain : callable, optional
+        ``explain(t, x)`` says in a sentence which equation is not finite at a state or just ahead of it, or is empty.
 
     Raises
     ------
@@ -177,6 +179,7 @@ class NativeProblem:
     speeds: NativeFunction | None = None
     widths: np.ndarray | None = None
     largest_step: float = np.inf
+    explain: Callable[[float, np.ndarray], str] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p", np.array(self.p, dtype=np.float64, ndmin=1, order="C"))

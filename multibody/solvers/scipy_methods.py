@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from multibody.base.errors import SimulationError, Stop
 from multibody.inputs.table import InputTable
+from multibody.solvers.limits import EVALUATIONS_PER_SAMPLE, LEAST_EVALUATIONS, too_many
 
 __all__ = ["SCIPY_METHODS", "Stops", "solve_with_stops"]
 
@@ -270,10 +272,20 @@ def solve_with_stops(
     """
     import scipy.integrate
 
+    points = np.size(options.get("t_eval")) if options.get("t_eval") is not None else 0
+    most, used = LEAST_EVALUATIONS + EVALUATIONS_PER_SAMPLE * (table.times.size + points), 0
+
+    def counted(t: float, x: np.ndarray) -> np.ndarray:
+        nonlocal used
+        used += 1
+        if used > most:
+            raise SimulationError(too_many(used - 1, most, t), Stop.TOO_MANY_EVALUATIONS)
+        return fun(t, x)
+
     tolerance = float(np.min(options.get("rtol", 1e-3)))
     stops = Stops.of(table, p, (float(span[0]), float(span[1])), tolerance)
     solve: Any = scipy.integrate.solve_ivp  # its stubs know no options by keyword
-    solution = solve(fun, span, x0, method=_ending(method), stops=stops, dense_output=dense_output, **options)
+    solution = solve(counted, span, x0, method=_ending(method), stops=stops, dense_output=dense_output, **options)
     solution.longest_step = stops.longest
     if not np.size(solution.t):  # lists, where it failed before the first sample
         solution.t, solution.y = np.empty(0), np.empty((np.size(x0), 0))

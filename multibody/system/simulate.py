@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multibody.base.errors import SimulationError
+from multibody.base.errors import SimulationError, Stop, StopMessage
 from multibody.base.spelling import nearest
 from multibody.inputs.table import InputTable
 from multibody.system.compiled import CompiledSystem
 from multibody.system.narrow_features import StepLimits, finer_step, narrow_features, step_limits
+from multibody.system.not_finite import not_finite_beyond
 from multibody.system.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -223,6 +224,7 @@ def native_problem(
         speeds=system.speeds_function if widths else None,
         widths=np.array([widths.get(n, np.inf) for n in system.speed_names]) if widths else None,
         largest_step=limits.largest_step,
+        explain=lambda t, x: not_finite_beyond(system, t, x, table(t, p), p),
     )
 
 
@@ -249,7 +251,10 @@ class _Task:
             return self._trajectory(self.times, np.empty((self.times.size, 0)), {"why": "no states"})
         solution, reason = self._compiled(limits) if self.method in NATIVE else self._by_scipy(limits)
         if solution.status < 0 or not np.all(np.isfinite(solution.y)):
-            raise SimulationError(_failure(self.system, solution, self.x0, self.span, self.method))
+            message = solution.message
+            raise SimulationError(
+                self._failure(solution), message.stop if isinstance(message, StopMessage) else Stop.OTHER
+            )
         statistics = {
             "why": reason,
             "nfev": solution.nfev,
@@ -312,6 +317,26 @@ class _Task:
             u[k] = function(t)
         return u
 
+    def _failure(self, solution: Any) -> str:
+        """Return in words how far an integration came, and why not further."""
+        good = np.all(np.isfinite(solution.y), axis=0) if solution.y.size else np.zeros(0, dtype=bool)
+        t, x = (solution.t[good][-1], solution.y[:, good][:, -1]) if good.any() else (self.span[0], self.x0)
+        head = f"'{self.system.name}': {self.method} stopped between t = {t:.6g} s and the end at {self.span[1]:g} s. "
+        message = str(solution.message)
+        if solution.status >= 0:  # the method has not noticed: its states are not finite
+            message = not_finite_beyond(self.system, t, x, self._inputs_at(t), self.p) or "the states are not finite."
+        stop = getattr(solution.message, "stop", None)
+        if stop is Stop.NOT_FINITE:
+            return head + message
+        values = ", ".join(f"{n} = {v:.4g}" for n, v in list(zip(self.system.state_names, x, strict=True))[:12])
+        text = f"{head}{message} Last good state: {values}."
+        if stop is Stop.TOO_MANY_EVALUATIONS:
+            return text
+        return (
+            f"{text} Check what acts on that state there: a stiff contact, a force that jumps, or a parameter far from "
+            "its usual size."
+        )
+
     def _trajectory(self, times: np.ndarray, states: np.ndarray, statistics: dict[str, Any]) -> Trajectory:
         inputs = self.table(times, self.p).reshape(times.size, -1)
         for k, function in self.functions.items():
@@ -336,15 +361,3 @@ def _method(method: str, functions: Mapping[str, Any]) -> tuple[str, str]:
             "give (times, values), or take a SciPy method such as 'LSODA'"
         )
     return method, "asked for"
-
-
-def _failure(system: CompiledSystem, solution: Any, x0: np.ndarray, span: tuple[float, float], method: str) -> str:
-    good = np.all(np.isfinite(solution.y), axis=0) if solution.y.size else np.zeros(0, dtype=bool)
-    t, x = (solution.t[good][-1], solution.y[:, good][:, -1]) if good.any() else (span[0], x0)
-    values = ", ".join(f"{n} = {v:.4g}" for n, v in list(zip(system.state_names, x, strict=True))[:12])
-    return (
-        f"'{system.name}': {method} stopped between t = {t:.6g} s and the end at {span[1]:g} s. "
-        f"{solution.message} "
-        f"Last good state: {values}. Check what acts on that state there: a stiff contact, a force that jumps, "
-        "or a parameter far from its usual size."
-    )

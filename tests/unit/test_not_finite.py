@@ -1,0 +1,152 @@
+"""An integration that cannot go on says where: component, equation, values, time and remedy; and it ends soon."""
+
+from __future__ import annotations
+
+import importlib.util
+import pickle
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimation import Record
+from estimation.files.record import RecordedSignal
+from estimation.response.experiment import Experiment
+from multibody import Model
+from multibody.base.errors import SimulationError, Stop
+from multibody.library import Mass
+from multibody.solvers import scipy_methods
+from multibody.system.not_finite import not_finite
+
+PART = """
+import math
+from multibody import Component
+from multibody.declare.declarations import Output, Parameter, Power, Translation
+
+class Odd(Component):
+    "A force that breaks."
+    k = Parameter(1.0, "N", "size")
+    flange = Translation("the flange")
+    power = Power(kind="supply", meaning="power brought in")
+    shown = Output("N", "what is shown")
+
+    def equations(self):
+        x = self.flange.position
+        v = self.flange.velocity
+        k = self.k
+        self.flange.force = FORCE
+        self.power = self.flange.force * v
+        self.shown = SHOWN
+"""
+
+
+@pytest.fixture
+def model(tmp_path: Path):
+    """Return a mass, at one metre, on which an odd force acts."""
+    names = []
+
+    def make(force: str, shown: str = "k", mass: float = 1.0) -> Model:
+        path = tmp_path / f"odd_part_{len(names)}.py"
+        path.write_text(PART.replace("FORCE", force).replace("SHOWN", shown))
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[path.stem] = module
+        names.append(path.stem)
+        spec.loader.exec_module(module)
+        machine = Model("machine")
+        body = machine.add("body", Mass(m=mass, position=1.0))
+        odd = machine.add("odd", module.Odd())
+        machine.connect(odd.flange, body.flange)
+        machine.output("shown", odd.shown)
+        return machine
+
+    yield make
+    for name in names:
+        del sys.modules[name]
+
+
+BORN = {
+    "a division by zero": ("k / (x - 1.0)", ["divides by zero at t = 0 s", "odd.x = 1", "give 'odd.x - 1.0' a value"]),
+    "zero over zero": ("k * 0.0 / (0.0 * x)", ["divides by zero", "'0.0 * odd.x'"]),
+    "a root of a negative number": ("k * math.sqrt(-x)", ["a root or a logarithm where there is none", "max(…, 0.0)"]),
+    "a root on the way": ("-k * math.sqrt(x)", ["a root or a logarithm", "at t = 1.49367 s", "odd.x = -"]),
+    "a logarithm of zero": ("k * math.log(x - 1.0)", ["a root or a logarithm where there is none"]),
+    "an overflow": ("k * math.exp(1000.0 * x)", ["is beyond the largest number", "check the sizes of these values"]),
+    "infinity less infinity": ("(1e300 * x * 1e300) - (1e300 * x * 1e300)", ["(NaN)", "check the sizes"]),
+}
+
+
+@pytest.mark.parametrize(("force", "says"), BORN.values(), ids=BORN)
+def test_the_equation_and_its_component_are_named(model, force: str, says: list[str]) -> None:
+    with pytest.raises(SimulationError) as error:
+        model(force).build().simulate(10.0)
+    for text in ["component 'odd' (Odd): the equation 'odd.flange.force = ", *says]:
+        assert text in str(error.value)
+    assert error.value.stop is Stop.NOT_FINITE
+
+
+def test_a_mass_of_zero_is_named(model) -> None:
+    with pytest.raises(SimulationError, match=r"give what moves at 'body.flange' a mass or an inertia above zero"):
+        model("-k", mass=0.0).build().simulate(1.0)
+
+
+def test_a_state_that_is_not_finite_and_an_output_are_named(model) -> None:
+    system = model("-k", shown="2.0 * math.sqrt(x) + k").build()
+    told = not_finite(system, 0.5, np.array([-1.0, 0.0]), system.u, system.p, "outputs")
+    assert "component 'odd' (Odd): the equation 'odd.shown = 2.0 * math.sqrt(odd.x) + odd.k'" in told
+    assert not_finite(system, 0.5, np.array([1.0, 0.0]), system.u, system.p, "outputs") == ""
+    assert "state 'body.velocity' is nan" in not_finite(system, 0.0, np.array([1.0, np.nan]), system.u, system.p)
+
+
+def test_a_model_that_runs_away_is_told_so(model) -> None:
+    with pytest.raises(SimulationError, match=r"state 'body\.\w+' has reached .* the model runs away; check the sign"):
+        model("1e9 * x").build().simulate(10.0)
+
+
+def experiment() -> Experiment:
+    time = 0.1 * np.arange(50)
+    signals = {"odd.shown": RecordedSignal(np.sin(time), "N", "shown", "N")}
+    record = Record(name="trip", path=Path("trip.csv"), time=time, signals=signals)
+    return Experiment(record=record, inputs=(), outputs=("odd.shown",))
+
+
+def simulated(model: Model) -> None:
+    system = model.build()
+    experiment().simulate(system, system.p)
+
+
+@pytest.mark.parametrize(
+    ("shown", "says"),
+    [
+        ("math.sqrt(x)", "the equation 'odd.shown = math.sqrt(odd.x)' takes a root or a logarithm where there is none"),
+        ("math.exp(690.0 * x)", "output 'odd.shown' reaches 4."),
+    ],
+)
+def test_an_output_that_cannot_be_compared_is_named_with_its_record(model, shown: str, says: str) -> None:
+    with pytest.raises(SimulationError) as error:
+        simulated(model("-k", shown=shown))
+    assert says in str(error.value)
+    assert "on record 'trip'" in str(error.value)
+    assert error.value.stop is Stop.NOT_FINITE
+
+
+def test_an_integration_of_hopelessly_small_steps_is_given_up(model) -> None:
+    with pytest.raises(SimulationError, match="evaluations of the equations, more than the 4004000 allowed") as error:
+        model("-1e18 * x").build().simulate(10.0)
+    assert error.value.stop is Stop.TOO_MANY_EVALUATIONS
+    with pytest.raises(SimulationError, match="more than the 2102000 allowed") as error:
+        simulated(model("-1e18 * x"))
+    assert error.value.stop is Stop.TOO_MANY_EVALUATIONS
+
+
+def test_a_method_of_scipy_has_the_same_limit(model, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scipy_methods, "LEAST_EVALUATIONS", 1000)
+    monkeypatch.setattr(scipy_methods, "EVALUATIONS_PER_SAMPLE", 0)
+    with pytest.raises(SimulationError, match="1000 evaluations of the equations, more than the 1000 allowed"):
+        model("-1e6 * x").build().simulate(10.0, method="RK45")
+
+
+def test_the_error_keeps_its_reason_between_processes() -> None:
+    error = pickle.loads(pickle.dumps(SimulationError("it stopped", Stop.STEP_TOO_SMALL)))
+    assert (str(error), error.stop) == ("it stopped", Stop.STEP_TOO_SMALL)
