@@ -272,7 +272,8 @@ def solve_with_stops(
     """
     import scipy.integrate
 
-    points = np.size(options.get("t_eval")) if options.get("t_eval") is not None else 0
+    asked = options.get("t_eval")
+    points = 0 if asked is None else len(asked)
     most, used = LEAST_EVALUATIONS + EVALUATIONS_PER_SAMPLE * (table.times.size + points), 0
 
     def counted(t: float, x: np.ndarray) -> np.ndarray:

@@ -324,13 +324,11 @@ class _Task:
         head = f"'{self.system.name}': {self.method} stopped between t = {t:.6g} s and the end at {self.span[1]:g} s. "
         message = str(solution.message)
         if solution.status >= 0:  # the method has not noticed: its states are not finite
-            message = not_finite_beyond(self.system, t, x, self._inputs_at(t), self.p) or "the states are not finite."
+            message = not_finite_beyond(self.system, t, x, self._inputs_at(t), self.p) or "the states are not finite"
         stop = getattr(solution.message, "stop", None)
-        if stop is Stop.NOT_FINITE:
-            return head + message
         values = ", ".join(f"{n} = {v:.4g}" for n, v in list(zip(self.system.state_names, x, strict=True))[:12])
-        text = f"{head}{message} Last good state: {values}."
-        if stop is Stop.TOO_MANY_EVALUATIONS:
+        text = f"{head}{message.rstrip('.')}. Last good state: {values}."
+        if stop in (Stop.TOO_MANY_EVALUATIONS, Stop.NOT_FINITE):
             return text
         return (
             f"{text} Check what acts on that state there: a stiff contact, a force that jumps, or a parameter far from "
