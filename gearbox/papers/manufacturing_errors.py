@@ -21,12 +21,12 @@ from gearbox.papers.updating_success import GOOD, LOADS, RIG_SEED, SENSORS, chai
 from multibody.base.progress import Progress
 
 if TYPE_CHECKING:
-    from gearbox.rig.rig import RigRecording
+    from gearbox.rig.rig import GearRig, RigRecording
     from gearbox.signals.recordings import Recording
     from gearbox.updating.chain import UpdatingChain
     from gearbox.updating.virtual import Run
 
-__all__ = ["mending_chapter"]
+__all__ = ["WAYS", "RigWithErrors", "Way", "mending_chapter"]
 
 Array = NDArray[np.float64]
 
@@ -206,11 +206,59 @@ class _Fit:
         return found.x, 2.0 * float(found.cost) / (lines + rises), asked
 
 
-def _update(way: Way, chain: UpdatingChain, means: Sequence[float]) -> Update:
-    fit = _Fit(way=way, chain=chain, means=means)
-    x, left, runs = fit.run()
-    values = fit.values(x)
-    return Update(values=values, left=left, similarity=similarities(chain, values), runs=runs)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RigWithErrors:
+    """Recordings of a rig with errors of manufacturing and encoders, and ways of updating the model by them.
+
+    Parameters
+    ----------
+    rig : GearRig
+    used, held_out : tuple of Recording
+        Those that may be fitted to, the paper's load first, and conditions 1 to 3.
+    progress : callable
+    store : Path, optional
+        Keeps the simulations.
+    """
+
+    rig: GearRig
+    used: tuple[Recording, ...]
+    held_out: tuple[Recording, ...]
+    progress: Progress
+    store: Path | None
+
+    @classmethod
+    def of(cls, housing: str, progress: Progress, store: Path | None = None) -> RigWithErrors:
+        """Record the rig with a housing."""
+        from gearbox.rig.rig import CONDITIONS, GearRig, record
+
+        rig = GearRig(seed=RIG_SEED, manufacturing=1.0, housing=housing, conditions=(*CONDITIONS, *MORE), encoders=True)
+        runs, _ = record(rig, progress=lambda text: progress(f"rig with {housing} housing and encoders: {text}"))
+        used, held_out = (tuple(_with_encoders(r) for r in runs if r.identify is wanted) for wanted in (True, False))
+        return cls(rig=rig, used=used, held_out=held_out, progress=progress, store=store)
+
+    def chain(self, way: Way) -> tuple[UpdatingChain, list[float]]:
+        """Return the updating chain for a way of updating, and the mean transmission error of each recording used."""
+        used = [*self.used[: way.loads], *(self.used[LOADS:] if way.more else ())]
+        chain = chain_on_rig(
+            self.rig.housing,
+            [*used, *self.held_out],
+            self.progress,
+            self.store,
+            used=len(used),
+            model=errors_vibration,
+            orders=way.orders,
+            sensors=(*SENSORS, ENCODERS) if way.encoders else SENSORS,
+        )
+        return chain, [float(r.signals[ENCODERS].values.mean()) for r in used]
+
+    def update(self, way: Way) -> Update:
+        """Update the model in a way."""
+        chain, means = self.chain(way)
+        with chain.runs:
+            fit = _Fit(way=way, chain=chain, means=means)
+            x, left, runs = fit.run()
+            values = fit.values(x)
+            return Update(values=values, left=left, similarity=similarities(chain, values), runs=runs)
 
 
 def similarities(chain: UpdatingChain, values: Mapping[str, float]) -> tuple[float, ...]:
@@ -232,36 +280,14 @@ def mending_chapter(
     store : callable
         Gives a file for the simulations of a housing, or None.
     """
-    from gearbox.rig.rig import CONDITIONS, GearRig, record
-
-    kept = store(f"{housing}-errors")
-    rig = GearRig(seed=RIG_SEED, manufacturing=1.0, housing=housing, conditions=(*CONDITIONS, *MORE), encoders=True)
-    runs, faults = record(rig, progress=lambda text: progress(f"rig with {housing} housing and encoders: {text}"))
-    recordings = {run.name: _with_encoders(run) for run in runs}
-    held_out = [recordings[run.name] for run in runs if not run.identify]
-
-    def chain_of(way: Way) -> tuple[UpdatingChain, list[float]]:
-        names = [run.name for run in runs if run.identify]
-        used = [recordings[n] for n in (*names[: way.loads], *(names[LOADS:] if way.more else ()))]
-        sensors = (*SENSORS, ENCODERS) if way.encoders else SENSORS
-        chain = chain_on_rig(
-            housing,
-            [*used, *held_out],
-            progress,
-            kept,
-            used=len(used),
-            model=errors_vibration,
-            orders=way.orders,
-            sensors=sensors,
-        )
-        return chain, [float(r.signals[ENCODERS].values.mean()) for r in used]
-
+    made = RigWithErrors.of(housing, progress, store(f"{housing}-errors"))
+    rig = made.rig
     repeating: dict[str, float] = {}
-    for fault in faults:
+    for fault in rig.faults_of(()):
         for name, value in fault.values().items():
             if name in ERRORS:
                 repeating[name] = repeating.get(name, 0.0) + value
-    chain, _ = chain_of(WAYS[0])
+    chain, _ = made.chain(WAYS[0])
     own = {**chain.settings.start, **rig.true_values()}
     with chain.runs:
         given = {
@@ -279,9 +305,7 @@ def mending_chapter(
     updates: dict[str, Update] = {}
     for way in WAYS:
         progress(f"{housing} housing, {way.what}")
-        chain, means = chain_of(way)
-        with chain.runs:
-            updates[way.what] = update = _update(way, chain, means)
+        updates[way.what] = update = made.update(way)
         apart = ", ".join(
             f"{n} {100 * (update.values[n] - rig.true_values()[n]) / (high - low):+.0f} %"
             for n, (low, high) in CONTACT.items()
@@ -349,7 +373,7 @@ def _verdict(updates: Mapping[str, Update], given: Mapping[str, Sequence[float]]
     )
     return (
         f"{reach} The furthest below its bound is {short(own[0]):.3f} before updating; {short(own[1]):.3f} with the "
-        f"rig's own contact parameters, so that no update of these three can be asked for much more; "
+        f"rig's own K, C_D and e_F; "
         f"{short(contact[best].similarity):.3f} at the best of {len(contact)} updates of these three (“{best}”); and "
         f"{short(others[top].similarity):.3f} where the errors are parameters as well (“{top}”). With all errors that "
         f"every tooth repeats, as they are in the rig, it is {short(own[2]):.3f}."

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from discrepancy.validation.published import PaperChapter, PaperRow, claimed, counted
-from discrepancy.validation.source_hash import source_hash
 from gearbox.papers.printed import PAPER
 from multibody.base.progress import Progress
 
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from gearbox.signals.recordings import Recording
     from gearbox.updating.chain import UpdatingChain
     from gearbox.updating.identifiability import Identifiability
+    from gearbox.updating.virtual import Run
 
 __all__ = [
     "Success",
@@ -34,7 +37,7 @@ RIG_SEED = 1
 #: Designs from which the chain is judged: seeds of Latin hypercube and fireflies.
 DESIGNS = range(10)
 #: Rigs of other parameters and other errors, from one design each.
-OTHER_RIGS = range(2, 7)
+OTHER_RIGS = range(2, 5)
 #: One design of 45 points, the paper's choice, and fewer points to judge it by.
 ONE_DESIGN: dict[str, Any] = {"points": (45,), "test": 10, "levels": 5, "identify": False}
 #: Compared by amplitudes and phases.
@@ -49,14 +52,14 @@ _OBJECTIVES: dict[str, dict[str, Any]] = {
     "amplitudes": {"used": LOADS, "objective": "amplitudes", "sensors": SENSORS},
 }
 #: Designs for objectives that are not the paper's: they cost as much, or three times as much.
-FEWER = range(5)
+FEWER = range(3)
 #: What is tried: name, whether the truth lies inside the model, objective, designs, and whether on other rigs as well.
 CASES = (
     ("truth inside the model, Eq. 8", True, "similarity", DESIGNS, True),
     ("truth inside the model, Eq. 7", True, "difference", FEWER, False),
     ("errors of manufacturing, Eq. 8", False, "similarity", DESIGNS, True),
     ("errors of manufacturing, Eq. 7", False, "difference", FEWER, False),
-    ("errors of manufacturing, amplitudes and phases over three loads", False, "amplitudes", FEWER, True),
+    ("errors of manufacturing, amplitudes and phases over three loads", False, "amplitudes", FEWER, False),
 )
 GOOD = 0.7  # "all values are greater than 0.7" (section 4.5)
 
@@ -108,9 +111,9 @@ def chain_on_rig(
     start = {name: value for name, value, *_ in PARAMETERS}
     settings = UpdatingSettings(space=space, start=start, sensor=SENSOR[housing], driving_teeth=32, **changes)
     model = model or rig_vibration
-    # Simulations of other sources are not used again.
-    code = source_hash("gearbox.stage.stage", data=("gearbox/files/data",))
-    source = ModelSource(model, housing, f"papers, {housing}, {model.__name__}, {code}")
+    source = ModelSource(model, housing, f"papers, {housing}, {model.__name__}")
+    if store is not None:
+        drop_if_outdated(store, model, housing)
     runs = Runs(
         source,
         Settings(driving_teeth=32),
@@ -119,6 +122,43 @@ def chain_on_rig(
         progress=progress,
     )
     return UpdatingChain(settings, runs, recordings[:used], recordings[used:], progress=progress)
+
+
+_CHECKED: set[tuple[str, str, str]] = set()
+#: Kept simulations that are repeated, and the relative difference that rounding explains.
+REPEATED, SAME = 3, 1e-6
+
+
+def drop_if_outdated(store: Path, model: Callable[[str], Any], housing: str) -> bool:
+    """Delete kept simulations if some of them, repeated now, come out otherwise; returns whether they were deleted.
+
+    Once for each file and model in a process.
+    """
+    from gearbox.updating.virtual import Run, Settings, run_model
+
+    done = (str(store), model.__name__, housing)
+    if done in _CHECKED or not store.is_file():
+        _CHECKED.add(done)
+        return False
+    _CHECKED.add(done)
+    lines = [line for line in store.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
+    vibration = model(housing)
+    for line in {lines[int(k)] for k in np.linspace(0, len(lines) - 1, REPEATED)} if lines else ():
+        kept = Run.from_dict(json.loads(line))
+        now = run_model(vibration, kept.values, kept.condition, Settings(driving_teeth=32))
+        if not _same(kept, now):
+            store.unlink()
+            return True
+    return False
+
+
+def _same(kept: Run, now: Run) -> bool:
+    if kept.failed or now.failed or set(kept.amplitudes) - set(now.amplitudes):
+        return kept.failed == now.failed
+    for sensor, lines in kept.amplitudes.items():
+        if np.abs(lines - now.amplitudes[sensor]).max() > SAME * max(float(np.abs(lines).max()), 1e-300):
+            return False
+    return True
 
 
 def rig_vibration(housing: str) -> Any:

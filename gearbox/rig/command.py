@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
-from typing import TYPE_CHECKING
 
 from discrepancy.rigs.recording import BenchError
 from gearbox.rig.accelerometers import make_gear
@@ -14,9 +12,6 @@ from gearbox.rig.hidden import KINDS
 from gearbox.rig.rig import GearRig
 from gearbox.stage.faults import FAULTS, HEALTHY
 from multibody.base.progress import ProgressLine
-
-if TYPE_CHECKING:
-    from gearbox.stage.stage import GearStage
 
 __all__ = ["listing", "main"]
 
@@ -101,6 +96,12 @@ def main(arguments: list[str]) -> int:
     labelled.add_argument(
         "--repeats", metavar="N", type=int, default=plan.repeats, help="recordings of each (default 1)"
     )
+    labelled.add_argument(
+        "--rig",
+        metavar="SEED",
+        type=int,
+        help="seed of the rig that is recorded, with --manufacturing for its errors (default: the paper's stage)",
+    )
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     given = parser.parse_args(arguments)
@@ -134,8 +135,8 @@ def main(arguments: list[str]) -> int:
 
 def _labelled(given: argparse.Namespace) -> int:
     """Write a labelled data set."""
-    if given.hide or given.encoders or given.manufacturing:
-        raise BenchError(["--faults writes a labelled data set: leave out --hide, --encoders and --manufacturing"])
+    if given.hide or given.encoders:
+        raise BenchError(["--faults writes a labelled data set: leave out --hide and --encoders"])
     named = tuple(FAULTS) if given.faults == ["all"] else tuple(given.faults)
     plan = DatasetPlan(
         labels=(HEALTHY, *(label for label in dict.fromkeys(named) if label != HEALTHY)),
@@ -145,18 +146,14 @@ def _labelled(given: argparse.Namespace) -> int:
         repeats=given.repeats,
         noise=given.noise,
         seed=given.seed,
+        rig=given.rig,
+        manufacturing=given.manufacturing,
+        housing=given.housing,
     )
     with ProgressLine(given.quiet) as progress:
         progress("preparing the stage")
-        labels = write_dataset(given.out, plan, make=partial(_imperfect_stage, given.housing), progress=progress)
+        labels = write_dataset(given.out, plan, progress=progress)
     if not given.quiet:
         print(f"{len(labels)} synthetic recordings of {labels['label'].nunique()} labels are in {given.out}")
         print("labels.csv says what each of them is")
     return 0
-
-
-def _imperfect_stage(housing: str) -> GearStage:
-    """Return the paper's stage in a housing, with all imperfections of severity zero."""
-    from gearbox.stage.stage import GearStage
-
-    return GearStage.paper(housing=housing, imperfect=True, bearing_defects=True)

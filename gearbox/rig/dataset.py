@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -37,6 +37,10 @@ SIGNALS = (
 )
 
 
+#: Parameters by full name.
+Values = tuple[tuple[str, float], ...]
+
+
 @dataclass(frozen=True, kw_only=True)
 class DatasetPlan:
     """What a data set holds: every label at every severity, speed and load, several times.
@@ -57,6 +61,14 @@ class DatasetPlan:
         Standard deviation of white noise on the accelerations.
     seed : int
     format : {"parquet", "csv.gz"}
+    parameters : mapping of str to float
+        Of the stage, where they differ from the paper's: ``K``, ``C_D``, ``e_F`` or full names, SI.
+    rig : int, optional
+        Seed of a virtual rig (`gearbox.rig.rig.GearRig`) whose contact parameters the stage has, unless ``parameters``
+        give others.
+    manufacturing : float
+        Factor on the usual errors of manufacturing and assembly of that rig.
+    housing : {"flexible", "rigid", "clamped"}
 
     Raises
     ------
@@ -74,6 +86,10 @@ class DatasetPlan:
     noise: float = 0.05
     seed: int = 0
     format: str = "parquet"
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    rig: int | None = None
+    manufacturing: float = 0.0
+    housing: str = "flexible"
 
     def __post_init__(self) -> None:
         faults = []
@@ -98,6 +114,14 @@ class DatasetPlan:
             faults.append(f"repeats is {self.repeats}: give at least 1")
         if not self.noise >= 0.0:
             faults.append(f"noise is {self.noise:g} m/s**2: give zero or more")
+        if self.manufacturing and self.rig is None:
+            faults.append("errors of manufacturing are drawn for a rig: give its seed as rig, or leave them out")
+        if not (np.isfinite(self.manufacturing) and self.manufacturing >= 0.0):
+            faults.append(f"manufacturing is {self.manufacturing}: give a number of zero or more")
+        if self.rig is not None and (isinstance(self.rig, bool) or not isinstance(self.rig, int) or self.rig < 0):
+            faults.append(f"rig is {self.rig!r}: give a seed, a whole number of zero or more")
+        if self.housing not in ("flexible", "rigid", "clamped"):
+            faults.append(f"housing is '{self.housing}': take flexible, rigid or clamped")
         if self.format not in ("parquet", "csv.gz"):
             faults.append(f"format is '{self.format}': take 'parquet' or 'csv.gz'")
         if faults:
@@ -164,14 +188,18 @@ class Sample:
         }
 
 
-def record(stage: GearStage, sample: Sample, plan: DatasetPlan) -> pandas.DataFrame:
-    """Return one recording, columns ``name [unit]``."""
+def record(
+    stage: GearStage, sample: Sample, plan: DatasetPlan, given: Mapping[str, float] | None = None
+) -> pandas.DataFrame:
+    """Return one recording, columns ``name [unit]``; ``given`` are the stage's parameters without the fault."""
     import pandas
 
-    values: dict[str, float] = {}
+    values = dict(given or {})
     if sample.label != HEALTHY:
         one = fault(sample.label, sample.where, sample.severity, tooth=sample.tooth, phase=sample.phase)
-        values = combined([one])
+        for name, value in combined([one]).items():
+            # A fault comes on top of an error of the same kind; where it is and which tooth it is are its own.
+            values[name] = values.get(name, 0.0) + value if name in one.sizes() else value
     run = stage.simulate(
         sample.speed, sample.torque, plan.duration, rate=plan.rate, parameters=values, angle=sample.start_angle
     )
@@ -185,13 +213,27 @@ def record(stage: GearStage, sample: Sample, plan: DatasetPlan) -> pandas.DataFr
 
 
 @lru_cache(maxsize=2)
-def _stage_of(make: Callable[[], GearStage]) -> GearStage:
-    return damageable(make())
+def _stage_of(make: Callable[[], GearStage] | None, rig: tuple[int | None, float, str]) -> tuple[GearStage, Values]:
+    """Return the stage and its parameters that differ from the paper's."""
+    seed, manufacturing, housing = rig
+    if make is not None:
+        return damageable(make()), ()
+    if seed is None:
+        return paper_stage(housing), ()
+    from gearbox.rig.rig import GearRig, true_stage
+
+    errors = GearRig(seed=seed, manufacturing=manufacturing, housing=housing)
+    stage, values = true_stage(errors, errors.faults_of(()))
+    tables = stage.components["mesh"].tables
+    whole = damageable(stage)
+    whole.components["mesh"].tables.update(tables)
+    return whole, tuple(values.items())
 
 
-def _write_one(make: Callable[[], GearStage], sample: Sample, plan: DatasetPlan, folder: Path) -> str:
+def _write_one(make: Callable[[], GearStage] | None, sample: Sample, plan: DatasetPlan, folder: Path) -> str:
     path = folder / "signals" / f"{sample.name}.{plan.format}"
-    frame = record(_stage_of(make), sample, plan)
+    stage, given = _stage_of(make, (plan.rig, plan.manufacturing, plan.housing))
+    frame = record(stage, sample, plan, {**dict(given), **stage.values(**plan.parameters)})
     draft = path.with_name(path.name + ".part")
     if plan.format == "parquet":
         frame.to_parquet(draft, index=False)
@@ -201,18 +243,18 @@ def _write_one(make: Callable[[], GearStage], sample: Sample, plan: DatasetPlan,
     return sample.name
 
 
-def paper_stage() -> GearStage:
+def paper_stage(housing: str = "flexible") -> GearStage:
     """Return the paper's stage with all imperfections of severity zero."""
     from gearbox.stage.stage import GearStage
 
-    return GearStage.paper(imperfect=True, bearing_defects=True)
+    return GearStage.paper(housing=housing, imperfect=True, bearing_defects=True)
 
 
 def write_dataset(
     folder: str | Path,
     plan: DatasetPlan | None = None,
     *,
-    make: Callable[[], GearStage] = paper_stage,
+    make: Callable[[], GearStage] | None = None,
     executor: Executor | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> pandas.DataFrame:
@@ -226,8 +268,9 @@ def write_dataset(
     folder : path
         Made if it is not there.
     plan : DatasetPlan, optional
-    make : callable
-        Returns the stage; at the top of a module, so that worker processes can call it.
+    make : callable, optional
+        Returns a stage of your own, in the place of the plan's rig and housing; at the top of a module, so that worker
+        processes can call it.
     executor : Executor, optional
         Where recordings are made; default: here, one after the other.
     progress : callable, optional
@@ -242,9 +285,7 @@ def write_dataset(
 
     plan = plan if plan is not None else DatasetPlan()
     folder = Path(folder)
-    content = json.loads(
-        json.dumps({k: list(v) if isinstance(v, tuple | list) else v for k, v in dataclasses.asdict(plan).items()})
-    )
+    content = json.loads(json.dumps(dataclasses.asdict(plan), default=dict))
     plan_file = folder / "plan.json"
     if plan_file.exists() and json.loads(plan_file.read_text(encoding="utf-8")) != content:
         raise GearError(f"the folder '{folder}'", ["it holds a data set of another plan: take an empty folder"])
@@ -264,7 +305,11 @@ def write_dataset(
 
 
 def _made(
-    executor: Executor | None, make: Callable[[], GearStage], samples: Sequence[Sample], plan: DatasetPlan, folder: Path
+    executor: Executor | None,
+    make: Callable[[], GearStage] | None,
+    samples: Sequence[Sample],
+    plan: DatasetPlan,
+    folder: Path,
 ) -> Iterable[str]:
     if executor is None:
         return (_write_one(make, s, plan, folder) for s in samples)

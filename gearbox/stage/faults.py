@@ -280,9 +280,13 @@ class Fault:
         number = {"input_gear": "1", "output_gear": "2"}.get(self.where, "")
         return pattern.format(n=number, where=self.where)
 
+    def sizes(self) -> dict[str, float]:
+        """Return the model parameters that grow with the severity, by full name, SI."""
+        return {self._named(p): self.severity * self.kind.size for p in self.kind.parameters}
+
     def values(self) -> dict[str, float]:
         """Return the model parameters that bring it about, by full name, SI."""
-        values = {self._named(p): self.severity * self.kind.size for p in self.kind.parameters}
+        values = self.sizes()
         if self.kind.tooth:
             values[self._named(self.kind.tooth)] = float(self.tooth)
         if self.kind.phase:

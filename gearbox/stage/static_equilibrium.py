@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -121,7 +121,39 @@ def static_state(
     values = system.parameter_vector(dict(parameters or {}))
     turn = sign * 5e-6 / p["mesh.base_2"]
     state = _touching(system, state, u, values, "output_shaft", free=torque / p["output_shaft.J"], step=float(turn))
-    return _balanced(system, state, u, values, lambda name: name.startswith(("drive.", "energy.")))
+    try:
+        return _balanced(system, state, u, values, _held)
+    except SimulationError:
+        play = [system.index("parameter", n) for n in p if n.endswith(".clearance") and p[n] > 0.0]
+        if not play:
+            raise
+        return _with_growing_play(system, state, u, values, play)
+
+
+def _held(name: str) -> bool:
+    return name.startswith(("drive.", "energy."))
+
+
+def _with_growing_play(system: System, state: Array, u: Array, p: Array, play: Sequence[int], steps: int = 8) -> Array:
+    """Return the state at rest, found without play in the bearings first, which then grows.
+
+    Bearings with unequal play tilt their shaft, and at a light load Newton's method does not find the tilt from afar.
+
+    Parameters
+    ----------
+    system : System
+    state, u, p : ndarray
+        Guess, inputs, parameters.
+    play : sequence of int
+        Where the clearances stand among the parameters.
+    steps : int
+    """
+    whole = p[play].copy()
+    for k in range(steps + 1):
+        p = p.copy()
+        p[play] = whole * k / steps
+        state = _balanced(system, state, u, p, _held)
+    return state
 
 
 def _turned(stage: GearModel, system: System, angle: float) -> dict[int, float]:

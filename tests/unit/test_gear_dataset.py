@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 from gearbox.files.errors import GearError
 from gearbox.rig import dataset
 from gearbox.rig.dataset import DatasetPlan, write_dataset
+from gearbox.rig.rig import GearRig
 from gearbox.stage.faults import FAULTS, combined, damageable, fault
 from gearbox.stage.stage import GearStage
 
@@ -113,6 +116,8 @@ def test_csv_files_can_be_read_as_records(
         ({"speeds": ()}, "speeds is empty"),
         ({"format": "hdf"}, "take 'parquet'"),
         ({"rate": -1.0, "repeats": 0}, "repeats is 0"),
+        ({"manufacturing": 1.0}, "give its seed as rig"),
+        ({"rig": -1, "housing": "soft"}, "housing is 'soft'"),
     ],
 )
 def test_plans_that_make_no_sense_are_refused(changes: dict[str, object], told: str) -> None:
@@ -129,6 +134,26 @@ def test_faults_can_be_combined_unless_they_clash() -> None:
     with pytest.raises(GearError, match="at once"):
         combined([fault("spall", "input_gear", tooth=1), fault("tooth_crack", "input_gear", tooth=2)])
     assert dataset.paper_stage().structure.imperfect
+
+
+def test_a_rig_has_its_own_contact_and_errors_and_a_fault_comes_on_top(
+    tmp_path: Path, quick: list[dict[str, float]]
+) -> None:
+    plan = dataclasses.replace(
+        SMALL, labels=("healthy", "misalignment"), repeats=1, rig=3, manufacturing=1.0, housing="clamped",
+        parameters={"e_F": 2.1},
+    )  # fmt: skip
+    write_dataset(tmp_path / "data", plan)
+    sound, damaged = quick[0], quick[-1]
+    true = GearRig(seed=3).true_values()
+    assert sound["mesh.K"] == pytest.approx(true["K"])
+    assert sound["mesh.e"] == 2.1  # given, in the place of the rig's
+    assert sound["mesh.misalignment"] > 0.0
+    added = 0.5 * FAULTS["misalignment"].size
+    assert damaged["mesh.misalignment"] == pytest.approx(sound["mesh.misalignment"] + added)
+    assert {n for n in sound if sound[n] != damaged[n]} == {"mesh.misalignment"}
+    again = json.loads((tmp_path / "data" / "plan.json").read_text(encoding="utf-8"))
+    assert (again["rig"], again["manufacturing"], again["parameters"]) == (3, 1.0, {"e_F": 2.1})
 
 
 def test_recordings_are_those_of_the_damaged_stage(tmp_path: Path) -> None:

@@ -61,13 +61,30 @@ def test_the_chapter_counts_what_the_chains_did(stand_in_chain) -> None:
     assert rose.ours.startswith("1 of 1")
     assert rose.verdict == UNCHECKED  # the paper has one design
     assert rows["errors of manufacturing, Eq. 7: parameters used"].verdict == UNCHECKED
-    others = "errors of manufacturing, amplitudes and phases over three loads, rigs 2 to 3: optimum of the surface, "
+    others = "errors of manufacturing, Eq. 8, rigs 2 to 3: optimum of the surface, "
     assert "of 2 (" in rows[others + "simulated, above the start"].ours
     lost = [r for r in chapter.rows if r.what.startswith("directions of K, C_D, e_F")]
     assert len(lost) == 4
     # two lines of one sensor, less a lag and a gain, cannot fix three parameters; amplitudes over loads tell more
     assert lost[0].ours != "none"
     assert lost[1].ours.count(";") <= lost[0].ours.count(";")
+
+
+def test_kept_simulations_of_another_model_are_dropped(tmp_path) -> None:
+    store = tmp_path / "runs.jsonl"
+    with Runs(stand_in, Settings(driving_teeth=32), store=store) as runs:
+        runs.many([({**START, "K": k}, OperatingCondition(1000.0, 150.0)) for k in (5e5, 7e5)])
+
+    def as_it_was(housing: str):
+        return stand_in
+
+    def changed(housing: str):
+        return lambda values, *rest: stand_in({**values, "K": 1.01 * values["K"]}, *rest)
+
+    assert not papers_chain.drop_if_outdated(store, as_it_was, "rigid")
+    assert store.exists()
+    assert papers_chain.drop_if_outdated(store, changed, "rigid")
+    assert not store.exists()
 
 
 def test_success_is_counted_against_start_and_limit() -> None:

@@ -18,7 +18,7 @@ def main(arguments: Sequence[str]) -> int:
         prog="vtsdt validate papers",
         description="Reproduce the papers' tables and figures and compare them with the printed ones.",
     )
-    parser.add_argument("--only", choices=tuple(CHAPTERS), help="one paper alone")
+    parser.add_argument("--only", choices=tuple(CHAPTERS), help="one page alone")
     parser.add_argument(
         "--docs", metavar="DIR", help="also write a page for each paper and its figures into a docs folder"
     )

@@ -23,7 +23,17 @@ from multibody.base.progress import Progress, silent
 __all__ = ["CHAPTERS", "Stamp", "count", "is_as_written", "summary", "to_json", "validate", "write", "write_docs_page"]
 
 #: Modules with the chapters of each machine, imported when needed: ``chapters(progress)`` yields them.
-CHAPTERS = {"lift": "vtsdt.papers.lift", "gearbox": "gearbox.papers.gearbox"}
+CHAPTERS = {
+    "lift": "vtsdt.papers.lift",
+    "lift-vibration": "vtsdt.papers.vibration",
+    "gearbox": "gearbox.papers.gearbox",
+}
+#: Title of the page of each.
+TITLES = {
+    "lift": "The lift paper: published results, and the results of this project",
+    "lift-vibration": "The lift paper's vibration: reproduced, searched for and explained",
+    "gearbox": "The gearbox paper: published results, and the results of this project",
+}
 #: Machines whose chapters take a folder as well, in which they keep their simulations.
 KEEPING = ("gearbox",)
 _SEAL = "Digest of this page: "
@@ -53,7 +63,7 @@ class Stamp:
 def code_of(machine: str) -> str:
     """Return the hash of the sources that the chapters of a machine depend on; others may change as they like."""
     name = CHAPTERS[machine]
-    return source_hash(name, "vtsdt.papers.validation", data=(f"{name.partition('.')[0]}/files/data",))
+    return source_hash(name, data=(f"{name.partition('.')[0]}/files/data",))
 
 
 def validate(
@@ -65,8 +75,8 @@ def validate(
     ----------
     progress : callable, optional
         Called with a line of text for each step.
-    only : {"lift", "gearbox"}, optional
-        One paper alone.
+    only : {"lift", "lift-vibration", "gearbox"}, optional
+        One page alone.
     folder : Path, optional
         Keeps the simulations, so that an interrupted run continues.
     """
@@ -109,12 +119,17 @@ _KINDS_EXPLAINED = (
 )
 
 
-def to_markdown(chapters: Sequence[PaperChapter], images: str = "", stamp: Stamp | None = None) -> str:
+def to_markdown(
+    chapters: Sequence[PaperChapter],
+    images: str = "",
+    stamp: Stamp | None = None,
+    title: str = "Published results, and the results of this project",
+) -> str:
     """Return the validation as a page; ``images`` is the folder of the figures as the page sees it."""
     stamp = stamp or Stamp.now()
     total = count(chapters)
     lines = [
-        "# Published results, and the results of this project",
+        f"# {title}",
         "",
         f"Written on {stamp.date} by `vtsdt validate papers`, code {stamp.code}; do not edit: `pytest tests/papers` "
         "finds it, and asserts these verdicts.",
@@ -241,5 +256,5 @@ def write_docs_page(docs: Path, machine: str, chapters: Sequence[PaperChapter]) 
     for chapter in chapters:
         for name, figure in chapter.figures.items():
             figure.savefig(folder / f"{name}.png", dpi=90, metadata={"Software": None})
-    text = to_markdown(chapters, "../images/papers/", Stamp.now((machine,)))
+    text = to_markdown(chapters, "../images/papers/", Stamp.now((machine,)), TITLES[machine])
     (docs / "method" / f"papers-{machine}.md").write_text(text, encoding="utf-8")

@@ -1,14 +1,14 @@
-"""What the virtual lift has and no model under test: the loss torque of its gear, and a disturbing force."""
+"""What the virtual lift has and no model under test: loss torque of its gear, rough rails, a disturbing force."""
 
 from __future__ import annotations
 
 import math
 
 from multibody.declare.component import Component
-from multibody.declare.declarations import Output, Parameter, Power, Rotation
+from multibody.declare.declarations import Output, Parameter, Power, Rotation, Translation
 from multibody.machine.model import Model
 
-__all__ = ["GearLoss", "with_disturbance", "with_gear_loss"]
+__all__ = ["GearLoss", "RailJoints", "RailWave", "with_disturbance", "with_gear_loss"]
 
 
 class GearLoss(Component):
@@ -36,6 +36,33 @@ class GearLoss(Component):
         self.axis.torque = self.torque
         self.support.torque = -self.torque
         self.loss = -self.torque * speed
+
+
+class RailWave(Component):
+    """A wave of a rough rail: force = -level cos(2π z/length + phase)."""
+
+    level = Parameter(0.0, "N", "amplitude of the force")
+    length = Parameter(0.08, "m", "wavelength along the rail", min=1e-4)
+    phase = Parameter(0.0, "rad", "phase at height zero")
+    axis = Translation("vertical motion of the cabin")
+
+    def equations(self):
+        self.axis.force = -self.level * math.cos(2.0 * math.pi * self.axis.position / self.length + self.phase)
+
+
+class RailJoints(Component):
+    """Joints of a rail, one every ``pitch``: each resists over its width like exp(-s²/2)."""
+
+    level = Parameter(0.0, "N", "largest force of a joint")
+    pitch = Parameter(0.4, "m", "distance of the joints", min=1e-3)
+    first = Parameter(0.1, "m", "height of one of them")
+    width = Parameter(0.02, "m", "half width", min=1e-4)
+    axis = Translation("vertical motion of the cabin")
+
+    def equations(self):
+        angle = math.pi * (self.axis.position - self.first) / self.pitch
+        s = math.sin(angle) * self.pitch / (math.pi * self.width)
+        self.axis.force = -self.level * math.exp(-0.5 * s * s)
 
 
 def with_disturbance(model: Model) -> Model:
