@@ -57,6 +57,7 @@ def content(conclusion: Conclusion, evidence: Evidence) -> Entry:
         "sentence": conclusion.sentence,
         "judged_on": PART_WORDS[conclusion.judged_on],
         "held_out": conclusion.judged_on == "validate",
+        "summary": _summary(conclusion, outputs),
         "compared": _compared(conclusion),
         "outputs": _outputs(conclusion),
         "table": _table(conclusion, evidence, outputs),
@@ -77,6 +78,49 @@ def content(conclusion: Conclusion, evidence: Evidence) -> Entry:
         "warnings": list(conclusion.warnings),
         "how": how(conclusion),
     }
+
+
+def _summary(conclusion: Conclusion, outputs: list[str]) -> Entry:
+    """Return what the first screen shows: how sure the answer is, the error before and after, and what to do."""
+    accepted, part = conclusion.accepted, conclusion.judged_on
+    sure = []
+    for a in accepted:
+        title = f"{kind_text(a.effect.kind).title} at {a.effect.where}"
+        words = _evidence(conclusion, a) or f"{_sentence(chance_words(a.p_value))}, over all effects that were tested."
+        sure.append(f"{_sentence(title)}: {words[0].lower()}{words[1:]}" if len(accepted) > 1 else words)
+        tied = [title_of_rival(r) for r in a.rivals if r.indistinguishable]
+        if tied:
+            sure.append(f"These records cannot distinguish it from: {'; '.join(tied)}.")
+    old, new = conclusion.baseline.rmse(part), conclusion.final.rmse(part)
+    bars = []
+    for output in outputs[:6]:
+        unit = conclusion.final.system.unit(output)
+        ratio = new[output] / old[output] if old[output] > 0.0 else 1.0
+        changed = conclusion.final is not conclusion.baseline
+        bars.append(
+            {
+                "output": output,
+                "before": quantity_text(old[output], unit),
+                "after": quantity_text(new[output], unit) if changed else "",
+                "width": f"{100.0 * min(1.0, ratio):.0f}",
+                "change": f"{100.0 * (ratio - 1.0):+.0f} %".replace("-", "−"),
+                "worse": ratio > 1.0,
+            }
+        )
+    todo = [f"{_sentence(kind_text(a.effect.kind).title)}: {kind_text(a.effect.kind).confirm}" for a in accepted]
+    if conclusion.verdict == "unknown effect":
+        todo.append(_UNKNOWN.confirm)
+    todo += list(conclusion.next_measurement)[:2]
+    if not todo and conclusion.verdict:
+        todo.append("Nothing: the model explains these records as well as their sensors allow to tell.")
+    if not conclusion.verdict:
+        todo.append("Run vtsdt diagnose with the same study to find what the model lacks.")
+    return {"sure": sure, "bars": bars, "todo": todo}
+
+
+def _sentence(text: str) -> str:
+    """Return a text that begins with a capital letter."""
+    return text[:1].upper() + text[1:]
 
 
 def _compared(conclusion: Conclusion) -> str:

@@ -25,6 +25,7 @@ from discrepancy.drawing.figure_style import (
     wants_log,
     wrapped,
 )
+from discrepancy.drawing.zoom_data import zoom_figure
 from discrepancy.effects.kinds import kinds
 from discrepancy.questions.compare import Comparison, SignalComparison
 from multibody.base.quantity_text import readable_scale, unit_text
@@ -44,8 +45,10 @@ __all__ = [
     "spectra",
     "stage_title",
     "worst_outputs",
+    "zoomable",
 ]
 
+MOST_ZOOMABLE = 6  # outputs, so that the page stays below 3 MB
 PART_WORDS = {"identify": "records used for fitting", "validate": "records held out"}
 
 
@@ -157,6 +160,20 @@ def over_time(conclusion: Conclusion, evidence: Evidence, output: str) -> Figure
     handles |= {k: v for k, v in zip(*reversed(middle.get_legend_handles_labels()), strict=True) if k not in handles}
     _legend_below(figure, handles)
     return figure
+
+
+def zoomable(conclusion: Conclusion, evidence: Evidence) -> list[dict[str, Any]]:
+    """Return the data of the page's zoomable figures: measurement and model of the worst record, for each output."""
+    drawn = []
+    for output in worst_outputs(conclusion, MOST_ZOOMABLE):
+        first, last = _first_and_last(conclusion, evidence, output)
+        models = [(stage_title(conclusion.baseline), "before", first.model)]
+        if last is not first:
+            models.append((stage_title(conclusion.final), "after", last.model))
+        span = _zoom(first)
+        marks = [(float(first.time[span][0]), float(first.time[span][-1]))]
+        drawn.append(zoom_figure(first, models, marks=marks))
+    return drawn
 
 
 def _legend_below(figure: Figure, handles: Mapping[str, Artist]) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from discrepancy.conclusion.conclusion import Conclusion, Evidence, evidence_of
 from discrepancy.report import effect_figures, figures
@@ -87,7 +88,7 @@ def pictures(conclusion: Conclusion, evidence: Evidence) -> list[Picture]:
                 f"over_time_{k + 1}",
                 f"{output} ({figures.PART_WORDS[conclusion.judged_on]}): measurement and model over time, the "
                 "residual, and the worst stretch enlarged. Inside the grey band, the residual is only sensor noise.",
-                "where",
+                "",  # beside the page, which draws the same so that it can be zoomed
             )
         )
     place = _named_place(conclusion, evidence)
@@ -186,7 +187,16 @@ def render(conclusion: Conclusion, evidence: Evidence, drawn: list[Picture]) -> 
     by_section: dict[str, list[Picture]] = {}
     for picture in drawn:
         by_section.setdefault(picture.section, []).append(picture)
-    return environment.get_template("report.html").render(pictures=by_section, **content(conclusion, evidence))
+    return environment.get_template("report.html").render(
+        pictures=by_section,
+        zoomable=_in_script(figures.zoomable(conclusion, evidence)),
+        **content(conclusion, evidence),
+    )
+
+
+def _in_script(value: Any) -> str:
+    """Return a value as JSON that may stand inside a script of a page."""
+    return json.dumps(value).replace("<", "\\u003c")
 
 
 def write_report(conclusion: Conclusion, out: str | Path, evidence: Evidence | None = None) -> list[Path]:

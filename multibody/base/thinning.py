@@ -39,14 +39,17 @@ def extreme_rows(values: np.ndarray, most: int) -> np.ndarray:
     count = max(1, (most - 2) // 2)
     length = -(-n // count)  # the last stretch is the shorter one
     whole = n // length
-    stretches = values[: whole * length].reshape(whole, length)
+    if np.isnan(np.min(values)):
+        low, high = np.where(np.isnan(values), np.inf, values), np.where(np.isnan(values), -np.inf, values)
+    else:
+        low = high = values
     start = length * np.arange(whole)
-    low = np.argmin(np.where(np.isnan(stretches), np.inf, stretches), axis=1) + start
-    high = np.argmax(np.where(np.isnan(stretches), -np.inf, stretches), axis=1) + start
-    rows = [low, high, np.array([0, n - 1])]
-    tail = values[whole * length :]
-    if tail.size:
-        at = whole * length
-        rows.append(np.array([at + np.argmin(np.where(np.isnan(tail), np.inf, tail))]))
-        rows.append(np.array([at + np.argmax(np.where(np.isnan(tail), -np.inf, tail))]))
+    rows = [
+        np.argmin(low[: whole * length].reshape(whole, length), axis=1) + start,
+        np.argmax(high[: whole * length].reshape(whole, length), axis=1) + start,
+        np.array([0, n - 1]),
+    ]
+    if whole * length < n:
+        tail = slice(whole * length, n)
+        rows.append(whole * length + np.array([np.argmin(low[tail]), np.argmax(high[tail])]))
     return np.unique(np.concatenate(rows))

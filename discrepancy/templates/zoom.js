@@ -1,0 +1,184 @@
+/* Zoomable figures of measurement and model over time; the horizontal axes of one group are linked.
+   A figure is {title, x, measured, models: [{name, style, y}], noise, label, marks: [[from, to]]}, with its numbers as
+   base64 of little-endian 32-bit floats.  Needs uPlot. */
+window.vtsdtZoom = (function () {
+  "use strict";
+  const STYLE = {
+    measured: { stroke: "#000000", width: 2 },
+    before: { stroke: "#D55E00", width: 1.2, dash: [6, 3] },
+    after: { stroke: "#0072B2", width: 1.2 },
+    predicted: { stroke: "#009E73", width: 1.4, dash: [2, 2] },
+  };
+
+  function numbers(text) {
+    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    return Array.from(new Float32Array(bytes.buffer), (v) => (Number.isNaN(v) ? null : v));
+  }
+
+  function bands(figure, noise) {
+    return {
+      hooks: {
+        drawClear: (u) => {
+          const { ctx, bbox } = u;
+          ctx.save();
+          ctx.beginPath();
+          ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+          ctx.clip();
+          for (const [from, to] of figure.marks || []) {
+            const a = u.valToPos(from, "x", true), b = u.valToPos(to, "x", true);
+            ctx.fillStyle = "rgba(240, 228, 66, 0.35)";
+            ctx.fillRect(a, bbox.top, b - a, bbox.height);
+          }
+          if (noise) {
+            const a = u.valToPos(2 * noise, "y", true), b = u.valToPos(-2 * noise, "y", true);
+            ctx.fillStyle = "rgba(160, 160, 160, 0.35)";
+            ctx.fillRect(bbox.left, a, bbox.width, b - a);
+          }
+          ctx.restore();
+        },
+      },
+    };
+  }
+
+  /* Draws figures into an element.  options.onZoom(from, to) is called when the visible stretch was changed by hand,
+     options.onMark(figure, mark) when a marked stretch is clicked.  Returns {show(from, to), update(figures)}. */
+  function draw(element, figures, options) {
+    options = options || {};
+    const plots = [];
+    let whole = null, shown = null, busy = false;
+
+    function show(from, to, byHand) {
+      if (busy || !(to > from)) return;
+      busy = true;
+      shown = [from, to];
+      for (const p of plots) p.plot.setScale("x", { min: from, max: to });
+      busy = false;
+      if (byHand && options.onZoom) options.onZoom(from, to);
+    }
+
+    function zoom(factor, centre) {
+      const [a, b] = shown, c = centre === undefined ? 0.5 * (a + b) : centre;
+      const from = Math.max(whole[0], c - (c - a) * factor), to = Math.min(whole[1], c + (b - c) * factor);
+      show(from, to, true);
+    }
+
+    function pan(share) {
+      const [a, b] = shown, step = share * (b - a);
+      const moved = step > 0 ? Math.min(step, whole[1] - b) : Math.max(step, whole[0] - a);
+      show(a + moved, b + moved, true);
+    }
+
+    function data(figure, residual) {
+      const x = numbers(figure.x), measured = numbers(figure.measured), models = figure.models.map((m) => numbers(m.y));
+      if (!residual) return [x, measured, ...models];
+      return [x, ...models.map((y) => y.map((v, k) => (v === null || measured[k] === null ? null : measured[k] - v)))];
+    }
+
+    function panel(figure, residual) {
+      const box = document.createElement("div");
+      box.className = "zoom-panel";
+      element.appendChild(box);
+      const series = [{ label: "time", value: (u, v) => (v === null ? "" : v.toPrecision(6) + " s") }];
+      const value = (u, v) => (v === null || v === undefined ? "" : v.toPrecision(4));
+      if (!residual) series.push({ label: "measured", value, ...STYLE.measured });
+      for (const m of figure.models) series.push({ label: m.name, value, ...STYLE[m.style] });
+      const axis = { size: 72, values: (u, ticks) => ticks.map((v) => +v.toPrecision(5)) };
+      const plot = new uPlot(
+        {
+          title: residual ? "" : figure.title,
+          width: Math.max(240, box.clientWidth || element.clientWidth),
+          height: residual ? 150 : 230,
+          scales: { x: { time: false } },
+          axes: [
+            { label: residual ? "time [s]" : undefined, labelSize: residual ? 20 : 0, size: 34 },
+            { ...axis, label: residual ? "residual" : figure.label, labelSize: 22 },
+          ],
+          series,
+          legend: { show: !residual },
+          cursor: { drag: { x: true, y: false, uni: 20 }, sync: { key: options.key || "vtsdt", scales: ["x", null] } },
+          hooks: {
+            setSelect: [
+              (u) => {
+                if (u.select.width > 4) {
+                  const from = u.posToVal(u.select.left, "x"), to = u.posToVal(u.select.left + u.select.width, "x");
+                  show(from, to, true);
+                }
+                u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+              },
+            ],
+            ready: [
+              (u) => {
+                u.over.addEventListener("dblclick", () => show(whole[0], whole[1], true));
+                u.over.addEventListener("wheel", (e) => {
+                  if (!e.ctrlKey && !e.shiftKey) return; // plain turning scrolls the page
+                  e.preventDefault();
+                  zoom(e.deltaY < 0 ? 0.75 : 1 / 0.75, u.posToVal(e.offsetX, "x"));
+                }, { passive: false });
+                u.over.addEventListener("click", () => {
+                  if (!options.onMark || u.cursor.left < 0) return;
+                  const t = u.posToVal(u.cursor.left, "x");
+                  const mark = (figure.marks || []).find(([a, b]) => t >= a && t <= b);
+                  if (mark) options.onMark(figure, mark);
+                });
+              },
+            ],
+          },
+          plugins: [bands(figure, residual ? figure.noise : 0)],
+        },
+        data(figure, residual),
+        box,
+      );
+      plots.push({ plot, residual, box });
+    }
+
+    function toolbar() {
+      const bar = document.createElement("div");
+      bar.className = "zoom-bar";
+      const entries = [
+        ["+", "closer", () => zoom(0.5)], ["−", "farther", () => zoom(2)], ["◀", "earlier", () => pan(-0.5)],
+        ["▶", "later", () => pan(0.5)], ["whole record", "show the whole record", () => show(whole[0], whole[1], true)],
+      ];
+      for (const [text, title, action] of entries) {
+        const button = document.createElement("button");
+        button.type = "button";
+        button.textContent = text;
+        button.title = title;
+        button.addEventListener("click", action);
+        bar.appendChild(button);
+      }
+      element.appendChild(bar);
+    }
+
+    function build(list) {
+      for (const p of plots) p.plot.destroy();
+      plots.length = 0;
+      element.textContent = "";
+      toolbar();
+      for (const figure of list) for (const residual of [false, true]) panel(figure, residual);
+    }
+
+    function update(list) {
+      // A finer drawing of the visible stretch, or other models: the panels stay where their lines are the same.
+      const same = plots.length === 2 * list.length &&
+        list.every((f, k) => plots[2 * k].plot.series.length === f.models.length + 2);
+      busy = true;
+      if (!same) build(list);
+      else plots.forEach((p, k) => p.plot.setData(data(list[Math.floor(k / 2)], p.residual), true));
+      busy = false;
+      if (shown) show(shown[0], shown[1], false);
+    }
+
+    build(figures);
+    const first = numbers(figures[0].x);
+    whole = shown = figures[0].whole || [first[0], first[first.length - 1]];
+    show(whole[0], whole[1], false);
+    new ResizeObserver(() => {
+      for (const p of plots) {
+        const width = Math.max(240, p.box.clientWidth);
+        if (Math.abs(width - p.plot.width) > 1) p.plot.setSize({ width, height: p.plot.height });
+      }
+    }).observe(element);
+    return { show, update, plots };
+  }
+  return { draw };
+})();
