@@ -9,7 +9,7 @@ import numpy as np
 
 from multibody.base.units import UnitError, convert, same_dimension
 
-__all__ = ["pint_unit", "read_column_name", "si_unit_of", "to_si"]
+__all__ = ["is_unit", "pint_unit", "read_column_name", "si_unit_of", "to_si"]
 
 # Suffixes are listed, not guessed: 'angle_a' or 'sensor_left' must not become years or litres.  Left the
 # ending as it stands in a column name, right the unit as multibody.base.units understands it.
@@ -197,6 +197,17 @@ def _known(unit: str) -> bool:
     except UnitError:
         return False
     return True
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit in one of the spellings of measurement files.
+
+    Examples
+    --------
+    >>> is_unit("m/s²"), is_unit("U/min"), is_unit("Operator")
+    (True, True, False)
+    """
+    return _known(pint_unit(text))
 
 
 def read_column_name(column: str, expected: str | None = None) -> ColumnName:

@@ -30,6 +30,15 @@ class ReadRules:
         Unit of the time column, where its name does not say it and it is not seconds.
     start, stop : float, optional, s
         Rows outside this window of the file's own time are left out before anything is checked.
+    uneven : {"refuse", "own instants"}
+        What to do with time stamps that jitter: refuse the file, or compare each output at its own instants and
+        interpolate only the inputs.
+    skip_rows : int
+        Lines above the header of a text file or sheet, where its place is not recognised.
+    time_format : str, optional
+        How dates are written, such as ``"%d/%m/%Y %H:%M:%S"``.
+    time_zone : str, optional
+        Time zone of dates that state none, such as ``"Europe/Berlin"``; default UTC.
     """
 
     trip: str | None = None
@@ -41,3 +50,7 @@ class ReadRules:
     time_unit: str | None = None
     start: float | None = None
     stop: float | None = None
+    uneven: Literal["refuse", "own instants"] = "refuse"
+    skip_rows: int = 0
+    time_format: str | None = None
+    time_zone: str | None = None

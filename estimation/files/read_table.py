@@ -2,37 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from estimation.files.faults import RecordError
 from estimation.files.read_csv import read_csv
+from estimation.files.read_excel import read_excel
+from estimation.files.read_hdf5 import read_hdf5
 from estimation.files.read_matlab import read_matlab
+from estimation.files.read_mcap import read_bag, read_mcap
+from estimation.files.read_mdf import read_mdf
 from estimation.files.read_parquet import read_parquet
-from estimation.files.table import FileTable
+from estimation.files.read_tdms import read_tdms
+from estimation.files.read_uff import read_uff
+from estimation.files.table import FileTable, TableRequest
 from multibody.base.spelling import nearest_or_choices
 
-__all__ = ["READERS", "read_table"]
+__all__ = ["OWN_TIMES", "READERS", "read_table"]
 
-READERS = {".csv": read_csv, ".csv.gz": read_csv, ".parquet": read_parquet, ".mat": read_matlab}
+READERS = {
+    ".csv": read_csv,
+    ".csv.gz": read_csv,
+    ".txt": read_csv,
+    ".tsv": read_csv,
+    ".parquet": read_parquet,
+    ".mat": read_matlab,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+    ".xlsx": read_excel,
+    ".mf4": read_mdf,
+    ".mdf": read_mdf,
+    ".tdms": read_tdms,
+    ".uff": read_uff,
+    ".unv": read_uff,
+    ".mcap": read_mcap,
+    ".bag": read_bag,
+}
 """Reader of each file ending."""
 
+OWN_TIMES = (".mf4", ".mdf", ".tdms", ".uff", ".unv", ".mcap", ".bag")
+"""Endings of files whose channels have times of their own: no time column need be named."""
 
-def read_table(
-    path: str | Path, columns: Sequence[str], labels: Sequence[str] = (), optional: Collection[str] = ()
-) -> FileTable:
+
+def read_table(path: str | Path, request: TableRequest) -> FileTable:
     """Read columns of a file.
 
     Parameters
     ----------
     path : str or Path
-        A ``.csv``, ``.csv.gz``, ``.parquet`` or ``.mat`` file.
-    columns : sequence of str
-        Columns that hold numbers.
-    labels : sequence of str
-        Columns that hold labels (trips, segments): numbers or text.
-    optional : collection of str
-        Columns that the file need not have; those it lacks are left out of ``numbers``.
+        A file with one of the endings in `READERS`.
+    request : TableRequest
+        What is asked of it.
 
     Raises
     ------
@@ -53,6 +72,6 @@ def read_table(
     try:
         if path.stat().st_size == 0:
             raise RecordError([f"{name}: the file is empty"])
-        return reader(path, list(dict.fromkeys(columns)), list(dict.fromkeys(labels)), optional)
+        return reader(path, request)
     except OSError as error:
         raise RecordError([f"{name}: cannot be read: {error.strerror or error}"]) from error

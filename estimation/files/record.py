@@ -15,7 +15,28 @@ from estimation.files.faults import RecordError
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Record", "RecordedSignal"]
+__all__ = ["OwnSamples", "Record", "RecordedSignal"]
+
+
+@dataclass(frozen=True, eq=False)
+class OwnSamples:
+    """The samples of a channel at its own instants, which are not those of the record.
+
+    Attributes
+    ----------
+    time : ndarray, shape (k,), s
+        Strictly increasing, within the record.
+    values : ndarray, shape (k,)
+        In the channel's unit.
+    """
+
+    time: np.ndarray
+    values: np.ndarray
+
+    def nearest(self, time: np.ndarray) -> np.ndarray:
+        """Return which of the channel's samples is nearest to each of some times, shape of ``time``."""
+        middle = 0.5 * (self.time[1:] + self.time[:-1])
+        return np.searchsorted(middle, time, side="right")
 
 
 @dataclass(frozen=True)
@@ -31,12 +52,24 @@ class RecordedSignal:
         Name of the column in the file.
     measured_unit : str
         Unit of the numbers in the file.
+    file : str
+        Name of the file, where a record has several.
+    own : OwnSamples, optional
+        Where the channel was sampled at instants of its own: these samples.  ``values`` then has the nearest of them at
+        each instant of the record.
     """
 
     values: np.ndarray
     unit: str
     column: str
     measured_unit: str
+    file: str = ""
+    own: OwnSamples | None = None
+
+    @property
+    def samples(self) -> np.ndarray:
+        """What was measured, each sample once."""
+        return self.values if self.own is None else self.own.values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +89,8 @@ class Record:
         Everything that was assumed of the file or done to it, warnings included.
     warnings : tuple of str
         What looks wrong but does not refuse the record.
+    origin : int, optional
+        Calendar time of time zero, ns since 1970 (UTC), where the file states it.
 
     Raises
     ------
@@ -69,6 +104,7 @@ class Record:
     signals: Mapping[str, RecordedSignal]
     log: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    origin: int | None = None
 
     def __post_init__(self) -> None:
         time = np.array(self.time, dtype=float)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimation.files.column_names import read_column_name, si_unit_of, to_si
+from estimation.files.dates import CALENDAR_FROM, calendar_text
 from estimation.files.faults import RecordError, Rows
 from estimation.files.read_rules import ReadRules
 from estimation.files.record import Record, RecordedSignal
@@ -89,6 +90,7 @@ class _Conversion:
     log: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    origin: int | None = None
 
     @property
     def file(self) -> str:
@@ -98,13 +100,13 @@ class _Conversion:
         table, trip = self.table, self.rules.trip
         self.log += table.log
         recorded = {key: column for key, column in self.columns.items() if column in table.numbers}
-        time, time_unit = self._converted(table.numbers[self.time], self.time, "s", self.rules.time_unit)
+        time, time_unit = self._time(table.numbers[self.time])
         signals = {}
         for key, column in recorded.items():
             values, unit = self._converted(
                 table.numbers[column], column, self.units.get(key), self.measured_units.get(key)
             )
-            signals[key] = RecordedSignal(values, self.units.get(key, si_unit_of(unit)), column, unit)
+            signals[key] = RecordedSignal(values, self.units.get(key, si_unit_of(unit)), column, unit, self.file)
         rows = table.rows
         if len(time) < 2:
             self.faults.append(
@@ -113,23 +115,31 @@ class _Conversion:
         self._stop_at_faults()
         inside = self._window(time)
         self._stop_at_faults()
+        if not inside.all():
+            time, rows = time[inside], rows.take(inside)
+            signals = {key: replace(signal, values=signal.values[inside]) for key, signal in signals.items()}
         keep = np.flatnonzero(inside)
-        keep = keep[self._finite_rows(time[keep], {k: s.values[keep] for k, s in signals.items()}, rows.take(keep))]
+        finite = self._finite_rows(time, {k: s.values for k, s in signals.items()}, rows)
         self._stop_at_faults()
-        rows, time = rows.take(keep), time[keep]
-        signals = {key: replace(signal, values=signal.values[keep]) for key, signal in signals.items()}
+        if not finite.all():
+            time, rows, keep = time[finite], rows.take(finite), keep[finite]
+            signals = {key: replace(signal, values=signal.values[finite]) for key, signal in signals.items()}
         for signal in signals.values():
             self.warnings += [f.text for f in check_values(self.file, signal.column, signal.values, rows)]
-        as_written = {key: (column, table.numbers[column][keep]) for key, column in recorded.items()}
+        as_written = {
+            key: (column, table.numbers[column][keep] if len(keep) < len(inside) else table.numbers[column])
+            for key, column in recorded.items()
+        }
         in_si = {key: (signal.column, signal.values) for key, signal in signals.items()}
         copies = check_copies(self.file, as_written) + check_copies(self.file, in_si)
         self.faults += dict.fromkeys(fault.text for fault in copies)
         for key, column in self.columns.items():
             if key not in recorded:
                 unit = self.units.get(key, "")
-                signals[key] = RecordedSignal(np.full(len(time), float(self.defaults[key])), unit, column, unit)
+                steady = np.full(len(time), float(self.defaults[key]))
+                signals[key] = RecordedSignal(steady, unit, column, unit, self.file)
                 self.log.append(absence_note(column, self.defaults[key]))
-        if time_unit != "s":
+        if time_unit not in ("s", ""):
             self.log.append(f"{self.time}: {time_unit} to s")
         parts = []
         labels = table.labels[trip][keep] if trip else None
@@ -142,14 +152,32 @@ class _Conversion:
         if self.faults:
             raise RecordError(self.faults)
 
+    def _time(self, numbers: np.ndarray) -> tuple[np.ndarray, str]:
+        """Return the time in s, and its unit in the file; a calendar time is shifted to begin at zero."""
+        if self.time in self.table.origins:
+            self.origin = self.table.origins[self.time]
+            return numbers, "s"
+        time, unit = self._converted(numbers, self.time, "s", self.rules.time_unit)
+        known = np.flatnonzero(np.isfinite(time))
+        if self.faults or not known.size or abs(time[known[0]]) < CALENDAR_FROM:
+            return time, unit
+        self.origin = round(float(time[known[0]]) * 1e9)
+        self.log.append(f"{self.time}: calendar time, shifted to begin at 0, which is {calendar_text(self.origin)}")
+        return to_si(numbers - numbers[known[0]], unit, "s"), unit
+
     def _converted(
         self, numbers: np.ndarray, column: str, expected: str | None, measured: str | None
     ) -> tuple[np.ndarray, str]:
         """Return numbers in the expected unit, and the unit that they had."""
         try:
-            if measured is None:
-                unit = read_column_name(column, expected).unit
-                if unit is None:
+            stated = self.table.units.get(column)
+            if measured is None and stated is not None:
+                unit = read_column_name(f"x [{stated}]", expected).unit or ""
+                self.log.append(f"{column}: {unit or 'without dimension'}, as the file says")
+            elif measured is None:
+                named = read_column_name(column, expected).unit
+                unit = named or ""
+                if named is None:
                     unit = expected or ""
                     taken = (
                         f"taken as {expected or 'without dimension'}" if expected is not None else "taken as they are"
@@ -223,7 +251,7 @@ class _Conversion:
     ) -> list[Record]:
         """Cut one trip at its gaps and resample every part evenly, as far as the rules allow it."""
         file = f"{self.file}{', trip ' + label if label else ''}"
-        log = list(self.log)
+        log, count = list(self.log), len(next(iter(signals.values())).values) if signals else -1
         if self.rules.drop_duplicates and len(time) > 1:
             fresh = np.append(True, np.diff(time) != 0.0)
             if not fresh.all():
@@ -257,10 +285,19 @@ class _Conversion:
             self.faults.append(f"{file}: every part between two gaps is shorter than {SHORTEST_PART} rows")
         for number, (start, stop) in enumerate(parts, 1):
             inside = slice(start, stop)
-            values = {key: replace(s, values=s.values[index[inside]]) for key, s in signals.items()}
+            whole = len(index) == count and stop - start == count
+            at = slice(None) if whole else index[inside]
+            values = {key: replace(s, values=s.values[at]) for key, s in signals.items()}
             name = f"{self.name}{label}" + (f" part {number}" if len(parts) > 1 else "")
             cut = [f"cut at {len(gaps)} gaps"] if len(gaps) else []
-            record = Record(name=name, path=self.table.path, time=time[inside], signals=values, log=(*log, *cut))
+            record = Record(
+                name=name,
+                path=self.table.path,
+                time=time[inside],
+                signals=values,
+                log=(*log, *cut),
+                origin=self.origin,
+            )
             if (even := self._even(file, record, rows.take(inside))) is not None:
                 records.append(even)
         return records
@@ -268,6 +305,8 @@ class _Conversion:
     def _even(self, file: str, record: Record, rows: Rows) -> Record | None:
         deviation = grid_deviation(record.time)
         if self.rules.resample is None:
+            if deviation > GRID_TOLERANCE and self.rules.uneven == "own instants":
+                return record
             if deviation > GRID_TOLERANCE:
                 step = np.diff(record.time)
                 worst = int(np.argmax(np.abs(step / np.median(step) - 1.0)))
@@ -275,7 +314,8 @@ class _Conversion:
                     f"{file}, column '{self.time}': irregular sampling, stamps up to "
                     f"{100 * deviation:.3g} % of a step off an even grid (steps {step.min():.4g} to "
                     f"{step.max():.4g} s, the oddest after {rows.word} {rows.numbers[worst]}): allow "
-                    f"interpolation with resample = {record.rate:.4g} (Hz) in [records]"
+                    f"interpolation with resample = {record.rate:.4g} (Hz) in [records], or compare each output at its "
+                    'own instants with uneven = "own instants"'
                 )
                 return None
             jitter = f"time stamps up to {100 * deviation:.2g} % of a step off an even grid"
