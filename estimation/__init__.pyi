@@ -1,7 +1,7 @@
 from .files.faults import RecordError
 from .files.read_records import read_record, read_records
 from .files.read_rules import ReadRules
-from .files.record import Record, RecordedSignal
+from .files.record import OwnSamples, Record, RecordedSignal
 from .fit.calibrate import calibrate, evaluate
 from .fit.calibration import Calibration, Fit, UncertainParameter
 from .response.experiment import Experiment, Response
@@ -17,6 +17,7 @@ __all__ = [
     "Fit",
     "InputPerturbation",
     "NoiseFloor",
+    "OwnSamples",
     "ParameterPerturbation",
     "PerturbationResponse",
     "Preparation",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -167,8 +167,17 @@ def read_problem(path: str | Path, *, seed: int | None = None, max_effects: int 
         "offsets": study.offsets.outputs,
         "held": tuple(n for n, column in study.inputs.items() if column.interpolation == "hold"),
     }
-    identify = make_experiments(model, records.identify, **common)
-    validate = make_experiments(model, records.validate, **common)
+    identify, validate = (
+        tuple(replace(e, clocks=study.clock_groups(e.record)) for e in make_experiments(model, part, **common))
+        for part in (records.identify, records.validate)
+    )
+    if study.study.search == "evidence" and any(e.at_own_instants for e in (*identify, *validate)):
+        raise StudyError(
+            [
+                f"{study.path.name}, [study] search: outputs have instants or clocks of their own, which the search by "
+                'evidence does not know yet: use search = "significance", or resample in [records]'
+            ]
+        )
     if faults := [fault for e in (*identify, *validate) if (fault := _too_short(e))]:
         raise StudyError([f"{study.path.name}, {text}" for text in faults])
     of_records = dict.fromkeys(w for r in (*records.identify, *records.validate) for w in r.warnings)
@@ -281,14 +290,16 @@ def noise_floors(experiments: Sequence[Experiment], known: Mapping[str, float]) 
         """Return what rounding leaves after the low-pass, also where the machine stands still and no step is seen."""
         cutoff = e.preparation.cutoff(e.record.rate)
         share = 1.0 if cutoff is None else min(1.0, 2.0 * cutoff / e.record.rate)
-        return float(quantisation_step(e.record.values(name)[:, 0])) * (share / 12.0) ** 0.5
+        return float(quantisation_step(e.record.signals[name].samples)) * (share / 12.0) ** 0.5
+
+    def noise(e: Experiment, c: int, name: str) -> float:
+        own = e.record.signals[name].own  # samples that are repeated on the grid show no noise there
+        return float(noise_floor(e.measured[:, c] if own is None else own.values).std)
 
     floors = {}
     for c, name in enumerate(experiments[0].outputs):
         if name in known:
             floors[name] = float(known[name])
         else:
-            floors[name] = float(
-                np.median([max(noise_floor(e.measured[:, c]).std, quantisation(e, name)) for e in experiments])
-            )
+            floors[name] = float(np.median([max(noise(e, c, name), quantisation(e, name)) for e in experiments]))
     return floors

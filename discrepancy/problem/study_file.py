@@ -5,12 +5,14 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from discrepancy.problem.paths import find_files, held_out_faults
 from discrepancy.problem.tables import (
     CandidatesTable,
+    ClockTable,
     Column,
     ConnectionTable,
     InitialTable,
@@ -42,6 +44,7 @@ _TABLES = (
     "initial",
     "offsets",
     "connections",
+    "clocks",
 )
 #: Tables that another command reads from the same file, and checks itself.
 _OF_OTHERS = ("updating",)
@@ -97,6 +100,10 @@ class StudyFile:
         What is allowed but weakens the result.
     connections : mapping of str to ConnectionTable
         Where an FMU can take forces.
+    joined : tuple of tuple of Path
+        Files that make one record together; each is in ``identify`` or ``validate`` too.
+    clocks : mapping of str to ClockTable
+        Pattern of file names to their clock.
     """
 
     path: Path
@@ -113,6 +120,8 @@ class StudyFile:
     offsets: OffsetsTable
     warnings: tuple[str, ...] = field(default=())
     connections: Mapping[str, ConnectionTable] = field(default_factory=dict)
+    joined: tuple[tuple[Path, ...], ...] = ()
+    clocks: Mapping[str, ClockTable] = field(default_factory=dict)
 
     @property
     def preparation(self) -> Preparation:
@@ -138,7 +147,33 @@ class StudyFile:
             time_unit=table.time_unit,
             start=table.start,
             stop=table.stop,
+            uneven=table.uneven,
+            skip_rows=table.skip_rows,
+            time_format=table.time_format,
+            time_zone=table.time_zone,
         )
+
+    def clock_groups(self, record: Record) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Return the loggers of a record whose clocks are fitted, each with its outputs.
+
+        Raises
+        ------
+        StudyError
+            If inputs come from such a logger: its clock is then the one that the others are compared with.
+        """
+        groups, faults = [], []
+        for pattern, clock in self.clocks.items():
+            mine = [n for n, s in record.signals.items() if clock.fit and fnmatch(s.file, pattern)]
+            if driving := [n for n in mine if n in self.inputs]:
+                faults.append(
+                    f'{self.path.name}, [clocks] "{pattern}": the inputs {", ".join(driving)} come from this logger: '
+                    "fit the clock of the others"
+                )
+            elif mine:
+                groups.append((pattern, tuple(mine)))
+        if faults:
+            raise StudyError(faults)
+        return tuple(groups)
 
     def read_records(self, units: Mapping[str, str] | None = None) -> StudyRecords:
         """Read all recordings; one error lists the faults of all files.
@@ -156,8 +191,10 @@ class StudyFile:
         from estimation.files.read_records import read_records
 
         signals = {**self.inputs, **self.outputs}
+        first = {files[0]: files for files in self.joined}
+        others = {path for files in self.joined for path in files[1:]}
         records = read_records(
-            [*self.identify, *self.validate],
+            [first.get(path, path) for path in (*self.identify, *self.validate) if path not in others],
             time=self.records.time,
             columns={name: each.column for name, each in signals.items()},
             units=None if units is None else {name: units[name] for name in signals if name in units},
@@ -165,6 +202,9 @@ class StudyFile:
             rules=self.rules,
             may_be_constant=tuple(self.inputs),
             defaults={name: each.default for name, each in self.inputs.items() if each.default is not None},
+            driven={name: each.interpolation for name, each in self.inputs.items()},
+            files={name: each.file for name, each in signals.items()},
+            clocks={pattern: clock.offset for pattern, clock in self.clocks.items()},
         )
         held_out = set(self.validate)
         return StudyRecords(
@@ -209,6 +249,7 @@ class _Reader:
         self.path, self.content = path, content
         self.faults: list[str] = []
         self.warnings: list[str] = []
+        self.joined: list[tuple[Path, ...]] = []
 
     def fault(self, where: str, text: str) -> None:
         self.faults.append(f"{self.path.name}, {where}: {text}")
@@ -240,6 +281,7 @@ class _Reader:
         study = self.struct(StudyTable, "study")
         offsets = self.struct(OffsetsTable, "offsets")
         connections = self.connections()
+        clocks = self.clocks()
         initial = self.initial()
         self.check_model(model, connections)
         self.check_uncertain(uncertain)
@@ -259,6 +301,7 @@ class _Reader:
             self.check_records(records)
             identify = self.files("identify", records.identify)
             validate = self.files("validate", records.validate)
+            self.check_time(records, (*identify, *validate))
             for text in held_out_faults(identify, validate):
                 self.fault("[records] validate", text)
             if identify and not records.validate:
@@ -280,6 +323,8 @@ class _Reader:
             offsets=offsets or OffsetsTable(),
             warnings=tuple(self.warnings),
             connections=connections,
+            joined=tuple(self.joined),
+            clocks=clocks,
         )
 
     def struct(self, kind: type[Any], name: str, required: str = "") -> Any:
@@ -313,6 +358,16 @@ class _Reader:
                 )
                 continue
             entries[key] = read_struct(ConnectionTable, value, self.fault_at(where))
+        return entries
+
+    def clocks(self) -> dict[str, ClockTable]:
+        entries = {}
+        for key, value in self.table("clocks").items():
+            where = f'[clocks] "{key}"'
+            if not isinstance(value, dict):
+                self.fault(where, f"must be a table such as {{ offset = 0.5 }} or {{ fit = true }}, and is {value!r}")
+                continue
+            entries[key] = read_struct(ClockTable, value, self.fault_at(where))
         return entries
 
     def initial(self) -> InitialTable:
@@ -385,7 +440,8 @@ class _Reader:
                 where = f'[{table}] "{name}"'
                 if column.noise is not None and not column.noise > 0.0:
                     self.fault(f"{where}, noise", "must be above zero: leave it out to have it estimated")
-                if records is not None and column.column and column.column == records.time:
+                times = records.time if records is not None else ""
+                if column.column and column.column in ([times] if isinstance(times, str) else times.values()):
                     self.fault(where, f"column '{column.column}' is the time column")
         by_column: dict[str, str] = {}
         for name, column in outputs.items():
@@ -415,6 +471,18 @@ class _Reader:
         if study.seed < 0:
             self.fault("[study] seed", "must not be negative")
 
+    def check_time(self, records: RecordsTable, files: Sequence[Path]) -> None:
+        """Ask for the time column where a file's channels have no times of their own."""
+        from estimation.files.read_table import OWN_TIMES
+
+        patterns = {"*": records.time} if isinstance(records.time, str) else records.time
+        for path in files:
+            named = any(column and fnmatch(path.name, pattern) for pattern, column in patterns.items())
+            if not named and not path.name.lower().endswith(OWN_TIMES):
+                missing = "the key 'time' is missing" if not records.time else f"time: no column for '{path.name}'"
+                self.fault("[records]", f"{missing}: name the time column")
+                return
+
     def check_records(self, records: RecordsTable) -> None:
         for key in ("resample", "longest_gap"):
             value = getattr(records, key)
@@ -431,10 +499,30 @@ class _Reader:
         except SignalError as error:
             self.fault("[records]", str(error))
 
-    def files(self, key: str, patterns: str | list[str]) -> tuple[Path, ...]:
-        files = find_files(self.path.parent, [patterns] if isinstance(patterns, str) else patterns)
+    def files(self, key: str, patterns: str | list[str | list[str]]) -> tuple[Path, ...]:
         if key == "identify" and self.table("records").get("identify") == []:
             self.fault("[records] identify", "is empty: name at least one recording")
+        paths: list[Path] = []
+        for entry in [patterns] if isinstance(patterns, str) else patterns:
+            if isinstance(entry, str):
+                paths += self.found(key, [entry])
+                continue
+            loggers = [self.found(key, [pattern]) for pattern in entry]
+            counts = {len(found) for found in loggers}
+            if 0 in counts:
+                continue
+            if len(counts) > 1:
+                listed = ", ".join(f"'{p}' {len(found)}" for p, found in zip(entry, loggers, strict=True))
+                self.fault(f"[records] {key}", f"patterns of the files of one record match different numbers: {listed}")
+                continue
+            self.joined += list(zip(*loggers, strict=True))
+            paths += [path for together in zip(*loggers, strict=True) for path in together]
+        twice = [path.name for path in dict.fromkeys(paths) if paths.count(path) > 1]
+        self.warnings += [f"[records] {key}: '{name}' is named twice and read once" for name in twice]
+        return tuple(dict.fromkeys(paths))
+
+    def found(self, key: str, patterns: list[str]) -> tuple[Path, ...]:
+        files = find_files(self.path.parent, patterns)
         for text in files.faults:
             self.fault(f"[records] {key}", text)
         self.warnings += [f"[records] {key}: {text}" for text in files.warnings]

@@ -13,6 +13,7 @@ from multibody.base.spelling import nearest_or_choices
 
 __all__ = [
     "CandidatesTable",
+    "ClockTable",
     "Column",
     "ConnectionTable",
     "InitialTable",
@@ -57,7 +58,8 @@ class Column(msgspec.Struct, frozen=True):
     """An entry of ``[inputs]`` or ``[outputs]``.
 
     ``unit`` is that of the numbers in the file, ``noise`` a standard deviation in SI, ``default`` the value in
-    SI that an input has in recordings without the column, ``interpolation`` what an input does between samples.
+    SI that an input has in recordings without the column, ``interpolation`` what an input does between samples,
+    ``file`` the pattern of the file names in which the column stands, where several files of a record have it.
     """
 
     column: str
@@ -65,14 +67,18 @@ class Column(msgspec.Struct, frozen=True):
     unit: str | None = None
     default: float | None = None
     interpolation: Literal["linear", "hold"] = "linear"
+    file: str = "*"
 
 
 class RecordsTable(msgspec.Struct, frozen=True):
-    """``[records]``: the files, how they are read (see :class:`estimation.ReadRules`) and prepared."""
+    """``[records]``: the files, how they are read (see :class:`estimation.ReadRules`) and prepared.
 
-    time: str
-    identify: list[str] | str
-    validate: list[str] | str = []
+    A list inside ``identify`` or ``validate`` names the files of several loggers that make one record.
+    """
+
+    identify: list[str | list[str]] | str
+    time: str | dict[str, str] = ""
+    validate: list[str | list[str]] | str = []
     start: float | None = None
     stop: float | None = None
     low_pass_hz: float | None = None
@@ -85,6 +91,20 @@ class RecordsTable(msgspec.Struct, frozen=True):
     gaps: Literal["refuse", "split"] = "refuse"
     longest_gap: float | None = None
     time_unit: str | None = None
+    time_format: str | None = None
+    time_zone: str | None = None
+    skip_rows: int = 0
+    uneven: Literal["refuse", "own instants"] = "refuse"
+
+
+class ClockTable(msgspec.Struct, frozen=True):
+    """An entry of ``[clocks]``: the clock of the files of a pattern.
+
+    ``offset`` is added to their time, in s; with ``fit`` a further constant is estimated for each record.
+    """
+
+    offset: float = 0.0
+    fit: bool = False
 
 
 class CandidatesTable(msgspec.Struct, frozen=True):
@@ -138,7 +158,8 @@ _WORDS: dict[Any, str] = {
     int: "a whole number",
     bool: "true or false",
     list[str]: 'a list of texts, such as ["a", "b"]',
-    list[str] | str: 'a list of texts, such as ["a.csv"]',
+    list[str | list[str]] | str: 'a list of texts, such as ["a.csv"], or of lists of the files of one record',
+    str | dict[str, str]: 'a text in quotes, or a table such as { "*_temp.csv" = "t [ms]", "*" = "time_s" }',
     str | None: "a text in quotes",
     dict[str, Any]: "a table, such as { travel = 0.25 }",
 }

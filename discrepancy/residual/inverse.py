@@ -205,6 +205,7 @@ def _experiment(
         free=free,
         held=(),
         offsets=tuple(o for o in experiment.offsets if o in compared),
+        clocks=(),
     )
 
 

@@ -71,6 +71,16 @@ def prepared_problem(problem: Problem, progress: Callable[[str], None] = silent)
 
 def _in_chosen_mode(problem: Problem, progress: Callable[[str], None]) -> PreparedProblem:
     """Return the problem in the mode that the study asks for, or that suits the machine."""
+    if any(e.at_own_instants for e in problem.identify):
+        if problem.residual in ("prediction", "inverse"):
+            raise StudyError(
+                [
+                    f'[study] residual = "{problem.residual}": outputs have instants or clocks of their own, which '
+                    'only simulations of whole records are compared at: use "simulation", or bring the channels onto '
+                    "one grid with resample in [records]"
+                ]
+            )
+        return PreparedProblem(problem, "simulation", "outputs are compared at instants or clocks of their own")
     if problem.residual == "simulation":
         return PreparedProblem(problem, "simulation", "asked for by the study")
     if problem.residual == "inverse":
@@ -122,6 +132,8 @@ def problem_in_windows(
         None where the simulations follow the records, and where windows would be as long as the records: the simulation
         does not diverge, the model is wrong.
     """
+    if any(e.at_own_instants for e in problem.identify):
+        return None
     if errors is not None and _surely_follow(problem, errors):
         return None
     along = _RecordStates.of(problem)

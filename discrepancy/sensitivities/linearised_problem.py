@@ -183,10 +183,8 @@ class LinearisedProblem:
     def _errors(self) -> list[np.ndarray]:
         blocks = []
         for i, experiment in enumerate(self.experiments):
-            y = experiment.simulate(self.slim, self.p, self.initial_state(i), self.sensors)
             own = self.calibration.fits[i].own
-            for c, name in enumerate(experiment.outputs):
-                y[:, c] += own.get(f"offset of {name}", 0.0)
+            y = experiment.respond_with_own(self.slim, self.p, own, sensors=self.sensors, derivatives=False).outputs
             blocks.append(experiment.measured - y)
         return blocks
 
@@ -211,22 +209,12 @@ class LinearisedProblem:
         """Return the derivatives by parameters, free initial states and offsets, of each experiment."""
 
         def of(i: int) -> np.ndarray:
-            experiment = self.experiments[i]
-            own = [
-                experiment.respond(
-                    self.slim,
-                    self.p,
-                    self.initial_state(i),
-                    parameters=parameters,
-                    states=experiment.free,
-                    sensors=self.sensors,
-                ).derivatives
-            ]
-            for name in experiment.offsets:
-                one = np.zeros((*own[0].shape[:2], 1))
-                one[:, experiment.outputs.index(name)] = 1.0
-                own.append(one)
-            return np.concatenate(own, axis=2)
+            own = self.calibration.fits[i].own
+            return (
+                self.experiments[i]
+                .respond_with_own(self.slim, self.p, own, parameters=parameters, sensors=self.sensors)
+                .derivatives
+            )
 
         return parallel_map(of, range(len(self.experiments)))
 

@@ -42,7 +42,9 @@ def fingerprint(study: Study) -> str:
     for text in parts:
         digest.update(text.encode() + b"\0")
     for e in (*problem.identify, *problem.validate):
-        digest.update(repr((e.inputs, e.outputs, e.preparation, sorted(e.start.items()), e.free, e.offsets)).encode())
+        digest.update(
+            repr((e.inputs, e.outputs, e.preparation, sorted(e.start.items()), e.free, e.offsets, e.clocks)).encode()
+        )
         digest.update(np.ascontiguousarray(e.record.time).tobytes())
         for name in (*e.inputs, *e.outputs):
             digest.update(np.ascontiguousarray(e.record.signals[name].values).tobytes())

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.files.faults import Rows
 
-__all__ = ["CALENDAR_FROM", "Dates", "calendar_text", "dates_from_text", "seconds_since_first"]
+__all__ = ["CALENDAR_FROM", "calendar_text", "dates_from_text", "seconds_since_first"]
 
 #: Seconds since 1970 from which a number is taken for a calendar time (1973).  A recording of three years that
 #: began at zero would be taken for one too; numbers of this size leave a double no room for steps below 1e-8 s.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,8 @@ from estimation.files.optional_library import library
 from estimation.files.table import FileTable, TableRequest
 
 __all__ = ["read_matlab"]
+
+_COMPRESSED = 15  # type of a packed element in the MAT-file format, level 5
 
 
 def read_matlab(path: Path, request: TableRequest) -> FileTable:
@@ -37,8 +41,7 @@ def _content(path: Path) -> dict[str, Any]:
         import scipy.io
 
         try:
-            sizes = [8.0 * math.prod(shape) for _, shape, _ in scipy.io.whosmat(path)]
-            check_size(path.name, sum(sizes), path.stat().st_size)
+            check_size(path.name, _size(path), path.stat().st_size)
             content = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=True)
         except RecordError:
             raise
@@ -54,6 +57,28 @@ def _content(path: Path) -> dict[str, Any]:
     except Exception as error:
         raise RecordError([f"{path.name}: is not a readable MATLAB 7.3 file ({error})"]) from error
     return dict(content)
+
+
+def _size(path: Path) -> float:
+    """Return how many bytes the variables of a file up to version 7 take."""
+    import scipy.io
+
+    try:
+        return float(sum(8.0 * math.prod(shape) for _, shape, _ in scipy.io.whosmat(path)))
+    except TypeError:  # tables and other objects state no shape: what the packed variables unpack to
+        size, raw = 0, path.read_bytes()
+        place = 128
+        while place + 8 <= len(raw):
+            kind, length = struct.unpack("<II" if raw[126:128] == b"IM" else ">II", raw[place : place + 8])
+            part = raw[place + 8 : place + 8 + length]
+            if kind == _COMPRESSED:
+                stream = zlib.decompressobj()
+                while part and not stream.eof:
+                    size += len(stream.decompress(part, 1 << 20))
+                    part = stream.unconsumed_tail
+                    check_size(path.name, size, len(raw))
+            place += 8 + length
+        return float(size)
 
 
 def _check_hdf(path: Path) -> None:

@@ -20,9 +20,7 @@ __all__ = [
     "NUMBER",
     "FileTable",
     "TableRequest",
-    "cells_to_numbers",
     "column_faults",
-    "notes_on_names",
     "present_columns",
     "table_from_arrays",
 ]

@@ -180,8 +180,7 @@ def _result(
     lengths = [e.measured.size for e in problem.experiments]
     jacobian = np.zeros((0 if trial else sum(lengths), moving.size))
     for i, (e, response) in enumerate(zip(problem.experiments, problem.respond_all(theta, not trial), strict=True)):
-        names = [*e.free, *(f"offset of {n}" for n in e.offsets)]
-        own = dict(zip(names, map(float, theta[problem.first[i] : problem.first[i + 1]]), strict=True))
+        own = dict(zip(e.own_unknowns, map(float, theta[problem.first[i] : problem.first[i + 1]]), strict=True))
         fits.append(Fit(e, Response(response.outputs, np.empty((*response.outputs.shape, 0))), own))
         if not trial:
             part, columns = problem.weighted(response, i, moving)

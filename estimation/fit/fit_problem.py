@@ -36,19 +36,19 @@ class FitProblem:
         self.k = len(self.parameters)
         self._ran = False
         self._responses: dict[bool, tuple[np.ndarray, list[Response]]] = {}
-        self.own = [(e.free, e.offsets) for e in self.experiments]
-        sizes = [len(f) + len(o) for f, o in self.own]
+        sizes = [len(e.own_unknowns) for e in self.experiments]
         self.first = self.k + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
 
     def start(self, given: Sequence[float] | None, own: Sequence[np.ndarray] | None) -> np.ndarray:
         """Return the start values: those given, else the priors' means and the first samples of the sensors."""
         theta = [p.value for p in self.parameters] if given is None else [float(v) for v in given]
         for i, e in enumerate(self.experiments):
-            if own is not None and own[i].size == len(e.free) + len(e.offsets):
+            if own is not None and own[i].size == len(e.own_unknowns):
                 theta += own[i].tolist()
                 continue
             x = e.start_vector(self.system)
-            theta += [x[self.system.index("state", n)] for n in e.free] + [0.0] * len(e.offsets)
+            theta += [x[self.system.index("state", n)] for n in e.free]
+            theta += [0.0] * (len(e.own_unknowns) - len(e.free))
         return np.array(theta, dtype=float)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -69,34 +69,17 @@ class FitProblem:
                 sensors[parameter.name] = SensorError(output, kind, float(value))
             else:
                 p[self.system.index("parameter", parameter.name)] = value
-        x0 = experiment.start_vector(self.system)
         mine = theta[self.first[index] : self.first[index + 1]]
-        for name, value in zip(experiment.free, mine, strict=False):
-            x0[self.system.index("state", name)] = value
-        wanted = [q.name for q in self.parameters] if derivatives else []
-        states = experiment.free if derivatives else ()
         self.evaluations += 1
-        response = experiment.respond(
+        return experiment.respond_with_own(
             self.system,
             p,
-            x0,
-            parameters=wanted,
-            states=states,
+            dict(zip(experiment.own_unknowns, mine, strict=True)),
+            parameters=[q.name for q in self.parameters] if derivatives else [],
             sensors=tuple(sensors.values()),
+            derivatives=derivatives,
             workers=available_cores(),
         )
-        outputs = response.outputs.copy()
-        extra = []
-        for name, value in zip(experiment.offsets, mine[len(experiment.free) :], strict=True):
-            c = experiment.outputs.index(name)
-            outputs[:, c] += value
-            one = np.zeros_like(outputs)
-            one[:, c] = 1.0
-            extra.append(one)
-        dy = response.derivatives
-        if derivatives and extra:
-            dy = np.concatenate([dy, np.stack(extra, axis=2)], axis=2)
-        return Response(outputs, dy)
 
     def respond_all(self, theta: np.ndarray, derivatives: bool) -> list[Response]:
         """Simulate every experiment in parallel; the last responses with and without derivatives are kept."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from estimation.files.record import Record
+from estimation.response.own_instants import AtOwnInstants, at_own_instants
 from estimation.response.perturbations import (
     InputPerturbation,
     ParameterPerturbation,
@@ -60,6 +61,7 @@ class _Cache:
     """Results that an experiment keeps; only the experiment itself reads and writes them."""
 
     measured: tuple[np.ndarray, np.ndarray] | None = None
+    own_instants: dict[int, AtOwnInstants] | None = None
     tables: dict[Hashable, InputTable] = field(default_factory=dict)
     inputs_along: dict[Hashable, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     perturbation_response: tuple[System, np.ndarray, np.ndarray, PerturbationResponse] | None = None
@@ -83,6 +85,8 @@ class Experiment:
         States whose start value is estimated from this record.
     offsets : tuple of str
         Outputs whose sensor may have an offset of its own in this record.
+    clocks : tuple of (str, tuple of str)
+        Loggers whose clock may differ by a constant from that of the inputs in this record, each with its outputs.
     rtol : float
         Relative tolerance of the integration.
     held : tuple of str
@@ -103,6 +107,7 @@ class Experiment:
     start: Mapping[str, float | Literal["measured"]] = field(default_factory=dict)
     free: tuple[str, ...] = ()
     offsets: tuple[str, ...] = ()
+    clocks: tuple[tuple[str, tuple[str, ...]], ...] = ()
     rtol: float = 1e-6
     held: tuple[str, ...] = ()
     input_noise: Mapping[str, float] = field(default_factory=dict)
@@ -318,8 +323,93 @@ class Experiment:
             ordered = [dy[:, :, order[n]] if n in order else by_sensors[n] for n in parameters]
             dy = np.concatenate([np.stack(ordered, axis=2), dy[:, :, len(physical) :]], axis=2)
         stacked = np.concatenate([y[:, :, None], dy], axis=2)
+        for c, taken in self._own_instants().items():
+            stacked[:, c] = taken(stacked[:, c])
         prepared = self.preparation.apply(time, stacked.reshape(time.size, -1))[1].reshape(-1, *stacked.shape[1:])
         return Response(prepared[:, :, 0], prepared[:, :, 1:])
+
+    def _own_instants(self) -> dict[int, AtOwnInstants]:
+        """Return the operators of the outputs that were sampled at instants of their own, by column."""
+        if self._cache.own_instants is None:
+            signals = [self.record.signals[n] for n in self.outputs]
+            samples = {c: s.own for c, s in enumerate(signals) if s.own is not None}
+            self._cache.own_instants = at_own_instants(np.asarray(self.record.time), samples)
+        return self._cache.own_instants
+
+    # ---------------------------------------------------------------- what is unknown of this record alone
+
+    @property
+    def own_unknowns(self) -> tuple[str, ...]:
+        """Names of what is estimated from this record alone: start values, offsets of sensors and of clocks."""
+        offsets = (f"offset of {n}" for n in self.offsets)
+        return (*self.free, *offsets, *(f"clock of {n}" for n, _ in self.clocks))
+
+    @property
+    def at_own_instants(self) -> bool:
+        """Whether an output has instants, or a clock, of its own."""
+        return bool(self.clocks) or any(self.record.signals[n].own is not None for n in self.outputs)
+
+    def respond_with_own(
+        self,
+        system: System,
+        p: np.ndarray,
+        own: Mapping[str, float],
+        *,
+        parameters: Sequence[str] = (),
+        sensors: Sequence[SensorError] = (),
+        derivatives: bool = True,
+        workers: int = 1,
+    ) -> Response:
+        """Simulate the record with values for what is unknown of it alone.
+
+        Parameters
+        ----------
+        system, p, parameters, sensors, workers
+            As for `respond`.
+        own : mapping of str to float
+            Values of `own_unknowns`; those that are missing are as at the start of a fit.
+        derivatives : bool
+            Whether to differentiate.
+
+        Returns
+        -------
+        Response
+            Derivatives by the parameters, then by `own_unknowns`.
+        """
+        x0 = self.start_vector(system)
+        for name in self.free:
+            if name in own:
+                x0[system.index("state", name)] = own[name]
+        late = {f"sensor.{o}.delay": own.get(f"clock of {n}", 0.0) for n, outputs in self.clocks for o in outputs}
+        given = {s.name: s for s in sensors}
+        for name, value in late.items():
+            before = given[name].value if name in given else 0.0
+            given[name] = SensorError(name[7:-6], "delay", before + value)
+        asked = [*parameters, *(n for n in late if n not in parameters)] if derivatives else []
+        response = self.respond(
+            system,
+            p,
+            x0,
+            parameters=asked,
+            states=self.free if derivatives else (),
+            sensors=tuple(given.values()),
+            workers=workers,
+        )
+        outputs = response.outputs.copy()
+        for name in self.offsets:
+            outputs[:, self.outputs.index(name)] += own.get(f"offset of {name}", 0.0)
+        if not derivatives:
+            return Response(outputs, response.derivatives, response.evaluations)
+        dy = response.derivatives
+        blocks = [dy[:, :, : len(parameters)], dy[:, :, len(asked) :]]
+        for name in self.offsets:
+            one = np.zeros((*dy.shape[:2], 1))
+            one[:, self.outputs.index(name)] = 1.0
+            blocks.append(one)
+        for _, of in self.clocks:
+            shifted = [dy[:, :, asked.index(f"sensor.{o}.delay"), None] for o in of]
+            blocks.append(np.sum(shifted, axis=0))
+        return Response(outputs, np.concatenate(blocks, axis=2), response.evaluations)
 
     # ---------------------------------------------------------------- state-transition matrices, kept
 

@@ -18,6 +18,7 @@ from discrepancy.problem.study_file import StudyError, read_study
 from estimation.files import bounded
 from estimation.files.faults import RecordError
 from estimation.files.read_table import read_table
+from estimation.files.table import TableRequest
 from multibody import Model
 from multibody.base import references
 from multibody.base.cache import cache_dir
@@ -140,7 +141,7 @@ def test_a_small_file_that_unpacks_to_gigabytes_is_refused_early(tmp_path: Path)
     content = packer.compress(b"t,x\n") + b"".join(packer.compress(rows) for _ in range(40)) + packer.flush()
     (tmp_path / "bomb.csv.gz").write_bytes(content)
     with pytest.raises(RecordError, match=r"bomb.csv.gz: unpacks from 0.16\d* MB to more than 6[78].\d MB"):
-        read_table(tmp_path / "bomb.csv.gz", ["t", "x"], [], [])
+        read_table(tmp_path / "bomb.csv.gz", TableRequest(columns=("t", "x")))
 
 
 def test_a_parquet_file_is_refused_by_what_it_says_that_it_holds(tmp_path: Path) -> None:
@@ -149,26 +150,28 @@ def test_a_parquet_file_is_refused_by_what_it_says_that_it_holds(tmp_path: Path)
 
     pq.write_table(pa.table({"t": np.zeros(1 << 23), "x": np.zeros(1 << 23)}), tmp_path / "b.parquet")
     with pytest.raises(RecordError, match=r"b.parquet: unpacks from .* MB to more than 134 MB"):
-        read_table(tmp_path / "b.parquet", ["t", "x"], [], [])
-    assert len(read_table(tmp_path / "b.parquet", ["t"], [], []).numbers["t"]) == 1 << 23  # 67 MB are harmless
+        read_table(tmp_path / "b.parquet", TableRequest(columns=("t", "x")))
+    assert (
+        len(read_table(tmp_path / "b.parquet", TableRequest(columns=("t",))).numbers["t"]) == 1 << 23
+    )  # 67 MB are harmless
 
 
 def test_a_recording_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.csv").write_text("t,x\n" + "0.125,2.5\n" * 100)
-    monkeypatch.setattr(bounded, "_memory", lambda: 4.0 * 8050.0)
-    assert len(read_table(tmp_path / "a.csv", ["t"], [], []).numbers["t"]) == 100
-    monkeypatch.setattr(bounded, "_memory", lambda: 4.0 * 7000.0)
+    monkeypatch.setattr(bounded, "_memory", lambda: 4.0 * 2050.0)
+    assert len(read_table(tmp_path / "a.csv", TableRequest(columns=("t",))).numbers["t"]) == 100
+    monkeypatch.setattr(bounded, "_memory", lambda: 4.0 * 2000.0)
     with pytest.raises(RecordError, match="cut it into shorter recordings"):
-        read_table(tmp_path / "a.csv", ["t"], [], [])
+        read_table(tmp_path / "a.csv", TableRequest(columns=("t",)))
 
 
 def test_gzip_files_of_several_members_are_read_whole_and_cut_ones_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv.gz"
     path.write_bytes(gzip.compress(b"t,x\n1,2\n") + gzip.compress(b"2,3\n") + b"\0" * 5)
-    assert read_table(path, ["x"], [], []).numbers["x"].tolist() == [2.0, 3.0]
+    assert read_table(path, TableRequest(columns=("x",))).numbers["x"].tolist() == [2.0, 3.0]
     path.write_bytes(path.read_bytes()[:-12])
     with pytest.raises(RecordError, match="damaged or cut off"):
-        read_table(path, ["x"], [], [])
+        read_table(path, TableRequest(columns=("x",)))
 
 
 @pytest.mark.parametrize(
