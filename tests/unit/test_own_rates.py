@@ -107,9 +107,9 @@ def test_each_channel_is_compared_at_its_own_instants(tmp_path, together):
     assert len(speed.own.time) == np.sum((measured()[2] >= FAST[0]) & (measured()[2] <= FAST[-1]))
     for name in ("spring.stiffness", "spring.damping"):
         assert abs(fit[name] - TRUTH[name]) < 4.0 * std_of(fit, name), name
-    # noise is that of the samples, not of the staircase on the grid; 150 samples tell it to a quarter
-    for name, level in NOISE.items():
-        assert floors[name] == pytest.approx(level, rel=0.25)
+    # the noise is that of the samples: a staircase on the grid would show none.  At 13 Hz the motion counts with it
+    assert floors["mass.position"] == pytest.approx(NOISE["mass.position"], rel=0.1)
+    assert floors["mass.velocity"] > NOISE["mass.velocity"]
 
 
 def test_a_model_is_interpolated_to_the_instants_exactly_for_cubics():
