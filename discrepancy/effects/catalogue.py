@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from multibody.assembly.places import Place
     from multibody.machine.model import System
 
-__all__ = ["Entry", "catalogue"]
+__all__ = ["Entry", "catalogue", "has_friction"]
 
 #: What a part has that is a friction: the speed below which dry friction fades, or a friction per speed.
 FRICTION = {"dry friction": ("v_s",), "viscous friction": ("viscous", "damping")}
@@ -122,7 +122,7 @@ def _at_place(kind: Kind, place: Place, system: System) -> Entry | None:
         return None
     if kind.law == "AddedInertia" and place.second is not None:
         return None
-    if kind.needs in FRICTION and not _has_parameter(place, system, FRICTION[kind.needs]):
+    if kind.needs in FRICTION and not has_friction(place, system, kind.needs):
         return None
     load = ""
     if kind.law_input:
@@ -132,8 +132,9 @@ def _at_place(kind: Kind, place: Place, system: System) -> Entry | None:
     return Entry(kind, place.name, place=place, stiffness=stiffness, load=load)
 
 
-def _has_parameter(place: Place, system: System, names: Sequence[str]) -> bool:
-    """Tell whether a part between the two sides of a place, an effect included, has one of some parameters."""
+def has_friction(place: Place, system: System, which: str) -> bool:
+    """Tell whether a part between the two sides of a place, an effect included, has one of the kinds of `FRICTION`."""
+    names = FRICTION[which]
     parts = (system.model.components.get(name) for name in (place.name, *place.also))
     return any(part is not None and any(n in part.values for n in names) for part in parts)
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from discrepancy.evidence.standstill import places_that_stick, samples_at_standstill, standstill_at
 from discrepancy.innovations.linear_record import LinearRecord, linear_record
 from discrepancy.innovations.noise_fit import RecordColumns, fit_noise, likeliest_change
 from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, innovation_weighting
@@ -71,21 +73,29 @@ class StageLikelihood:
         Of a neighbouring model, from which the fit of the noise begins.
     grow : bool
         Whether latent processes may be added to those of ``start``.
+    given_left_out : tuple of ndarray or None
+        Samples of every record that are left out, of the first model of a search: all its models are compared on the
+        same samples.  None: those at a standstill of this model.
     """
 
     stage: Stage
     start: NoiseModel | None = None
     grow: bool = True
-    _shared: dict[str, LinearisedProblem] = field(default_factory=dict, repr=False)
+    given_left_out: tuple[np.ndarray, ...] | None = None
+    _kept: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def with_richer_noise(self) -> StageLikelihood:
         """Return the same stage with a noise model that may have further latent processes."""
         return replace(self, start=self.noise.model, grow=True)
 
+    def neighbour(self, stage: Stage) -> StageLikelihood:
+        """Return the likelihood of another fit on the same samples; its noise begins with the processes of this one."""
+        return StageLikelihood(stage=stage, start=self.noise.model, grow=False, given_left_out=self.left_out)
+
     @property
     def linearised(self) -> LinearisedProblem:
         """The stage linearised along its identification records, not weighted."""
-        if "linearised" not in self._shared:
+        if "linearised" not in self._kept:
             stage = self.stage
             fits = stage.identify.fits
             given = fits[0].experiment.preparation
@@ -95,8 +105,18 @@ class StageLikelihood:
             problem = stage.linearised_problem(replace(given, average=given.average * factor))
             # the noise of recorded inputs is a latent process here
             quiet = tuple(replace(f, experiment=replace(f.experiment, input_noise={})) for f in fits)
-            self._shared["linearised"] = problem.with_calibration(replace(stage.identify, fits=quiet))
-        return self._shared["linearised"]
+            self._kept["linearised"] = problem.with_calibration(replace(stage.identify, fits=quiet))
+        linearised: LinearisedProblem = self._kept["linearised"]
+        return linearised
+
+    @property
+    def left_out(self) -> tuple[np.ndarray, ...]:
+        """Which prepared samples of every record are no part of the likelihood, (n,) of bool each."""
+        if self.given_left_out is not None:
+            return self.given_left_out
+        if "left_out" not in self._kept:
+            self._kept["left_out"] = samples_at_standstill(self.linearised)
+        return self._kept["left_out"]
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -111,7 +131,7 @@ class StageLikelihood:
     @cached_property
     def noise(self) -> FittedNoise:
         """The noise model that explains the residual best beside the calibration."""
-        records = linear_records(self.linearised)
+        records = linear_records(self.linearised, self.left_out)
         columns, std, offset = record_columns(self.linearised, records, self.held)
         return fitted_noise(self.linearised, records, columns, std, offset, self.start, grow=self.grow)
 
@@ -127,15 +147,32 @@ def _sources(linearised: LinearisedProblem) -> list[str]:
     return [*(f"probe.{place.name}" for place in linearised.system.places), *recorded]
 
 
-def linear_records(linearised: LinearisedProblem) -> tuple[LinearRecord, ...]:
-    """Return the machine linearised along every record."""
+def linear_records(linearised: LinearisedProblem, left_out: Sequence[np.ndarray]) -> tuple[LinearRecord, ...]:
+    """Return the machine linearised along every record, with the random forces that dry friction makes at a standstill.
+
+    Parameters
+    ----------
+    linearised : LinearisedProblem
+    left_out : sequence of ndarray of bool, shape (n,)
+        Samples of every record that do not count.
+    """
     channels = _sources(linearised)
 
     def of(i: int) -> LinearRecord:
         start = linearised.initial_state(i)
         return linear_record(linearised.experiments[i], linearised.slim, linearised.p, start, channels)
 
-    return tuple(parallel_map(of, range(len(linearised.experiments))))
+    records = [r.without(mask) for r, mask in zip(parallel_map(of, range(len(left_out))), left_out, strict=True)]
+    sticking = places_that_stick(linearised)
+    times = [r.time for r in records]
+    still = {place: standstill_at(linearised, place, times) for place in sticking}
+    # one further input for every place, so that models with different frictions count their inputs alike
+    places = range(len(linearised.system.places))
+
+    def weights(i: int) -> list[np.ndarray]:
+        return [still[p][i] if p in still else np.zeros(times[i].size) for p in places]
+
+    return tuple(r.with_modulated(places, weights(i)) for i, r in enumerate(records))
 
 
 def record_columns(
@@ -209,16 +246,18 @@ def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], 
     memories = np.geomspace(2.0 * step, max(longest / 3.0, 4.0 * step), MEMORIES)
     places = [place.name for place in linearised.system.places]
     sources = _sources(linearised)
+    sticking = places_that_stick(linearised)
     shows = _reach(records, noise)
     candidates = []
-    for j, source in enumerate(sources):
-        if not shows[j] > 0.0:
-            continue
-        where = places[j] if j < len(places) else source
-        own = memories if j < len(places) else memories[:1]  # the noise of a recorded input is white
-        candidates += [
-            Process(where=where, source=j, channel=-1, memory=float(m), std=float(1.0 / shows[j])) for m in own
-        ]
+    acting = [(j, source, memories[:1]) for j, source in enumerate(sources)]  # the noise of a recorded input is white
+    acting[: len(places)] = [(j, place, memories) for j, place in enumerate(places)]
+    acting += [(len(sources) + j, places[j], memories) for j in sticking]
+    for j, where, own in acting:
+        if shows[j] > 0.0:
+            size, still = float(1.0 / shows[j]), j >= len(sources)
+            candidates += [
+                Process(where=where, source=j, channel=-1, memory=float(m), std=size, at_standstill=still) for m in own
+            ]
     for c, name in enumerate(linearised.residual().channels):
         candidates += [
             Process(where=name, source=-1, channel=c, memory=float(m), std=float(noise[c])) for m in memories[1:]

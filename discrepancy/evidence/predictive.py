@@ -117,17 +117,20 @@ def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:
 
     The parameters without a record follow from the normal equations of the fit, in which each output is weighted by
     its scale; each record's own unknowns are fitted to it, as they are when a record is held out.  The white noise that
-    the means of several samples have lost counts as it does in the records themselves.
+    the means of several samples have lost counts as it does in the records themselves.  Only samples that are part of
+    the likelihood count.
     """
     stage, linearised = likelihood.stage, likelihood.linearised
     residual, sens = linearised.residual(), linearised.sensitivities()
+    used = [~mask for mask in likelihood.left_out]
     weights = np.array([stage.identify.scale[c] for c in residual.channels])
     given = linearised.preparation
     lost = noise_floor(linearised) ** 2 * (given.average * given.decimate - 1)
     # the fit has `average` samples for each of these
     count = float(given.average)
     rows = []
-    for block, slopes, own in zip(residual.blocks, sens.blocks, sens.nuisance, strict=True):
+    for mask, whole, slopes, own in zip(used, residual.blocks, sens.blocks, sens.nuisance, strict=True):
+        block, slopes, own = whole[mask], slopes[mask], own[mask] if own is not None else None
         e, f = (block / weights).ravel(), (slopes / weights[:, None]).reshape(block.size, -1)
         if own is not None and own.shape[2]:
             q, _ = np.linalg.qr((own / weights[:, None]).reshape(block.size, -1))

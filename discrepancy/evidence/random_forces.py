@@ -33,8 +33,7 @@ class RandomForces:
         if not self.processes:
             return "The records ask for no random force beside the noise of their sensors."
         parts = [
-            f"{quantity_text(q.std, unit, 2)} at {q.where}, changing within about {q.memory:.2g} s"
-            for q, unit in self.processes
+            f"{_where_and_how_large(q, unit)}, changing within about {q.memory:.2g} s" for q, unit in self.processes
         ]
         return (
             "Beside the noise of the sensors the records show random forces or errors (standard deviations): "
@@ -51,11 +50,17 @@ class RandomForces:
                     "size": q.std,
                     "unit": unit,
                     "memory_s": q.memory,
+                    "at_standstill": q.at_standstill,
                 }
                 for q, unit in self.processes
             ],
             "white_noise": self.noise,
         }
+
+
+def _where_and_how_large(process: Process, unit: str) -> str:
+    text = f"{quantity_text(process.std, unit, 2)} at {process.where}"
+    return f"{text} while it stands still" if process.at_standstill else text
 
 
 def random_forces_of(likelihood: StageLikelihood) -> RandomForces:

@@ -182,7 +182,7 @@ class EvidenceSearch:
         """Fit the models that are offered and keep them, each with its evidence."""
         state = self.state
         assert parent.likelihood is not None
-        noise = parent.likelihood.noise.model
+        _ = parent.likelihood.noise  # before the fits go side by side
 
         def tried(offer: tuple[Proposal, float]) -> TriedModel:
             proposal, p_value = offer
@@ -198,7 +198,7 @@ class EvidenceSearch:
                 state.progress(f"fit with {model.name}")
                 try:
                     stage = state.on_trial(model.name, effects, parent.stage)
-                    likelihood = StageLikelihood(stage=stage, start=noise, grow=False)
+                    likelihood = parent.likelihood.neighbour(stage)
                     assert self.prior is not None
                     evidence = log_evidence(likelihood, self.prior)
                 except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:

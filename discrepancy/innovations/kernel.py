@@ -10,7 +10,7 @@ __all__ = ["covariance_pass", "filter_columns"]
 
 @njit(cache=True, nogil=True, fastmath=False)
 def covariance_pass(  # type: ignore[no-untyped-def]
-    phi, g0, g1, c, d, observed, source, channel, decay, variance, noise, gain, root
+    phi, g0, g1, c, d, counts, source, channel, decay, variance, noise, gain, root
 ):
     """Run the covariance recursion of the Kalman filter along a record; return the sum of log √det S.
 
@@ -20,8 +20,8 @@ def covariance_pass(  # type: ignore[no-untyped-def]
     g0, g1 : ndarray, shape (N - 1, n, m)
         State-transition matrices; see `discrepancy.innovations.linear_record`.
     c, d : ndarray, shape (N, n_c, n) and (N, n_c, m)
-    observed : ndarray of bool, shape (N,)
-        Whether the sample was measured.
+    counts : ndarray of bool, shape (N,)
+        Whether the sample was measured and is part of the likelihood.
     source, channel : ndarray of int, shape (p,)
         Column of g0, g1 and d that a process drives, or -1; output that it is added to, or -1.
     decay : ndarray, shape (N - 1, p)
@@ -33,7 +33,7 @@ def covariance_pass(  # type: ignore[no-untyped-def]
     gain : ndarray, shape (N, n + p, n_c)
         Filter gain: written.
     root : ndarray, shape (N, n_c, n_c)
-        Inverse of the lower Cholesky factor of the innovations' covariance: written.
+        Inverse of the lower Cholesky factor of the innovations' covariance: written, where a sample counts.
     """
     count, n, n_c, p = c.shape[0], c.shape[2], c.shape[1], source.size
     size = n + p
@@ -47,7 +47,7 @@ def covariance_pass(  # type: ignore[no-untyped-def]
     S = np.zeros((n_c, n_c))
     log_det = 0.0
     for k in range(count):
-        if observed[k]:
+        if counts[k]:
             H[:, :n] = c[k]
             for j in range(p):
                 for i in range(n_c):
@@ -107,11 +107,12 @@ def covariance_pass(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def filter_columns(  # type: ignore[no-untyped-def]
-    phi, g0, g1, c, d, observed, source, channel, decay, gain, root, columns, out, inverse
+    phi, g0, g1, c, d, observed, counts, source, channel, decay, gain, root, columns, out, inverse
 ):
     """Whiten columns, shape (N_observed, n_c, q), by the filter of `covariance_pass`; written to ``out``.
 
-    With ``inverse`` columns are innovations, and what they are the innovations of is written.
+    With ``inverse`` columns are innovations, and what they are the innovations of is written.  A sample that does not
+    count has innovations of zero.
     """
     count, n, n_c, p = c.shape[0], c.shape[2], c.shape[1], source.size
     q = columns.shape[2]
@@ -119,7 +120,10 @@ def filter_columns(  # type: ignore[no-untyped-def]
     x_next, expected, innovation = np.zeros((n, q)), np.zeros((n_c, q)), np.zeros((n_c, q))
     row = 0
     for k in range(count):
-        if observed[k]:
+        if observed[k] and not counts[k]:
+            out[row] = 0.0
+            row += 1
+        elif observed[k]:
             np.dot(c[k], x, expected)
             for j in range(p):
                 for i in range(n_c):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,8 @@ class LinearRecord:
     phi : ndarray, shape (N - 1, n, n)
     gamma0, gamma1 : ndarray, shape (N - 1, n, m)
     c, d : ndarray, shape (N, n_c, n) and (N, n_c, m)
+    left_out : ndarray of bool, shape (N,)
+        Which samples are no part of the likelihood although they are measured.
     """
 
     time: np.ndarray
@@ -39,6 +41,36 @@ class LinearRecord:
     gamma1: np.ndarray
     c: np.ndarray
     d: np.ndarray
+    left_out: np.ndarray
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Which samples are part of the likelihood, shape (N,)."""
+        return self.observed & ~self.left_out
+
+    @property
+    def used(self) -> np.ndarray:
+        """Which of the measured samples are part of the likelihood, shape (n,)."""
+        used: np.ndarray = ~self.left_out[self.observed]
+        return used
+
+    def without(self, left_out: np.ndarray) -> LinearRecord:
+        """Return the same with some of the measured samples, shape (n,) of bool, left out of the likelihood."""
+        whole = np.zeros(self.time.size, dtype=bool)
+        whole[self.observed] = left_out
+        return replace(self, left_out=whole)
+
+    def with_modulated(self, columns: Sequence[int], weights: Sequence[np.ndarray]) -> LinearRecord:
+        """Return the same with further inputs: copies of some, each times a weight over the time, shape (N,)."""
+        if not columns:
+            return self
+        w = np.stack([np.asarray(weight, dtype=float) for weight in weights], axis=1)
+        chosen = list(columns)
+
+        def more(block: np.ndarray, weight: np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(np.concatenate([block, block[:, :, chosen] * weight[:, None, :]], axis=2))
+
+        return replace(self, gamma0=more(self.gamma0, w[:-1]), gamma1=more(self.gamma1, w[1:]), d=more(self.d, w))
 
     def every(self, count: int) -> LinearRecord:
         """Return the same on every so-manieth sample, for estimates that need no more."""
@@ -52,6 +84,7 @@ class LinearRecord:
             gamma1=gamma1,
             c=self.c[keep],
             d=self.d[keep],
+            left_out=self.left_out[keep],
         )
 
 
@@ -96,6 +129,7 @@ def linear_record(
         gamma1=composed[2],
         c=np.ascontiguousarray(response.c[keep][:, :, seen]),
         d=np.ascontiguousarray(response.d[keep]),
+        left_out=np.zeros(keep.size, dtype=bool),
     )
 
 
@@ -129,6 +163,7 @@ def _without_states(experiment: Experiment, system: System, p: np.ndarray, chann
         gamma1=np.zeros((count - 1, 1, m)),
         c=np.zeros((count, rows.size, 1)),
         d=np.ascontiguousarray(d[keep][:, rows]),
+        left_out=np.zeros(count, dtype=bool),
     )
 
 

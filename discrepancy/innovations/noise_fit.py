@@ -20,10 +20,15 @@ WORTH = 4.0
 MOST_PROCESSES = 6
 PROMISING = 8  # processes that are tried again in the next round: those that raised the likelihood most
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
-FIRST_SIZES = (0.3, 3.0)
+FIRST_SIZES = (0.3, 3.0, 30.0)
+#: Factors on the memory of a process that was added, of which each is tried: the memories offered are a coarse grid.
+MEMORY_FACTORS = (0.4, 2.5)
 #: Change of a log standard deviation over which derivatives are taken, most iterations, and how far it may move in all:
 #: by a factor of 400.
 STEP, ROUNDS, FURTHEST = 1e-3, 30, 6.0
+#: Nats per factor e of a standard deviation below which the likelihood counts as level, and most points of a line
+#: search: what they give away is far below `WORTH`.
+STEEP, LINE_SEARCH = 0.3, 6
 HOPELESS = 1e4  # nats below the start that a model counts as where its likelihood cannot be computed
 #: Samples × outputs of the records, thinned out, on which it is decided which process to try next.
 SCREENING_ROWS = 1500
@@ -43,7 +48,8 @@ class WhitenedRecord:
     residual : ndarray, shape (n · n_c,)
     shared : ndarray, shape (n · n_c, k)
     log_root : ndarray, shape (n,)
-        Log-determinant of every sample's whitening: minus half that of the covariance of its innovations.
+        Log-determinant of every sample's whitening: minus half that of the covariance of its innovations; zero where it
+        does not count.
     own_log_det : float
         Half the log-determinant of the own unknowns' normal matrix, in units of their columns.
     """
@@ -87,11 +93,11 @@ class RecordColumns:
             q = q[:, kept]
             flat = flat[:, : 1 + k] - q @ (q.T @ flat[:, : 1 + k])
             own_log_det = float(np.sum(np.log(np.abs(np.diag(r)[kept]))))
-        root = weighting.root[self.record.observed]
+        root = np.diagonal(weighting.root[self.record.observed], axis1=1, axis2=2)
         return WhitenedRecord(
             residual=flat[:, 0],
             shared=flat[:, 1 : 1 + k],
-            log_root=np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1),
+            log_root=np.log(np.where(self.record.used[:, None], root, 1.0)).sum(axis=1),
             own_log_det=own_log_det,
         )
 
@@ -105,13 +111,21 @@ class RecordColumns:
         return RecordColumns(record=thinned, residual=self.residual[kept], shared=self.shared[kept], own=self.own[kept])
 
     def innovations(self, model: NoiseModel) -> tuple[np.ndarray, np.ndarray]:
-        """Return the standardised innovations, (n, n_c), free of linear unknowns, and their roots, (n, n_c, n_c)."""
+        """Return the standardised innovations of the samples that count, and their roots.
+
+        Returns
+        -------
+        innovations : ndarray, shape (n_used, n_c)
+            Free of the linear unknowns.
+        root : ndarray, shape (n_used, n_c, n_c)
+        """
         weighting = innovation_weighting(self.record, model)
         together = np.concatenate([self.residual[:, :, None], self.shared, self.own], axis=2)
         flat = weighting(together).reshape(-1, together.shape[2])
         basis = flat[:, 1:] / np.maximum(np.linalg.norm(flat[:, 1:], axis=0), 1e-300)
         left = flat[:, 0] - basis @ np.linalg.lstsq(basis, flat[:, 0], rcond=1e-10)[0]
-        return left.reshape(self.residual.shape), weighting.root[self.record.observed]
+        used = self.record.used
+        return left.reshape(self.residual.shape)[used], weighting.root[self.record.counts]
 
 
 def prior_precision(prior_std: np.ndarray) -> np.ndarray:
@@ -221,7 +235,7 @@ def fit_noise(
         return restricted_log_likelihood(records, model, prior_std, prior_offset)
 
     if start is None:
-        left = np.sqrt(np.mean(np.concatenate([r.residual for r in records]) ** 2, axis=0))
+        left = np.sqrt(np.mean(np.concatenate([r.residual[r.record.used] for r in records]) ** 2, axis=0))
         start = NoiseModel(noise=tuple(np.maximum(left, floor).tolist()))
     model, best = _climb(*_with_correlation(start, records, likelihood, floor), likelihood, floor)
     promising = list(candidates)
@@ -234,7 +248,7 @@ def fit_noise(
     while grow and len(model.processes) < MOST_PROCESSES:
         tried = []
         for process in promising:
-            if any(q.where == process.where and q.memory == process.memory for q in model.processes):
+            if any(_same_process(q, process) for q in model.processes):
                 continue
             sizes = (replace(process, std=size * process.std) for size in FIRST_SIZES)
             trials = [replace(model, processes=(*model.processes, q)) for q in sizes]
@@ -243,13 +257,40 @@ def fit_noise(
             break
         tried.sort(key=lambda t: -t[0])
         promising = [process for *_, process in tried[:PROMISING]]
-        trial = tried[0][1]
-        fitted, value = _climb(trial, likelihood(trial), likelihood, floor)
+        # the best force and the best error of an output: which of the two it is, a thinned record may not tell
+        kinds = {process.channel >= 0: trial for _, trial, process in reversed(tried)}
+        climbed = [_climb(trial, likelihood(trial), likelihood, floor) for trial in kinds.values()]
+        fitted, value = max(climbed, key=lambda t: t[1])
+        fitted, value = _with_memory(fitted, value, likelihood, floor)
         fitted, value = _climb(*_with_correlation(fitted, records, likelihood, floor), likelihood, floor)
         if value < best + WORTH:
             break
         model, best = fitted, value
     return model, best
+
+
+def _same_process(one: Process, other: Process) -> bool:
+    return (one.source, one.channel, one.memory) == (other.source, other.channel, other.memory)
+
+
+def _with_memory(
+    model: NoiseModel, value: float, likelihood: Callable[[NoiseModel], float], floor: np.ndarray
+) -> tuple[NoiseModel, float]:
+    """Return the model with the memory of its last process changed, as long as that is likelier."""
+    for factor in MEMORY_FACTORS:
+        better = False
+        while True:
+            *others, last = model.processes
+            # what drives the process keeps its size
+            changed = replace(last, memory=factor * last.memory, std=float(np.sqrt(factor)) * last.std)
+            trial = replace(model, processes=(*others, changed))
+            fitted, reached = _climb(trial, likelihood(trial), likelihood, floor)
+            if not reached > value + CLOSE:
+                break
+            model, value, better = fitted, reached, True
+        if better:
+            break
+    return model, value
 
 
 def _with_correlation(
@@ -317,7 +358,13 @@ def _climb(
         begin,
         method="L-BFGS-B",
         bounds=bounds,
-        options={"eps": STEP, "maxiter": ROUNDS, "ftol": CLOSE / max(abs(value), 1.0)},
+        options={
+            "eps": STEP,
+            "maxiter": ROUNDS,
+            "maxls": LINE_SEARCH,
+            "gtol": STEEP,
+            "ftol": CLOSE / max(abs(value), 1.0),
+        },
     )
     reached = -float(result.fun)
     return (at(result.x), reached) if reached > value else (model, value)

@@ -27,6 +27,9 @@ class Process:
         Correlation time.
     std : float
         Stationary standard deviation, SI.
+    at_standstill : bool
+        Whether it acts only while the connection stands still: what dry friction holds it with then is not determined
+        by its motion.
     """
 
     where: str
@@ -34,6 +37,7 @@ class Process:
     channel: int
     memory: float
     std: float
+    at_standstill: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,6 +107,7 @@ class InnovationWeighting:
             r.c,
             r.d,
             r.observed,
+            r.counts,
             *_indices(model.processes),
             _decay(r, model.processes),
             self.gain,
@@ -125,7 +130,7 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
         record.gamma1,
         record.c,
         record.d,
-        record.observed,
+        record.counts,
         *_indices(model.processes),
         _decay(record, model.processes),
         np.array([q.std**2 for q in model.processes]),

@@ -32,6 +32,7 @@ def oscillator(count: int) -> LinearRecord:
         gamma1=np.repeat(ramp[None], count - 1, axis=0),
         c=np.repeat(np.eye(2)[None], count, axis=0),
         d=np.zeros((count, 2, 1)),
+        left_out=np.zeros(count, dtype=bool),
     )
 
 
@@ -167,6 +168,7 @@ def test_a_record_of_sensor_noise_may_be_split_in_two() -> None:
                 record,
                 time=record.time[part],
                 observed=record.observed[part],
+                left_out=record.left_out[part],
                 phi=record.phi[:29],
                 gamma0=record.gamma0[:29],
                 gamma1=record.gamma1[:29],
