@@ -165,7 +165,9 @@ def _probabilities(by_evidence: EvidenceSearch | None, verdict: str) -> Posterio
     found = [str(e) for e in by_evidence.state.stages[-1].effects]
     start = by_evidence.start
     asked = start.proposals if start is not None else None
-    return posterior(by_evidence.models, found, asked, unknown=verdict == "unknown effect")
+    taken = by_evidence.taken
+    final = taken.proposals if taken is not None else None
+    return posterior(by_evidence.models, found, asked, final, unknown=verdict == "unknown effect")
 
 
 def _accepted_curve(

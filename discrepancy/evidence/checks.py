@@ -97,9 +97,9 @@ def predictive_checks(likelihood: StageLikelihood) -> tuple[Check, ...]:
 
 
 def _innovation_sizes(roots: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the standard deviation of the innovations of every output, SI, (n_c,)."""
+    """Return the standard deviation of the innovations of every output at a usual sample, SI, (n_c,)."""
     factors = np.linalg.inv(np.concatenate(roots))
-    sizes: np.ndarray = np.sqrt(np.mean(np.sum(factors**2, axis=2), axis=0))
+    sizes: np.ndarray = np.median(np.sqrt(np.sum(factors**2, axis=2)), axis=0)
     return sizes
 
 

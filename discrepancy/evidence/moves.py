@@ -28,10 +28,10 @@ __all__ = [
     "curve",
     "drops",
     "exchanges",
-    "is_relevant",
     "key_of",
     "pairs",
     "simplifications",
+    "why_irrelevant",
 ]
 
 
@@ -227,11 +227,16 @@ def curve(likelihood: StageLikelihood, *, level: float, seed: int) -> list[tuple
     return [(Proposal(move="add a curve", effects=(*effects, e)), float(p)) for e, p in best]
 
 
-def is_relevant(model: TriedModel, parent: TriedModel) -> bool:
-    """Tell whether an effect makes the simulation of records left out better, and of no output worse."""
+def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
+    """Return why an effect makes no prediction better that one could see; an empty text if it does.
+
+    It must make the simulation of records left out better in some output, and worse in none.
+    """
     assert model.likelihood is not None
     assert parent.likelihood is not None
     gain = simulation_gain(model.likelihood, parent.likelihood)
-    return gain.helps(POLICY.relevance, POLICY.simulation_errors) and not gain.harms(
-        POLICY.harm, POLICY.simulation_errors
-    )
+    if gain.harms(POLICY.harm, POLICY.simulation_errors):
+        return f"some output of records left out is simulated worse (square error gone: {gain})"
+    if not gain.helps(POLICY.relevance, POLICY.simulation_errors):
+        return f"records left out are not simulated better (square error gone: {gain})"
+    return ""

@@ -88,6 +88,7 @@ def posterior(
     models: Mapping[tuple[str, ...], TriedModel],
     found: Sequence[str],
     proposals: Proposals | None,
+    final: Proposals | None = None,
     *,
     unknown: bool = False,
     temperature: float = POLICY.temperature,
@@ -103,6 +104,8 @@ def posterior(
         Names of the effects of the model that was taken.
     proposals : Proposals or None
         Of the model without effects: what changes the same.
+    final : Proposals or None
+        Of the model that was taken: what changes the same there as well.
     unknown : bool
         Whether the model that was taken fails its predictive checks: what it leaves of the probability of "nothing" is
         then that of "unknown".
@@ -115,7 +118,7 @@ def posterior(
     model that it was made of.
     """
     totals = {k: m.total for k, m in models.items() if math.isfinite(m.total)}
-    totals |= _twin_models(totals, proposals)
+    totals |= _twin_models(totals, proposals, final)
     probabilities = _of_what_matters(_softmax(totals, temperature), models, found)
     nothing = probabilities.get((), 0.0)
     beyond = sum(p for k, p in probabilities.items() if any(n.startswith(UNKNOWN) for n in k))
@@ -156,8 +159,13 @@ def _of_what_matters(
     return out
 
 
-def _twin_models(totals: Mapping[tuple[str, ...], float], proposals: Proposals | None) -> dict[tuple[str, ...], float]:
-    """Return models in which a candidate that was not fitted stands for one that was, because both change the same."""
+def _twin_models(
+    totals: Mapping[tuple[str, ...], float], proposals: Proposals | None, final: Proposals | None
+) -> dict[tuple[str, ...], float]:
+    """Return models in which a candidate that was not fitted stands for one that was, because both change the same.
+
+    Around a model that lacks a large effect much looks alike; what differs around the model that has it is no twin.
+    """
     twins: dict[tuple[str, ...], float] = {}
     if proposals is None:
         return twins
@@ -168,7 +176,8 @@ def _twin_models(totals: Mapping[tuple[str, ...], float], proposals: Proposals |
                 continue
             for twin in proposals.twins(name):
                 other = tuple(sorted([*(n for n in key if n != name), twin.name]))
-                if twin.name not in key and other not in totals:
+                told_apart = final is not None and name in final.alike and twin.name not in final.alike[name]
+                if twin.name not in key and other not in totals and not told_apart:
                     value = total + twin.gain - own.gain
                     twins[other] = max(twins.get(other, -math.inf), min(value, total))
     return twins
@@ -188,12 +197,13 @@ def rivals_of(
     name: str,
     models: Mapping[tuple[str, ...], TriedModel],
     proposals: Proposals | None,
+    final: Proposals | None = None,
 ) -> tuple[RivalExplanation, ...]:
     """Return the other explanations of an effect: the models with something else in its place, best first."""
     rest = set(best.key) - {name}
     totals = {k: m.total for k, m in models.items() if math.isfinite(m.total)}
     fitted = set(totals)
-    totals |= _twin_models(totals, proposals)
+    totals |= _twin_models(totals, proposals, final)
     rivals = []
     for key, total in totals.items():
         new = set(key) - rest

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from discrepancy.evidence.likelihood import (
     record_columns,
     with_columns,
 )
+from discrepancy.evidence.likeness import ParameterLikeness, parameter_likeness
 from discrepancy.evidence.policy import POLICY
 from discrepancy.sensitivities.candidates import candidate_sensitivities
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
@@ -121,22 +122,34 @@ class Proposals:
         Best linear evidence first: under the model's noise, or under the noise that is left beside the best of them,
         whichever is larger.
     refused : tuple of (Entry, str)
+    owned : mapping of str to str
+        Candidates, by ``kind@where``, that an uncertain parameter of the model stands for, and that parameter.
+    alike : mapping of str to frozenset of str
+        For every effect of the model the candidates that change the same as it, beside everything that is fitted.
     """
 
     scan: ScanResult
     candidates: tuple[ScoredCandidate, ...]
     refused: tuple[tuple[Entry, str], ...]
+    owned: Mapping[str, str]
+    alike: Mapping[str, frozenset[str]]
 
     def named(self, name: str) -> ScoredCandidate | None:
         """Return a candidate by its ``kind@where``; None if it was not scored."""
         return next((c for c in self.candidates if c.name == name), None)
 
     def ahead(self) -> list[ScoredCandidate]:
-        """Return the candidates to fit in full: the best of those that differ in what they change."""
+        """Return the candidates to fit in full: the best of those that differ in what they change.
+
+        One that cannot pay for its name, chosen among so many, is not worth a fit.
+        """
+        price = math.log(max(len(self.candidates), 1))
         chosen: list[ScoredCandidate] = []
         for c in self.candidates:
-            if c.gain <= 0.0 or len(chosen) == POLICY.refits:
+            if c.gain <= price or len(chosen) == POLICY.refits:
                 break
+            if not np.any(c.expected_strength):
+                continue
             if not any(_same(c, o) for o in chosen):
                 chosen.append(c)
         return chosen
@@ -188,11 +201,12 @@ def propose(
     raw, refused = candidate_sensitivities(plain, entries, progress, stage.effects, curves=not stage.effects)
     progress(f"scores of {len(raw)} candidates")
     residual, sens = problem.residual(), problem.sensitivities()
-    scored = _scored(problem, raw)
+    white = _whitened(raw, problem.weighting)
+    scored = _scored(problem, white)
     result = scan(
         residual,
         sens,
-        _whitened(raw, problem.weighting),
+        white,
         level=level / LEVEL_SHARES,
         seed=seed,
         noise_floor=[stage.noise[c] for c in residual.channels],
@@ -200,16 +214,36 @@ def propose(
         plain=scored,
     )
     noise = noise_floor(plain)
-    best = _by_evidence(scored, raw, noise)
+    likeness = parameter_likeness(sens)
+    owned = _owned(_by_evidence(scored, raw, noise), raw, white, likeness)
+    alike = likeness.alike(stage.effects, white, POLICY.same_direction)
+    refused += [(e, f"{owned[e.name]} of the model does the same, and is fitted") for e in entries if e.name in owned]
+    best = [c for c in _by_evidence(scored, raw, noise) if c.name not in owned]
     if best:
         progress(f"the noise that is left beside {best[0].name}")
         beside = plain.weighted_by(_noise_beside(likelihood, best[0]).weighting())
-        again = {c.name: c for c in _by_evidence(_scored(beside, raw), raw, noise)}
+        again = {c.name: c for c in _by_evidence(_scored(beside, _whitened(raw, beside.weighting)), raw, noise)}
         merged = [max(c, again.get(c.name, c), key=lambda x: x.gain) for c in best]
-        merged += [c for n, c in again.items() if n not in {b.name for b in best}]
+        merged += [c for n, c in again.items() if n not in {b.name for b in best} and n not in owned]
         # the direction decides what is alike: one metric for all
         best = sorted((again.get(c.name, c) for c in merged), key=lambda c: -c.gain)
-    return Proposals(scan=result, candidates=tuple(best), refused=tuple(refused))
+    return Proposals(scan=result, candidates=tuple(best), refused=tuple(refused), owned=owned, alike=alike)
+
+
+def _owned(
+    scored: Sequence[ScoredCandidate],
+    raw: Sequence[Candidate],
+    white: Sequence[Candidate],
+    likeness: ParameterLikeness,
+) -> dict[str, str]:
+    """Return the candidates that an uncertain parameter of the model stands for, and that parameter."""
+    innovations = {c.name: w for c, w in zip(raw, white, strict=True)}
+    owned = {}
+    for c in scored:
+        columns = innovations[c.name].sensitivities[c.candidate.shapes.index(c.shape)]
+        if name := likeness.owner([z @ c.expected_strength for z in columns]):
+            owned[c.name] = name
+    return owned
 
 
 def _whitened(candidates: Sequence[Candidate], weighting: Sequence[Weighting]) -> list[Candidate]:
@@ -219,11 +253,11 @@ def _whitened(candidates: Sequence[Candidate], weighting: Sequence[Weighting]) -
     return [replace(c, sensitivities=tuple(of(blocks) for blocks in c.sensitivities)) for c in candidates]
 
 
-def _scored(problem: LinearisedProblem, raw: Sequence[Candidate]) -> WhitenedProblem:
+def _scored(problem: LinearisedProblem, white: Sequence[Candidate]) -> WhitenedProblem:
     """Return candidates in innovations, whose variance is one by construction."""
     residual = problem.residual()
     unit = identity([1.0] * len(residual.channels), residual.channels, residual.dt)
-    return whiten_all(unit, residual, problem.sensitivities(), _whitened(raw, problem.weighting))
+    return whiten_all(unit, residual, problem.sensitivities(), white)
 
 
 def _by_evidence(w: WhitenedProblem, raw: Sequence[Candidate], noise: np.ndarray) -> list[ScoredCandidate]:

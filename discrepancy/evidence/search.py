@@ -78,6 +78,11 @@ class EvidenceSearch:
         """The model without effects, if it was tried."""
         return self.models.get(())
 
+    @property
+    def taken(self) -> TriedModel | None:
+        """The model that is the answer; None before there is one."""
+        return next((m for m in self.models.values() if m.taken), None)
+
     # ---------------------------------------------------------------- the beam
 
     def _standing(self) -> list[TriedModel]:
@@ -225,8 +230,8 @@ class EvidenceSearch:
         more = len(model.stage.effects) > len(parent.stage.effects)
         if gain <= (POLICY.improvement if more else 0.0):
             model.outcome = "not better"
-        elif more and not moves.is_relevant(model, parent):
-            model.refuse("better, but records left out are not simulated better")
+        elif more and (why := moves.why_irrelevant(model, parent)):
+            model.refuse(f"better, but {why}")
         else:
             model.better, model.outcome = True, "better"
 
@@ -260,7 +265,7 @@ class EvidenceSearch:
         state = self.state
         while best.key and best.likelihood is not None:
             weakest: tuple[float, TriedModel, str] | None = None
-            for model in self._fitted_once(best, [*moves.simplifications(best), *moves.drops(best)]):
+            for model in self._fitted_once(best, [*self._simplifications(best), *moves.drops(best)]):
                 if model.likelihood is None:
                     continue
                 gain = predictive_gain(best.likelihood, model.likelihood)
@@ -283,6 +288,11 @@ class EvidenceSearch:
             best = weakest[1]
         return best
 
+    def _simplifications(self, best: TriedModel) -> list[Proposal]:
+        """Return the models with a simpler law in the place of another, unless a parameter of the model is that law."""
+        owned = {n for m in self.models.values() if m.proposals is not None for n in m.proposals.owned}
+        return [p for p in moves.simplifications(best) if not owned & {str(e) for e in p.effects}]
+
     @staticmethod
     def _why_dropped(best: TriedModel, without: TriedModel, gain: PredictiveGain) -> str:
         """Return why an effect is dropped again; an empty text where it stays."""
@@ -290,9 +300,7 @@ class EvidenceSearch:
             return "records left out are predicted no better with it"
         if best.total - without.total <= POLICY.improvement:
             return "the evidence for it is weak"
-        if not moves.is_relevant(best, without):
-            return "no record left out is simulated better with it"
-        return ""
+        return moves.why_irrelevant(best, without)
 
     def _confirmed(self, best: TriedModel) -> TriedModel:
         """Drop effects that make no output of the records held out better, or some output worse, one after another.
@@ -364,7 +372,7 @@ class EvidenceSearch:
                 effect=fitted,
                 p_value=self._p_value(str(fitted)),
                 delta_bic=-2.0 * gain,
-                rivals=rivals_of(best, str(fitted), self.models, start.proposals),
+                rivals=rivals_of(best, str(fitted), self.models, start.proposals, best.proposals),
             )
             state.stages.append(replace(stage, effects=others, accepted=accepted))
             self._keep_scans()

@@ -18,7 +18,9 @@ __all__ = ["RecordColumns", "fit_noise", "likeliest_change", "prior_precision", 
 #: where there is no such process.
 WORTH = 4.0
 MOST_PROCESSES = 6
-PROMISING = 8  # processes that are tried again in the next round: those that raised the likelihood most
+#: Processes of each kind that are tried again in the next round: those that raised the likelihood most.  The kinds are
+#: forces, forces at a standstill, and errors of outputs: the first to be found must not crowd out the others.
+PROMISING = 4
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
 FIRST_SIZES = (0.3, 3.0, 30.0)
 #: Factors on the memory of a process that was added, of which each is tried: the memories offered are a coarse grid.
@@ -256,10 +258,11 @@ def fit_noise(
         if not tried:
             break
         tried.sort(key=lambda t: -t[0])
-        promising = [process for *_, process in tried[:PROMISING]]
-        # the best force and the best error of an output: which of the two it is, a thinned record may not tell
-        kinds = {process.channel >= 0: trial for _, trial, process in reversed(tried)}
-        climbed = [_climb(trial, likelihood(trial), likelihood, floor) for trial in kinds.values()]
+        kinds = {_kind(process): [t for t in tried if _kind(t[-1]) == _kind(process)] for *_, process in tried}
+        promising = [process for of_kind in kinds.values() for *_, process in of_kind[:PROMISING]]
+        # the best of each kind is fitted: which of them it is, a thinned record may not tell
+        best_of = [of_kind[0][1] for of_kind in kinds.values()]
+        climbed = [_climb(trial, likelihood(trial), likelihood, floor) for trial in best_of]
         fitted, value = max(climbed, key=lambda t: t[1])
         fitted, value = _with_memory(fitted, value, likelihood, floor)
         fitted, value = _climb(*_with_correlation(fitted, records, likelihood, floor), likelihood, floor)
@@ -267,6 +270,10 @@ def fit_noise(
             break
         model, best = fitted, value
     return model, best
+
+
+def _kind(process: Process) -> tuple[bool, bool]:
+    return process.channel >= 0, process.at_standstill
 
 
 def _same_process(one: Process, other: Process) -> bool:

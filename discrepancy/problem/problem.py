@@ -51,8 +51,9 @@ class Problem:
     warnings : tuple of str
     inputs : {"auto", "as recorded"}
         ``"auto"`` takes noise out of recorded inputs where it matters (`discrepancy.residual.input_noise`).
-    search : {"significance", "evidence"}
-        How models are compared: by steps (`discrepancy.search`) or by evidence (`discrepancy.evidence`).
+    search : {"auto", "significance", "evidence"}
+        How models are compared: by steps (`discrepancy.search`) or by evidence (`discrepancy.evidence`); ``"auto"``: as
+        `discrepancy.study.choice` says.
     """
 
     name: str
@@ -70,7 +71,7 @@ class Problem:
     path: Path | None = None
     warnings: tuple[str, ...] = ()
     inputs: str = "auto"
-    search: str = "significance"
+    search: str = "auto"
 
 
 def make_experiments(

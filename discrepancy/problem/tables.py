@@ -118,7 +118,8 @@ class StudyTable(msgspec.Struct, frozen=True):
     """``[study]``: how the search is run.
 
     ``level`` is the chance, over all candidates of a step together, of naming an effect that is not there.  ``search``
-    compares models step by step by the significance of effects, or whole models by their marginal likelihood.
+    compares models step by step by the significance of effects, or whole models by their marginal likelihood; "auto"
+    does the latter where whole records of a small machine are simulated.
     """
 
     residual: Literal["auto", "simulation", "prediction", "inverse"] = "auto"
@@ -126,7 +127,7 @@ class StudyTable(msgspec.Struct, frozen=True):
     seed: int = 0
     max_effects: int = 6
     level: float = 0.02
-    search: Literal["significance", "evidence"] = "significance"
+    search: Literal["auto", "significance", "evidence"] = "auto"
 
 
 class OffsetsTable(msgspec.Struct, frozen=True):

@@ -37,7 +37,7 @@ def fingerprint(study: Study) -> str:
         *(f"{q.name} {q.value!r} {q.std!r} {q.min!r} {q.max!r}" for q in problem.uncertain),
         *(f"{n} {v!r}" for n, v in sorted(problem.noise.items())),
         repr((problem.include, problem.exclude, problem.level, problem.seed, problem.residual, problem.inputs)),
-        *([problem.search] if problem.search != "significance" else []),
+        *([problem.search] if problem.search != "auto" else []),
     ]
     for text in parts:
         digest.update(text.encode() + b"\0")

@@ -21,6 +21,7 @@ from discrepancy.search.moves import Decision
 from discrepancy.search.state import SearchState
 from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.study.candidates import Candidates, Prediction, candidates_of, named_effect
+from discrepancy.study.choice import is_by_evidence
 from discrepancy.study.left_out import Stretch, without_stretches
 from multibody.base.progress import silent
 
@@ -208,17 +209,25 @@ class Study(SearchState):
         """Search for what the model lacks, as ``problem.search`` says; then conclude."""
         self._undone.clear()
         self.steps.append({"action": "search"})
-        by_evidence = EvidenceSearch(self) if self.problem.search == "evidence" else None
+        by_evidence: EvidenceSearch | None = None
         try:
-            if by_evidence is not None:
+            if is_by_evidence(self):
+                by_evidence = EvidenceSearch(self)
                 by_evidence.run()
-            else:
+            if by_evidence is None or self._cut_into_windows():
+                by_evidence = None
                 Search(self).run()
         except KeyboardInterrupt:
             if len(self.stages) < 2:
                 raise  # no result would be lost
             self.interrupted = True
         return conclude(self, by_evidence)
+
+    def _cut_into_windows(self) -> bool:
+        """Begin again with windows where whole records cannot be simulated well and no effect explains that."""
+        if self.accepted_stages or self.mode != "simulation" or self.given.residual != "auto":
+            return False
+        return self.cut_into_windows(self.stages[1].rmse("identify"))
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the root mean square error of every output, stage by stage, on both parts."""
