@@ -266,18 +266,26 @@ def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], 
 
 
 def _reach(records: Sequence[LinearRecord], noise: np.ndarray) -> np.ndarray:
-    """Return how far a steady unit of each source moves the output that it moves most, root mean square in noise."""
-    energy = []
+    """Return how far a steady unit of each source moves the output that it moves most, in noise.
+
+    The median over the samples that it moves at all: where dry friction lets go, a small force moves the machine
+    without bound in the linearised problem, for a moment.
+    """
+    moves = []
     for record in records[:SHOWN]:
         n, m = record.phi.shape[1], record.gamma0.shape[2]
         moved = np.empty((*record.c.shape[:2], m))
         steady, room = np.ones((record.time.size, m)), np.empty((2, n, m))
         matrices = (record.phi, record.gamma0, record.gamma1, record.c, record.d)
         propagate(*matrices, np.arange(m), steady, room, moved)
-        energy.append((moved / noise[:, None]) ** 2)
-    with np.errstate(all="ignore"):
-        reach = np.sqrt(np.max(np.mean(np.concatenate(energy), axis=0), axis=0))
-    return np.where(np.isfinite(reach), reach, 0.0)
+        moves.append(np.abs(moved[record.counts]) / noise[:, None])
+    every = np.concatenate(moves)
+    every[~np.isfinite(every) | (every == 0.0)] = np.nan
+    reach = np.zeros(every.shape[1:])
+    shown = ~np.all(np.isnan(every), axis=0)
+    reach[shown] = np.nanmedian(every[:, shown], axis=0)
+    largest: np.ndarray = np.max(reach, axis=0)
+    return largest
 
 
 def with_columns(columns: Sequence[RecordColumns], more: Sequence[np.ndarray]) -> list[RecordColumns]:

@@ -39,6 +39,9 @@ __all__ = ["Proposal", "Proposals", "entries_of", "propose", "proposed_effects"]
 #: Kinds of which a machine may have several at one place, told apart by their shape: waves of other orders, tight spots
 #: elsewhere.  A second law of any other kind at the same place is the first with another strength.
 REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
+#: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
+#: problem, and yet it decides where and when a part comes to rest and moves on.
+STEADY = frozenset({"constant_force", "input_offset"})
 
 
 def entries_of(stage: Stage, include: Sequence[str] = ("*",), exclude: Sequence[str] = ()) -> list[Entry]:
@@ -126,6 +129,8 @@ class Proposals:
         Candidates, by ``kind@where``, that an uncertain parameter of the model stands for, and that parameter.
     alike : mapping of str to frozenset of str
         For every effect of the model the candidates that change the same as it, beside everything that is fitted.
+    sticks : bool
+        Whether the machine has dry friction and stands still at times.
     """
 
     scan: ScanResult
@@ -133,6 +138,7 @@ class Proposals:
     refused: tuple[tuple[Entry, str], ...]
     owned: Mapping[str, str]
     alike: Mapping[str, frozenset[str]]
+    sticks: bool
 
     def named(self, name: str) -> ScoredCandidate | None:
         """Return a candidate by its ``kind@where``; None if it was not scored."""
@@ -141,7 +147,8 @@ class Proposals:
     def ahead(self) -> list[ScoredCandidate]:
         """Return the candidates to fit in full: the best of those that differ in what they change.
 
-        One that cannot pay for its name, chosen among so many, is not worth a fit.
+        One that cannot pay for its name, chosen among so many, is not worth a fit.  Where dry friction holds a part of
+        the machine the best steady force is fitted as well.
         """
         price = math.log(max(len(self.candidates), 1))
         chosen: list[ScoredCandidate] = []
@@ -152,6 +159,9 @@ class Proposals:
                 continue
             if not any(_same(c, o) for o in chosen):
                 chosen.append(c)
+        steady = [c for c in self.candidates if c.kind in STEADY and np.any(c.expected_strength)]
+        if self.sticks and steady and steady[0] not in chosen:
+            chosen.append(steady[0])
         return chosen
 
     def twins(self, name: str) -> list[ScoredCandidate]:
@@ -216,6 +226,7 @@ def propose(
     noise = noise_floor(plain)
     likeness = parameter_likeness(sens)
     owned = _owned(_by_evidence(scored, raw, noise), raw, white, likeness)
+    sticks = any(np.any(mask) for mask in likelihood.left_out)
     alike = likeness.alike(stage.effects, white, POLICY.same_direction)
     refused += [(e, f"{owned[e.name]} of the model does the same, and is fitted") for e in entries if e.name in owned]
     best = [c for c in _by_evidence(scored, raw, noise) if c.name not in owned]
@@ -227,7 +238,9 @@ def propose(
         merged += [c for n, c in again.items() if n not in {b.name for b in best} and n not in owned]
         # the direction decides what is alike: one metric for all
         best = sorted((again.get(c.name, c) for c in merged), key=lambda c: -c.gain)
-    return Proposals(scan=result, candidates=tuple(best), refused=tuple(refused), owned=owned, alike=alike)
+    return Proposals(
+        scan=result, candidates=tuple(best), refused=tuple(refused), owned=owned, alike=alike, sticks=sticks
+    )
 
 
 def _owned(

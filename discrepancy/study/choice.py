@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from discrepancy.search.state import SearchState
 
-__all__ = ["MOST_STATES", "is_by_evidence"]
+__all__ = ["is_by_evidence"]
 
 #: States up to which "auto" searches by evidence: the machines that it was developed on have up to so many, and the
 #: time of its filter grows with the cube of them.

@@ -222,3 +222,46 @@ def test_white_noise_gets_no_latent_force() -> None:
         model, _ = fit_noise([one], np.zeros(0), np.zeros(0), np.array([1e-3, 1e-2]), candidates)
         added += bool(model.processes)
     assert added <= 2
+
+
+def test_samples_that_are_left_out_do_not_count() -> None:
+    """The likelihood is that of the dense covariance of the samples that remain."""
+    record, model = oscillator(60), noise_model()
+    left_out = np.zeros(60, dtype=bool)
+    left_out[20:31] = True
+    partly = record.without(left_out)
+    weighting = innovation_weighting(partly, model)
+    rng = np.random.default_rng(3)
+    y = rng.standard_normal((60, 2))
+    white = weighting(y)
+    assert not np.any(white[left_out])
+    kept = np.repeat(~left_out, 2)
+    covariance = dense_covariance(record, model)[np.ix_(kept, kept)]
+    flat = y.ravel()[kept]
+    assert np.sum(white**2) == pytest.approx(flat @ np.linalg.solve(covariance, flat), rel=1e-9)
+    assert weighting.log_det == pytest.approx(0.5 * np.linalg.slogdet(covariance)[1], rel=1e-9)
+    other = y.copy()
+    other[left_out] += 100.0
+    np.testing.assert_array_equal(weighting(other), white)
+    columns = columns_of(record, 3, model)
+    without = replace(columns, record=partly)
+    changed = replace(without, residual=columns.residual + 50.0 * left_out[:, None])
+    values = [restricted_log_likelihood([c], model, NO_PRIOR, NO_OFFSET) for c in (without, changed)]
+    assert values[0] == pytest.approx(values[1], rel=1e-12)
+    assert len(without.innovations(model)[0]) == 60 - 11
+
+
+def test_a_force_at_a_standstill_acts_only_there() -> None:
+    record = oscillator(40)
+    still = np.zeros(40)
+    still[10:16] = 1.0
+    more = record.with_modulated([0], [still])
+    assert more.gamma0.shape == (39, 2, 2)
+    np.testing.assert_array_equal(more.gamma0[:, :, 1], record.gamma0[:, :, 0] * still[:-1, None])
+    np.testing.assert_array_equal(more.gamma1[:, :, 1], record.gamma1[:, :, 0] * still[1:, None])
+    force = Process(where="spring", source=1, channel=-1, memory=0.3, std=20.0, at_standstill=True)
+    quiet = NoiseModel(noise=(0.003, 0.02))
+    loud = replace(quiet, processes=(force,))
+    before, after = (innovation_weighting(more, m).root for m in (quiet, loud))
+    np.testing.assert_allclose(after[:10], before[:10], rtol=1e-12)
+    assert np.all(after[13:16, 0, 0] < 0.9 * before[13:16, 0, 0]), "the innovations are less certain there"

@@ -1,0 +1,49 @@
+"""Likeness: a candidate that a parameter stands for, and one that is an effect of the model under another name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from discrepancy.evidence.likeness import parameter_likeness
+from discrepancy.statistics.blocks import Sensitivities
+
+N = 200
+T = np.linspace(0.0, 1.0, N)
+MASS, FRICTION = np.sin(9.0 * T), np.sign(np.cos(5.0 * T))
+
+
+def likeness(std=(np.inf, np.inf), own=None):
+    columns = np.stack([MASS, FRICTION], axis=1)[:, None, :]
+    return parameter_likeness(Sensitivities(["mass", "friction"], [columns], prior_std=std, nuisance=[own]))
+
+
+def test_a_candidate_that_does_what_a_parameter_does_is_its() -> None:
+    assert likeness().owner([2.0 * MASS[:, None]]) == "mass"
+    assert likeness().owner([-0.1 * FRICTION[:, None]]) == "friction"
+
+
+def test_a_candidate_of_its_own_belongs_to_no_parameter() -> None:
+    assert likeness().owner([(MASS + FRICTION)[:, None]]) == ""
+    assert likeness().owner([np.zeros((N, 1))]) == ""
+
+
+def test_a_parameter_that_would_have_to_move_further_than_its_prior_allows_does_not_stand_for_a_candidate() -> None:
+    assert likeness(std=(1.0, np.inf)).owner([2.9 * MASS[:, None]]) == "mass"
+    assert likeness(std=(1.0, np.inf)).owner([3.1 * MASS[:, None]]) == ""
+
+
+def test_what_a_record_has_of_its_own_tells_nothing_apart() -> None:
+    offset = np.ones((N, 1, 1))
+    assert likeness(own=offset).owner([(2.0 * MASS + 40.0)[:, None]]) == "mass"
+    assert likeness().owner([(2.0 * MASS + 40.0)[:, None]]) == ""
+
+
+@pytest.mark.parametrize(("column", "expected"), [(FRICTION + 3.0 * MASS, 1.0), (np.sin(60.0 * T), 0.0)])
+def test_the_partial_correlation_is_free_of_what_else_is_fitted(column: np.ndarray, expected: float) -> None:
+    found = likeness().partial_correlation(["friction"], [column[:, None, None]])
+    residual = [v - np.outer(v @ MASS, MASS).ravel() / (MASS @ MASS) for v in (FRICTION, column)]
+    direct = abs(residual[0] @ residual[1]) / np.linalg.norm(residual[0]) / np.linalg.norm(residual[1])
+    assert found == pytest.approx(direct, abs=1e-6)
+    assert found == pytest.approx(expected, abs=0.3)
+    assert likeness().partial_correlation(["unknown"], [column[:, None, None]]) == 0.0
