@@ -20,7 +20,7 @@ from discrepancy.conclusion.sentences import (
     warnings_about_effects,
 )
 from discrepancy.effects.effect import unit_at
-from discrepancy.evidence.checks import Check, predictive_checks
+from discrepancy.evidence.checks import Check, checks_by_output, predictive_checks
 from discrepancy.evidence.posterior import Posterior, posterior
 from discrepancy.evidence.random_forces import RandomForces, random_forces_of
 from discrepancy.evidence.search import EvidenceSearch
@@ -69,8 +69,8 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         verdict = "unknown effect"
     checks = _checks(state, by_evidence)
     failed = [c for c in checks if not c.passed]
-    if failed and not accepted:
-        verdict = "unknown effect"
+    if failed:
+        verdict = "partly explained" if accepted else "unknown effect"
     refused, hidden = _not_found(state)
     negligible = _negligible(state)
     trips = state.if_simulated("what to measure next", lambda: next_measurements(state)) or ()
@@ -121,6 +121,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         extra["probabilities"] = probabilities.to_dict()
     if checks:
         extra["predictive_checks"] = [c.to_dict() for c in checks]
+        extra["checks"] = checks_by_output(checks, last.fits(judged_on))
     if by_evidence is not None and by_evidence.predictive:
         extra["predictive_gain"] = {name: gain.to_dict() for name, gain in by_evidence.predictive.items()}
     if by_evidence is not None and by_evidence.unconfirmed:

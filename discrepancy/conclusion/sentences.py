@@ -202,6 +202,8 @@ def check_sentence(failed: Sequence[Check]) -> str:
     worst = max(failed, key=lambda c: abs(c.deviations))
     if worst.what == "whiteness":
         how = f"successive innovations of {worst.output} are correlated ({worst.value:.2f})"
+    elif worst.what == "size":
+        how = f"the innovations of {worst.output} are {worst.value:.2g} times as large as they should be"
     else:
         how = (
             f"the innovations of {worst.output} at {worst.what} have {worst.value:.2g} times the mean "
@@ -236,7 +238,10 @@ def percent_words(probability: float) -> str:
 
 
 def verdict_of(accepted: Sequence[AcceptedEffect]) -> str:
-    """Return ``"nothing missing"``, ``"effect found"``, ``"ambiguous"`` or ``"unknown effect"``."""
+    """Return ``"nothing missing"``, ``"effect found"``, ``"ambiguous"`` or ``"unknown effect"``.
+
+    Predictive checks that fail make ``"partly explained"`` of a model with effects (`discrepancy.conclusion.conclude`).
+    """
     if not accepted:
         return "nothing missing"
     if any(a.effect.definition.free_form for a in accepted):

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from discrepancy.evidence.likelihood import StageLikelihood, record_columns
+from estimation.fit.calibration import Fit
 from estimation.response.experiment import Experiment
 from estimation.signals.correlation import correlation_time
 
-__all__ = ["Check", "predictive_checks"]
+__all__ = ["Check", "checks_by_output", "predictive_checks"]
 
 #: Ratio of the innovations' mean square in a regime to that elsewhere, from which a check can fail: the disturbance is
 #: then 1.4 times as large there as elsewhere.  Smaller ratios are significant in any long record and change
@@ -23,6 +24,9 @@ REGIME_DEVIATIONS = 4.0
 #: slow part is larger than the stated noise of a sample: less than that changes no prediction that one can see.  A
 #: negative one shows no missing force: noise that a sampled controller feeds back one sample later makes it.
 WHITENESS = 0.35
+#: Root mean square of the standardised innovations, or its inverse, from which the noise model's promise is not kept:
+#: the square root of `REGIME_RATIO`.
+SIZE_RATIO = 1.4
 #: Parts into which position, speed and time are cut.
 PARTS = 3
 
@@ -37,7 +41,7 @@ class Check:
     what : str
         ``"size"``, ``"whiteness"`` or the regime in words.
     value : float
-        Ratio of mean squares, or correlation.
+        Root mean square, correlation, or ratio of mean squares.
     deviations : float
         By how many standard deviations it differs from what is promised.
     passed : bool
@@ -87,6 +91,12 @@ def predictive_checks(likelihood: StageLikelihood) -> tuple[Check, ...]:
         joined = np.concatenate(w)
         lag = float(np.mean([np.corrcoef(x[1:], x[:-1])[0, 1] for x in w if x.size > 3 and np.std(x) > 0.0] or [0.0]))
         deviations = lag * np.sqrt(joined.size)
+        size = float(np.sqrt(np.mean(joined**2)))
+        deviations_of_size = (size - 1.0) * np.sqrt(2.0 * joined.size)
+        as_promised = 1.0 / SIZE_RATIO < size < SIZE_RATIO
+        checks.append(
+            Check(output=name, what="size", value=size, deviations=float(deviations_of_size), passed=as_promised)
+        )
         # what the noise model cannot follow, against what a reader sees of a single sample
         slow = np.sqrt(max(lag, 0.0)) * sizes[c] > linearised.noise.get(name, 0.0)
         white = not (slow and lag > WHITENESS)
@@ -94,6 +104,36 @@ def predictive_checks(likelihood: StageLikelihood) -> tuple[Check, ...]:
         for what, inside in _regimes(likelihood, used):
             checks.append(_regime_check(name, what, w, inside))
     return tuple(checks)
+
+
+def checks_by_output(checks: Sequence[Check], fits: Sequence[Fit]) -> dict[str, dict[str, object]]:
+    """Return what a reader of diagnosis.json asks first of every output.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+    fits : sequence of Fit
+        Of the records on which the model is judged.
+
+    Returns
+    -------
+    dict
+        For each output ``fit_percent`` (100 · (1 − error / spread), root mean squares over these records),
+        ``innovation_white`` and ``size`` (of the standardised innovations; 1 as promised), and ``even``: whether they
+        are as large in every regime.
+    """
+    out: dict[str, dict[str, object]] = {}
+    for c, name in enumerate(fits[0].experiment.outputs):
+        own = [k for k in checks if k.output == name]
+        error = float(np.sqrt(np.mean(np.concatenate([f.residual[:, c] for f in fits]) ** 2)))
+        spread = float(np.std(np.concatenate([f.experiment.measured[:, c] for f in fits])))
+        out[name] = {
+            "fit_percent": 100.0 * (1.0 - error / spread) if spread > 0.0 else None,
+            "innovation_white": all(k.passed for k in own if k.what == "whiteness"),
+            "size": next((k.value for k in own if k.what == "size"), None),
+            "even": all(k.passed for k in own if k.what not in ("whiteness", "size")),
+        }
+    return out
 
 
 def _innovation_sizes(roots: Sequence[np.ndarray]) -> np.ndarray:

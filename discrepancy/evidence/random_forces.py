@@ -33,11 +33,12 @@ class RandomForces:
         if not self.processes:
             return "The records ask for no random force beside the noise of their sensors."
         parts = [
-            f"{_where_and_how_large(q, unit)}, changing within about {q.memory:.2g} s" for q, unit in self.processes
+            f"{_where_and_how_large(q, unit)} that changes within about {_seconds(q.memory)}"
+            for q, unit in self.processes
         ]
         return (
-            "Beside the noise of the sensors the records show random forces or errors (standard deviations): "
-            f"{'; '.join(parts)}. All effects were judged with these taken into account."
+            f"Beside the noise of the sensors the records show {', '.join(parts[:-1])}{' and ' if parts[:-1] else ''}"
+            f"{parts[-1]} (standard deviations). All effects were judged with these taken into account."
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -59,8 +60,16 @@ class RandomForces:
 
 
 def _where_and_how_large(process: Process, unit: str) -> str:
-    text = f"{quantity_text(process.std, unit, 2)} at {process.where}"
+    size = quantity_text(process.std, unit, 2)
+    if process.channel >= 0:
+        return f"a slow error of {size} in {process.where}"
+    what = {"N": "force", "N*m": "torque"}.get(unit, "change")
+    text = f"a random {what} of {size} at {process.where}"
     return f"{text} while it stands still" if process.at_standstill else text
+
+
+def _seconds(memory: float) -> str:
+    return quantity_text(memory, "s", 2)
 
 
 def random_forces_of(likelihood: StageLikelihood) -> RandomForces:

@@ -27,6 +27,7 @@ HEADLINES = {
     "effect found": "A missing effect was found",
     "nothing missing": "These records show no missing effect",
     "unknown effect": "A force is missing that no effect of the catalogue explains",
+    "partly explained": "A missing effect was found, and the model still does not predict its records",
     "ambiguous": "An effect is missing; these records do not show which of several it is",
     "": "Model and records were compared; missing effects were not searched for",
 }

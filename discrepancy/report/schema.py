@@ -9,7 +9,7 @@ from typing import Any
 __all__ = ["SCHEMA", "VERDICTS", "check_diagnosis"]
 
 SCHEMA = 1
-VERDICTS = ("nothing missing", "effect found", "unknown effect", "ambiguous")
+VERDICTS = ("nothing missing", "effect found", "unknown effect", "ambiguous", "partly explained")
 WHERE_LISTS = ("signals", "regimes", "frequencies", "connections")
 
 _Test = Callable[[Any], bool]
@@ -103,7 +103,7 @@ def check_diagnosis(diagnosis: Any) -> list[str]:
         ]
     for k, entry in enumerate(_items(diagnosis, "refused")):
         faults += _fields(entry, _REFUSED, f"refused[{k}].")
-    if diagnosis.get("verdict") in ("effect found", "ambiguous", "unknown effect") and not diagnosis.get("effects"):
+    if diagnosis.get("verdict") in ("effect found", "ambiguous", "partly explained") and not diagnosis.get("effects"):
         faults.append(f"the verdict '{diagnosis['verdict']}' needs an effect, and there is none")
     if diagnosis.get("verdict") == "nothing missing" and diagnosis.get("effects"):
         faults.append("the verdict 'nothing missing' contradicts the effects")

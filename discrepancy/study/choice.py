@@ -12,8 +12,16 @@ MOST_STATES = 10
 
 
 def is_by_evidence(state: SearchState) -> bool:
-    """Tell whether a study searches by evidence: where it says so, or, on "auto", where whole records are simulated."""
+    """Tell whether a study searches by evidence: where it says so, or, on "auto", where that has been tried.
+
+    That is where whole records of a small machine are simulated, and something holds the machine: where the effect of a
+    disturbance accumulates along the records, simulations of records left out do not show whether an effect matters.
+    """
     if state.problem.search != "auto":
         return state.problem.search == "evidence"
     state.prepare()
-    return state.mode == "simulation" and len(state.stage.system.states) <= MOST_STATES
+    if state.mode != "simulation" or len(state.stage.system.states) > MOST_STATES:
+        return False
+    state.progress("does the effect of a disturbance accumulate along the records?")
+    state.stage.weighted_problem()
+    return state.stage.disturbance is None

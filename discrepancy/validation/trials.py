@@ -143,7 +143,7 @@ def rates(trials: Iterable[Trial]) -> list[tuple[str, int, int]]:
     if suite == "unknown":
         return [
             ("verdict 'unknown effect'", sum(t.verdict == "unknown effect" for t in trials), n),
-            ("a wrong name", sum(t.verdict in ("effect found", "ambiguous") for t in trials), n),
+            ("a wrong name", sum(t.verdict in ("effect found", "ambiguous", "partly explained") for t in trials), n),
             *_right_axis(trials),
         ]
     if suite in SEVERAL:
