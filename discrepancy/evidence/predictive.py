@@ -123,6 +123,7 @@ def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:
     stage, linearised = likelihood.stage, likelihood.linearised
     residual, sens = linearised.residual(), linearised.sensitivities()
     used = [~mask for mask in likelihood.left_out]
+    moved = [k for k, n in enumerate(sens.names) if n not in likelihood.held]
     weights = np.array([stage.identify.scale[c] for c in residual.channels])
     given = linearised.preparation
     lost = noise_floor(linearised) ** 2 * (given.average * given.decimate - 1)
@@ -130,15 +131,16 @@ def simulation_errors(likelihood: StageLikelihood) -> np.ndarray:
     count = float(given.average)
     rows = []
     for mask, whole, slopes, own in zip(used, residual.blocks, sens.blocks, sens.nuisance, strict=True):
-        block, slopes, own = whole[mask], slopes[mask], own[mask] if own is not None else None
+        block, slopes, own = whole[mask], slopes[mask][:, :, moved], own[mask] if own is not None else None
         e, f = (block / weights).ravel(), (slopes / weights[:, None]).reshape(block.size, -1)
         if own is not None and own.shape[2]:
             q, _ = np.linalg.qr((own / weights[:, None]).reshape(block.size, -1))
             e, f = e - q @ (q.T @ e), f - q @ (q.T @ f)
         rows.append((np.sqrt(count) * e, np.sqrt(count) * f))
     parts = max(1, -(-LEAST_BLOCKS // len(rows)))
+    without_each = _left_out(rows, sens.prior_std[moved], sens.prior_offset[moved])
     errors = []
-    for (e, f), without in zip(rows, _left_out(rows, sens.prior_std, sens.prior_offset), strict=True):
+    for (e, f), without in zip(rows, without_each, strict=True):
         left_over = ((e - f @ without.change).reshape(-1, weights.size) * weights) ** 2 / count
         errors += [np.sum(part, axis=0) + len(part) * lost for part in np.array_split(left_over, parts)]
     return np.array(errors)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -199,19 +199,16 @@ class EvidenceSearch:
                 parent=parent.key,
                 p_value=p_value,
             )
-            for effects in (proposal.effects, *proposal.starts):
-                state.progress(f"fit with {model.name}")
+            stage = self._best_fit(model, proposal, parent)
+            if stage is not None:
                 try:
-                    stage = state.on_trial(model.name, effects, parent.stage)
                     likelihood = parent.likelihood.neighbour(stage)
                     assert self.prior is not None
                     evidence = log_evidence(likelihood, self.prior)
+                    if math.isfinite(evidence.total):
+                        model.likelihood, model.evidence = likelihood, evidence
                 except (RuntimeError, ModelError, np.linalg.LinAlgError) as error:
-                    model.outcome = model.outcome or f"could not be simulated: {error}"
-                    continue
-                present = all(any(e.strengths.values()) for e in stage.effects)
-                if present and math.isfinite(evidence.total) and evidence.total > model.total:
-                    model.likelihood, model.evidence = likelihood, evidence
+                    model.outcome = f"could not be simulated: {error}"
             if model.likelihood is None and not model.outcome:
                 model.outcome = "a strength is zero: it would act the other way"
             return model
@@ -223,6 +220,28 @@ class EvidenceSearch:
             self.models[model.key] = model
             state.progress(f"{model.name}: log evidence {model.total - parent.total:+.1f} ({model.outcome})")
         return trials
+
+    def _best_fit(self, model: TriedModel, proposal: Proposal, parent: TriedModel) -> Stage | None:
+        """Return the best fit of a model, and note why there is none.
+
+        Calibration of a model without a backlash replaces it by other parameters as well as possible, a softer spring
+        for instance, and from there no small step leads to the backlash.  So what a law that is not linear in its
+        strength may begin with otherwise begins with the parameters as stated.
+        """
+        best: Stage | None = None
+        scale = parent.stage.identify.scale
+        starts = [(proposal.effects, False), *((effects, True) for effects in proposal.starts)]
+        for effects, from_prior in starts:
+            self.state.progress(f"fit with {model.name}")
+            try:
+                stage = self.state.on_trial(model.name, effects, parent.stage, from_prior=from_prior)
+            except (RuntimeError, ModelError) as error:
+                model.outcome = model.outcome or f"could not be simulated: {error}"
+                continue
+            present = all(any(e.strengths.values()) for e in stage.effects)
+            if present and (best is None or _misfit(stage, scale) < _misfit(best, scale)):
+                best = stage
+        return best
 
     def _judge(self, model: TriedModel, parent: TriedModel) -> None:
         """Note whether a model is better than the one that it was made of."""
@@ -334,11 +353,35 @@ class EvidenceSearch:
         return best
 
     def _fitted_once(self, model: TriedModel, proposals: Sequence[Proposal]) -> list[TriedModel]:
-        """Return the models of some proposals, fitting those that were not tried yet."""
+        """Return the models of some proposals: those that were not tried yet are fitted, others from here as well."""
         new = [(p, 1.0) for p in proposals if key_of(p.effects) not in self.models]
         if new:
             self._fitted(model, new)
+        fitted = {key_of(p.effects) for p, _ in new}
+        for proposal in proposals:
+            if key_of(proposal.effects) not in fitted:
+                self._fit_from(model, self.models[key_of(proposal.effects)], proposal)
         return [self.models[key_of(p.effects)] for p in proposals]
+
+    def _fit_from(self, model: TriedModel, other: TriedModel, proposal: Proposal) -> None:
+        """Fit a model that was tried once more, beginning where another stands, and keep the better fit.
+
+        A fit that ended in a local minimum would make the effect that the other model has beside it look indispensable.
+        """
+        if other.likelihood is None or model.likelihood is None or not proposal.effects:
+            return
+        stage = self._best_fit(other, Proposal(move=proposal.move, effects=proposal.effects), model)
+        scale = model.stage.identify.scale
+        if stage is None or not _misfit(stage, scale) < (1.0 - POLICY.relevance) * _misfit(other.stage, scale):
+            return
+        likelihood = model.likelihood.neighbour(stage)
+        assert self.prior is not None
+        evidence = log_evidence(likelihood, self.prior)
+        if evidence.total > other.total:
+            self.state.progress(
+                f"{other.name}: log evidence {evidence.total - other.total:+.1f} from other start values"
+            )
+            other.likelihood, other.evidence = likelihood, evidence
 
     def _make_stages(self, start: TriedModel, best: TriedModel) -> None:
         """Make the stages of the best model, one for each effect, in the order in which they raise the evidence."""
@@ -398,3 +441,8 @@ class EvidenceSearch:
         """Return the smallest family-wise p-value with which a candidate was scored at any step."""
         found = [r.p_value for d in self.state.decisions for s in d.scans for r in s.rows if r.name == name]
         return min(found, default=1.0)
+
+
+def _misfit(stage: Stage, scale: Mapping[str, float]) -> float:
+    """Return the sum over the outputs of the mean square error, each in its scale."""
+    return sum((error / scale[name]) ** 2 for name, error in stage.rmse("identify").items())

@@ -198,10 +198,13 @@ class SearchState:
         """
         return self.with_effect(effect, instead_of, trial=True, from_prior=from_prior)
 
-    def on_trial(self, name: str, effects: tuple[Effect, ...], start: Stage) -> Stage:
-        """Return a stage fitted on trial; the same fit from the same stage is made once."""
-        fitted = partial(self.fitted, name, effects, start, start.noise, trial=True)
-        return start.trial_fit(name, effects, fitted)
+    def on_trial(self, name: str, effects: tuple[Effect, ...], start: Stage, *, from_prior: bool = False) -> Stage:
+        """Return a stage fitted on trial; the same fit from the same stage is made once.
+
+        ``from_prior`` begins from the parameters as stated instead of from those of ``start``.
+        """
+        fitted = partial(self.fitted, name, effects, start, start.noise, trial=True, from_prior=from_prior)
+        return start.trial_fit(f"{name} from the prior" if from_prior else name, effects, fitted)
 
     def with_priors(self, uncertain: tuple[UncertainParameter, ...], start: Stage) -> Stage:
         """Return a stage's model fitted on trial with other priors of the uncertain parameters."""
