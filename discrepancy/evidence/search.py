@@ -187,7 +187,8 @@ class EvidenceSearch:
         """Fit the models that are offered and keep them, each with its evidence."""
         state = self.state
         assert parent.likelihood is not None
-        _ = parent.likelihood.noise  # before the fits go side by side
+        source = parent.likelihood
+        _ = source.noise  # before the fits go side by side
 
         def tried(offer: tuple[Proposal, float]) -> TriedModel:
             proposal, p_value = offer
@@ -202,7 +203,7 @@ class EvidenceSearch:
             stage = self._best_fit(model, proposal, parent)
             if stage is not None:
                 try:
-                    likelihood = parent.likelihood.neighbour(stage)
+                    likelihood = source.neighbour(stage)
                     assert self.prior is not None
                     evidence = log_evidence(likelihood, self.prior)
                     if math.isfinite(evidence.total):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from discrepancy.report.diagnosis_json import to_diagnosis
@@ -17,7 +19,8 @@ HIDDEN = {
 
 @pytest.fixture(scope="module")
 def problem():
-    return AxisRig(seed=1, strengths=HIDDEN).case(list(HIDDEN)).problem(seed=1)
+    """As the search by significance takes it: its look-ahead is what most of these tests are about."""
+    return replace(AxisRig(seed=1, strengths=HIDDEN).case(list(HIDDEN)).problem(seed=1), search="significance")
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +30,16 @@ def study(problem):
     return study
 
 
-def test_both_are_found_with_their_strengths(study):
+@pytest.fixture(scope="module")
+def by_evidence(problem):
+    study = Study(replace(problem, search="evidence"))
+    study.diagnose()
+    return study
+
+
+@pytest.mark.parametrize("searched", ["study", "by_evidence"])
+def test_both_are_found_with_their_strengths(searched, request):
+    study = request.getfixturevalue(searched)
     effects = {str(e): e for e in study.stage.effects}
     assert set(effects) == set(HIDDEN)
     stated = {"delay": 0.0, "k_position": 20.0}
@@ -60,8 +72,6 @@ def test_one_step_at_a_time_names_something_else(problem, monkeypatch):
 
 
 def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(problem, interrupter, tmp_path):
-    from dataclasses import replace
-
     from discrepancy.study.history import restore, save_history
 
     few = replace(
@@ -84,8 +94,6 @@ def test_a_search_broken_off_between_the_two_goes_on_to_the_same_answer(problem,
 
 def test_the_remaining_effect_of_a_pair_is_masked_by_nothing(study, monkeypatch):
     """A stage that awaits its partner is removed when a search continues; one whose partner was removed is not."""
-    from dataclasses import replace
-
     from discrepancy.search import moves
     from discrepancy.search.loop import Search
 
@@ -103,8 +111,6 @@ def test_the_remaining_effect_of_a_pair_is_masked_by_nothing(study, monkeypatch)
 
 
 def test_without_room_for_two_no_pair_is_proposed(problem):
-    from dataclasses import replace
-
     one = Study(replace(problem, max_effects=1))
     assert one.explain().first is None
 
