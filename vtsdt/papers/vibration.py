@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from discrepancy.effects.effect import Effect
     from discrepancy.stages.stage import Stage
 
-__all__ = ["CAUSES", "Cause", "as_the_paper", "chapters", "figures_of"]
+__all__ = ["CAUSES", "Cause", "chapters", "figures_of"]
 
 SEED, TRIPS = 9410, 4
 #: Table 3 of the signals that a one-dimensional lift has: name, unit, RMSE, ρ.
