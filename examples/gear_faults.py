@@ -17,6 +17,7 @@ import argparse
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,11 +29,10 @@ from gearbox.signals.mesh_lines import fit_lines
 
 HOUSING = "flexible"
 TEETH = (32, 44)
-LABELS = ("healthy", "tooth_crack@input_gear", "eccentricity@output_gear", "misalignment", "wear", "bearing_outer")
-CONDITIONS = {"speeds": (1000.0, 1006.0), "torques": (75.0, 150.0)}
-SEVERITIES = (0.5, 1.0)
-#: The first of two is kept as the machine's own healthy reference, where it is healthy.
-REPEATS = 2
+LABELS = ("healthy", "tooth_crack@input_gear", "eccentricity@output_gear", "misalignment", "bearing_outer")
+SEVERITIES, SPEEDS, LOADS = (0.5,), (1000.0,), (75.0, 150.0)
+#: Recordings of each for training and for judging; the first healthy one at each load is the machine's own reference.
+TRAINING, JUDGING = 5, 3
 NOISE = 0.3  # m/s², that of the rig's accelerometers
 #: The real stage, whose recordings the model is updated by, and another virtual rig without errors.
 REAL, OTHER = 1, 2
@@ -63,19 +63,20 @@ def models(folder: Path) -> dict[str, dict[str, float]]:
     return found
 
 
-def data(folder: Path, name: str, seed: int, **changes: object) -> pd.DataFrame:
+def data(folder: Path, name: str, seed: int, repeats: int, **changes: Any) -> pd.DataFrame:
     """Return labels and features of a data set, which is written if it is not there."""
     path = folder / f"{name}.csv"
     if not path.is_file():
         plan = DatasetPlan(
             labels=LABELS,
             severities=SEVERITIES,
-            repeats=REPEATS,
+            speeds=SPEEDS,
+            torques=LOADS,
+            repeats=repeats,
             noise=NOISE,
             seed=seed,
             housing=HOUSING,
-            **CONDITIONS,  # type: ignore[arg-type]
-            **changes,  # type: ignore[arg-type]
+            **changes,
         )
         labels = write_dataset(folder / name, plan, progress=lambda text: print(f"{name}: {text}"))
         rows = []
@@ -167,7 +168,7 @@ def confusion(train: pd.DataFrame, test: pd.DataFrame, relative: bool) -> pd.Dat
 
 
 def balanced(matrix: pd.DataFrame) -> float:
-    """Return the mean over labels of the share that is right: one in six by chance."""
+    """Return the mean over labels of the share that is right: one in five by chance."""
     counts = matrix.to_numpy(dtype=float)
     return float(np.mean(np.diag(counts) / counts.sum(axis=1)))
 
@@ -176,13 +177,13 @@ def results(folder: Path) -> dict[tuple[str, str, bool], pd.DataFrame]:
     """Return the confusion matrix by training set, test set, and whether features are relative to a healthy record."""
     found: Mapping[str, dict[str, float]] = models(folder)
     trained = {
-        name: data(folder, f"train_{k}", 10, parameters=values)
+        name: data(folder, f"train_{k}", 10, TRAINING, parameters=values)
         for k, (name, values) in enumerate(found.items(), start=1)
     }
     tests = {
-        "the same virtual stage": data(folder, "test_same", 20),
-        "another virtual rig": data(folder, "test_other", 30, rig=OTHER),
-        "the real stage": data(folder, "test_real", 40, rig=REAL, manufacturing=1.0),
+        "the same virtual stage": data(folder, "test_same", 20, JUDGING),
+        "another virtual rig": data(folder, "test_other", 30, JUDGING, rig=OTHER),
+        "the real stage": data(folder, "test_real", 40, JUDGING, rig=REAL, manufacturing=1.0),
     }
     matrices = {
         (name, judged, relative): confusion(train, test, relative)
@@ -190,7 +191,7 @@ def results(folder: Path) -> dict[tuple[str, str, bool], pd.DataFrame]:
         for judged, test in tests.items()
         for relative in (False, True)
     }
-    own = data(folder, "train_real", 50, rig=REAL, manufacturing=1.0)
+    own = data(folder, "train_real", 50, TRAINING, rig=REAL, manufacturing=1.0)
     for relative in (False, True):
         matrices["recordings of the real stage", "the real stage", relative] = confusion(
             own, tests["the real stage"], relative

@@ -17,7 +17,7 @@ from discrepancy.validation.published import PaperChapter, PaperRow, claimed, co
 from gearbox.papers.energy_balance import balances_chapter
 from gearbox.papers.eq_18_response_surface import eq_18_chapter, figs_9_10
 from gearbox.papers.equations import equations_chapter
-from gearbox.papers.manufacturing_errors import mending_chapter
+from gearbox.papers.manufacturing_errors import RigWithErrors, mending_chapter
 from gearbox.papers.printed import PAPER
 from gearbox.papers.updating_success import chain_on_rig, one_load, rig_recordings, success_chapter
 from multibody.base.progress import Progress, silent
@@ -87,17 +87,18 @@ def chapters(progress: Progress = silent, folder: Path | None = None) -> list[Pa
     ]
     inside = {h: rig_recordings(h, progress) for h in HOUSINGS}
     recordings = {h: one_load(r) for h, r in inside.items()}
-    made: dict[str, UpdatingChain] = {h: chain_on_rig(h, r, progress, store(h)) for h, r in recordings.items()}
+    chains: dict[str, UpdatingChain] = {h: chain_on_rig(h, r, progress, store(h)) for h, r in recordings.items()}
     try:
-        chapters.append(_fig_8({h: sensitivity_of(c) for h, c in made.items()}))
-        results = {h: c.run() for h, c in made.items()}
+        chapters.append(_fig_8({h: sensitivity_of(c) for h, c in chains.items()}))
+        results = {h: c.run() for h, c in chains.items()}
     finally:
-        for chain in made.values():
+        for chain in chains.values():
             chain.runs.close()
     for housing, result in results.items():
         chapters += [figs_9_10(result, housing), similarity_chapter(result, housing)]
-    chapters += [success_chapter(progress, housing, inside[housing], store) for housing in HOUSINGS]
-    chapters += [mending_chapter(progress, housing, store) for housing in HOUSINGS]
+    made = {h: RigWithErrors.of(h, progress, store(f"{h}-errors")) for h in HOUSINGS}
+    chapters += [mending_chapter(rig) for rig in made.values()]
+    chapters += [success_chapter(progress, h, inside[h], rig.paper_conditions, store) for h, rig in made.items()]
     return chapters
 
 

@@ -6,7 +6,7 @@ the conditions that it has not seen, beside the highest similarity that a model 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -226,6 +226,11 @@ class RigWithErrors:
     progress: Progress
     store: Path | None
 
+    @property
+    def paper_conditions(self) -> list[Recording]:
+        """Base condition, two more loads at its speed, and conditions 1 to 3, in this order."""
+        return [*self.used[:LOADS], *self.held_out]
+
     @classmethod
     def of(cls, housing: str, progress: Progress, store: Path | None = None) -> RigWithErrors:
         """Record the rig with a housing."""
@@ -268,20 +273,9 @@ def similarities(chain: UpdatingChain, values: Mapping[str, float]) -> tuple[flo
     return tuple(chain.similarity.at(r).similarity(run).value for r, run in zip(recordings, runs, strict=True))
 
 
-def mending_chapter(
-    progress: Progress, housing: str, store: Callable[[str], Path | None] = lambda name: None
-) -> PaperChapter:
-    """Return the chapter of what mends an update of a rig with errors of manufacturing.
-
-    Parameters
-    ----------
-    progress : callable
-    housing : str
-    store : callable
-        Gives a file for the simulations of a housing, or None.
-    """
-    made = RigWithErrors.of(housing, progress, store(f"{housing}-errors"))
-    rig = made.rig
+def mending_chapter(made: RigWithErrors) -> PaperChapter:
+    """Return the chapter of what mends an update of a rig with errors of manufacturing."""
+    rig, housing, progress = made.rig, made.rig.housing, made.progress
     repeating: dict[str, float] = {}
     for fault in rig.faults_of(()):
         for name, value in fault.values().items():

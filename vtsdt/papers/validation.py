@@ -35,7 +35,7 @@ TITLES = {
     "gearbox": "The gearbox paper: published results, and the results of this project",
 }
 #: Machines whose chapters take a folder as well, in which they keep their simulations.
-KEEPING = ("gearbox",)
+KEEPING = ("gearbox", "lift-vibration")
 _SEAL = "Digest of this page: "
 
 
