@@ -183,6 +183,7 @@ class _Reading:
                 measured_units=self.measured_units,
                 rules=rules,
                 defaults=self.defaults,
+                driven=self.driven,
             )
             parts.append(made)
         offsets = {p.name: o for p in source for pattern, o in self.clocks.items() if fnmatch(p.name, pattern)}

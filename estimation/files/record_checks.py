@@ -127,8 +127,8 @@ def _clipped(values: np.ndarray) -> tuple[float, np.ndarray] | None:
     return None
 
 
-def check_values(file: str, column: str, values: np.ndarray, rows: Rows) -> list[RecordFault]:
-    """Find channels that are constant or clipped (both warnings)."""
+def check_values(file: str, column: str, values: np.ndarray, rows: Rows, *, command: bool = False) -> list[RecordFault]:
+    """Find channels that are constant or clipped (both warnings); a command has plateaus by design."""
     if len(values) > 1 and np.ptp(values) == 0.0:
         return [
             RecordFault(
@@ -138,7 +138,7 @@ def check_values(file: str, column: str, values: np.ndarray, rows: Rows) -> list
                 "warning",
             )
         ]
-    if (clipped := _clipped(values)) is not None:
+    if not command and (clipped := _clipped(values)) is not None:
         extreme, where = clipped
         return [
             RecordFault(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,6 +41,7 @@ def records_from_table(
     measured_units: Mapping[str, str],
     rules: ReadRules,
     defaults: Mapping[str, float],
+    driven: Collection[str] = (),
 ) -> list[Record]:
     """Return the records of one table, in the order of its rows: several where it holds trips or is cut at gaps.
 
@@ -50,7 +51,7 @@ def records_from_table(
         With the columns of time and signals, and the trip column of ``rules`` as a label.
     name : str
         Name of the record; trips and parts are named after it.
-    time, columns, units, measured_units, rules, defaults
+    time, columns, units, measured_units, rules, defaults, driven
         As for `estimation.files.read_records.read_records`.
 
     Raises
@@ -67,6 +68,7 @@ def records_from_table(
         measured_units=measured_units,
         rules=rules,
         defaults=defaults,
+        driven=driven,
     ).records()
 
 
@@ -87,6 +89,7 @@ class _Conversion:
     measured_units: Mapping[str, str]
     rules: ReadRules
     defaults: Mapping[str, float]
+    driven: Collection[str] = ()
     log: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -124,8 +127,10 @@ class _Conversion:
         if not finite.all():
             time, rows, keep = time[finite], rows.take(finite), keep[finite]
             signals = {key: replace(signal, values=signal.values[finite]) for key, signal in signals.items()}
+        commands = {self.columns[key] for key in self.driven if key in self.columns}
         for signal in signals.values():
-            self.warnings += [f.text for f in check_values(self.file, signal.column, signal.values, rows)]
+            found = check_values(self.file, signal.column, signal.values, rows, command=signal.column in commands)
+            self.warnings += [f.text for f in found]
         as_written = {
             key: (column, table.numbers[column][keep] if len(keep) < len(inside) else table.numbers[column])
             for key, column in recorded.items()

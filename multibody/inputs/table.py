@@ -44,6 +44,23 @@ def _parabola_slopes(times: np.ndarray, values: np.ndarray) -> np.ndarray:
     return slopes
 
 
+def _held_rates(times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Rates at which held inputs change, one for each interval between samples.
+
+    What a delay changes in a held input is an impulse at each jump.  Half of it is spread over the interval before the
+    jump and half over that after it, so that its size and its centre are right: the derivative by a delay is right for
+    machines that are slow compared with the sampling.
+    """
+    rates = np.zeros_like(values)
+    if len(times) > 1:
+        width = np.diff(times)[:, None]
+        jump = np.diff(values, axis=0)  # at the sample that ends each interval
+        rates[:-1] = 0.5 * jump / width
+        rates[1:-1] += 0.5 * jump[:-1] / width[1:]
+        rates[-2] += 0.5 * jump[-1] / width[-1]  # beyond the last sample nothing takes its half
+    return rates
+
+
 @dataclass(frozen=True, eq=False)
 class InputTable:
     """Inputs sampled at common times, interpolated column by column, constant beyond both ends.
@@ -93,9 +110,11 @@ class InputTable:
         _check(times, values, names, kinds, delays)
         code = np.array([INTERPOLATIONS.index(kind) for kind in kinds], dtype=np.int64).reshape(count)
         changing = np.any(values != values[0], axis=0) if count else np.zeros(0, dtype=bool)
-        slopes = np.zeros_like(values)  # of cubic columns; the others' are not used
+        slopes = np.zeros_like(values)  # of cubic columns, and rates of held ones; of linear columns they are not used
         cubic = np.flatnonzero(code == INTERPOLATIONS.index("cubic"))
         slopes[:, cubic] = _parabola_slopes(times, values[:, cubic])
+        held = np.flatnonzero(code == INTERPOLATIONS.index("hold"))
+        slopes[:, held] = _held_rates(times, values[:, held])
         delays = delays.astype(np.int64).reshape(count)
         # Compiled code gets these arrays, which must be writable there; the public views are not.
         self._kernel.update(
@@ -198,7 +217,10 @@ class InputTable:
         return self._interpolate(t, p, 0)
 
     def derivative(self, t: Any, p: np.ndarray | None = None) -> np.ndarray:
-        """Return the time derivative of the inputs at t; zero for held inputs and beyond the ends."""
+        """Return the time derivative of the inputs at t, zero beyond the ends.
+
+        That of a held input is each jump spread over the two intervals beside it.
+        """
         return self._interpolate(t, p, 1)
 
     def _interpolate(self, t: Any, p: np.ndarray | None, order: int) -> np.ndarray:
@@ -219,7 +241,8 @@ class InputTable:
             a, b = width * slopes[i, c] - rise, rise - width * slopes[i + 1, c]
             inside = (s > times[0]) & (s < times[-1])
             if kind == "hold":
-                out[:, c] = 0.0 if order else np.where(s >= times[-1], values[-1, c], low)
+                rate = inside * slopes[i, c]
+                out[:, c] = rate if order else np.where(s >= times[-1], values[-1, c], low)
             elif order and kind == "linear":
                 out[:, c] = inside * rise / width
             elif order:

@@ -334,3 +334,13 @@ def test_inputs_that_stand_still_in_every_record_are_told_once(tmp_path) -> None
     assert any("column 'rpm': constant at" in line for line in found[1].log)
     one = read_records(paths[:1], time="t", columns=columns, may_be_constant=("speed", "torque"))
     assert len(one[0].warnings) == 2
+
+
+def test_the_plateau_of_a_command_is_not_told_to_be_clipped(tmp_path):
+    t = np.arange(400) * 0.01
+    ramp = np.clip(np.abs(((t + 0.5) % 2.0) - 1.0) * 3.0, 0.5, 2.0)  # a trapezoid, entered steeply
+    rows = "".join(f"{a:.2f},{b:.6f},{b + 0.001 * a:.6f}\n" for a, b in zip(t, ramp, strict=True))
+    (tmp_path / "a.csv").write_text(f"t,u_V,x_m\n{rows}")
+    asked = {"time": "t", "columns": {"u": "u_V"}}
+    assert any("looks clipped" in line for line in read_record(tmp_path / "a.csv", **asked).warnings)
+    assert read_record(tmp_path / "a.csv", **asked, driven={"u": "linear"}).warnings == ()

@@ -169,7 +169,7 @@ def look_up(t, c):
 
 @inner
 def look_up_rates(t, c):
-    """Write the time derivative of every delayed input into rate; that of a held input is taken as zero.
+    """Write the time derivative of every delayed input into rate; of a held input its jumps, spread over two intervals.
 
     It may jump where steps begin and end; there the value inside the step counts.
     """
@@ -196,6 +196,18 @@ def look_up_rates(t, c):
             z = (s - times[i]) / span
             left, right = slopes[j] - rise, rise - slopes[j + width]
             rate[column] += (1.0 - 2.0 * z) * ((1.0 - z) * left + z * right) + z * (1.0 - z) * (right - left)
+    held = ints(c[HELD])
+    for a in range(c[N_HELD]):
+        column = held[a]
+        if delays[column] < 0:
+            continue
+        s = own_time(t, column, c)
+        if s <= times[0] or s >= times[end]:
+            rate[column] = 0.0
+            continue
+        i = locate(times, end + 1, s, cursor[column])
+        cursor[column] = i
+        rate[column] = slopes[i * width + column]
 
 
 @inner
