@@ -92,7 +92,8 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         *dict.fromkeys(state.unanswered),
     ]
     if state.interrupted:
-        warnings.append("The search was interrupted: there may be more effects than those listed here.")
+        by = f" ({state.interruption})" if state.interruption not in ("", "interrupted") else ""
+        warnings.append(f"The search was interrupted{by}: there may be more effects than those listed here.")
         verdict = verdict if accepted else ""
     judged_on = "validate" if stages[min(1, len(stages) - 1)].fits("validate") else "identify"
     if curve is not None and not accepted:

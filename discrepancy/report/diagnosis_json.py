@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +16,7 @@ from discrepancy.questions.explained_share import explained_by_output, explained
 from discrepancy.questions.unknown_force import UnknownCurve
 from discrepancy.report.schema import SCHEMA
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
+from multibody.base.json_file import write_json_atomically
 from multibody.base.quantity_text import bare_unit
 
 __all__ = ["effect_parameters", "parameter_unit", "plain", "save_diagnosis", "to_diagnosis"]
@@ -182,7 +182,4 @@ def plain(value: Any) -> Any:
 
 def save_diagnosis(conclusion: Conclusion, path: str | Path, evidence: Evidence | None = None) -> Path:
     """Write ``diagnosis.json`` and return its path."""
-    path = Path(path)
-    text = json.dumps(to_diagnosis(conclusion, evidence), indent=1, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
-    return path
+    return write_json_atomically(Path(path), to_diagnosis(conclusion, evidence))

@@ -17,6 +17,7 @@ from discrepancy.report.decisions_json import save_decisions
 from discrepancy.report.diagnosis_json import save_diagnosis
 from discrepancy.report.schema import VERDICTS
 from discrepancy.stages.residuals_along_motion import residuals_along_motion
+from multibody.base.result_folder import written_together
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -199,10 +200,13 @@ def _in_script(value: Any) -> str:
     return json.dumps(value).replace("<", "\\u003c")
 
 
-def write_report(conclusion: Conclusion, out: str | Path, evidence: Evidence | None = None) -> list[Path]:
-    """Write ``diagnosis.json``, ``report.html``, the figures as PNG and ``model.json`` into a folder.
+def write_report(
+    conclusion: Conclusion, out: str | Path, evidence: Evidence | None = None, *, kind: str = "", run: str = ""
+) -> list[Path]:
+    """Write ``diagnosis.json``, ``report.html``, the figures as PNG and ``model.json`` into a folder, together.
 
-    A conclusion without a verdict (compared only) goes into ``comparison.json`` instead.
+    A conclusion without a verdict (compared only) goes into ``comparison.json`` instead.  Everything is written beside
+    and then moved into place; ``run.json`` lists the files with their hashes.
 
     Parameters
     ----------
@@ -211,32 +215,46 @@ def write_report(conclusion: Conclusion, out: str | Path, evidence: Evidence | N
         Made if it does not exist.
     evidence : Evidence, optional
         As computed before; else it is computed here.
+    kind : str
+        ``"diagnosis"`` or ``"comparison"``; default: by the verdict.
+    run : str
+        Identifies the model, the records and the settings.
 
     Returns
     -------
     list of Path
         What was written.
+
+    Raises
+    ------
+    FolderTaken
+        If the folder holds the results of another study, or of another kind.
+    OSError
+        If something cannot be written; the folder is then as before.
     """
     out = Path(out)
-    out.mkdir(parents=True, exist_ok=True)
+    judged = conclusion.verdict in VERDICTS
     evidence = evidence or evidence_of(conclusion)
-    paths, fault = _save_model(conclusion, out)
-    reasons = (fault, evidence.before.why_no_connections, evidence.after.why_no_connections)
-    faults = dict.fromkeys(f for f in reasons if f)
-    conclusion = replace(conclusion, warnings=(*conclusion.warnings, *faults))
-    name = "diagnosis.json" if conclusion.verdict in VERDICTS else "comparison.json"
-    paths.insert(0, save_diagnosis(conclusion, out / name, evidence))
-    if conclusion.models:
-        paths.append(save_decisions(conclusion, out / "decisions.json"))
-    drawn = pictures(conclusion, evidence)
-    page = out / "report.html"
-    page.write_text(render(conclusion, evidence, drawn), encoding="utf-8")
-    paths.insert(1, page)
-    for picture in drawn:
-        path = out / f"{picture.name}.png"
-        path.write_bytes(picture.png)
-        paths.append(path)
-    return paths
+    kind = kind or ("diagnosis" if judged else "comparison")
+    with written_together(out, kind, conclusion.name, run) as draft:
+        paths, fault = _save_model(conclusion, draft)
+        reasons = (fault, evidence.before.why_no_connections, evidence.after.why_no_connections)
+        faults = dict.fromkeys(f for f in reasons if f)
+        conclusion = replace(conclusion, warnings=(*conclusion.warnings, *faults))
+        name = "diagnosis.json" if judged else "comparison.json"
+        paths.insert(0, save_diagnosis(conclusion, draft / name, evidence))
+        if conclusion.models:
+            paths.append(save_decisions(conclusion, draft / "decisions.json"))
+        drawn = pictures(conclusion, evidence)
+        page = draft / "report.html"
+        page.write_text(render(conclusion, evidence, drawn), encoding="utf-8")
+        paths.insert(1, page)
+        for picture in drawn:
+            path = draft / f"{picture.name}.png"
+            path.write_bytes(picture.png)
+            paths.append(path)
+        names = [path.relative_to(draft) for path in paths]
+    return [out / name for name in names]
 
 
 def write_page(conclusion: Conclusion, path: str | Path) -> Path:

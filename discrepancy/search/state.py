@@ -53,6 +53,8 @@ class SearchState:
         True while it is open whether the latest effect has made an earlier one redundant.
     interrupted : bool
         True if a search was interrupted; its stages remain.
+    interruption : str
+        By what it was interrupted.
     in_windows_instead : bool
         True if simulations of whole records were replaced by windows.
     prior_conflict : PriorConflict, optional
@@ -76,6 +78,7 @@ class SearchState:
     checkpoint: Callable[[Any], object] | None = field(default=None, kw_only=True)
     elimination_pending: bool = field(default=False, kw_only=True)
     interrupted: bool = field(default=False, kw_only=True)
+    interruption: str = field(default="", kw_only=True)
     in_windows_instead: bool = field(default=False, kw_only=True)
     prior_conflict: PriorConflict | None = field(default=None, kw_only=True)
     omnibus: Omnibus | None = field(default=None, kw_only=True)

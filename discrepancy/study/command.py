@@ -17,8 +17,10 @@ from discrepancy.problem.problem import read_model
 from discrepancy.problem.study_file import StudyError
 from discrepancy.report.write import write_report
 from discrepancy.stages.stage import Stage
-from discrepancy.study.history import restore, save_history
+from discrepancy.study.history import fingerprint, restore, save_history
 from discrepancy.study.study import Study
+from multibody.base.result_folder import check_owner
+from multibody.base.stopping import Stopped
 from multibody.base.terminal_text import printable
 
 if TYPE_CHECKING:
@@ -38,6 +40,7 @@ def diagnose(args: Namespace) -> int:
     """
     study = Study.from_file(args.study, seed=args.seed, max_effects=args.max_effects, progress=args.progress)
     out = Path(args.out)
+    check_owner(out, "diagnosis", study.problem.name)
     history = out / "history.json"
     if getattr(args, "resume", False):
         if not history.exists():
@@ -45,21 +48,24 @@ def diagnose(args: Namespace) -> int:
         restore(study, history)
     study.checkpoint = lambda study: save_history(study, history)
     conclusion = study.diagnose()
-    _finish(study, conclusion, out, args, compared_only=study.interrupted and not conclusion.accepted)
+    compared_only = study.interrupted and not conclusion.accepted
+    _finish(study, conclusion, out, args, "diagnosis", compared_only=compared_only)
     if not study.interrupted:
         return 0
     count = len(conclusion.accepted)
     so_far = f"{count} effect{'s' if count > 1 else ''} found so far" if count else "no effect was found yet"
-    print(f"vtsdt: interrupted: {so_far}; continue with the same command and --resume", file=sys.stderr)
-    return 130
+    reason = study.interruption
+    print(f"vtsdt: {reason}: {so_far}; continue with the same command and --resume", file=sys.stderr)
+    return Stopped(reason).code
 
 
 def compare(args: Namespace) -> int:
     """Compare model and records, locate the error, and write both; nothing is added."""
     study = Study.from_file(args.study, seed=args.seed, progress=args.progress)
+    check_owner(Path(args.out), "comparison", study.problem.name)
     _ = study.stage  # made on first use
     conclusion = conclude(study)
-    _finish(study, conclusion, Path(args.out), args, compared_only=True)
+    _finish(study, conclusion, Path(args.out), args, "comparison", compared_only=True)
     return 0
 
 
@@ -102,10 +108,12 @@ def list_catalogue(args: Namespace) -> int:
     return 0
 
 
-def _finish(study: Study, conclusion: Conclusion, out: Path, args: Namespace, *, compared_only: bool = False) -> None:
+def _finish(
+    study: Study, conclusion: Conclusion, out: Path, args: Namespace, kind: str, *, compared_only: bool = False
+) -> None:
     if compared_only:
         conclusion = replace(conclusion, verdict="", sentence="")
-    files = write_report(conclusion, out)
+    files = write_report(conclusion, out, kind=kind, run=fingerprint(study))
     if getattr(args, "json", False):
         sys.stdout.write(files[0].read_text(encoding="utf-8").rstrip() + "\n")
     elif not args.quiet:

@@ -24,6 +24,7 @@ from discrepancy.study.candidates import Candidates, Prediction, candidates_of, 
 from discrepancy.study.choice import is_by_evidence
 from discrepancy.study.left_out import Stretch, without_stretches
 from multibody.base.progress import silent
+from multibody.base.stopping import go_on
 
 if TYPE_CHECKING:
     import pandas
@@ -217,10 +218,12 @@ class Study(SearchState):
             if by_evidence is None or self._cut_into_windows():
                 by_evidence = None
                 Search(self).run()
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stopped:
             if len(self.stages) < 2:
                 raise  # no result would be lost
             self.interrupted = True
+            self.interruption = str(stopped) or "interrupted"
+            go_on()
         return conclude(self, by_evidence)
 
     def _cut_into_windows(self) -> bool:

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
+from multibody.base.json_file import naming
+
 __all__ = ["cache_dir", "digest_of", "kept_text", "read_object", "write_object", "write_once"]
 
 _MARK = b"vtsdt object 1"
@@ -113,13 +115,14 @@ def read_object(path: Path) -> tuple[bytes, str] | None:
 def write_object(path: Path, code: bytes, note: str = "") -> None:
     """Keep object code with a note of one line; a reader never sees half of it."""
     rest = note.encode() + b"\n" + code
-    handle, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(b"\n".join((_MARK, hashlib.sha256(rest).hexdigest().encode(), rest)))
-        os.replace(draft, path)
-    finally:
-        Path(draft).unlink(missing_ok=True)
+    with naming(path):
+        handle, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                stream.write(b"\n".join((_MARK, hashlib.sha256(rest).hexdigest().encode(), rest)))
+            os.replace(draft, path)
+        finally:
+            Path(draft).unlink(missing_ok=True)
 
 
 @lru_cache(maxsize=1)

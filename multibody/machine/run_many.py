@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
+from multibody.base.stopping import die_with_parent
 from multibody.machine.model import Model, System
 
 __all__ = ["Outcome", "run_many", "simulate_many"]
@@ -86,7 +87,9 @@ def run_many(
             from concurrent.futures import ProcessPoolExecutor
             from multiprocessing import get_context
 
-            executor = stack.enter_context(ProcessPoolExecutor(count, get_context("spawn")))
+            executor = stack.enter_context(
+                ProcessPoolExecutor(count, get_context("spawn"), die_with_parent, (os.getpid(),))
+            )
         waiting: deque[tuple[int, Future[Any]]] = deque()
         failed = 0
         try:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.integrate import DenseOutput, OdeSolver
 
 from multibody.base.errors import Stop, StopMessage
+from multibody.base.stopping import raise_if_stopped
 from multibody.solvers.kernels.dense_output import interpolate_many
 from multibody.solvers.kernels.stepping import (
     BUFFER_FULL,
@@ -311,6 +312,7 @@ class NativeSolver(OdeSolver):
         # Where nobody looks between calls, SciPy need not hear of them.
         unseen = self._unasked and samples is not None and samples.receive is None
         while True:
+            raise_if_stopped()
             status = self._advance()
             self.problem.check()
             if samples is not None and (status != MORE or samples.receive is not None):

@@ -7,12 +7,24 @@ from typing import Any
 
 import numpy as np
 
+from multibody.base.stopping import raise_if_stopped
 from multibody.compile.batched_rates import batched_rhs, batched_rhs_is_cached
 from multibody.solvers.automatic import LOOK, Automatic
 from multibody.solvers.base import Samples
 from multibody.solvers.dormand_prince import DormandPrince54
 from multibody.solvers.kernels.dormand_prince_batched import LANES
-from multibody.solvers.kernels.stepping import FINISHED, LARGEST, SAMPLE, STATUS, STEP, TOO_SMALL, WANTED, WATCH
+from multibody.solvers.kernels.stepping import (
+    EVALUATIONS,
+    FINISHED,
+    LARGEST,
+    SAMPLE,
+    STATUS,
+    STEP,
+    TOO_SMALL,
+    WANTED,
+    WATCH,
+)
+from multibody.solvers.limits import EVALUATIONS_PER_SAMPLE, LEAST_EVALUATIONS
 from multibody.solvers.problem import NativeProblem
 
 __all__ = ["Group", "Item", "Run"]
@@ -205,6 +217,11 @@ class _Rows:
         """Let the default method look at a run; return whether it wants further explicit steps."""
         status = int(self.tally[r, STATUS])
         if status in (FINISHED, TOO_SMALL):
+            return False
+        raise_if_stopped()
+        points = self.group.times.size + self.items[r][1].table.times.size
+        if self.tally[r, EVALUATIONS] > LEAST_EVALUATIONS + EVALUATIONS_PER_SAMPLE * points:
+            self.tally[r, STATUS] = TOO_SMALL  # `solve_ivp` reports it
             return False
         try:
             status = self._default(r).go_on(status, self.clock[r], self.tally[r], self.y[r], self.last[r])

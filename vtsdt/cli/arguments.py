@@ -12,7 +12,17 @@ from typing import Any, NoReturn
 
 from multibody.base.spelling import nearest_or_choices
 
-__all__ = ["CommandError", "Parser", "check_out", "common", "json_option", "number", "print_json", "whole"]
+__all__ = [
+    "CommandError",
+    "Parser",
+    "check_out",
+    "common",
+    "json_option",
+    "number",
+    "print_json",
+    "time_limit",
+    "whole",
+]
 
 
 class CommandError(ValueError):
@@ -82,6 +92,35 @@ def common(parser: argparse.ArgumentParser, out: bool = True) -> None:
     parser.add_argument("--out", metavar="DIR", required=out, help="folder to write into; made if it is not there")
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    parser.add_argument(  # read by `time_limit`, before the command
+        "--time-limit", metavar="S", help="end after so many seconds, with a report of what is known by then"
+    )
+
+
+def time_limit(words: Sequence[str]) -> tuple[list[str], float | None]:
+    """Return the words without ``--time-limit SECONDS``, which every command has, and the seconds.
+
+    Raises
+    ------
+    CommandError
+        If it is no number above zero.
+    """
+    kept, seconds = list(words), None
+    for place, word in enumerate(words):
+        if word == "--":
+            break
+        name, given, text = word.partition("=")
+        if name != "--time-limit":
+            continue
+        if not given:
+            text = words[place + 1] if place + 1 < len(words) else ""
+        kept[place : place + (1 if given else 2)] = []
+        try:
+            seconds = number(True, "time limit")(text)
+        except argparse.ArgumentTypeError as error:
+            raise CommandError(f"--time-limit: {error} of seconds, such as --time-limit 600") from error
+        break
+    return kept, seconds
 
 
 def json_option(parser: argparse.ArgumentParser) -> None:

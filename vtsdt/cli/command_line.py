@@ -1,18 +1,20 @@
 """``vtsdt``: runs a command and turns exceptions into messages and exit codes.
 
 `vtsdt.cli.commands` lists the commands.  Starting imports nothing heavy; each command imports what it needs.  Exit
-codes: 0 success, 1 a fault in the program, 2 bad input (one message, no traceback; ``--debug`` shows it),
-130 interrupted.
+codes: 0 success, 1 a fault in the program, 2 bad input (one message, no traceback; ``--debug`` shows it), 124 the time
+limit was reached, 130 interrupted, 143 ended by SIGTERM.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Sequence
 
+from multibody.base.stopping import Stopped, stoppable
 from multibody.base.terminal_text import printable
-from vtsdt.cli.arguments import CommandError
+from vtsdt.cli.arguments import CommandError, time_limit
 from vtsdt.cli.commands import COMMANDS, Command, parser
 from vtsdt.cli.completion import asked_for, complete
 
@@ -72,6 +74,9 @@ def _is_bad_input(error: BaseException) -> bool:
 
 
 def _message(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        place = error.filename or "the folder of the results or of compiled code (VTSDT_CACHE)"
+        return f"{place}: the disk is full: free some space, or name a folder on another disk; earlier results are kept"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror or error}: check the path and its permissions"
     return str(error)
@@ -100,14 +105,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = [w for w in words if w != "--debug"]
     _one_thread_for_linear_algebra()
     try:
-        code = complete(_dispatch) if asked_for() else _dispatch(words)
+        words, seconds = time_limit(words)
+        with stoppable(seconds):
+            code = complete(_dispatch) if asked_for() else _dispatch(words)
         sys.stdout.flush()
         return code
     except SystemExit as ended:  # argparse ends --help this way
         return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
-    except KeyboardInterrupt:
-        print("vtsdt: interrupted", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as error:
+        stopped = error if isinstance(error, Stopped) else Stopped("interrupted")
+        remedy = ": there is no result yet; give it more time" if stopped.code == 124 else ""
+        print(f"vtsdt: {stopped}{remedy}", file=sys.stderr)
+        return stopped.code
     except BrokenPipeError:  # the reader of our output has gone, as in `vtsdt … | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
