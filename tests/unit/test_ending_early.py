@@ -60,14 +60,17 @@ def test_a_simulation_in_a_thread_ends_too(monkeypatch) -> None:
         system.simulate(1.0)
 
 
+def _terminated() -> None:
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(1.0)
+
+
 def test_a_second_signal_ends_at_once() -> None:
     with stoppable():
         with pytest.raises(Stopped):
-            os.kill(os.getpid(), signal.SIGTERM)
-            time.sleep(1.0)
+            _terminated()
         with pytest.raises(KeyboardInterrupt) as error:
-            os.kill(os.getpid(), signal.SIGTERM)
-            time.sleep(1.0)
+            _terminated()
         assert not isinstance(error.value, Stopped)
 
 
@@ -170,9 +173,14 @@ def test_a_diagnosis_of_an_earlier_version_is_known(tmp_path: Path) -> None:
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt(), ValueError()])
 def test_what_fails_leaves_the_old_results_whole(tmp_path: Path, error: BaseException) -> None:
     write(tmp_path, "diagnosis", "axis", "1", {"a.json": "old", "b.json": "old"})
-    with pytest.raises(type(error)) as raised, written_together(tmp_path, "diagnosis", "axis", "2") as draft:
-        (draft / "a.json").write_text("new")
-        raise error
+
+    def fails() -> None:
+        with written_together(tmp_path, "diagnosis", "axis", "2") as draft:
+            (draft / "a.json").write_text("new")
+            raise error
+
+    with pytest.raises(type(error)) as raised:
+        fails()
     assert content(tmp_path) == {"a.json": "old", "b.json": "old"}
     assert not list(tmp_path.glob(".*"))
     if isinstance(raised.value, OSError):
