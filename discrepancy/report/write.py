@@ -17,7 +17,7 @@ from discrepancy.report.decisions_json import save_decisions
 from discrepancy.report.diagnosis_json import save_diagnosis
 from discrepancy.report.schema import VERDICTS
 from discrepancy.stages.residuals_along_motion import residuals_along_motion
-from multibody.base.result_folder import written_together
+from multibody.base.result_folder import RUN, written_together
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -254,7 +254,7 @@ def write_report(
             path.write_bytes(picture.png)
             paths.append(path)
         names = [path.relative_to(draft) for path in paths]
-    return [out / name for name in names]
+    return [*(out / name for name in names), out / RUN]
 
 
 def write_page(conclusion: Conclusion, path: str | Path) -> Path:

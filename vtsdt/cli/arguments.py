@@ -93,7 +93,10 @@ def common(parser: argparse.ArgumentParser, out: bool = True) -> None:
     parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
     parser.add_argument("--debug", action="store_true", help="show the traceback of an error")
     parser.add_argument(  # read by `time_limit`, before the command
-        "--time-limit", metavar="S", help="end after so many seconds, with a report of what is known by then"
+        "--time-limit",
+        metavar="S",
+        default=argparse.SUPPRESS,
+        help="end after so many seconds, with a report of what is known by then",
     )
 
 
