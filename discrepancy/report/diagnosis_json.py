@@ -71,6 +71,7 @@ def _effect_entry(accepted: AcceptedEffect, conclusion: Conclusion) -> dict[str,
         "kind": effect.kind,
         "where": effect.where,
         "parameters": effect_parameters(effect, conclusion.final),
+        **_probability(str(effect), conclusion),
         "p_value": accepted.p_value,
         "delta_bic": accepted.delta_bic,
         "indistinguishable_from": [entry(r) for r in accepted.rivals if r.indistinguishable],
@@ -79,6 +80,12 @@ def _effect_entry(accepted: AcceptedEffect, conclusion: Conclusion) -> dict[str,
         "fixed": fixed,
         **({"hidden_by": accepted.masked_by} if accepted.masked_by else {}),
     }
+
+
+def _probability(name: str, conclusion: Conclusion) -> dict[str, float]:
+    """Return the probability of an effect by name, if the search told one."""
+    told = conclusion.probabilities.effects if conclusion.probabilities is not None else ()
+    return next(({"probability": p.probability} for p in told if f"{p.kind}@{p.where}" == name), {})
 
 
 def to_diagnosis(conclusion: Conclusion, evidence: Evidence | None = None) -> dict[str, Any]:

@@ -20,7 +20,8 @@ def is_by_evidence(state: SearchState) -> bool:
     if state.problem.search != "auto":
         return state.problem.search == "evidence"
     state.prepare()
-    if state.mode != "simulation" or len(state.stage.system.states) > MOST_STATES:
+    own_clocks = any(e.at_own_instants for e in state.problem.identify)  # the filter takes all outputs at one instant
+    if state.mode != "simulation" or own_clocks or len(state.stage.system.states) > MOST_STATES:
         return False
     state.progress("does the effect of a disturbance accumulate along the records?")
     state.stage.weighted_problem()

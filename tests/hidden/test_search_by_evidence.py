@@ -88,6 +88,12 @@ def test_the_diagnosis_tells_probabilities_checks_and_random_forces(diagnosed):
     shown = diagnosis["predictive_gain"]["coulomb_friction@guide"]
     assert shown["gain"] > shown["standard_error"]
     assert "Probabilities: dry (Coulomb) friction at guide" in diagnosis["sentence"]
+    assert diagnosis["effects"][0]["probability"] == diagnosis["probabilities"]["effects"][0]["probability"]
+    assert set(diagnosis["checks"]) == set(conclusion.final.outputs)
+    for checked in diagnosis["checks"].values():
+        assert checked["innovation_white"]
+        assert 0.7 < checked["size"] < 1.4
+        assert checked["fit_percent"] > 50.0
 
 
 def test_the_report_lists_what_was_tried_and_says_what_held_out_records_were_used_for(diagnosed):
