@@ -14,15 +14,10 @@ MOST_STATES = 10
 def is_by_evidence(state: SearchState) -> bool:
     """Tell whether a study searches by evidence: where it says so, or, on "auto", where that has been tried.
 
-    That is where whole records of a small machine are simulated, and something holds the machine: where the effect of a
-    disturbance accumulates along the records, simulations of records left out do not show whether an effect matters.
+    That is where whole records of a small machine are simulated.
     """
     if state.problem.search != "auto":
         return state.problem.search == "evidence"
     state.prepare()
     own_clocks = any(e.at_own_instants for e in state.problem.identify)  # the filter takes all outputs at one instant
-    if state.mode != "simulation" or own_clocks or len(state.stage.system.states) > MOST_STATES:
-        return False
-    state.progress("does the effect of a disturbance accumulate along the records?")
-    state.stage.weighted_problem()
-    return state.stage.disturbance is None
+    return state.mode == "simulation" and not own_clocks and len(state.stage.system.states) <= MOST_STATES

@@ -89,16 +89,22 @@ def drive(rng: np.random.Generator, unbalance: float = 0.0) -> dict[str, np.ndar
 OFTEN = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 13) if seed not in (1, 5)]
 
 
+def searched(by):
+    """Return the study with a search of its own."""
+    return f'{STUDY}[study]\nsearch = "{by}"\n{RECORDS}'
+
+
+@pytest.mark.parametrize("by", ["significance", "evidence"])
 @pytest.mark.parametrize("seed", [1, 5, *OFTEN])
-def test_an_accumulating_disturbance_is_no_missing_effect(tmp_path, seed):
+def test_an_accumulating_disturbance_is_no_missing_effect(tmp_path, seed, by):
     """Before the disturbance was estimated, the search named an effect in six of these twelve, 1 and 5 among them."""
-    diagnosis = diagnosed(tmp_path, MODELS, drive, STUDY + RECORDS, seed=seed)
+    diagnosis = diagnosed(tmp_path, MODELS, drive, searched(by), seed=seed)
     assert diagnosis["verdict"] == "nothing missing"
     assert any("random torque" in w for w in diagnosis["warnings"])
 
 
 def test_an_unbalance_is_found_in_spite_of_it(tmp_path):
-    diagnosis = diagnosed(tmp_path, MODELS, partial(drive, unbalance=0.5), STUDY + RECORDS, seed=1)
+    diagnosis = diagnosed(tmp_path, MODELS, partial(drive, unbalance=0.5), searched("significance"), seed=1)
     (effect,) = diagnosis["effects"]
     assert effect["kind"] == "angle_harmonic"
     assert effect["where"] in ("load_bearing", "motor_bearing")  # below the first torsional mode they are one
