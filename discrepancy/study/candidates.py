@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -67,6 +67,7 @@ class Candidates:
     scan: ScanResult
     refused: tuple[tuple[Entry, str], ...]
     _by_name: Mapping[str, Candidate]
+    _predictions: dict[str, Prediction] = field(default_factory=dict, repr=False)
 
     def row(self, name: str) -> ScanRow:
         """Return the score of ``kind@where``.
@@ -84,6 +85,18 @@ class Candidates:
                 raise KeyError(f"'{name}' is no candidate of '{self.stage.name}': {why}")
         raise KeyError(f"'{name}' is no candidate of '{self.stage.name}'{nearest(name, list(self._by_name))}")
 
+    def weights(self) -> dict[str, float]:
+        """Return the relative weight of each candidate and of "nothing" (key ``""``), which add up to one.
+
+        From the expected changes of BIC, as if one of them were true: an order of likelihood among single effects, not
+        the probability that a diagnosis gives after refits.
+        """
+        names = [row.name for row in self.scan.rows]
+        delta = np.array([0.0, *(row.delta_bic for row in self.scan.rows)])
+        delta = np.where(np.isfinite(delta), delta, np.inf)
+        weight = np.exp(-0.5 * (delta - np.min(delta)))
+        return dict(zip(["", *names], (weight / weight.sum()).tolist(), strict=True))
+
     def effect(self, name: str) -> Effect:
         """Return the effect that a candidate stands for, at its expected strength."""
         candidate, effects = self._by_name[self.row(name).name], self.stage.effects
@@ -92,6 +105,11 @@ class Candidates:
 
     def predict(self, name: str) -> Prediction:
         """Return what a candidate is expected to change: a least-squares step of its strength and all parameters."""
+        if name not in self._predictions:
+            self._predictions[name] = self._predicted(name)
+        return self._predictions[name]
+
+    def _predicted(self, name: str) -> Prediction:
         row = self.row(name)
         candidate = self._by_name[name]
         shape = next((k for k, s in enumerate(candidate.shapes) if dict(s) == dict(row.shape)), 0)

@@ -92,6 +92,7 @@ def save_history(state: Study, path: str | Path) -> Path:
     content = {
         "schema": SCHEMA,
         "study": state.problem.name,
+        "file": str(state.problem.path.resolve()) if state.problem.path is not None else None,
         "fingerprint": fingerprint(state),
         "seed": state.problem.seed,
         "settled": not state.elimination_pending,

@@ -23,6 +23,7 @@ from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.study.candidates import Candidates, Prediction, candidates_of, named_effect
 from discrepancy.study.choice import is_by_evidence
 from discrepancy.study.left_out import Stretch, without_stretches
+from discrepancy.study.what_if import simulate_with
 from multibody.base.progress import silent
 from multibody.base.stopping import go_on
 
@@ -90,6 +91,10 @@ class Study(SearchState):
     def predict(self, name: str) -> Prediction:
         """Return what a candidate such as ``"coulomb_friction@guide"`` is expected to change, without a simulation."""
         return self.candidates().predict(name)
+
+    def what_if(self, values: Mapping[str, float], record: str) -> np.ndarray:
+        """Return the outputs of the latest model on a record with other parameters; see `simulate_with`."""
+        return simulate_with(self.stage, values, record)
 
     def explain(self) -> Decision:
         """Score every candidate on the latest stage and refit the best; nothing is added yet."""

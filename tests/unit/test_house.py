@@ -48,6 +48,7 @@ HOUSE: dict[str, tuple[str, ...]] = {
         "conclusion",
         "report",
         "study",
+        "workbench",
         "rigs",
         "validation",
         "",

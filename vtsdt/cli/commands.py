@@ -55,6 +55,7 @@ COMMANDS = {
     ("diagnose",): Command("vtsdt.cli.study:diagnose", "find the missing effects, add them, and write a report"),
     ("compare",): Command("vtsdt.cli.study:compare", "compare model and recordings, and say where they differ"),
     ("catalogue",): Command("vtsdt.cli.study:catalogue", "list the effects that a study's model could lack"),
+    ("open",): Command("vtsdt.cli.open:main", "a study in the browser: pick an effect and watch the error fall"),
     ("bench", "axis"): Command("vtsdt.cli.bench_axis:main", "recordings of a virtual linear axis"),
     ("bench", "lift"): Command("vtsdt.cli.bench_lift:main", "recordings of a virtual lift"),
     ("bench", "gear"): Command("gearbox.rig.command:main", "recordings of a virtual gear stage"),

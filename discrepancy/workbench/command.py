@@ -1,0 +1,107 @@
+"""The command ``vtsdt open``: a study in the browser."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import secrets
+import socket
+import sys
+import threading
+import webbrowser
+from argparse import Namespace
+from pathlib import Path
+
+from discrepancy.problem.study_file import StudyError
+from discrepancy.study.history import restore
+from discrepancy.study.study import Study
+from discrepancy.workbench.session import Session
+
+__all__ = ["open_session", "serve"]
+
+MISSING = (
+    "vtsdt open needs the packages of the workbench, and {} is not installed: pip install 'vtsdt[workbench]', or "
+    'pip install -c constraints.txt -e ".[workbench]" in a checkout'
+)
+
+
+def open_session(target: str | Path, out: str | Path | None = None) -> Session:
+    """Return the session of a study file, of a folder with a finished diagnosis, or of a history.
+
+    Parameters
+    ----------
+    target : path
+    out : path, optional
+        Folder for the history and what is exported; default: that of the history, or ``workbench`` beside the study.
+
+    Raises
+    ------
+    StudyError
+        If it is none of these, or its study file is not where it was.
+    """
+    target = Path(target)
+    history: Path | None = None
+    if target.is_dir():
+        history = target / "history.json"
+        if not history.is_file():
+            raise StudyError(
+                [f"{target}: there is no history.json in this folder: give a study file, or diagnose it first"]
+            )
+    elif target.suffix == ".json":
+        history = target
+    study_file = target if history is None else _study_of(history)
+    folder = Path(out) if out is not None else history.parent if history else study_file.parent / "workbench"
+    study = Study.from_file(study_file)
+    session = Session(study, folder / "history.json")
+    if history is not None:
+        session.begin("restore the stages of the history", lambda: restore(study, history))
+    else:
+        session.begin("compare the model with the records", lambda: study.stage)
+    return session
+
+
+def _study_of(history: Path) -> Path:
+    """Return the study file that a history was made from, as the diagnosis beside it names it."""
+    for name in ("diagnosis.json", "comparison.json"):
+        beside = history.with_name(name)
+        if beside.is_file():
+            paths = json.loads(beside.read_text(encoding="utf-8")).get("paths") or []
+            if paths and Path(paths[0]).is_file():
+                return Path(paths[0])
+    file = json.loads(history.read_text(encoding="utf-8")).get("file")
+    if file and Path(file).is_file():
+        return Path(file)
+    raise StudyError(
+        [f"{history}: its study file is not where it was: open the study file with --out {history.parent}"]
+    )
+
+
+def serve(args: Namespace) -> int:
+    """Open a study in the browser, until the command is interrupted.
+
+    Parameters
+    ----------
+    args : namespace
+        ``target``, ``out``, ``port``, ``browser``.
+    """
+    try:
+        import uvicorn
+
+        from discrepancy.workbench.server import LOOPBACK, application
+    except ImportError as error:
+        raise StudyError([MISSING.format(error.name)]) from None
+    session = open_session(args.target, args.out)
+    token = secrets.token_urlsafe(16)
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((LOOPBACK[0], args.port))
+        address = f"http://{LOOPBACK[0]}:{listener.getsockname()[1]}/?token={token}"
+        print(f"the workbench is at {address}\nit is for this computer only; Ctrl-C ends it", flush=True)
+        if args.browser:
+            threading.Timer(0.3, webbrowser.open, [address]).start()
+        config = uvicorn.Config(application(session, token), log_level="warning", timeout_graceful_shutdown=1)
+        with contextlib.suppress(KeyboardInterrupt):
+            uvicorn.Server(config).run(sockets=[listener])
+    session.stop()
+    print(f"every step is in {session.history}", file=sys.stderr)
+    return 0

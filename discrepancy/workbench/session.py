@@ -1,0 +1,415 @@
+"""A study that is open in the workbench: what the page shows of it, and the one piece of work in hand."""
+
+from __future__ import annotations
+
+import threading
+import traceback
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from discrepancy.drawing.zoom_data import zoom_figure
+from discrepancy.effects.kinds import kinds
+from discrepancy.questions.compare import Comparison, compare
+from discrepancy.questions.locate import locate
+from discrepancy.report.figures import stage_title
+from discrepancy.stages.residuals_along_motion import residuals_along_motion
+from discrepancy.stages.stage import Stage
+from discrepancy.study.candidates import Candidates
+from discrepancy.study.history import save_history
+from discrepancy.study.study import Study
+from multibody.base.compile_events import on_compile
+from multibody.base.progress import Step
+
+__all__ = ["Busy", "Session", "Stopped"]
+
+MOST_CANDIDATES = 20  # that the page lists with a prediction
+MOST_POINTS = 1500  # of a cloud of residuals
+
+Entry = dict[str, Any]
+
+
+class Stopped(KeyboardInterrupt):
+    """The person has stopped the work in hand; a search keeps the stages that it has made."""
+
+
+class Busy(RuntimeError):
+    """Something is being computed already."""
+
+
+class Session:
+    """A study that is open in the workbench.
+
+    Whatever changes the study runs in one thread of its own, one piece of work at a time, and everything is done by
+    methods of `Study`.  What the page shows is read from finished stages, which never change.
+
+    Parameters
+    ----------
+    study : Study
+    history : path
+        File that keeps every step.
+    """
+
+    def __init__(self, study: Study, history: str | Path):
+        self.study = study
+        self.history = Path(history)
+        self.version = 0
+        self._changed = threading.Condition()
+        self._stop = threading.Event()
+        self._work: threading.Thread | None = None
+        self._doing: Entry = {}
+        self._error = ""
+        self._conclusion: Entry = {}
+        self._comparisons: dict[int, Comparison] = {}
+        self._kept: list[Stage] = []  # stages that were undone or replaced, which another branch is compared with
+        study.progress = self._progress
+        study.checkpoint = lambda study: save_history(study, self.history)
+
+    # ---------------------------------------------------------------- work in hand
+
+    def begin(self, what: str, work: Callable[[], object]) -> None:
+        """Begin a piece of work in a thread.
+
+        Raises
+        ------
+        Busy
+            If there is one in hand.
+        """
+        with self._changed:
+            if self._work is not None:
+                raise Busy(f"wait until '{self._doing.get('what', '')}' is done, or stop it")
+            self._stop.clear()
+            self._error, self._doing = "", {"what": what, "text": "", "share": None}
+            self._work = threading.Thread(target=self._run, args=(work,), daemon=True)
+        self._announce()
+        self._work.start()
+
+    def _run(self, work: Callable[[], object]) -> None:
+        before = list(self.study.stages)
+        unsubscribe = on_compile(lambda name, seconds: self._progress("compile the model's equations"))
+        try:
+            work()
+        except Stopped:
+            self._error = "stopped: what was finished before is kept"
+        except Exception as error:
+            self._error = f"{error.args[0] if isinstance(error, KeyError) and error.args else error}"
+            if not isinstance(error, KeyError | ValueError | RuntimeError | OSError):
+                self._error = f"a fault in the program: {type(error).__name__}: {error}"
+                traceback.print_exc()
+        finally:
+            unsubscribe()
+        self._kept += [s for s in before[2:] if s not in self.study.stages and s not in self._kept]
+        with self._changed:
+            self._work, self._doing = None, {}
+        self._announce()
+
+    def stop(self) -> None:
+        """Stop the work in hand at its next report of progress."""
+        self._stop.set()
+
+    def wait(self, version: int, seconds: float) -> None:
+        """Return when something has changed since a version, or after some seconds."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.version != version, seconds)
+
+    def join(self) -> None:
+        """Wait for the work in hand."""
+        work = self._work
+        if work is not None:
+            work.join()
+
+    def _progress(self, text: str) -> None:
+        if threading.current_thread() is not self._work and self._work is None:
+            return
+        if self._stop.is_set():
+            raise Stopped
+        share = text.share if isinstance(text, Step) else None
+        self._doing = {**self._doing, "text": str(text), "share": share}
+        self._announce()
+
+    def _announce(self) -> None:
+        with self._changed:
+            self.version += 1
+            self._changed.notify_all()
+
+    # ---------------------------------------------------------------- steps
+
+    def do(self, action: str, given: Mapping[str, Any]) -> None:
+        """Take a step of the study; its outcome is in `state`.
+
+        Parameters
+        ----------
+        action : str
+            ``"score"``, ``"add"``, ``"undo"``, ``"redo"``, ``"leave_out"``, ``"search"`` or ``"conclude"``.
+        given : mapping
+            Arguments of the `Study` method of that name.
+
+        Raises
+        ------
+        Busy
+            If something is being computed.
+        ValueError
+            If there is no such step, or an argument is missing.
+        """
+        study = self.study
+        try:
+            steps: dict[str, tuple[str, Callable[[], object]]] = {
+                "score": ("score the candidates", study.candidates),
+                "undo": ("undo", study.undo),
+                "redo": ("redo", study.redo),
+                "search": ("search on from here", lambda: self._told(study.diagnose())),
+                "conclude": ("conclude", lambda: self._told(study.conclude())),
+            }
+            if action == "add":
+                name = str(given["effect"])
+                steps["add"] = (f"add {name} and fit again", lambda: study.add(name, strength=given.get("strength")))
+            if action == "leave_out":
+                start, stop = (float(given[k]) for k in ("start", "stop"))
+                record = str(given["record"])
+                steps["leave_out"] = (
+                    f"fit again without a stretch of {record}",
+                    lambda: study.leave_out(record, start, stop),
+                )
+        except KeyError as error:
+            raise ValueError(f"'{action}' needs {error}") from None
+        if action not in steps:
+            raise ValueError(f"'{action}' is no step: take one of {', '.join(steps)}")
+        self.begin(*steps[action])
+
+    def _told(self, conclusion: Any) -> None:
+        self._conclusion = {"verdict": conclusion.verdict, "sentence": conclusion.sentence}
+
+    # ---------------------------------------------------------------- what the page shows
+
+    def state(self) -> Entry:
+        """Return everything that the page shows but the figures and the candidates."""
+        study = self.study
+        stages = list(study.stages)
+        outputs = [] if not stages else [{"name": n, "unit": stages[0].system.unit(n)} for n in stages[0].outputs]
+        return {
+            "version": self.version,
+            "name": study.problem.name,
+            "doing": self._doing or None,
+            "error": self._error,
+            "outputs": outputs,
+            "stages": [self._stage(s) for s in stages],
+            "kept": [{"name": s.name, "effects": list(map(str, s.effects))} for s in self._kept],
+            "records": [
+                {"name": e.name, "part": part}
+                for part, group in (("identify", study.problem.identify), ("validate", study.problem.validate))
+                for e in group
+            ],
+            "left_out": [s.to_dict() for s in study.left_out],
+            "steps": study.steps,
+            "can_undo": len(stages) > 2,
+            "can_redo": study.can_redo,
+            "conclusion": self._conclusion,
+            "history": str(self.history),
+            "parameters": self._parameters(stages[-1]) if stages else [],
+        }
+
+    def _stage(self, stage: Stage) -> Entry:
+        return {
+            "name": stage.name,
+            "title": stage_title(stage),
+            "effects": [str(e) for e in stage.effects],
+            "rmse": {part: stage.rmse(part) for part in ("identify", "validate")},
+        }
+
+    def _parameters(self, stage: Stage) -> list[Entry]:
+        calibration = stage.identify
+        entries = []
+        for q, std in zip(calibration.parameters, calibration.std, strict=True):
+            value = float(calibration[q.name])
+            reach = max(4.0 * float(std) if np.isfinite(std) else 0.0, 0.5 * abs(value)) or 1.0
+            low, high = max(value - reach, q.min), min(value + reach, q.max)
+            if q.name in stage.system.parameter_names:
+                entries.append({"name": q.name, "unit": q.unit, "value": value, "low": low, "high": high})
+        return entries
+
+    def _branch(self, index: int) -> Stage:
+        stages = [*self.study.stages, *self._kept]
+        return stages[index] if -len(stages) <= index < len(stages) else stages[-1]
+
+    def _comparison(self, stage: Stage) -> Comparison:
+        key = id(stage)
+        if key not in self._comparisons:
+            self._comparisons[key] = compare(stage)
+        return self._comparisons[key]
+
+    def figures(
+        self,
+        record: str = "",
+        *,
+        start: float = -np.inf,
+        stop: float = np.inf,
+        against: int = 1,
+        predict: str = "",
+        values: Mapping[str, float] | None = None,
+    ) -> list[Entry]:
+        """Return the figures of a record: measurement, a stage to compare with, the latest stage, and a prediction.
+
+        Parameters
+        ----------
+        record : str
+            Default: the first.
+        start, stop : float, s
+            The visible stretch.
+        against : int
+            Number of the stage to compare with, among those of the study and then those of other branches.
+        predict : str
+            Candidate whose linear prediction is drawn too; of identification records only.
+        values : mapping of str to float, optional
+            Values of parameters: the latest model simulated with them is drawn too.
+        """
+        stages = list(self.study.stages)
+        if not stages:
+            return []
+        latest, other = stages[-1], self._branch(against)
+        shown = self._comparison(latest).of(record=record or None) or self._comparison(latest).of()
+        shown = [s for s in shown if s.record == shown[0].record]
+        record = shown[0].record
+        before = {s.output: s for s in self._comparison(other).of(record=record)}
+        prediction = self._candidates().predict(predict) if predict else None
+        changed = self.study.what_if(values, record) if values else None
+        worst = self._worst(record)
+        figures = []
+        for column, signal in enumerate(shown):
+            models = []
+            if other is not latest and signal.output in before and before[signal.output].model.size == signal.time.size:
+                models.append((stage_title(other), "before", before[signal.output].model))
+            models.append((stage_title(latest), "after", signal.model))
+            if prediction is not None and record in prediction.records:
+                k, c = prediction.records.index(record), prediction.outputs.index(signal.output)
+                fall = prediction.before[k][:, c] - prediction.after[k][:, c]
+                expected = signal.model + np.interp(signal.time, prediction.times[k], fall)
+                models.append((f"predicted with {predict}", "predicted", expected))
+            if changed is not None:
+                models.append(("with the values of the sliders", "predicted", changed[:, column]))
+            figures.append(zoom_figure(signal, models, start=start, stop=stop, marks=worst.get(signal.output, ())))
+        return figures
+
+    def _worst(self, record: str, count: int = 24) -> dict[str, list[tuple[float, float]]]:
+        """Return for each output the stretches where the latest model fails worst: those with most of the error."""
+        marks = {}
+        for signal in self._comparison(self.study.stages[-1]).of(record=record):
+            edges = np.linspace(0, signal.time.size, count + 1).astype(int)
+            energy = np.add.reduceat(signal.residual**2, edges[:-1])
+            limit = 3.0 * float(np.median(energy))
+            chosen = [k for k in np.argsort(-energy)[:3] if energy[k] > limit]
+            marks[signal.output] = [
+                (float(signal.time[edges[k]]), float(signal.time[min(edges[k + 1], signal.time.size - 1)]))
+                for k in chosen
+            ]
+        return marks
+
+    def _candidates(self) -> Candidates:
+        return self.study.candidates()
+
+    def candidates(self) -> Entry:
+        """Return the best candidates with what they are expected to change; only after they have been scored."""
+        known = self._candidates()
+        weights = known.weights()
+        ties = known.scan.ties
+        tied = {} if ties is None or known.scan.best is None else {known.scan.best.name: ties.names}
+        rows = []
+        for row in known.scan.rows[:MOST_CANDIDATES]:
+            kind = kinds()[row.kind]
+            falls = {
+                name: 100.0 * (1.0 - after / before) if before > 0.0 else 0.0
+                for name, (before, after) in known.predict(row.name).rmse().items()
+            }
+            rows.append(
+                {
+                    "name": row.name,
+                    "title": kind.text.title,
+                    "where": row.where,
+                    "weight": weights[row.name],
+                    "p_value": row.p_value,
+                    "falls": falls,
+                    "tied": [n for n in tied.get(row.name, ()) if n != row.name],
+                    "what": kind.text.what,
+                    "causes": kind.text.causes,
+                    "confirm": kind.text.confirm,
+                }
+            )
+        refused = [{"name": e.name, "why": why} for e, why in known.refused]
+        return {"rows": rows, "nothing": weights[""], "refused": refused}
+
+    def machine(self) -> Entry:
+        """Return the graph of the model: its components and their connections."""
+        model = self.study.problem.model
+        nodes = [{"name": n, "type": type(c).__name__} for n, c in model.components.items()]
+        edges = []
+        for ends in model.connections:
+            owners = list(dict.fromkeys(str(e).partition(".")[0] for e in ends))
+            edges += [[owners[0], other] for other in owners[1:]]
+        return {"nodes": nodes, "edges": edges}
+
+    def where(self) -> list[Entry]:
+        """Return in sentences where the latest model fails."""
+        located = locate(self.study.stages[-1]).to_dict()
+        headings = {
+            "signals": "In which signal",
+            "regimes": "When",
+            "dependence": "Along what",
+            "frequencies": "At which frequencies",
+            "connections": "At which connection",
+        }
+        return [
+            {"heading": heading, "sentences": [e["sentence"] for e in located[name][:6]]}
+            for name, heading in headings.items()
+            if located[name]
+        ]
+
+    def against_motion(self, output: str) -> list[Entry]:
+        """Return the latest residual of an output over speed and position of every connection that moves."""
+        residuals = residuals_along_motion(self.study.stages[-1])
+        if output not in residuals.outputs:
+            raise KeyError(f"there is no output '{output}': take one of {', '.join(residuals.outputs)}")
+        e = residuals.values[:, residuals.outputs.index(output)]
+        step = max(1, e.size // MOST_POINTS)
+        return [
+            {"place": m.name, "over": over, "x": getattr(m, over)[::step].tolist(), "y": e[::step].tolist()}
+            for m in residuals.motions
+            for over in ("speed", "position")
+        ]
+
+    def spectra(self, record: str = "") -> list[Entry]:
+        """Return amplitude spectra of measurement, model and residual, and the coherence, of each output."""
+        shown = self._comparison(self.study.stages[-1]).of(record=record or None)
+        entries = []
+        for s in (s for s in shown if s.record == shown[0].record):
+            frequency, residual = s.spectrum()
+            measured, model = s.spectrum("measured")[1], s.spectrum("model")[1]
+            coherence = s.coherence()[1]
+            amplitudes = [np.sqrt(np.maximum(d[1:], 1e-300)).tolist() for d in (measured, model, residual)]
+            names = ("measured", "model", "residual")
+            entries.append(
+                {
+                    "output": s.output,
+                    "unit": s.unit,
+                    "record": s.record,
+                    "frequency": frequency[1:].tolist(),
+                    "coherence": coherence[1:].tolist(),
+                    **dict(zip(names, amplitudes, strict=True)),
+                }
+            )
+        return entries
+
+    def table(self) -> list[Entry]:
+        """Return the error of the latest stage by record and output."""
+        return [
+            {
+                "record": s.record,
+                "part": s.part,
+                "output": s.output,
+                "unit": s.unit,
+                "rmse": s.figures.rmse,
+                "nrmse": s.figures.nrmse,
+                "over_noise": s.over_noise,
+            }
+            for s in self._comparison(self.study.stages[-1])
+        ]

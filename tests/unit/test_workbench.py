@@ -1,0 +1,256 @@
+"""The workbench: what the page asks for, who may ask, and that every step can be taken again."""
+
+from __future__ import annotations
+
+import base64
+import json
+import socket
+import threading
+import urllib.error
+import urllib.parse
+import urllib.request
+from email.message import Message
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from test_study_history import problem_of
+
+from discrepancy.problem.study_file import StudyError
+from discrepancy.study.history import restore
+from discrepancy.study.study import Study
+from discrepancy.workbench.command import open_session
+from discrepancy.workbench.session import Busy, Session
+
+NAME, OUTPUT = "coulomb_friction@guide", "carriage.position"
+
+
+def _done(session: Session, action: str, **given: object) -> None:
+    session.do(action, given)
+    session.join()
+    assert session.state()["error"] == ""
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory) -> Session:
+    """A session in which a wrong effect was added and removed, and the right one added."""
+    session = Session(Study(problem_of()), tmp_path_factory.mktemp("workbench") / "history.json")
+    session.begin("compare", lambda: session.study.stage)
+    session.join()
+    _done(session, "score")
+    _done(session, "add", effect="sensor_offset@carriage.position")
+    _done(session, "undo")
+    _done(session, "add", effect=NAME)
+    return session
+
+
+def _numbers(text: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), dtype="<f4")
+
+
+def test_the_state_has_stages_records_and_steps(session):
+    state = session.state()
+    assert [s["name"] for s in state["stages"]] == ["as given", "recalibrated", f"+ {NAME}"]
+    assert [s["action"] for s in state["steps"]] == ["add", "undo", "add"]
+    assert [r["part"] for r in state["records"]] == ["identify", "identify", "validate"]
+    assert [k["effects"] for k in state["kept"]] == [["sensor_offset@carriage.position"]]
+    assert state["doing"] is None
+    assert state["can_undo"]
+    json.dumps(state, allow_nan=False)
+
+
+def test_the_error_falls_on_held_out_records(session):
+    errors = [s["rmse"]["validate"][OUTPUT] for s in session.state()["stages"]]
+    assert errors[2] < 0.2 * errors[1]
+
+
+def test_history_of_the_clicks_gives_the_same_numbers(session):
+    again = Study(problem_of())
+    restore(again, session.history)
+    assert again.stage.rmse("validate") == session.study.stage.rmse("validate")
+    assert again.steps == session.study.steps
+
+
+def test_figures_have_the_measurement_and_the_models(session):
+    (figure,) = session.figures("run1")
+    signal = session.study.compare().of(record="run1")[0]
+    assert [m["style"] for m in figure["models"]] == ["before", "after"]
+    shown = _numbers(figure["measured"])
+    assert shown.max() == np.float32(signal.measured.max())
+    assert shown.min() == np.float32(signal.measured.min())
+    (part,) = session.figures("run1", start=3.0, stop=4.0)
+    time = _numbers(part["x"])
+    assert time[0] == pytest.approx(2.99)
+    assert time[-1] == pytest.approx(4.0, abs=0.011)
+
+
+def test_another_branch_can_be_compared_with(session):
+    (figure,) = session.figures("run0", against=3)
+    assert "sensor" in figure["models"][0]["name"]
+
+
+def test_the_sliders_values_are_simulated(session):
+    stage = session.study.stage
+    value = float(stage.identify["guide.viscous"])
+    (figure,) = session.figures("run0", values={"guide.viscous": value})
+    same, fitted = (_numbers(figure["models"][k]["y"]) for k in (-1, -2))
+    assert np.allclose(same, fitted, atol=1e-6 * np.ptp(fitted))  # single precision
+    (figure,) = session.figures("run0", values={"guide.viscous": 2.0 * value})
+    assert not np.allclose(_numbers(figure["models"][-1]["y"]), fitted, atol=1e-3 * np.ptp(fitted))
+    with pytest.raises(KeyError, match=r"did you mean 'guide\.viscous'"):
+        session.figures("run0", values={"guide.viscos": 1.0})
+
+
+def test_candidates_are_listed_with_what_they_would_change(tmp_path):
+    session = Session(Study(problem_of()), tmp_path / "history.json")
+    listed = session.candidates()
+    best = listed["rows"][0]
+    assert best["name"] == NAME
+    assert best["falls"][OUTPUT] > 50.0
+    assert best["what"]
+    assert best["causes"]
+    assert listed["nothing"] + sum(r["weight"] for r in listed["rows"]) == pytest.approx(1.0)
+    (figure,) = session.figures("run0", predict=NAME)
+    signal = session.study.compare().of(record="run0")[0]
+    rows = np.searchsorted(signal.time, _numbers(figure["x"]) - 1e-4)
+    predicted = _numbers(figure["models"][-1]["y"])
+    left = np.sqrt(np.mean((signal.measured[rows] - predicted) ** 2))
+    assert left < 0.5 * np.sqrt(np.mean(signal.residual[rows] ** 2))
+    (held_out,) = session.figures("run2", predict=NAME)
+    assert "predicted" not in [m["style"] for m in held_out["models"]]
+
+
+def test_other_views_have_numbers(session):
+    machine = session.machine()
+    assert [n["name"] for n in machine["nodes"]] == ["carriage", "drive", "guide", "spring"]
+    assert any("ground" in edge for edge in machine["edges"])
+    clouds = session.against_motion(OUTPUT)
+    assert {c["over"] for c in clouds} == {"speed", "position"}
+    (spectrum,) = session.spectra("run0")
+    assert len(spectrum["frequency"]) == len(spectrum["residual"]) == len(spectrum["coherence"])
+    assert len(session.table()) == 3
+    assert session.where()
+
+
+def test_one_piece_of_work_at_a_time_and_it_can_be_stopped(tmp_path):
+    session = Session(Study(problem_of()), tmp_path / "history.json")
+    gate = threading.Event()
+
+    def work() -> None:
+        gate.wait(30.0)
+        session.study.progress("never shown")
+        raise AssertionError("progress after a stop must end the work")
+
+    session.begin("wait", work)
+    with pytest.raises(Busy, match="wait until 'wait' is done"):
+        session.do("score", {})
+    session.stop()
+    gate.set()
+    session.join()
+    assert session.state()["error"].startswith("stopped")
+    session.begin("compare", lambda: session.study.stage)
+    session.join()
+    assert len(session.state()["stages"]) == 2
+
+
+def test_a_step_that_fails_says_why_and_changes_nothing(session):
+    before = session.state()["stages"]
+    session.do("add", {"effect": "coulomb_friction@gide"})
+    session.join()
+    assert "'coulomb_friction@gide' is no candidate" in session.state()["error"]
+    assert session.state()["stages"] == before
+    with pytest.raises(ValueError, match="is no step"):
+        session.do("explode", {})
+    with pytest.raises(ValueError, match="needs 'effect'"):
+        session.do("add", {})
+
+
+# -------------------------------------------------------------------- the server
+
+
+class Answer(NamedTuple):
+    """What the server said."""
+
+    status: int
+    headers: Message
+    text: str
+
+
+@pytest.fixture(scope="module")
+def ask(session):
+    """A running server; returns a function that asks it."""
+    uvicorn = pytest.importorskip("uvicorn", reason="the workbench needs starlette and uvicorn")
+    pytest.importorskip("starlette", reason="the workbench needs starlette and uvicorn")
+    from discrepancy.workbench.server import application
+
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        port = listener.getsockname()[1]
+        server = uvicorn.Server(uvicorn.Config(application(session, "secret"), log_level="warning"))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+        thread.start()
+
+        def asked(path: str, body: object = None, *, host: str | None = None, **query: object) -> Answer:
+            address = f"http://127.0.0.1:{port}{path}?{urllib.parse.urlencode(query)}"
+            data = None if body is None else json.dumps(body).encode()
+            request = urllib.request.Request(address, data, {"Host": host} if host else {})
+            try:
+                with urllib.request.urlopen(request, timeout=60) as found:
+                    return Answer(found.status, found.headers, found.read().decode())
+            except urllib.error.HTTPError as error:
+                return Answer(error.code, error.headers, error.read().decode())
+
+        yield asked
+        server.should_exit = True
+        thread.join(20.0)
+
+
+def test_without_the_token_nothing_is_answered(ask):
+    for path in ("/", "/state", "/candidates", "/table"):
+        assert ask(path).status == 403
+        assert ask(path, token="guess").status == 403
+    for path in ("/do", "/figures", "/export", "/stop"):
+        assert ask(path, {"action": "undo"}).status == 403
+
+
+@pytest.mark.parametrize("host", ["example.org", "192.168.1.7:8000", "127.0.0.1.example.org"])
+def test_other_hosts_are_refused(ask, host):
+    assert ask("/", token="secret", host=host).status == 400
+
+
+def test_the_page_is_whole_and_reaches_nothing_outside(ask):
+    page = ask("/", token="secret")
+    assert page.status == 200
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert "vtsdtZoom" in page.text
+    assert "leeoniya/uPlot" in page.text
+    assert "/*workbench.js*/" not in page.text
+
+
+def test_the_server_answers_with_the_sessions_values(ask, session):
+    state = json.loads(ask("/state", token="secret", since=-1).text)
+    assert state["stages"] == json.loads(json.dumps(session.state()["stages"]))
+    figures = json.loads(ask("/figures", {"record": "run1", "start": None}, token="secret").text)
+    assert figures == json.loads(json.dumps(session.figures("run1")))
+    wrong = ask("/do", {"action": "explode"}, token="secret")
+    assert wrong.status == 400
+    assert "is no step" in wrong.text
+    wrong = ask("/export", {"what": "script"}, token="secret")
+    assert "needs the study file" in wrong.text
+
+
+def test_the_model_is_exported_beside_the_history(ask, session):
+    written = json.loads(ask("/export", {"what": "model"}, token="secret").text)["written"]
+    assert written == [str(session.history.with_name("model.json"))]
+    from multibody import Model
+
+    assert "coulomb_friction.guide" in Model.load(written[0]).components
+
+
+def test_what_cannot_be_opened_is_told(tmp_path):
+    with pytest.raises(StudyError, match=r"there is no history\.json in this folder"):
+        open_session(tmp_path)
+    history = tmp_path / "history.json"
+    history.write_text("{}", encoding="utf-8")
+    with pytest.raises(StudyError, match="its study file is not where it was"):
+        open_session(history)
