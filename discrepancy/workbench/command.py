@@ -95,6 +95,7 @@ def serve(args: Namespace) -> int:
     with socket.socket() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind((LOOPBACK[0], args.port))
+        listener.listen()  # a browser that asks before the server runs is answered when it does
         address = f"http://{LOOPBACK[0]}:{listener.getsockname()[1]}/?token={token}"
         print(f"the workbench is at {address}\nit is for this computer only; Ctrl-C ends it", flush=True)
         if args.browser:

@@ -185,6 +185,7 @@ def ask(session):
 
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
+        listener.listen()  # who asks before the server runs is answered when it does
         port = listener.getsockname()[1]
         server = uvicorn.Server(uvicorn.Config(application(session, "secret"), log_level="warning"))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
