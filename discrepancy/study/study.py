@@ -40,6 +40,7 @@ class Study(SearchState):
 
     Make one with `Study.from_file`, then call `diagnose`, or take the steps yourself: `compare`, `locate`,
     `candidates`, `predict`, `explain`, `add`, `undo`, `redo`, `leave_out`.  `plot` and `report` show where it stands.
+    Parameters and attributes are those of `discrepancy.search.state.SearchState` and these:
 
     Parameters
     ----------
@@ -52,8 +53,6 @@ class Study(SearchState):
     ----------
     source : Problem
         As handed in, with every record whole.
-
-    Further parameters and attributes as of `discrepancy.search.state.SearchState`.
     """
 
     steps: list[dict[str, Any]] = field(default_factory=list, kw_only=True)
