@@ -331,8 +331,9 @@ class Experiment:
     def _own_instants(self) -> dict[int, AtOwnInstants]:
         """Return the operators of the outputs that were sampled at instants of their own, by column."""
         if self._cache.own_instants is None:
-            signals = [self.record.signals[n] for n in self.outputs]
-            samples = {c: s.own for c, s in enumerate(signals) if s.own is not None}
+            signals = self.record.signals  # of a trip that is only proposed, no output has been recorded
+            recorded = {c: signals[n] for c, n in enumerate(self.outputs) if n in signals}
+            samples = {c: s.own for c, s in recorded.items() if s.own is not None}
             self._cache.own_instants = at_own_instants(np.asarray(self.record.time), samples)
         return self._cache.own_instants
 
@@ -347,7 +348,9 @@ class Experiment:
     @property
     def at_own_instants(self) -> bool:
         """Whether an output has instants, or a clock, of its own."""
-        return bool(self.clocks) or any(self.record.signals[n].own is not None for n in self.outputs)
+        return bool(self.clocks) or any(
+            self.record.signals[n].own is not None for n in self.outputs if n in self.record.signals
+        )
 
     def respond_with_own(
         self,
