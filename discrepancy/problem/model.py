@@ -53,7 +53,8 @@ def _user_error(error: BaseException, study: StudyFile, doing: str) -> StudyErro
         place = f"{Path(last.filename).name}, line {last.lineno}, in {last.name}"
     name = type(error).__name__
     text = str(error.msg) if isinstance(error, SyntaxError) else str(error)
-    return StudyError([f'{study.path.name}, [model] build = "{study.model.build}": {doing}: {place}: {name}: {text}'])
+    where = f'{study.path.name}, [model] build = "{study.model.build}"'
+    return StudyError([f"{where}: {doing}: {place}: {name}: {text}: correct it there"])
 
 
 #: Modules of this distribution that have builders for studies.

@@ -59,7 +59,7 @@ def find_files(folder: Path, patterns: Sequence[str]) -> FoundFiles:
             names = sorted(glob.glob(str(place), recursive=True))
             matches = [Path(name) for name in names if Path(name).is_file()]
             if not matches:
-                faults.append(f"no file matches the pattern '{pattern}'")
+                faults.append(f"no file matches the pattern '{pattern}': check its folder and ending")
         else:
             matches = []
             siblings = sorted(p.name for p in place.parent.iterdir()) if place.parent.is_dir() else []

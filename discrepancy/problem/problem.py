@@ -207,7 +207,9 @@ def _too_short(experiment: Experiment) -> str:
     try:
         left = len(experiment.time)
     except SignalError as error:
-        return f"[records]: '{experiment.record.path.name}': {error}"
+        return (
+            f"[records]: '{experiment.record.path.name}': {error}: keep more of it, by start, stop, edge and decimate"
+        )
     if left >= LEAST_SAMPLES:
         return ""
     rows = len(experiment.record.time)

@@ -46,6 +46,8 @@ _TABLES = (
     "connections",
     "clocks",
 )
+#: A start value beyond this is none: no machine is there in any unit.
+LARGEST_START = 1e100
 #: Tables that another command reads from the same file, and checks itself.
 _OF_OTHERS = ("updating",)
 
@@ -337,7 +339,7 @@ class _Reader:
 
     def named(self, name: str, kind: type[Any], required: str = "") -> dict[str, Any]:
         entries: dict[str, Any] = {}
-        for key, value in flatten(self.table(name, required), kind).items():
+        for key, value in flatten(self.table(name, required), kind, self.twice(name)).items():
             where = f'[{name}] "{key}"'
             if kind is Column and isinstance(value, str):
                 value = {"column": value}
@@ -347,6 +349,11 @@ class _Reader:
                 continue
             entries[key] = read_struct(kind, value, self.fault_at(where))
         return entries
+
+    def twice(self, table: str) -> Callable[[str], None]:
+        return lambda name: self.fault(
+            f'[{table}] "{name}"', "is given twice, once in quotes and once without: keep one of the two"
+        )
 
     def connections(self) -> dict[str, ConnectionTable]:
         entries = {}
@@ -378,10 +385,12 @@ class _Reader:
             free = []
         values: dict[str, float | Literal["measured"]] = {}
         free = list(free)
-        for name, value in flatten(table, None).items():
+        for name, value in flatten(table, None, self.twice("initial")).items():
             if value == "free":
                 free.append(name)
             elif value == "measured" or (isinstance(value, int | float) and not isinstance(value, bool)):
+                if value != "measured" and not abs(value) < LARGEST_START:
+                    self.fault(f'[initial] "{name}"', f"is {value}: must be finite, a start value in SI")
                 values[name] = value
             else:
                 self.fault(f'[initial] "{name}"', f'must be a number in SI, "free" or "measured", and is {value!r}')
@@ -408,7 +417,10 @@ class _Reader:
             hint = nearest_or_choices(Path(source).name, siblings)
             self.fault("[model] build", f"there is no file '{source}' beside the study{hint}")
         elif not source.endswith(".py") and not all(part.isidentifier() for part in source.split(".")):
-            self.fault("[model] build", f"'{source}' is neither a file ending in .py nor a module's name")
+            self.fault(
+                "[model] build",
+                f"'{source}' is neither a file ending in .py nor a module's name: write \"file.py:name\"",
+            )
 
     def check_fmu(self, model: ModelTable) -> None:
         if model.arguments:
@@ -430,7 +442,7 @@ class _Reader:
             elif entry.value is not None and not (
                 (low is None or low <= entry.value) and (high is None or entry.value <= high)
             ):
-                self.fault(where, f"value = {entry.value:g} lies outside min and max")
+                self.fault(where, f"value = {entry.value:g} lies outside min and max: choose it between them")
 
     def check_columns(
         self, inputs: Mapping[str, Column], outputs: Mapping[str, Column], records: RecordsTable | None

@@ -215,7 +215,7 @@ def read_struct(kind: type[T], table: Mapping[str, Any], fault: Callable[[str, s
     return kind(**values)
 
 
-def flatten(table: Mapping[str, Any], kind: type | None) -> dict[str, Any]:
+def flatten(table: Mapping[str, Any], kind: type | None, twice: Callable[[str], None] | None = None) -> dict[str, Any]:
     """Undo the nesting of names whose dots were not quoted: ``mass.m = { std = 5.0 }``.
 
     Parameters
@@ -224,14 +224,20 @@ def flatten(table: Mapping[str, Any], kind: type | None) -> dict[str, Any]:
         A table of names.
     kind : type or None
         The struct that an entry makes; None where entries are plain values.
+    twice : callable, optional
+        Called with every name that is given twice, quoted and bare.
     """
     keys = [entry.name for entry in msgspec.structs.fields(kind)] if kind else []
     flat: dict[str, Any] = {}
     for name, value in table.items():
         if isinstance(value, dict) and value and not _is_entry(value, keys):
-            flat.update({f"{name}.{rest}": entry for rest, entry in flatten(value, kind).items()})
+            new = {f"{name}.{rest}": entry for rest, entry in flatten(value, kind, twice).items()}
         else:
-            flat[name] = value
+            new = {name: value}
+        if twice is not None:
+            for each in new.keys() & flat.keys():
+                twice(each)
+        flat.update(new)
     return flat
 
 

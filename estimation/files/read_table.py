@@ -71,7 +71,7 @@ def read_table(path: str | Path, request: TableRequest) -> FileTable:
         raise RecordError([f"{name}: unknown kind of file: save it as one of {', '.join(READERS)}"])
     try:
         if path.stat().st_size == 0:
-            raise RecordError([f"{name}: the file is empty"])
+            raise RecordError([f"{name}: the file is empty: export the recording again"])
         return reader(path, request)
     except OSError as error:
         raise RecordError([f"{name}: cannot be read: {error.strerror or error}"]) from error

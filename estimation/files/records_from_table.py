@@ -213,7 +213,7 @@ class _Conversion:
         slack = 1e-6 * float(np.median(steps)) if len(steps) else 0.0
         low = -np.inf if start is None else start - slack
         high = np.inf if stop is None else stop + slack
-        outside = (time < low) | (time > high)
+        outside = np.isfinite(time) & ((time < low) | (time > high))
         if outside.any():
             if (~outside).sum() < 2:
                 self.faults.append(
