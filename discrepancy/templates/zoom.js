@@ -128,7 +128,7 @@ window.vtsdtZoom = (function () {
         data(figure, residual),
         box,
       );
-      plots.push({ plot, residual, box });
+      plots.push({ plot, residual, box, lines: [figure.title, ...figure.models.map((m) => m.name + m.style)].join("\n") });
     }
 
     function toolbar() {
@@ -159,8 +159,8 @@ window.vtsdtZoom = (function () {
 
     function update(list) {
       // A finer drawing of the visible stretch, or other models: the panels stay where their lines are the same.
-      const same = plots.length === 2 * list.length &&
-        list.every((f, k) => plots[2 * k].plot.series.length === f.models.length + 2);
+      const lines = (f) => [f.title, ...f.models.map((m) => m.name + m.style)].join("\n");
+      const same = plots.length === 2 * list.length && list.every((f, k) => plots[2 * k].lines === lines(f));
       busy = true;
       if (!same) build(list);
       else plots.forEach((p, k) => p.plot.setData(data(list[Math.floor(k / 2)], p.residual), true));
