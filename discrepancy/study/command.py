@@ -1,4 +1,4 @@
-"""The commands ``vtsdt diagnose``, ``vtsdt compare`` and ``vtsdt catalogue``."""
+"""The commands ``vtsdt diagnose``, ``vtsdt compare``, ``vtsdt check`` and ``vtsdt catalogue``."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 
 from discrepancy.conclusion.conclude import conclude
 from discrepancy.conclusion.conclusion import Conclusion
+from discrepancy.drawing.check_figure import check_figure
 from discrepancy.effects.catalogue import catalogue
 from discrepancy.problem.candidate_patterns import check_patterns
-from discrepancy.problem.problem import read_model
+from discrepancy.problem.problem import read_model, read_problem
 from discrepancy.problem.study_file import StudyError
+from discrepancy.questions.plausibility import check_problem
 from discrepancy.report.write import write_report
 from discrepancy.stages.stage import Stage
 from discrepancy.study.history import fingerprint, restore, save_history
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-__all__ = ["compare", "diagnose", "list_catalogue"]
+__all__ = ["check", "compare", "diagnose", "list_catalogue"]
 
 
 def diagnose(args: Namespace) -> int:
@@ -67,6 +69,38 @@ def compare(args: Namespace) -> int:
     conclusion = conclude(study)
     _finish(study, conclusion, Path(args.out), args, "comparison", compared_only=True)
     return 0
+
+
+def check(args: Namespace) -> int:
+    """Print whether a study's model and records fit each other, and draw one record beside its simulation.
+
+    Parameters
+    ----------
+    args : namespace
+        ``study``, ``out`` (a folder or None), ``quiet``, ``progress``.
+
+    Returns
+    -------
+    int
+        0, or 2 where the comparison would be meaningless.
+    """
+    args.progress("read the study and its records")
+    problem = read_problem(args.study)
+    args.progress("simulate every record once")
+    found = check_problem(problem)
+    for lead, texts in (("FAULT", found.faults), ("warning", found.warnings), ("ok", found.facts)):
+        if not args.quiet or lead == "FAULT":
+            for text in texts:
+                print(f"{lead}: {printable(text)}")
+    if args.out is not None and found.model is not None:
+        e = found.experiment
+        out = Path(args.out)
+        out.mkdir(parents=True, exist_ok=True)
+        units = [e.record.signals[n].unit for n in e.outputs]
+        check_figure(e.name, e.time, e.measured, found.model, e.outputs, units).savefig(out / "check.png", dpi=110)
+        if not args.quiet:
+            print(f"picture: {out / 'check.png'}")
+    return 2 if found.faults else 0
 
 
 def list_catalogue(args: Namespace) -> int:

@@ -54,6 +54,7 @@ class Command:
 COMMANDS = {
     ("diagnose",): Command("vtsdt.cli.study:diagnose", "find the missing effects, add them, and write a report"),
     ("compare",): Command("vtsdt.cli.study:compare", "compare model and recordings, and say where they differ"),
+    ("check",): Command("vtsdt.cli.study:check", "whether a study's model and recordings fit each other, in seconds"),
     ("catalogue",): Command("vtsdt.cli.study:catalogue", "list the effects that a study's model could lack"),
     ("open",): Command("vtsdt.cli.open:main", "a study in the browser: pick an effect and watch the error fall"),
     ("bench", "axis"): Command("vtsdt.cli.bench_axis:main", "recordings of a virtual linear axis"),

@@ -1,4 +1,4 @@
-"""``vtsdt diagnose``, ``vtsdt compare`` and ``vtsdt catalogue``: a study file from the command line."""
+"""``vtsdt diagnose``, ``vtsdt compare``, ``vtsdt check`` and ``vtsdt catalogue``: a study file from the command line."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from multibody.base.progress import ProgressLine
 from vtsdt.cli.arguments import Parser, check_out, common, json_option, whole
 
-__all__ = ["catalogue", "compare", "diagnose"]
+__all__ = ["catalogue", "check", "compare", "diagnose"]
 
 
 def diagnose(arguments: Sequence[str]) -> int:
@@ -47,6 +47,24 @@ def compare(arguments: Sequence[str]) -> int:
     check_out(args.out)
     with ProgressLine(args.quiet) as args.progress:
         from discrepancy.study.command import compare as run
+
+        return run(args)
+
+
+def check(arguments: Sequence[str]) -> int:
+    """Run ``vtsdt check``."""
+    parser = Parser(
+        prog="vtsdt check",
+        description="Say in seconds whether a study's model and recordings fit each other: units, signs, swapped columns, "
+        "rates, and which parameters these recordings cannot show. Nothing is fitted.",
+    )
+    parser.add_argument("study", metavar="STUDY.toml", help="the study file")
+    common(parser, out=False)
+    args = parser.parse_args(list(arguments))
+    if args.out is not None:
+        check_out(args.out)
+    with ProgressLine(args.quiet) as args.progress:
+        from discrepancy.study.command import check as run
 
         return run(args)
 

@@ -1,0 +1,206 @@
+"""Whether a model and its records can belong together, before anything is fitted: signs, scales, columns, excitation.
+
+One simulation of each record, as the study gives it; seconds, where a diagnosis takes minutes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from discrepancy.effects.gain_words import gain_in_words
+from discrepancy.problem.problem import Problem, noise_floors
+from estimation.response.experiment import Experiment, Response
+from multibody.base.errors import SimulationError
+
+__all__ = ["Check", "check_problem"]
+
+#: Correlation of measured and modelled output above which their ratio is a gain; chosen: the motion is then the same up
+#: to a tenth of its power.
+ALIKE = 0.95
+#: Correlation below which an output does not follow the model at all, so that another column may.
+UNLIKE = 0.5
+#: Evaluations of the equations for each sample from which a simulation is slow because the model is stiff; chosen: an
+#: explicit method takes 7 for a step.
+MANY = 200.0
+#: Share of a prior's deviation to which the records must narrow a parameter for it to be shown by them.
+NARROWED = 0.7
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """What was found out about a study before any fit.
+
+    Attributes
+    ----------
+    faults : tuple of str
+        What makes a comparison meaningless, with the remedy.
+    warnings : tuple of str
+        What weakens it.
+    facts : tuple of str
+        What was looked at and is in order.
+    experiment : Experiment
+        The first record.
+    model : ndarray, shape (n, n_channels) or None
+        Its simulation as given; None where it fails.
+    """
+
+    faults: tuple[str, ...]
+    warnings: tuple[str, ...]
+    facts: tuple[str, ...]
+    experiment: Experiment
+    model: np.ndarray | None
+
+
+@dataclass
+class _Notes:
+    faults: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    facts: list[str] = field(default_factory=list)
+
+
+def check_problem(problem: Problem) -> Check:
+    """Check whether the model and the records of a study fit each other.
+
+    Parameters
+    ----------
+    problem : Problem
+        As read; nothing is fitted.
+    """
+    notes = _Notes(warnings=list(problem.warnings))
+    system = problem.model.build(outputs=problem.identify[0].outputs)
+    values = {q.name: q.value for q in problem.uncertain}
+    p = system.parameter_vector(values)
+    _records(problem.identify, notes)
+    names = [q.name for q in problem.uncertain]
+    responses: list[Response] = []
+    for e in problem.identify:
+        try:
+            responses.append(e.respond_with_own(system, p, {}, parameters=names))
+        except SimulationError as error:
+            notes.faults.append(
+                f"record '{e.name}' cannot be simulated with the values as given: {error}: check units, signs and "
+                "[initial]"
+            )
+            break
+    if len(responses) == len(problem.identify):
+        _scales(problem.identify, responses, notes)
+        _excitation(problem, responses, notes)
+        samples = sum(len(e.record.time) for e in problem.identify)
+        effort = sum(r.evaluations for r in responses) / samples
+        if effort > MANY:
+            notes.warnings.append(
+                f"a simulation takes {effort:.0f} evaluations of the equations for each sample: the model is stiff; a "
+                "softer contact or a smoother friction makes everything faster"
+            )
+        elif effort:
+            notes.facts.append(f"{effort:.1f} evaluations of the equations for each sample")
+    free = dict.fromkeys(name for e in problem.identify for name in e.free)
+    if free:
+        notes.facts.append(f"estimated for each record: the start of {', '.join(free)}")
+    return Check(
+        faults=tuple(notes.faults),
+        warnings=tuple(dict.fromkeys(notes.warnings)),
+        facts=tuple(notes.facts),
+        experiment=problem.identify[0],
+        model=responses[0].outputs if responses else None,
+    )
+
+
+def _records(experiments: Sequence[Experiment], notes: _Notes) -> None:
+    total = sum(float(e.record.duration) for e in experiments)
+    rates = sorted({round(float(e.record.rate), 3) for e in experiments})
+    listed = f"{rates[0]:g}" if len(rates) == 1 else f"{rates[0]:g} to {rates[-1]:g}"
+    notes.facts.append(f"{len(experiments)} records to fit, {total:.4g} s in all, at {listed} Hz")
+    for name in experiments[0].inputs:
+        if all(np.ptp(e.record.signals[name].values) == 0.0 for e in experiments):
+            notes.warnings.append(f"input '{name}' is constant in every record: it excites nothing")
+
+
+def _centred(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the parts without their means, each a record, one after the other."""
+    return np.concatenate([part - part.mean() for part in parts])
+
+
+def _scales(experiments: Sequence[Experiment], responses: Sequence[Response], notes: _Notes) -> None:
+    """Compare sign and size of every output with the model's, and with those of the other outputs."""
+    outputs = experiments[0].outputs
+    measured = [_centred([e.measured[:, c] for e in experiments]) for c in range(len(outputs))]
+    modelled = [_centred([r.outputs[:, c] for r in responses]) for c in range(len(outputs))]
+    alike = np.array([[_correlation(m, y) for y in modelled] for m in measured])
+    signals = experiments[0].record.signals
+    swapped = set()
+    for a in range(len(outputs)):
+        for b in range(a + 1, len(outputs)):
+            own, crossed = alike[[a, b], [a, b]], alike[[a, b], [b, a]]
+            if np.all(np.abs(own) < UNLIKE) and np.all(np.abs(crossed) > ALIKE):
+                swapped |= {a, b}
+                notes.faults.append(
+                    f"columns '{signals[outputs[a]].column}' and '{signals[outputs[b]].column}' look swapped: each "
+                    f"follows the other's output ('{outputs[b]}', '{outputs[a]}'): exchange them in [outputs]"
+                )
+    for c, name in enumerate(outputs):
+        if c in swapped:
+            continue
+        column, power = signals[name].column, float(modelled[c] @ modelled[c])
+        if not float(measured[c] @ measured[c]) > 0.0 or not power > 0.0:
+            what = "is constant" if power > 0.0 else "is constant in the model"
+            notes.warnings.append(f"'{name}' {what}: nothing can be compared; drive the machine, or leave it out")
+            continue
+        gain = float(measured[c] @ modelled[c]) / power
+        words = gain_in_words(gain - 1.0, gain - 1.0 - 0.02 * abs(gain), gain - 1.0 + 0.02 * abs(gain))
+        if abs(alike[c, c]) > ALIKE and words:
+            remedy = "reverse it in the file or in the model" if gain < 0.0 else 'say its unit with unit = "…"'
+            notes.faults.append(
+                f"'{name}': column '{column}' is measured {words} (correlation with the model {alike[c, c]:.3f}, ratio "
+                f"{gain:.4g}): {remedy}"
+            )
+        elif alike[c, c] < -UNLIKE:
+            notes.warnings.append(
+                f"'{name}': column '{column}' runs against the model (correlation {alike[c, c]:.2f}, ratio {gain:.3g}): "
+                "check its sign, and that of the inputs"
+            )
+        elif abs(alike[c, c]) < UNLIKE:
+            notes.warnings.append(
+                f"'{name}': column '{column}' does not follow the model (correlation {alike[c, c]:.2f}): another "
+                "channel, another start, or much is missing"
+            )
+        else:
+            notes.facts.append(f"'{name}' follows the model: correlation {alike[c, c]:.3f}, ratio {gain:.3g}")
+
+
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 0.0 else 0.0
+
+
+def _excitation(problem: Problem, responses: Sequence[Response], notes: _Notes) -> None:
+    """Tell which uncertain parameters the records cannot show, even with white noise of the sensors alone."""
+    count = len(problem.uncertain)
+    if not count:
+        return
+    floors: Mapping[str, float] = noise_floors(problem.identify, problem.noise)
+    scale = np.array([max(floors[n], 1e-12) for n in problem.identify[0].outputs])
+    information = np.diag([1.0 / q.std**2 if np.isfinite(q.std) else 0.0 for q in problem.uncertain])
+    for response in responses:
+        columns = (response.derivatives / scale[:, None]).reshape(-1, response.derivatives.shape[2])
+        shared, own = columns[:, :count], columns[:, count:]
+        if own.shape[1]:
+            basis, size, _ = np.linalg.svd(own, full_matrices=False)
+            basis = basis[:, size > 1e-9 * max(float(size[0]), 1e-300)]
+            shared = shared - basis @ (basis.T @ shared)
+        information = information + shared.T @ shared
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    covariance = np.linalg.pinv(information / np.outer(size, size), rcond=1e-12, hermitian=True)
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / size
+    for q, std, of in zip(problem.uncertain, deviation, size, strict=True):
+        known = q.std if np.isfinite(q.std) else abs(q.value)
+        if of <= 1e-140 or std > NARROWED * known > 0.0:
+            notes.warnings.append(
+                f"parameter '{q.name}': these records cannot show it (at best ±{std:.2g} {q.unit}, known before to "
+                f"±{known:.2g}): take it out of [uncertain], or record a motion that it changes"
+            )
+        else:
+            notes.facts.append(f"parameter '{q.name}': at best ±{std:.2g} {q.unit} from sensor noise alone")

@@ -1,0 +1,101 @@
+"""``vtsdt check``: a reversed sign, a factor, swapped columns and unexcited parameters are told in those words."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from discrepancy.problem.problem import read_problem
+from discrepancy.questions.plausibility import Check, check_problem
+from multibody import Model
+from multibody.library import ForceSource, Mass, SpringDamper
+from vtsdt.cli import main
+
+
+def build() -> Model:
+    model = Model("two")
+    for n, m, k in ((1, 2.0, 150.0), (2, 1.0, 900.0)):
+        mass = model.add(f"mass{n}", Mass(m=m))
+        spring = model.add(f"spring{n}", SpringDamper(stiffness=k, damping=4.0))
+        push = model.add(f"push{n}", ForceSource())
+        model.connect(mass.flange, spring.b, push.flange)
+        model.connect(spring.a, model.ground)
+        model.input(f"push{n}", push.force)
+    return model
+
+
+@pytest.fixture(scope="module")
+def motion() -> np.ndarray:
+    """Time, two forces, two positions with noise of their sensors."""
+    t = np.arange(2000) * 0.005
+    push = np.column_stack([20.0 * np.sin(2.0 * t + 0.1 * t**2), 30.0 * np.sin(5.0 * t - 0.15 * t**2)])
+    run = (
+        build()
+        .build()
+        .simulate((0.0, float(t[-1])), inputs={"push1": (t, push[:, 0]), "push2": (t, push[:, 1])}, times=t, rtol=1e-8)
+    )
+    names = list(run.system.output_names)
+    x = run.outputs[:, [names.index("mass1.position"), names.index("mass2.position")]]
+    return np.column_stack([t, push, x + 2e-5 * np.random.default_rng(1).standard_normal(x.shape)])
+
+
+def study(folder: Path, table: np.ndarray, uncertain: str = '"spring1.stiffness" = { std = 50.0 }') -> Path:
+    head = "from multibody import Model\nfrom multibody.library import ForceSource, Mass, SpringDamper\n\n\n"
+    (folder / "model.py").write_text(head + inspect.getsource(build))
+    np.savetxt(folder / "run.csv", table, "%.9g", ",", header="t_s,f1_N,f2_N,x1_m,x2_m", comments="")
+    path = folder / "study.toml"
+    path.write_text(
+        f'[model]\nbuild = "model.py:build"\n[uncertain]\n{uncertain}\n'
+        '[inputs]\n"push1" = "f1_N"\n"push2" = "f2_N"\n'
+        '[outputs]\n"mass1.position" = "x1_m"\n"mass2.position" = "x2_m"\n'
+        '[records]\ntime = "t_s"\nidentify = ["run.csv"]\n'
+    )
+    return path
+
+
+def checked(folder: Path, table: np.ndarray, **options: str) -> Check:
+    return check_problem(read_problem(study(folder, table, **options)))
+
+
+def test_a_sound_study_has_no_fault_and_a_picture(tmp_path, motion, capsys):
+    path = study(tmp_path, motion)
+    assert main(["check", str(path), "--out", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().out
+    assert "FAULT" not in told
+    assert "'mass1.position' follows the model" in told
+    assert (tmp_path / "out" / "check.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (-1.0, "column 'x1_m' is measured with the opposite sign"),
+        (1000.0, "column 'x1_m' is measured off by a factor of 1000 "),
+    ],
+)
+def test_a_reversed_sign_and_a_factor_are_told_in_words(tmp_path, motion, factor, words):
+    table = motion.copy()
+    table[:, 3] *= factor
+    found = checked(tmp_path, table)
+    assert len(found.faults) == 1
+    assert words in found.faults[0]
+
+
+def test_swapped_columns_are_told(tmp_path, motion, capsys):
+    path = study(tmp_path, motion[:, [0, 1, 2, 4, 3]])
+    assert main(["check", str(path), "--quiet"]) == 2
+    assert "columns 'x1_m' and 'x2_m' look swapped" in capsys.readouterr().out
+
+
+def test_a_parameter_that_nothing_excites_is_told(tmp_path, motion):
+    table = motion.copy()
+    table[:, 2] = 0.0
+    table[:, 4] = motion[:, 4] - motion[:, 4] + 2e-5 * np.random.default_rng(2).standard_normal(len(table))
+    both = '"spring1.stiffness" = { std = 50.0 }\n"spring2.stiffness" = { std = 50.0 }'
+    found = checked(tmp_path, table, uncertain=both)
+    assert any("'spring2.stiffness': these records cannot show it" in text for text in found.warnings)
+    assert not any("'spring1.stiffness'" in text for text in found.warnings)
+    assert any("input 'push2' is constant" in text for text in found.warnings)
