@@ -159,8 +159,8 @@ def _scales(experiments: Sequence[Experiment], responses: Sequence[Response], no
             )
         elif alike[c, c] < -UNLIKE:
             notes.warnings.append(
-                f"'{name}': column '{column}' runs against the model (correlation {alike[c, c]:.2f}, ratio {gain:.3g}): "
-                "check its sign, and that of the inputs"
+                f"'{name}': column '{column}' runs against the model (correlation {alike[c, c]:.2f}, ratio "
+                f"{gain:.3g}): check its sign, and that of the inputs"
             )
         elif abs(alike[c, c]) < UNLIKE:
             notes.warnings.append(

@@ -1,4 +1,4 @@
-"""``vtsdt diagnose``, ``vtsdt compare``, ``vtsdt check`` and ``vtsdt catalogue``: a study file from the command line."""
+"""``vtsdt diagnose``, ``compare``, ``check`` and ``catalogue``: a study file from the command line."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def check(arguments: Sequence[str]) -> int:
     """Run ``vtsdt check``."""
     parser = Parser(
         prog="vtsdt check",
-        description="Say in seconds whether a study's model and recordings fit each other: units, signs, swapped columns, "
-        "rates, and which parameters these recordings cannot show. Nothing is fitted.",
+        description="Say in seconds whether a study's model and recordings fit each other: units, signs, swapped "
+        "columns, rates, and which parameters these recordings cannot show. Nothing is fitted.",
     )
     parser.add_argument("study", metavar="STUDY.toml", help="the study file")
     common(parser, out=False)
