@@ -131,7 +131,7 @@ def _scales(experiments: Sequence[Experiment], responses: Sequence[Response], no
     modelled = [_centred([r.outputs[:, c] for r in responses]) for c in range(len(outputs))]
     alike = np.array([[_correlation(m, y) for y in modelled] for m in measured])
     signals = experiments[0].record.signals
-    swapped = set()
+    swapped: set[int] = set()
     for a in range(len(outputs)):
         for b in range(a + 1, len(outputs)):
             own, crossed = alike[[a, b], [a, b]], alike[[a, b], [b, a]]
