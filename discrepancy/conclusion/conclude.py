@@ -33,12 +33,13 @@ from discrepancy.questions.unknown_force import (
     find_unidentified_force,
 )
 from discrepancy.residual.input_noise import noise_summary
-from discrepancy.search.omnibus import Omnibus
+from discrepancy.search.omnibus import Omnibus, omnibus_of_stage
 from discrepancy.search.state import SearchState
 from discrepancy.sensitivities.disturbance import DisturbanceForce
 from discrepancy.sensitivities.input_feedback import feedback_messages, inputs_with_feedback
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 from discrepancy.stages.stage import AcceptedEffect, Stage
+from discrepancy.statistics.thresholds import LEVEL_SHARES
 from discrepancy.statistics.verdicts import Verdict
 
 __all__ = ["conclude"]
@@ -70,7 +71,12 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     checks = _checks(state, by_evidence)
     failed = [c for c in checks if not c.passed]
     if failed:
-        verdict = "partly explained" if accepted else "unknown effect"
+        verdict = "unknown effect" if not accepted or verdict == "unknown effect" else "partly explained"
+    if by_evidence is not None and not accepted and (failed or poor_fit_note(last)):
+        # what the noise model takes for a random force is too large to be left without a word
+        verdict = "unknown effect"
+        described = state.if_simulated("where the missing force acts", lambda: _force_that_follows_inputs(state))
+        curve, force = described or (curve, force)
     refused, hidden = _not_found(state)
     negligible = _negligible(state)
     trips = state.if_simulated("what to measure next", lambda: next_measurements(state)) or ()
@@ -149,6 +155,13 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         probabilities=probabilities,
         models=tuple(by_evidence.models.values()) if by_evidence is not None else (),
     )
+
+
+def _force_that_follows_inputs(state: SearchState) -> tuple[UnknownCurve, UnknownForce] | None:
+    """Return the force that would explain the residual where that follows the inputs, and its description."""
+    problem = state.problem
+    state.omnibus = omnibus_of_stage(state.stages[-1], level=problem.level / LEVEL_SHARES, seed=problem.seed)
+    return find_unidentified_force(state)
 
 
 def _checks(state: SearchState, by_evidence: EvidenceSearch | None) -> tuple[Check, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -73,8 +75,17 @@ def test_what_is_left_follows_the_inputs_only_where_something_is_missing(found):
 @pytest.mark.parametrize(("seed", "over"), [(8015, "time"), (8013, "position")])
 def test_a_curve_takes_the_place_of_names_that_only_resemble_it(seed, over):
     """A slow force was taken for a drift of the torque sensor, a step over position for three waves."""
-    case = axis_case(seed, ["unknown_force@guide"], over=over)
-    conclusion = Study(case.problem(seed=seed)).diagnose()
+    problem = axis_case(seed, ["unknown_force@guide"], over=over).problem(seed=seed)
+    conclusion = Study(replace(problem, search="significance")).diagnose()
     assert conclusion.verdict == "unknown effect"
     assert conclusion.unknown.where == "guide"
     assert conclusion.extra["unknown"]["depends_on"] == over
+
+
+def test_a_random_force_that_explains_a_large_part_of_an_output_is_not_nothing():
+    """The search by evidence takes a slow force for a random one; of this size it is not passed over in silence."""
+    conclusion = Study(axis_case(8015, ["unknown_force@guide"], over="time").problem(seed=8015)).diagnose()
+    assert conclusion.verdict == "unknown effect"
+    assert conclusion.accepted == ()
+    assert "a random force of" in " ".join(conclusion.warnings)
+    assert conclusion.probabilities.nothing < 0.01
