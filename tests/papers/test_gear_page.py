@@ -37,10 +37,10 @@ PLACES = [
     "Table 4, Figs. 7, 12 and 13, flexible housing",
     "Figs. 9 and 10, rigid housing",
     "Table 4, Figs. 7, 12 and 13, rigid housing",
-    "Sections 3.4 and 4.4, flexible housing",
-    "Sections 3.4 and 4.4, rigid housing",
     "Section 4.5, flexible housing",
     "Section 4.5, rigid housing",
+    "Sections 3.4 and 4.4, flexible housing",
+    "Sections 3.4 and 4.4, rigid housing",
 ]
 
 
@@ -103,7 +103,7 @@ def test_no_bar_of_our_own_is_told_as_the_paper_agreeing() -> None:
 
 def test_the_chain_succeeds_where_the_truth_lies_inside_the_model() -> None:
     """At least 9 of 10 designs rise and stay above 0.7: a bar of this project."""
-    rows = {w: cells for (place, w), cells in page_rows("gearbox").items() if place == PLACES[-3]}
+    rows = {w: cells for (place, w), cells in page_rows("gearbox").items() if place == PLACES[-2]}
     for what in ("optimum of the surface, simulated, above the start", "above 0.7 at conditions 1, 2 and 3"):
         found = re.match(r"(\d+) of (\d+)", rows[f"truth inside the model, Eq. 8: {what}"][2])
         assert found is not None
@@ -119,6 +119,22 @@ def test_the_page_has_the_ranking_of_two_housings_and_surfaces_of_six_sizes() ->
         assert {part.split()[0] for part in ranking.split(", ")} == {"K", "C_D", "e_F", "D_P", "E", "rho"}
     for n in (25, 30, 35, 40, 45, 50):
         assert "order 3" in rows[f"{n} points: R² fitted, left out, test"][2]
+
+
+def test_errors_of_manufacturing_as_parameters_mend_what_contact_parameters_cannot() -> None:
+    """The furthest below the bound of mesh lines, at conditions held out: of the rows, not of the text."""
+    rows = page_rows("gearbox")
+    for housing in ("flexible", "rigid"):
+        place = f"Section 4.5, {housing} housing"
+        of = {what: cells[2] for (where, what), cells in rows.items() if where == place}
+
+        def held_out(what: str, of: dict[str, str] = of) -> list[float]:
+            return [float(v) for v in of[what].split(";")[1].split(",")]
+
+        bound = held_out("bound of mesh lines")
+        short = {w: max(b - v for b, v in zip(bound, held_out(w), strict=True)) for w in of}
+        contact = min(v for w, v in short.items() if w.startswith("K, C_D, e_F"))
+        assert min(v for w, v in short.items() if w.startswith("errors of manufacturing too")) < 0.5 * contact
 
 
 @pytest.mark.slow
