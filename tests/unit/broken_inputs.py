@@ -150,11 +150,8 @@ def of_study() -> Iterator[Broken]:
             for word, value in WRONG_TYPES.items():
                 if word not in FITTING[key]:
                     yield Broken(f"{table}.{name}: another type", word, changed(table, key, value), (name, table))
-            for word in {name[:-1], name + "s", name.replace("i", "y", 1), name.upper(), "_" + name} - {
-                name,
-                "min",
-                "",
-            }:
+            misspelt = (name[:-1], name + "s", name.replace("i", "y", 1), name.upper(), "_" + name)
+            for word in dict.fromkeys(w for w in misspelt if w not in (name, "min", "")):
                 other = dict(STUDY[table])
                 value = other.pop(key)
                 other[f'"{word}"' if key[0] == '"' else word] = value
