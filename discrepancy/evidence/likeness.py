@@ -32,13 +32,15 @@ class ParameterLikeness:
         Of the parameters, free of each record's own unknowns.
     bases : tuple of ndarray or None
         Orthonormal bases of each record's own unknowns.
-    prior_std : ndarray, shape (k,)
+    prior_std, prior_offset : ndarray, shape (k,)
+        Prior standard deviation, and prior mean minus the value of the linearisation.
     """
 
     names: tuple[str, ...]
     columns: np.ndarray
     bases: tuple[np.ndarray | None, ...]
     prior_std: np.ndarray
+    prior_offset: np.ndarray
 
     def _free(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
         """Return blocks, (n, n_c, k), one below the other and free of each record's own unknowns."""
@@ -59,7 +61,9 @@ class ParameterLikeness:
         along = self.columns.T @ z
         correlation = np.abs(along) / np.maximum(sizes * size, 1e-300)
         moved = np.abs(along) / np.maximum(sizes**2, 1e-300)
-        alike = (correlation > TIE_CORRELATION) & (moved < PRIOR_DEVIATIONS * self.prior_std)
+        alike = (correlation > TIE_CORRELATION) & (
+            np.abs(self.prior_offset) + moved < PRIOR_DEVIATIONS * self.prior_std
+        )
         return self.names[int(np.argmax(np.where(alike, correlation, 0.0)))] if np.any(alike) else ""
 
     def partial_correlation(self, parameters: Sequence[str], columns: Sequence[np.ndarray]) -> float:
@@ -122,7 +126,9 @@ def parameter_likeness(sens: Sensitivities) -> ParameterLikeness:
         flat = own.reshape(-1, own.shape[2])
         bases.append(np.linalg.qr(flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300))[0])
     columns = _free_of(sens.blocks, bases)
-    return ParameterLikeness(names=sens.names, columns=columns, bases=tuple(bases), prior_std=sens.prior_std)
+    return ParameterLikeness(
+        names=sens.names, columns=columns, bases=tuple(bases), prior_std=sens.prior_std, prior_offset=sens.prior_offset
+    )
 
 
 def _free_of(blocks: Sequence[np.ndarray], bases: Sequence[np.ndarray | None]) -> np.ndarray:

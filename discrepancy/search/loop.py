@@ -54,7 +54,7 @@ class Search:
         undecided = not state.accepted_stages and bool(state.decisions)
         if undecided and state.if_simulated("effects without significance", self._add_without_significance):
             self._add_significant()
-        state.if_simulated("whether parameters alone explain as much", self._test_prior_conflict)
+        state.if_simulated("whether parameters alone explain as much", self.test_prior_conflict)
 
     # ---------------------------------------------------------------- one step
 
@@ -354,7 +354,8 @@ class Search:
 
     # ---------------------------------------------------------------- after the search
 
-    def _test_prior_conflict(self) -> None:
+    def test_prior_conflict(self) -> None:
+        """Ask whether parameters outside their stated uncertainty explain as much as the first effect."""
         state = self.state
         accepted = state.accepted_stages
         if not accepted:

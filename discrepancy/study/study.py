@@ -219,6 +219,7 @@ class Study(SearchState):
             if is_by_evidence(self):
                 by_evidence = EvidenceSearch(self)
                 by_evidence.run()
+                self.if_simulated("whether parameters alone explain as much", Search(self).test_prior_conflict)
             if by_evidence is None or self._cut_into_windows():
                 by_evidence = None
                 Search(self).run()

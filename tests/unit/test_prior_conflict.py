@@ -70,7 +70,8 @@ def test_a_wrong_mass_is_named_beside_the_effect_that_would_replace_it():
 
 
 def test_a_mass_that_calibration_takes_out_of_its_uncertainty_is_an_effect_or_a_warning():
-    study = study_of(true_mass=24.0, std=0.6)
+    given = study_of(true_mass=24.0, std=0.6)
+    study = Study(replace(given.problem, search="significance"))
     conclusion = study.diagnose()
     assert abs(study.stages[1].identify["carriage.m"] - 24.0) < 0.2, "calibration leaves little for an effect"
     assert [str(a.effect) for a in conclusion.accepted] == ["added_inertia@guide"]
@@ -79,6 +80,10 @@ def test_a_mass_that_calibration_takes_out_of_its_uncertainty_is_an_effect_or_a_
     blind = Study(replace(study.problem, include=("coulomb_friction@*",))).diagnose()
     assert blind.accepted == ()
     assert any("carriage.m = 24.0 kg (stated: 20.0 kg ± 0.600 kg)" in w for w in blind.warnings)
+    by_evidence = given.diagnose()
+    assert by_evidence.probabilities is not None
+    assert by_evidence.accepted == (), "no record is predicted better with it than with the mass"
+    assert any("carriage.m = 24.0 kg (stated: 20.0 kg ± 0.600 kg)" in w for w in by_evidence.warnings)
 
 
 def test_an_effect_that_takes_nothing_away_must_be_known_to_be_there():
