@@ -24,8 +24,8 @@ REGIME_DEVIATIONS = 4.0
 #: slow part is larger than the stated noise of a sample: less than that changes no prediction that one can see.  A
 #: negative one shows no missing force: noise that a sampled controller feeds back one sample later makes it.
 WHITENESS = 0.35
-#: Root mean square of the standardised innovations, or its inverse, from which the noise model's promise is not kept:
-#: the square root of `REGIME_RATIO`.
+#: Root mean square of the standardised innovations from which the noise model's promise is not kept: the square root of
+#: `REGIME_RATIO`.  Smaller ones than promised show nothing that is missing: the stated noise is then on the safe side.
 SIZE_RATIO = 1.4
 #: Parts into which position, speed and time are cut.
 PARTS = 3
@@ -93,7 +93,7 @@ def predictive_checks(likelihood: StageLikelihood) -> tuple[Check, ...]:
         deviations = lag * np.sqrt(joined.size)
         size = float(np.sqrt(np.mean(joined**2)))
         deviations_of_size = (size - 1.0) * np.sqrt(2.0 * joined.size)
-        as_promised = 1.0 / SIZE_RATIO < size < SIZE_RATIO
+        as_promised = size < SIZE_RATIO
         checks.append(
             Check(output=name, what="size", value=size, deviations=float(deviations_of_size), passed=as_promised)
         )
