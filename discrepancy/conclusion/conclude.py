@@ -72,7 +72,7 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     failed = [c for c in checks if not c.passed]
     if failed:
         verdict = "unknown effect" if not accepted or verdict == "unknown effect" else "partly explained"
-    if by_evidence is not None and not accepted and (failed or poor_fit_note(last)):
+    if by_evidence is not None and not accepted and (failed or poor_fit_note(last, verdict)):
         # what the noise model takes for a random force is too large to be left without a word
         verdict = "unknown effect"
         described = state.if_simulated("where the missing force acts", lambda: _force_that_follows_inputs(state))
@@ -103,9 +103,9 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
         verdict = verdict if accepted else ""
     judged_on = "validate" if stages[min(1, len(stages) - 1)].fits("validate") else "identify"
     if curve is not None and not accepted:
-        sentences = [curve.statement + poor_fit_note(last)]
+        sentences = [curve.statement + poor_fit_note(last, verdict)]
     else:
-        sentences = [answer(stages, hidden, negligible, judged_on, verdict) + poor_fit_note(last)]
+        sentences = [answer(stages, hidden, negligible, judged_on, verdict) + poor_fit_note(last, verdict)]
         sentences += [omnibus.sentence] if omnibus is not None else []
     sentences += [check_sentence(failed)] if failed else []
     probabilities = _probabilities(by_evidence, verdict)

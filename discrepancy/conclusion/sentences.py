@@ -260,7 +260,7 @@ def curve_statement(accepted: AcceptedEffect) -> str:
     return f"The missing force at {where} is best described as {over}; no law of the catalogue fits as well.{alias}"
 
 
-def poor_fit_note(stage: Stage) -> str:
+def poor_fit_note(stage: Stage, verdict: str) -> str:
     """Return a sentence, with a space before it, that a model does not follow its records, if it does not."""
     error, shares = stage.rmse("identify"), {}
     for c, name in enumerate(stage.outputs):
@@ -271,10 +271,11 @@ def poor_fit_note(stage: Stage) -> str:
     if not shares:
         return ""
     name = max(shares, key=lambda n: shares[n])
-    return (
-        f" The model does not follow these records: the error of {name} is {100.0 * shares[name]:.0f} % of its spread. "
-        "Something is missing or wrong that was not found."
+    text = (
+        f" The model does not follow these records: the error of {name} is {100.0 * shares[name]:.0f} % of its spread."
     )
+    # an answer that says so already needs no second sentence
+    return text if verdict == "unknown effect" else f"{text} Something is missing or wrong that was not found."
 
 
 # -------------------------------------------------------------------- warnings, next steps

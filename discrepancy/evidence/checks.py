@@ -11,6 +11,7 @@ from discrepancy.evidence.likelihood import StageLikelihood, record_columns
 from estimation.fit.calibration import Fit
 from estimation.response.experiment import Experiment
 from estimation.signals.correlation import correlation_time
+from estimation.signals.metrics import nrmse
 
 __all__ = ["Check", "checks_by_output", "predictive_checks"]
 
@@ -125,10 +126,10 @@ def checks_by_output(checks: Sequence[Check], fits: Sequence[Fit]) -> dict[str, 
     out: dict[str, dict[str, object]] = {}
     for c, name in enumerate(fits[0].experiment.outputs):
         own = [k for k in checks if k.output == name]
-        error = float(np.sqrt(np.mean(np.concatenate([f.residual[:, c] for f in fits]) ** 2)))
-        spread = float(np.std(np.concatenate([f.experiment.measured[:, c] for f in fits])))
+        measured = np.concatenate([f.experiment.measured[:, c] for f in fits])
+        error = nrmse(measured, measured - np.concatenate([f.residual[:, c] for f in fits]))
         out[name] = {
-            "fit_percent": 100.0 * (1.0 - error / spread) if spread > 0.0 else None,
+            "fit_percent": 100.0 * (1.0 - error) if np.isfinite(error) else None,
             "innovation_white": all(k.passed for k in own if k.what == "whiteness"),
             "size": next((k.value for k in own if k.what == "size"), None),
             "even": all(k.passed for k in own if k.what not in ("whiteness", "size")),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,14 +10,13 @@ import numpy as np
 from discrepancy.effects.effect import Effect
 from discrepancy.innovations.noise_fit import prior_precision
 from discrepancy.statistics.blocks import Candidate, Sensitivities
-from discrepancy.statistics.ties import TIE_CORRELATION
+from discrepancy.statistics.ties import TIE_CORRELATION, canonical_correlation
 
 __all__ = ["ParameterLikeness", "parameter_likeness"]
 
 #: Standard deviations of its prior that a parameter may have to move to stand for a candidate.  What is further off is
 #: something else than the value that was stated with that uncertainty.
 PRIOR_DEVIATIONS = 3.0
-RIDGE = 1e-10  # of the scaled normal matrix: keeps its inverse finite where parameters are confounded
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,40 +65,40 @@ class ParameterLikeness:
         )
         return self.names[int(np.argmax(np.where(alike, correlation, 0.0)))] if np.any(alike) else ""
 
-    def partial_correlation(self, parameters: Sequence[str], columns: Sequence[np.ndarray]) -> float:
-        """Return how alike a candidate and an effect of the model are beside everything else that is fitted.
+    def beside(self, parameters: Sequence[str]) -> Callable[[Sequence[np.ndarray]], float]:
+        """Return a function that tells how alike a candidate and an effect of the model are beside what else is fitted.
 
         Parameters
         ----------
         parameters : sequence of str
             Strengths of the effect.
-        columns : sequence of ndarray, shape (n, n_c, m)
-            The candidate's, as innovations.
 
         Returns
         -------
-        correlation : float
-            The smallest canonical one; of one strength each the partial correlation.
+        callable
+            Of the candidate's columns, (n, n_c, m) for each record as innovations.  It returns the smallest canonical
+            correlation, of one strength each the partial correlation; zero where the numbers of strengths differ.
         """
-        z = self._free(columns)
         own = [self.names.index(n) for n in parameters if n in self.names]
         others = [k for k in range(len(self.names)) if k not in own]
-        if not own or z.shape[1] != len(own):
-            return 0.0
-        f = self.columns[:, others]
-        precision = np.diag(prior_precision(self.prior_std[others]))
-        normal = f.T @ f + precision
-        size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        normal = normal / np.outer(size, size) + RIDGE * np.eye(len(others))
-        both = np.concatenate([self.columns[:, own], z], axis=1)
-        along = f.T @ both / size[:, None]
-        left = both.T @ both - along.T @ np.linalg.solve(normal, along)
-        m = len(own)
-        scale = np.sqrt(np.maximum(np.diag(left), 1e-12 * np.maximum(np.diag(both.T @ both), 1e-300)))
-        left = left / np.outer(scale, scale)
-        a, b = (np.linalg.cholesky(left[s, s] + 1e-9 * np.eye(m)) for s in (slice(m), slice(m, 2 * m)))
-        cross = np.linalg.solve(a, np.linalg.solve(b, left[:m, m:].T).T)
-        return float(min(1.0, np.linalg.svd(cross, compute_uv=False)[-1]))
+        precision = np.sqrt(prior_precision(self.prior_std[others]))
+
+        def with_priors(columns: np.ndarray) -> np.ndarray:
+            return np.concatenate([columns, np.zeros((len(others), columns.shape[1]))])
+
+        fitted = np.linalg.qr(_scaled(np.concatenate([self.columns[:, others], np.diag(precision)])))[0]
+
+        def direction(columns: np.ndarray) -> np.ndarray:
+            whole = _scaled(with_priors(columns))
+            return np.linalg.qr(whole - fitted @ (fitted.T @ whole))[0]
+
+        effect = direction(self.columns[:, own])
+
+        def correlation(columns: Sequence[np.ndarray]) -> float:
+            z = self._free(columns)
+            return canonical_correlation(effect, direction(z)) if own and z.shape[1] == len(own) else 0.0
+
+        return correlation
 
     def alike(
         self, effects: Sequence[Effect], candidates: Sequence[Candidate], least: float
@@ -107,11 +106,9 @@ class ParameterLikeness:
         """Return for every effect of the model the candidates that change the same, at some point of their shapes."""
         out = {}
         for effect in effects:
-            strengths = [effect.parameter_name(k) for k in effect.strengths]
+            correlation = self.beside([effect.parameter_name(k) for k in effect.strengths])
             out[str(effect)] = frozenset(
-                c.name
-                for c in candidates
-                if any(self.partial_correlation(strengths, z) >= least for z in c.sensitivities)
+                c.name for c in candidates if any(correlation(z) >= least for z in c.sensitivities)
             )
         return out
 
@@ -124,11 +121,16 @@ def parameter_likeness(sens: Sensitivities) -> ParameterLikeness:
             bases.append(None)
             continue
         flat = own.reshape(-1, own.shape[2])
-        bases.append(np.linalg.qr(flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300))[0])
+        bases.append(np.linalg.qr(_scaled(flat))[0])
     columns = _free_of(sens.blocks, bases)
     return ParameterLikeness(
         names=sens.names, columns=columns, bases=tuple(bases), prior_std=sens.prior_std, prior_offset=sens.prior_offset
     )
+
+
+def _scaled(columns: np.ndarray) -> np.ndarray:
+    """Return columns of unit length; those of zeros as they are."""
+    return columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
 
 
 def _free_of(blocks: Sequence[np.ndarray], bases: Sequence[np.ndarray | None]) -> np.ndarray:

@@ -15,6 +15,7 @@ from discrepancy.search.state import SearchState
 from discrepancy.stages.stage import Stage
 from discrepancy.statistics.blocks import Candidate
 from discrepancy.statistics.scan_result import ScanResult, ScanRow
+from discrepancy.statistics.whitened import raw_residual, scaled_by_rms
 from multibody.base.spelling import nearest
 
 __all__ = ["Candidates", "Prediction", "candidates_of", "named_effect"]
@@ -115,37 +116,10 @@ class Candidates:
         shape = next((k for k, s in enumerate(candidate.shapes) if dict(s) == dict(row.shape)), 0)
         problem = self.stage.weighted_problem()
         residual, sensitivities = problem.residual(), problem.sensitivities()
-        scale = np.sqrt(np.mean(np.concatenate(residual.blocks) ** 2, axis=0))
-        scale = np.where(scale > 0.0, scale, 1.0)
-        own = candidate.sensitivities[shape]
-        count, strengths = len(sensitivities.names), own[0].shape[2]
-        nuisance = sensitivities.nuisance or (None,) * len(own)
-        widths = [0 if n is None else n.shape[2] for n in nuisance]
-        columns = count + strengths + sum(widths)
-        rows = []
-        for i, (block, effect) in enumerate(zip(sensitivities.blocks, own, strict=True)):
-            full = np.zeros((*block.shape[:2], columns))
-            full[:, :, :count], full[:, :, count : count + strengths] = block, effect
-            mine = nuisance[i]
-            if mine is not None:
-                at = count + strengths + sum(widths[:i])
-                full[:, :, at : at + widths[i]] = mine
-            rows.append(full)
-        prior = np.isfinite(sensitivities.prior_std)
-        noise = float(np.mean([np.mean((b / scale) ** 2) for b in residual.blocks])) ** 0.5
-        ties = np.zeros((int(prior.sum()), columns))
-        ties[np.arange(len(ties)), np.flatnonzero(prior)] = noise / sensitivities.prior_std[prior]
-        wanted = noise * sensitivities.prior_offset[prior] / sensitivities.prior_std[prior]
-        left = np.concatenate([*((full / scale[:, None]).reshape(-1, columns) for full in rows), ties])
-        right = np.concatenate([*((b / scale).ravel() for b in residual.blocks), wanted])
-        size = np.linalg.norm(left, axis=0)
-        size = np.where(size > 0.0, size, 1.0)
-        step = np.linalg.lstsq(left / size, right, rcond=None)[0] / size
-        if candidate.one_sided and np.any(step[count : count + strengths] < 0.0):
-            chosen = [k for k in range(columns) if not count <= k < count + strengths or step[k] >= 0.0]
-            step = np.zeros(columns)
-            step[chosen] = np.linalg.lstsq(left[:, chosen] / size[chosen], right, rcond=None)[0] / size[chosen]
-        after = [b - full @ step for b, full in zip(residual.blocks, rows, strict=True)]
+        one = replace(candidate, sensitivities=(candidate.sensitivities[shape],), shapes=(candidate.shapes[shape],))
+        scaled = scaled_by_rms(residual, sensitivities, [one])
+        there = bool(scaled.columns.groups) and np.any(row.expected_strength)
+        after = raw_residual(scaled, residual, sensitivities, [one], [0] if there else [])
         before = list(residual.blocks)
         for i, weighting in enumerate(residual.weighting):
             before[i], after[i] = weighting.inverse(before[i]), weighting.inverse(after[i])

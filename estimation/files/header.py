@@ -73,6 +73,11 @@ def find_header(rows: Sequence[Sequence[str]]) -> Header:
     --------
     >>> find_header([["Rig 3"], ["t", "F"], ["s", "N"], ["0.0", "1.5"], ["0.1", "1.6"]])
     Header(row=1, first=3, units=('s', 'N'))
+
+    A number that is damaged does not make a unit of its row.
+
+    >>> find_header([["t", "F"], ["0.0", "12:30:00"], ["0.1", "1.6"], ["0.2", "1.7"]])
+    Header(row=0, first=1, units=())
     """
     for place in range(len(rows) - 1):
         names = rows[place]
@@ -104,6 +109,8 @@ def _is_text(cells: Sequence[str]) -> bool:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
+    if any(is_number(cell) or is_date(cell) for cell in cells):
+        return False
     texts = [unit_text(cell) for cell in cells]
     return any(texts) and all(not text or is_unit(text) for text in texts)
 

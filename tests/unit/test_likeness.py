@@ -39,11 +39,20 @@ def test_what_a_record_has_of_its_own_tells_nothing_apart() -> None:
     assert likeness().owner([(2.0 * MASS + 40.0)[:, None]]) == ""
 
 
-@pytest.mark.parametrize(("column", "expected"), [(FRICTION + 3.0 * MASS, 1.0), (np.sin(60.0 * T), 0.0)])
-def test_the_partial_correlation_is_free_of_what_else_is_fitted(column: np.ndarray, expected: float) -> None:
-    found = likeness().partial_correlation(["friction"], [column[:, None, None]])
-    residual = [v - np.outer(v @ MASS, MASS).ravel() / (MASS @ MASS) for v in (FRICTION, column)]
-    direct = abs(residual[0] @ residual[1]) / np.linalg.norm(residual[0]) / np.linalg.norm(residual[1])
-    assert found == pytest.approx(direct, abs=1e-6)
-    assert found == pytest.approx(expected, abs=0.3)
-    assert likeness().partial_correlation(["unknown"], [column[:, None, None]]) == 0.0
+def test_the_correlation_beside_everything_else_is_the_partial_one() -> None:
+    alike = likeness().beside(["friction"])
+    assert alike([(FRICTION + 3.0 * MASS)[:, None, None]]) == pytest.approx(1.0, abs=1e-9), "but for the mass, the same"
+    other = np.sin(60.0 * T)
+    friction, left = (v - (v @ MASS) / (MASS @ MASS) * MASS for v in (FRICTION, other))
+    direct = abs(friction @ left) / np.linalg.norm(friction) / np.linalg.norm(left)
+    assert alike([other[:, None, None]]) == pytest.approx(direct, abs=1e-9)
+    assert likeness().beside(["unknown"])([other[:, None, None]]) == 0.0
+
+
+def test_a_parameter_that_is_well_known_explains_nothing_of_a_candidate() -> None:
+    loose, known = (likeness(std=(std, np.inf)).beside(["friction"]) for std in (1e6, 1e-6))
+    candidate = [(FRICTION + 3.0 * MASS)[:, None, None]]
+    both = FRICTION @ (FRICTION + 3.0 * MASS)
+    direct = abs(both) / np.linalg.norm(FRICTION) / np.linalg.norm(FRICTION + 3.0 * MASS)
+    assert loose(candidate) == pytest.approx(1.0, abs=1e-9)
+    assert known(candidate) == pytest.approx(direct, abs=1e-9)

@@ -176,19 +176,21 @@ def look_up_rates(t, c):
     window = floats(c[WINDOW])
     t = min(max(t, window[0]), window[1])
     times, values, slopes, rate = floats(c[TIMES]), floats(c[VALUES]), floats(c[SLOPES]), floats(c[RATE])
-    cursor, kinds, moving, delays = ints(c[CURSOR]), ints(c[KINDS]), ints(c[MOVING]), ints(c[DELAYS])
-    width, end = c[N_U], c[ROWS] - 1
-    for a in range(c[N_MOVING]):
-        column = moving[a]
+    kinds, moving, held, delays = ints(c[KINDS]), ints(c[MOVING]), ints(c[HELD]), ints(c[DELAYS])
+    width, end, count = c[N_U], c[ROWS] - 1, c[N_MOVING]
+    for a in range(count + c[N_HELD]):
+        column = moving[a] if a < count else held[a - count]
         if delays[column] < 0:
             continue
         s = own_time(t, column, c)
         if s <= times[0] or s >= times[end]:
             rate[column] = 0.0
             continue
-        i = locate(times, end + 1, s, cursor[column])
-        cursor[column] = i
+        i = interval(s, column, c)
         j = i * width + column
+        if a >= count:
+            rate[column] = slopes[j]
+            continue
         span = times[i + 1] - times[i]
         rise = (values[j + width] - values[j]) / span
         rate[column] = rise
@@ -196,18 +198,6 @@ def look_up_rates(t, c):
             z = (s - times[i]) / span
             left, right = slopes[j] - rise, rise - slopes[j + width]
             rate[column] += (1.0 - 2.0 * z) * ((1.0 - z) * left + z * right) + z * (1.0 - z) * (right - left)
-    held = ints(c[HELD])
-    for a in range(c[N_HELD]):
-        column = held[a]
-        if delays[column] < 0:
-            continue
-        s = own_time(t, column, c)
-        if s <= times[0] or s >= times[end]:
-            rate[column] = 0.0
-            continue
-        i = locate(times, end + 1, s, cursor[column])
-        cursor[column] = i
-        rate[column] = slopes[i * width + column]
 
 
 @inner
