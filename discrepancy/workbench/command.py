@@ -11,6 +11,7 @@ import threading
 import webbrowser
 from argparse import Namespace
 from pathlib import Path
+from types import FrameType
 
 from discrepancy.problem.study_file import StudyError
 from discrepancy.study.history import restore
@@ -100,9 +101,18 @@ def serve(args: Namespace) -> int:
         print(f"the workbench is at {address}\nit is for this computer only; Ctrl-C ends it", flush=True)
         if args.browser:
             threading.Timer(0.3, webbrowser.open, [address]).start()
-        config = uvicorn.Config(application(session, token), log_level="warning", timeout_graceful_shutdown=1)
+        # the application has nothing to begin or end; a lifespan task would print a traceback at Ctrl-C
+        config = uvicorn.Config(
+            application(session, token), lifespan="off", log_level="warning", timeout_graceful_shutdown=1
+        )
+
+        class Server(uvicorn.Server):
+            def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+                session.close()  # a page that waits for news would hold the server up
+                super().handle_exit(sig, frame)
+
         with contextlib.suppress(KeyboardInterrupt):
-            uvicorn.Server(config).run(sockets=[listener])
-    session.stop()
+            Server(config).run(sockets=[listener])
+    session.close()
     print(f"every step is in {session.history}", file=sys.stderr)
     return 0

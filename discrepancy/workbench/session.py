@@ -22,6 +22,7 @@ from discrepancy.study.history import save_history
 from discrepancy.study.study import Study
 from multibody.base.compile_events import on_compile
 from multibody.base.progress import Step
+from multibody.base.quantity_text import unit_text
 
 __all__ = ["Busy", "Session", "Stopped"]
 
@@ -58,6 +59,7 @@ class Session:
         self.version = 0
         self._changed = threading.Condition()
         self._stop = threading.Event()
+        self._closed = False
         self._work: threading.Thread | None = None
         self._doing: Entry = {}
         self._error = ""
@@ -109,10 +111,17 @@ class Session:
         """Stop the work in hand at its next report of progress."""
         self._stop.set()
 
-    def wait(self, version: int, seconds: float) -> None:
-        """Return when something has changed since a version, or after some seconds."""
+    def close(self) -> None:
+        """Stop the work in hand and let those go who wait for news: the command ends."""
+        self.stop()
         with self._changed:
-            self._changed.wait_for(lambda: self.version != version, seconds)
+            self._closed = True
+            self._changed.notify_all()
+
+    def wait(self, version: int, seconds: float) -> None:
+        """Return when something has changed since a version, after some seconds, or when the session is closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self.version != version, seconds)
 
     def join(self) -> None:
         """Wait for the work in hand."""
@@ -187,7 +196,9 @@ class Session:
         """Return everything that the page shows but the figures and the candidates."""
         study = self.study
         stages = list(study.stages)
-        outputs = [] if not stages else [{"name": n, "unit": stages[0].system.unit(n)} for n in stages[0].outputs]
+        outputs = (
+            [] if not stages else [{"name": n, "unit": unit_text(stages[0].system.unit(n))} for n in stages[0].outputs]
+        )
         return {
             "version": self.version,
             "name": study.problem.name,
@@ -226,7 +237,7 @@ class Session:
             reach = max(4.0 * float(std) if np.isfinite(std) else 0.0, 0.5 * abs(value)) or 1.0
             low, high = max(value - reach, q.min), min(value + reach, q.max)
             if q.name in stage.system.parameter_names:
-                entries.append({"name": q.name, "unit": q.unit, "value": value, "low": low, "high": high})
+                entries.append({"name": q.name, "unit": unit_text(q.unit), "value": value, "low": low, "high": high})
         return entries
 
     def _branch(self, index: int) -> Stage:
@@ -390,7 +401,7 @@ class Session:
             entries.append(
                 {
                     "output": s.output,
-                    "unit": s.unit,
+                    "unit": unit_text(s.unit),
                     "record": s.record,
                     "frequency": frequency[1:].tolist(),
                     "coherence": coherence[1:].tolist(),
@@ -406,7 +417,7 @@ class Session:
                 "record": s.record,
                 "part": s.part,
                 "output": s.output,
-                "unit": s.unit,
+                "unit": unit_text(s.unit),
                 "rmse": s.figures.rmse,
                 "nrmse": s.figures.nrmse,
                 "over_noise": s.over_noise,

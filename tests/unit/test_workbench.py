@@ -255,3 +255,12 @@ def test_what_cannot_be_opened_is_told(tmp_path):
     history.write_text("{}", encoding="utf-8")
     with pytest.raises(StudyError, match="its study file is not where it was"):
         open_session(history)
+
+
+def test_a_page_that_waits_for_news_is_let_go_when_the_command_ends(tmp_path):
+    session = Session(Study(problem_of()), tmp_path / "history.json")
+    waiting = threading.Thread(target=session.wait, args=(session.version, 60.0), daemon=True)
+    waiting.start()
+    session.close()
+    waiting.join(10.0)
+    assert not waiting.is_alive()
