@@ -52,7 +52,7 @@ _OBJECTIVES: dict[str, dict[str, Any]] = {
 #: The paper's kind of housing.
 PAPERS = "flexible"
 #: Designs for what the paper has not: another housing, other objectives, errors that are known.
-FEWER = range(2)
+FEWER = range(5)
 #: What is tried: name, whether the truth lies inside the model, objective, and designs.
 CASES = (
     ("truth inside the model, Eq. 8", True, "similarity", DESIGNS),
