@@ -72,6 +72,8 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     failed = [c for c in checks if not c.passed]
     if failed:
         verdict = "unknown effect" if not accepted or verdict == "unknown effect" else "partly explained"
+    elif verdict in ("effect found", "ambiguous") and poor_fit_note(last, verdict):
+        verdict = "partly explained"
     if by_evidence is not None and not accepted and (failed or poor_fit_note(last, verdict)):
         # what the noise model takes for a random force is too large to be left without a word
         verdict = "unknown effect"

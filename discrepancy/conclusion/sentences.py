@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -105,7 +106,7 @@ def answer(
         return _nothing_found(hidden, negligible)
     names = [title_of(a) for a in accepted]
     count = _NUMBER.get(len(names), f"{len(names)} effects")
-    text = f"The model lacks {count}: {'; '.join(names)}."
+    text = f"The model lacks {count}: {listed(names)}."
     text += "".join(_wrong_factor(a, stages[-1]) for a in accepted)
     text += _error_reduction(stages[1], stages[-1]) + _conflict_without_effects(stages[1], stages[-1])
     for first, second in pairwise(zip(accepted, names, strict=True)):
@@ -115,6 +116,18 @@ def answer(
     if share > 0.0:
         text += f" {100 * share:.0f} % of the mean square error above the noise floor is gone."
     return text + _tie(accepted, names)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names in a row, each once, with how often it occurs.
+
+    Examples
+    --------
+    >>> listed(["a force that repeats along the way at z", "drag at z", "a force that repeats along the way at z"])
+    'a force that repeats along the way at z (2 times); drag at z'
+    """
+    counts = Counter(names)
+    return "; ".join(name if n == 1 else f"{name} ({n} times)" for name, n in counts.items())
 
 
 def _wrong_factor(accepted: AcceptedEffect, stage: Stage) -> str:
@@ -240,7 +253,8 @@ def percent_words(probability: float) -> str:
 def verdict_of(accepted: Sequence[AcceptedEffect]) -> str:
     """Return ``"nothing missing"``, ``"effect found"``, ``"ambiguous"`` or ``"unknown effect"``.
 
-    Predictive checks that fail make ``"partly explained"`` of a model with effects (`discrepancy.conclusion.conclude`).
+    Predictive checks that fail, or an output that is not followed, make ``"partly explained"`` of a model with effects
+    (`discrepancy.conclusion.conclude`).
     """
     if not accepted:
         return "nothing missing"

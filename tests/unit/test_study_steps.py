@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -168,6 +169,18 @@ def test_notebooks_show_short_tables_with_a_small_figure(stepped, tmp_path: Path
     assert "<html" in page.read_text(encoding="utf-8")
     assert [p.name for p in tmp_path.iterdir()] == ["x.html"]
     assert len(study.plot().axes) == 1
+
+
+def test_an_effect_that_leaves_an_output_far_off_explains_in_part():
+    """A sensor that is 0.3 m off is named; a strong dry friction stays, because the search may name one effect."""
+    problem = replace(problem_of(dry=15.0, offset=0.3), search="significance")
+    one = Study(replace(problem, max_effects=1)).diagnose()
+    assert [str(e) for e in one.stages[-1].effects] == ["sensor_offset@carriage.position"]
+    assert "The model does not follow these records" in one.sentence
+    assert one.verdict == "partly explained"
+    both = Study(problem).diagnose()
+    assert sorted(str(e) for e in both.stages[-1].effects) == [NAME, "sensor_offset@carriage.position"]
+    assert both.verdict == "effect found"
 
 
 def test_a_study_without_stages_says_so():

@@ -52,9 +52,10 @@ def table_3_chapter(progress: Progress) -> PaperChapter:
     text = (
         "The virtual lift has other rails left and across, a gear, other masses and stiffnesses, a disturbance of "
         "1 N and sensors; the model has the right rail, and masses from the tensions at rest. The scan of the paper "
-        "scrambles the row of ρ; it is read as 0.63, 0.98, 0.72, 0.63, 0.59, 0.87. What Table 3 says of vibration, "
-        "ρ(z̈) = 0.59, comes from what the paper's model lacks and this bench has not: roughness and joints of the "
-        "rails, errors of the controller, noise of the speed reference."
+        "scrambles the row of ρ; it is read as 0.63, 0.98, 0.72, 0.63, 0.59, 0.87. The paper puts its ρ(z̈) = 0.59 "
+        "down to roughness and joints of the rails, the controller and noise of the speed reference. None of these is "
+        "in this bench, so that its ρ(z̈) says nothing of them; [the page on vibration](papers-lift-vibration.md) puts "
+        "each in."
     )
     return PaperChapter(
         paper=PAPER,

@@ -40,7 +40,7 @@ FITTED = {
     ("E_c", "original"): "stiffness of the guides",
     ("E_cw", "original"): "mean deviation of the counterweight's rail",
     ("E_cb", "original"): "mass of the counterweight",
-    ("E_c", "straightened"): "the cabin's centre of mass in y",
+    ("E_c", "straightened"): "cabin's centre of mass in y",
 }
 NAMES = ("E_c", "E_cw", "E_cb", "|E_m|", "η_t")
 #: Printed to 0.01 J and 0.01 %: what a figure is off at most by rounding.

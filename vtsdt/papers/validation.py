@@ -11,6 +11,7 @@ import hashlib
 import importlib
 import importlib.util
 import json
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +38,8 @@ TITLES = {
 #: Machines whose chapters take a folder as well, in which they keep their simulations.
 KEEPING = ("gearbox", "lift-vibration")
 _SEAL = "Digest of this page: "
+#: A link of the docs, of which the words stay elsewhere.
+_LINK = re.compile(r"\[([^]]+)\]\([^)]+\)")
 
 
 @dataclass(frozen=True)
@@ -245,7 +248,7 @@ def _paragraphs(text: str) -> list[dict[str, Any]]:
             cells = [[c.strip() for c in line.strip().strip("|").split(" | ")] for line in lines]
             parts.append({"head": cells[0], "rows": cells[2:]})
         elif block:
-            parts.append({"text": block})
+            parts.append({"text": _LINK.sub(r"\1", block)})
     return parts
 
 
