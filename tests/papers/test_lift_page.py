@@ -123,9 +123,7 @@ def test_what_is_evidence_and_what_is_not(lift: dict[str, PaperChapter]) -> None
         assert table[f"|E_m|, {column}"].kind == IDENTITY
     whole = table["E_c, straightened, from the original column alone"]
     assert (whole.verdict, whole.kind) == (AGREES, PREDICTED)
-    tuned = [
-        r for (place, what), r in rows.items() if place == "Table 2" and what.startswith("Fig. 9's trips with the")
-    ]
+    tuned = [r for (place, what), r in rows.items() if place == "Table 2" and what.startswith("Fig. 9's trips and")]
     assert [r.verdict for r in tuned] == [DIFFERS, DIFFERS]
     estimate = rows["Fig. 9", "“good correlation with deviations of the guide”"]
     assert (estimate.verdict, estimate.kind) == (AGREES, PREDICTED)
