@@ -12,7 +12,7 @@ from discrepancy.validation.published import PaperChapter
 from vtsdt.papers.validation import cell
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "method"
-#: Rows that begin so are not compared number by number: computing times, and estimates that follow rounding (see Table 2).
+#: Rows that begin so are not compared number by number: computing times, and estimates that follow rounding.
 NOT_COMPARED = ("time of", "Fig. 9's trips and", "correlation on Fig. 9's trips")
 #: A number, with its sign.
 _NUMBER = re.compile(r"[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -43,8 +43,8 @@ def differences(machine: str, chapters: Iterable[PaperChapter], *, kinds: bool =
 
     Verdict and kind must be the same, and every number of ours to 2 % or two units of its last digit: simulations of
     another processor differ by rounding only, which contact and a filter make larger.  Differences of rounding (1e-16)
-    and rows of `NOT_COMPARED` are not compared.  Without ``kinds`` the kind of a verdict is not: it takes the admissible
-    alternatives, which cost minutes.
+    and rows of `NOT_COMPARED` are not compared.  Without ``kinds`` the kind of a verdict is not: it takes the
+    admissible alternatives, which cost minutes.
     """
     page, found = page_rows(machine), []
     for chapter in chapters:
