@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -52,6 +53,35 @@ def bench_once() -> Callable[[], Any]:
 def bench_twice() -> Callable[[], Any]:
     """extended, exact derivatives, linearised twice a sample"""
     return _extended()
+
+
+def _online(size: int) -> Callable[[], Any]:
+    """Return the filter fed by blocks of some samples; the seconds that it gives are those of one sample."""
+    from estimation.filters import OnlineFilter
+
+    sensor, trip, samples, noise = _problem()
+    model, prior = sensor.model(), sensor.prior(trip)
+
+    def work() -> float:
+        twin, took = OnlineFilter(model, noise, prior, once=True), []
+        for k in range(0, samples.count - size + 1, size):
+            rows = slice(k, k + size)
+            start = time.perf_counter()
+            twin.step(samples.times[rows], samples.inputs[rows], samples.readings[rows])
+            took.append((time.perf_counter() - start) / size)
+        return float(np.median(took))
+
+    return work
+
+
+def bench_online_sample() -> Callable[[], Any]:
+    """beside the machine, one sample at a time: time of one (median)"""
+    return _online(1)
+
+
+def bench_online_block() -> Callable[[], Any]:
+    """beside the machine, blocks of 20 samples: time of one (median)"""
+    return _online(20)
 
 
 def bench_central() -> Callable[[], Any]:

@@ -6,6 +6,8 @@ from .latent import Latent, Matern32, OrnsteinUhlenbeck, RandomWalk
 from .linear_kalman import LinearModel, kalman_filter, rauch_tung_striebel
 from .model import FilterModel
 from .noise import Noise, Prior
+from .online import OnlineFilter
+from .online_state import OnlineState
 from .observability_gramian import Observability, observability
 from .run import Estimate, FilterRun, Smoothed
 from .samples import FilterSamples, TimeSeries
@@ -27,6 +29,8 @@ __all__ = [
     "Nees",
     "Noise",
     "Observability",
+    "OnlineFilter",
+    "OnlineState",
     "OrnsteinUhlenbeck",
     "Prior",
     "RandomWalk",

@@ -19,7 +19,7 @@ from estimation.filters.noise import Noise, Prior
 from estimation.filters.run import FilterRun
 from estimation.filters.samples import FilterSamples
 
-__all__ = ["extended_kalman_filter"]
+__all__ = ["ExtendedFilter", "extended_kalman_filter"]
 
 Discretisation = Literal["exponential", "euler", "variational"]
 Keep = Literal["variances", "covariances", "everything"]
@@ -84,73 +84,145 @@ def extended_kalman_filter(
     FilterDivergence
         If states or covariance grow beyond all bounds.
     """
-    arguments = KernelArguments(model)
-    n, m, ld, count = model.n, len(model.measured), model.ld, samples.count
-    check_shapes(model, samples)
-    if substeps < 1:
-        raise FilterError("filter", [f"substeps is {substeps}: give 1 or more"])
-    q, r = noise.of(model)
-    x, p = (prior or Prior()).of(model)
-    kept = _KEEP[keep]
-    full = (count, n, n) if kept >= COVARIANCES else (1, 1, 1)
-    whole = (count, n, n) if kept == EVERYTHING else (1, 1, 1)
-    covariances, predicted, carried = np.empty(full), np.empty(whole), np.empty(whole)
-    rows = np.zeros((count, m, n) if kept == EVERYTHING else (1, 1, 1))
-    out, innovations = np.empty((count, 3 * n)), np.full((count, 3 * m), np.nan)
-    settings = np.array(
-        [
-            _DISCRETISATION[discretisation],
-            noise.code,
-            kept,
-            square_root,
-            once,
-            hold,
-            arguments.fewest_substeps(substeps, samples),
-        ],
-        dtype=np.int64,
-    )
-    tall = max(3 * n, len(model.system.outputs)) + m + 8
-    space = np.zeros(8 * n * ld + tall * ld + 16 * n + 4 * samples.inputs.shape[1] + 2 * m)
-    covariance = padded(root_of(p) if square_root else p, ld)
-    verdict = np.zeros(3)
-    kernel.extended(
-        arguments.numbers,
-        samples.times,
-        samples.inputs,
-        samples.readings,
-        r,
-        padded(q, ld),
-        padded(root_of(q), ld),
-        x,
-        covariance,
-        settings,
-        0.0 if gate is None else float(gate),
-        out,
-        covariances,
-        predicted,
-        carried,
-        rows,
-        innovations,
-        space,
-        verdict,
-    )
-    arguments.raise_python_error()
-    likelihood, refused, bad = float(verdict[0]), int(verdict[1]), int(verdict[2])
-    if bad >= 0:
-        raise diverged(model, samples, out[: bad + 1].reshape(-1, 3, n))
-    every = {"predicted": predicted, "transitions": carried, "rows": rows} if kept == EVERYTHING else {}
-    return FilterRun.from_rows(
+    compiled = ExtendedFilter(
         model,
-        samples,
         noise,
-        out,
-        innovations,
-        covariances=covariances if kept >= COVARIANCES else None,
-        log_likelihood=likelihood,
-        refused=refused,
-        kept=every,
-        method=f"extended Kalman filter, {discretisation}{', square root' if square_root else ''}",
+        discretisation=discretisation,
+        square_root=square_root,
+        once=once,
+        hold=hold,
+        substeps=substeps,
+        gate=gate,
     )
+    check_shapes(model, samples)
+    x, p = (prior or Prior()).of(model)
+    return compiled(samples, x, compiled.carried(p), keep=keep)
+
+
+class ExtendedFilter:
+    """The extended Kalman filter of one model, set up once and called for block after block of samples.
+
+    Parameters
+    ----------
+    model, noise
+    discretisation, square_root, once, hold, substeps, gate
+        As for `extended_kalman_filter`.
+
+    Raises
+    ------
+    FilterError
+        If a setting is not possible.
+    """
+
+    def __init__(
+        self,
+        model: FilterModel,
+        noise: Noise,
+        *,
+        discretisation: Discretisation = "exponential",
+        square_root: bool = False,
+        once: bool = False,
+        hold: bool = False,
+        substeps: int = 1,
+        gate: float | None = None,
+    ):
+        faults = []
+        if substeps < 1:
+            faults.append(f"substeps is {substeps}: give 1 or more")
+        if discretisation not in _DISCRETISATION:
+            faults.append(f"discretisation is '{discretisation}': take one of {', '.join(_DISCRETISATION)}")
+        if faults:
+            raise FilterError("filter", faults)
+        self.model, self.noise = model, noise
+        self.q, self.r = noise.of(model)
+        self.square_root = square_root
+        self.gate = 0.0 if gate is None else float(gate)
+        self.settings = (_DISCRETISATION[discretisation], noise.code, square_root, once, hold, substeps)
+        self.method = f"extended Kalman filter, {discretisation}{', square root' if square_root else ''}"
+        n, ld, m = model.n, model.ld, len(model.measured)
+        tall = max(3 * n, len(model.system.outputs)) + m + 8
+        self._space = np.zeros(8 * n * ld + tall * ld + 16 * n + 4 * len(model.system.inputs) + 2 * m)
+        self._arguments = KernelArguments(model)
+        self._q, self._q_root = padded(self.q, ld), padded(root_of(self.q), ld)
+
+    def carried(self, covariance: np.ndarray) -> np.ndarray:
+        """Return a covariance, shape (n, n), in the form that is carried from sample to sample, shape (n, ld)."""
+        return padded(root_of(covariance) if self.square_root else covariance, self.model.ld)
+
+    @property
+    def memory(self) -> tuple[np.ndarray, np.ndarray]:
+        """What a later call needs besides state and covariance: the last Jacobian, shape (n ld,), and its balance.
+
+        Both are views: write into them to continue a filter that was saved.
+        """
+        size = self.model.n * self.model.ld
+        return self._space[5 * size : 6 * size], self._arguments.balance
+
+    def __call__(
+        self, samples: FilterSamples, x: np.ndarray, p: np.ndarray, *, taken: int = 0, keep: Keep = "variances"
+    ) -> FilterRun:
+        """Filter samples; state and covariance at the end are written into x and p.
+
+        Parameters
+        ----------
+        samples : FilterSamples
+            With ``taken`` above zero, the first row is the last of the call before.
+        x : ndarray, shape (n,)
+        p : ndarray, shape (n, ld)
+            As `carried` returns it.
+        taken : int
+            Samples that earlier calls have filtered.
+        keep : {"variances", "covariances", "everything"}
+        """
+        model, count = self.model, samples.count
+        n, m = model.n, len(model.measured)
+        kept = _KEEP[keep]
+        full = (count, n, n) if kept >= COVARIANCES else (1, 1, 1)
+        whole = (count, n, n) if kept == EVERYTHING else (1, 1, 1)
+        covariances, predicted, transitions = np.empty(full), np.empty(whole), np.empty(whole)
+        rows = np.zeros((count, m, n) if kept == EVERYTHING else (1, 1, 1))
+        out, innovations = np.empty((count, 3 * n)), np.full((count, 3 * m), np.nan)
+        discretisation, kind, root, once, hold, substeps = self.settings
+        settings = np.array([discretisation, kind, kept, root, once, hold, substeps, taken], dtype=np.int64)
+        verdict = np.zeros(3)
+        kernel.extended(
+            self._arguments.numbers,
+            samples.times,
+            samples.inputs,
+            samples.readings,
+            self.r,
+            self._q,
+            self._q_root,
+            x,
+            p,
+            settings,
+            self.gate,
+            out,
+            covariances,
+            predicted,
+            transitions,
+            rows,
+            innovations,
+            self._space,
+            verdict,
+        )
+        self._arguments.raise_python_error()
+        likelihood, refused, bad = float(verdict[0]), int(verdict[1]), int(verdict[2])
+        if bad >= 0:
+            raise diverged(model, samples, out[: bad + 1].reshape(-1, 3, n))
+        every = {"predicted": predicted, "transitions": transitions, "rows": rows} if kept == EVERYTHING else {}
+        return FilterRun.from_rows(
+            model,
+            samples,
+            self.noise,
+            out,
+            innovations,
+            covariances=covariances if kept >= COVARIANCES else None,
+            log_likelihood=likelihood,
+            refused=refused,
+            kept=every,
+            method=self.method,
+        )
 
 
 def root_of(matrix: np.ndarray) -> np.ndarray:

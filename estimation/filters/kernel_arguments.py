@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimation.filters.errors import FilterDivergence, FilterError
+from estimation.filters.kernels import layout as at
 from estimation.filters.model import FilterModel
 from estimation.filters.samples import FilterSamples
 
@@ -15,7 +16,6 @@ class KernelArguments:
     """Numbers and addresses of a model for one run of a compiled filter, with the arrays that they point into."""
 
     def __init__(self, model: FilterModel):
-        from estimation.filters.kernels import layout as at
         from multibody.compile.vector_mode import along_directions
         from multibody.system.narrow_features import step_limits
 
@@ -50,6 +50,7 @@ class KernelArguments:
         }
         functions = {at.RHS: system.rhs_function}
         limits = step_limits(system, model.p)
+        arrays[at.LARGEST] = np.array([limits.largest_step])
         if limits.widths:
             functions[at.SPEEDS] = system.speeds_function
             arrays[at.WIDTHS] = np.array([limits.widths.get(n, np.inf) for n in system.speed_names])
@@ -71,7 +72,6 @@ class KernelArguments:
             numbers[index] = array.__array_interface__["data"][0]
         numbers[at.N], numbers[at.ALL], numbers[at.LD] = len(system.states), n, model.ld
         numbers[at.N_U], numbers[at.N_P], numbers[at.N_Y] = len(system.inputs), len(model.p), n_y
-        self.largest_step = limits.largest_step
         numbers[at.N_SPEEDS] = len(system.speed_names) if limits.widths else 0
         numbers[at.M], numbers[at.N_READ] = len(model.measured), len(reads)
         numbers[at.EXACT], numbers[at.GENERIC] = int(exact), int(generic)
@@ -79,10 +79,10 @@ class KernelArguments:
         self._functions = tuple(functions.values())
         self._arrays = arrays
 
-    def fewest_substeps(self, substeps: int, samples: FilterSamples) -> int:
-        """Return the steps between two samples, so many that none is longer than the machine's largest step."""
-        longest = np.max(np.diff(samples.times), initial=0.0)
-        return max(substeps, int(np.ceil(longest / self.largest_step)))
+    @property
+    def balance(self) -> np.ndarray:
+        """Sizes that balance the Jacobian, shape (n,): they are updated from time to time, and kept between calls."""
+        return self._arrays[at.BALANCE]
 
     def raise_python_error(self) -> None:
         """Raise the error of a plain Python function that compiled code called."""

@@ -64,9 +64,7 @@ def unscented_kalman_filter(
     x, p = (prior or Prior()).of(model)
     kept = np.empty((count, n, n) if covariances else (1, 1, 1))
     out, innovations = np.empty((count, 3 * n)), np.full((count, 3 * m), np.nan)
-    settings = np.array(
-        [noise.code, int(covariances), hold, arguments.fewest_substeps(substeps, samples)], dtype=np.int64
-    )
+    settings = np.array([noise.code, int(covariances), hold, substeps], dtype=np.int64)
     size = n * ld + (2 * n + 1) * (n + m) + 8 * n + 4 * samples.inputs.shape[1] + m + m * m + n * m + n
     verdict = np.zeros(2)
     kernel.unscented(

@@ -15,6 +15,7 @@ from estimation.filters.kernels.layout import (
     DRIFT,
     EXACT,
     GENERIC,
+    LARGEST,
     LD,
     N_READ,
     N_SPEEDS,
@@ -264,6 +265,9 @@ def inputs_between(c, before, after, hold, share, out):
 def count_substeps(c, t, h, z, u, least):
     """Return the number of steps of an interval, so many that none passes more than half of a narrow feature."""
     count = least
+    largest = floats(c[LARGEST])[0]
+    if h > count * largest:
+        count = int(min(math.ceil(h / largest), MOST_SUBSTEPS))
     if c[N_SPEEDS] > 0:
         speeds = floats(c[PACES])
         apply(c, z, u)

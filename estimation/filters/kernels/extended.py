@@ -49,8 +49,8 @@ from estimation.filters.kernels.layout import (
 from multibody.compile.calls import entry, floats, independent, inner, pointer, shift
 
 # Settings by index: discretisation, kind of process noise, what is kept, square root, one linearisation a step, held
-# inputs, substeps.
-DISCRETISATION, NOISE, KEEP, ROOT, ONCE, HOLD, SUBSTEPS = range(7)
+# inputs, substeps, samples that an earlier call has filtered: the last of them is then the first row here.
+DISCRETISATION, NOISE, KEEP, ROOT, ONCE, HOLD, SUBSTEPS, TAKEN = range(8)
 #: FilterSamples after which the sizes that balance the Jacobian are updated.
 REBALANCE = 64
 
@@ -164,14 +164,18 @@ def extended(
 
     x (n,), p (n, ld) and their roots are prior and end; out (samples, 3 n) takes states before and after the
     reading and the variances after it; innovations (samples, 3 m) takes the innovations, their variances, and
-    the innovations of the readings processed in turn over their standard deviations.
+    the innovations of the readings processed in turn over their standard deviations.  A call that continues an earlier
+    one takes the state of its end, with the same space and arrays of the model, and leaves the first row of its
+    results as it is.
     """
     c = pointer(numbers)
     n, m, ld, width = c[ALL], c[M], c[LD], c[N_U]
     size = n * ld
     discretisation, kind, keep = settings[DISCRETISATION], settings[NOISE], settings[KEEP]
     root_form, once, hold = settings[ROOT] == 1, settings[ONCE] == 1, settings[HOLD] == 1
-    substeps = settings[SUBSTEPS]
+    substeps, taken = settings[SUBSTEPS], settings[TAKEN]
+    first = 1 if taken > 0 else 0
+    earlier = taken - first
     work = pointer(space)
     f, jac, tall = shift(work, 4 * size), shift(work, 5 * size), shift(work, 8 * size)
     full = shift(work, 6 * size)
@@ -189,7 +193,7 @@ def extended(
     rated = has_rates(c)
     likelihood, refused = 0.0, 0
     verdict[2] = -1.0
-    for s in range(times.size):
+    for s in range(first, times.size):
         t = times[s]
         row = shift(table, s * width)
         if s > 0:
@@ -200,7 +204,7 @@ def extended(
                 if not once:
                     jacobian(c, times[s - 1], z, before, jac)
                 if discretisation == EXPONENTIAL:
-                    if s % REBALANCE == 1:
+                    if (s + earlier) % REBALANCE == 1:
                         balance(jac, sizes, n, ld)
                     exponential(jac, h, sizes, f, work, n, ld)
                 else:

@@ -16,7 +16,9 @@ X_DOT, U_DOT, P_DOT, Y, STEPS, A, B, BALANCE, LOW, HIGH = range(24, 34)
 RHS_W, OUT_W, X_WIDE, U_WIDE, P_WIDE = range(34, 39)
 # Speeds at which narrow features are passed: their address and number, the widths, and room for the speeds.
 SPEEDS, N_SPEEDS, WIDTHS, PACES = range(39, 43)
-SIZE = 43
+# Largest step of the integration, one number.
+LARGEST = 43
+SIZE = 44
 
 #: Discretisation: how F follows from the Jacobian.
 EXPONENTIAL, EULER, VARIATIONAL = 0, 1, 2
