@@ -6,9 +6,9 @@ from .latent import Latent, Matern32, OrnsteinUhlenbeck, RandomWalk
 from .linear_kalman import LinearModel, kalman_filter, rauch_tung_striebel
 from .model import FilterModel
 from .noise import Noise, Prior
+from .observability_gramian import Observability, observability
 from .online import OnlineFilter
 from .online_state import OnlineState
-from .observability_gramian import Observability, observability
 from .run import Estimate, FilterRun, Smoothed
 from .samples import FilterSamples, TimeSeries
 from .tuning import Tuned, tune

@@ -102,8 +102,8 @@ class OnlineState:
         try:
             with np.load(path, allow_pickle=False) as content:
                 meta = json.loads(str(content["meta"]))
-                arrays = {name: np.array(content[name], dtype=float) for name in _ARRAYS}
-                scalars = {name: content[name].item() for name in _SCALARS}
+                arrays: dict[str, Any] = {name: np.array(content[name], dtype=float) for name in _ARRAYS}
+                scalars: dict[str, Any] = {name: content[name].item() for name in _SCALARS}
                 names, fingerprint, version = tuple(meta["names"]), str(meta["fingerprint"]), meta["version"]
         except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
             raise FilterError(

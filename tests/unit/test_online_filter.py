@@ -157,7 +157,7 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(model, tmp_path: Path)
     online.step(0.0, 0.0, {"body.position": 0.02})
     online.step(0.1)  # inputs as before
     state = online.state()
-    with pytest.raises(FilterError, match="not later than the last sample, 0.1 s.*late_reading"):
+    with pytest.raises(FilterError, match=r"not later than the last sample, 0\.1 s.*late_reading"):
         online.step(0.1, 0.0)
     with pytest.raises(FilterError, match=r"'body.positoin' is not measured.*body.position"):
         online.step(0.2, 0.0, {"body.positoin": 1.0})
@@ -165,7 +165,7 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(model, tmp_path: Path)
         online.step(0.2, 0.0, [1.0, 2.0, 3.0])
     with pytest.raises(FilterError, match="u has 2 numbers"):
         online.step(0.2, [0.0, 1.0])
-    with pytest.raises(FilterError, match="not before 0.1 s"):
+    with pytest.raises(FilterError, match=r"not before 0\.1 s"):
         online.late_reading(0.3, {"body.position": 0.0})
     assert np.array_equal(online.state().state, state.state)
     path = state.save(tmp_path / "state.npz")
