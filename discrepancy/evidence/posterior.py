@@ -121,7 +121,7 @@ def posterior(
     totals |= _twin_models(totals, proposals, final)
     probabilities = _of_what_matters(_softmax(totals, temperature), models, found)
     nothing = probabilities.get((), 0.0)
-    beyond = sum(p for k, p in probabilities.items() if any(n.startswith(UNKNOWN) for n in k))
+    of_unknown = sum(p for k, p in probabilities.items() if any(n.startswith(UNKNOWN) for n in k))
     effects = []
     for name in found:
         own = sum(p for k, p in probabilities.items() if name in k)
@@ -141,8 +141,8 @@ def posterior(
             total += p
         effects.append(EffectProbability(kind=kind, where=where, probability=own, alternatives=tuple(alternatives)))
     if unknown and not found:
-        nothing, beyond = 0.0, nothing + beyond
-    return Posterior(nothing=nothing, unknown=beyond, effects=tuple(effects), models=probabilities)
+        nothing, of_unknown = 0.0, nothing + of_unknown
+    return Posterior(nothing=nothing, unknown=of_unknown, effects=tuple(effects), models=probabilities)
 
 
 def _of_what_matters(
@@ -176,8 +176,8 @@ def _twin_models(
                 continue
             for twin in proposals.twins(name):
                 other = tuple(sorted([*(n for n in key if n != name), twin.name]))
-                told_apart = final is not None and name in final.alike and twin.name not in final.alike[name]
-                if twin.name not in key and other not in totals and not told_apart:
+                distinguished = final is not None and name in final.alike and twin.name not in final.alike[name]
+                if twin.name not in key and other not in totals and not distinguished:
                     value = total + twin.gain - own.gain
                     twins[other] = max(twins.get(other, -math.inf), min(value, total))
     return twins

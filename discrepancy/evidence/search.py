@@ -63,7 +63,7 @@ class EvidenceSearch:
         start = self._known(state.stage)
         while (model := self._next()) is not None:
             self._extend(model)
-        best = self._confirmed(self._kept_by_prediction(self._standing()[0]))
+        best = self._confirmed(self._kept_by_prediction(self._ranked()[0]))
         best.taken = True
         self._make_stages(start, best)
 
@@ -85,14 +85,14 @@ class EvidenceSearch:
 
     # ---------------------------------------------------------------- the beam
 
-    def _standing(self) -> list[TriedModel]:
+    def _ranked(self) -> list[TriedModel]:
         """Return the models that may be extended or taken, best first."""
         return sorted((m for m in self.models.values() if m.better), key=lambda m: -m.total)
 
     def _next(self) -> TriedModel | None:
         """Return the model to extend next: the best of the beam that has not been extended, if it is within reach."""
         while True:
-            beam = self._standing()[: POLICY.beam]
+            beam = self._ranked()[: POLICY.beam]
             within = [m for m in beam if m.total >= beam[0].total - POLICY.reach]
             if not [m for m in within if self._refine(m)]:  # each of them: it may change the order
                 break

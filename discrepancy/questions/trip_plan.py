@@ -146,16 +146,16 @@ class TripPlan:
         way = np.mean(ways, axis=0) if ways else np.linspace(0.0, 1.0, time.size)
         at = [float(np.interp((k + 1) / (self.stops + 1), way, time)) for k in range(self.stops)]
         pace, now, clock = step * self.speed, float(time[0]), []
-        standing = 0.0
+        stopped = 0.0
         while now < time[-1]:
             clock.append(now)
             if at and now >= at[0]:
                 # slow down, stand, and speed up again along a raised cosine, so that no input jumps
-                standing += step
-                if standing >= STOP + 2 * RAMP:
+                stopped += step
+                if stopped >= STOP + 2 * RAMP:
                     at.pop(0)
-                    standing = 0.0
-                inside = max(min(standing, STOP + 2 * RAMP - standing), 0.0)
+                    stopped = 0.0
+                inside = max(min(stopped, STOP + 2 * RAMP - stopped), 0.0)
                 now += pace * (0.5 * (1.0 + np.cos(np.pi * min(inside / RAMP, 1.0))))
             else:
                 now += pace

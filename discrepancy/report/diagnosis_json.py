@@ -83,9 +83,9 @@ def _effect_entry(accepted: AcceptedEffect, conclusion: Conclusion) -> dict[str,
 
 
 def _probability(name: str, conclusion: Conclusion) -> dict[str, float]:
-    """Return the probability of an effect by name, if the search told one."""
-    told = conclusion.probabilities.effects if conclusion.probabilities is not None else ()
-    return next(({"probability": p.probability} for p in told if f"{p.kind}@{p.where}" == name), {})
+    """Return the probability of an effect by name, if the search gives one."""
+    effects = conclusion.probabilities.effects if conclusion.probabilities is not None else ()
+    return next(({"probability": p.probability} for p in effects if f"{p.kind}@{p.where}" == name), {})
 
 
 def to_diagnosis(conclusion: Conclusion, evidence: Evidence | None = None) -> dict[str, Any]:

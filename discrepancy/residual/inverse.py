@@ -123,12 +123,12 @@ def derivatives(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nd
     forces have then passed the same filter, and no difference of filters looks like a missing inertia.
     """
     h = float(time[-1] - time[0]) / (len(time) - 1)
-    padded = np.concatenate([_beyond(values[:8])[::-1], values, _beyond(values[::-1][:8])])
+    padded = np.concatenate([_extrapolated(values[:8])[::-1], values, _extrapolated(values[::-1][:8])])
     a, b, c, d, e = (padded[k : len(padded) - 4 + k] for k in range(5))
     return (a - 8.0 * b + 8.0 * d - e) / (12.0 * h), (-a + 16.0 * b - 30.0 * c + 16.0 * d - e) / (12.0 * h * h)
 
 
-def _beyond(first: np.ndarray) -> np.ndarray:
+def _extrapolated(first: np.ndarray) -> np.ndarray:
     """Continue a signal two samples before its first by the cubic through its first four."""
     a, b, c, d = first[:4]
     one = 4.0 * a - 6.0 * b + 4.0 * c - d

@@ -184,12 +184,12 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
 
     assert stage.validate is not None
     together = replace(stage.identify, fits=(*stage.identify.fits, *stage.validate.fits))
-    facts = stage.linearised_problem().with_calibration(together)
+    linearised = stage.linearised_problem().with_calibration(together)
     experiment = stage.identify.fits[0].experiment
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs)
-    candidates, _ = candidate_sensitivities(facts, entries)
+    candidates, _ = candidate_sensitivities(linearised, entries)
     n = len(stage.identify.fits)
-    whole, sens = facts.residual(), facts.sensitivities()
+    whole, sens = linearised.residual(), linearised.sensitivities()
     residual, held = (Residual(part, whole.dt, whole.channels) for part in (whole.blocks[:n], whole.blocks[n:]))
     first, last = (
         Sensitivities(

@@ -180,15 +180,16 @@ class ResamplingData:
         from discrepancy.sensitivities.free_curve_scan import free_curve_candidates
 
         progress("sensitivities of all candidates")
-        facts = stage.linearised_problem()
+        linearised = stage.linearised_problem()
         experiment = stage.identify.fits[0].experiment
-        candidates, _ = candidate_sensitivities(facts, catalogue(stage.system, experiment.outputs, experiment.inputs))
-        residual = facts.residual()
+        entries = catalogue(stage.system, experiment.outputs, experiment.inputs)
+        candidates, _ = candidate_sensitivities(linearised, entries)
+        residual = linearised.residual()
         return cls.of_arrays(
             residual,
-            facts.sensitivities(),
+            linearised.sensitivities(),
             candidates,
-            free_curve_candidates(facts, stage.system.places),
+            free_curve_candidates(linearised, stage.system.places),
             [stage.noise[c] for c in residual.channels],
             [s for s in SCHEMES if s != SHIFT or repeats(stage)[1] < REPEATS],
         )

@@ -107,9 +107,9 @@ def resampled_peers(
             answers: dict[str, dict[str, Any]] = {}
             for name, method in REGRESSION_METHODS.items():
                 start = time.perf_counter()
-                said = method(case)
+                answer = method(case)
                 spent = time.perf_counter() - start
-                answers[name] = {"named": list(said.named), "ties": list(said.ties), "seconds": spent}
+                answers[name] = {"named": list(answer.named), "ties": list(answer.ties), "seconds": spent}
             thresholds = {f"{t:g}": list(stlsq_at(case, t, RIDGE).named) for t in sorted({*THRESHOLDS, THRESHOLD})}
             trial = ResampledPeers(number, scheme, answers, thresholds)
             stream.write(json.dumps(asdict(trial)) + "\n")
@@ -161,7 +161,7 @@ def resampled_peers_page(
         + " | named where it alarms | most often |",
         "|---|---|---|---|---|" + "---|" * (len(schemes) + 2),
     ]
-    lines += [_row(method, said, schemes) for method, said in named.items()]
+    lines += [_row(method, answers, schemes) for method, answers in named.items()]
     lines += [
         "",
         f"PySINDy's STLSQ with a threshold that is set beforehand; ridge {RIDGE:g}, which is PySINDy's own, as the "
@@ -176,17 +176,17 @@ def resampled_peers_page(
     return "\n".join(lines)
 
 
-def _row(method: str, said: Sequence[tuple[str, Sequence[str]]], schemes: Sequence[str]) -> str:
+def _row(method: str, answers: Sequence[tuple[str, Sequence[str]]], schemes: Sequence[str]) -> str:
     import numpy as np
 
-    loud = [n for _, n in said if n]
-    cells = [method, *_share(len(loud), len(said))]
+    with_names = [n for _, n in answers if n]
+    cells = [method, *_share(len(with_names), len(answers))]
     for scheme in schemes:
-        part = [n for s, n in said if s == scheme]
+        part = [n for s, n in answers if s == scheme]
         cells.append(f"{sum(bool(n) for n in part)}/{len(part)}")
-    first = Counter(name for names in loud for name in names)
+    first = Counter(name for names in with_names for name in names)
     most = ", ".join(f"{name} {count}" for name, count in first.most_common(2))
-    cells += [f"{np.median([len(n) for n in loud]):g}" if loud else "–", most or "–"]
+    cells += [f"{np.median([len(n) for n in with_names]):g}" if with_names else "–", most or "–"]
     return "| " + " | ".join(cells) + " |"
 
 

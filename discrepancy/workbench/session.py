@@ -168,8 +168,8 @@ class Session:
                 "score": ("score the candidates", study.candidates),
                 "undo": ("undo", study.undo),
                 "redo": ("redo", study.redo),
-                "search": ("search on from here", lambda: self._told(study.diagnose())),
-                "conclude": ("conclude", lambda: self._told(study.conclude())),
+                "search": ("search on from here", lambda: self._keep_conclusion(study.diagnose())),
+                "conclude": ("conclude", lambda: self._keep_conclusion(study.conclude())),
             }
             if action == "add":
                 name = str(given["effect"])
@@ -187,7 +187,7 @@ class Session:
             raise ValueError(f"'{action}' is no step: take one of {', '.join(steps)}")
         self.begin(*steps[action])
 
-    def _told(self, conclusion: Any) -> None:
+    def _keep_conclusion(self, conclusion: Any) -> None:
         self._conclusion = {"verdict": conclusion.verdict, "sentence": conclusion.sentence}
 
     # ---------------------------------------------------------------- what the page shows

@@ -239,8 +239,8 @@ def table_from_arrays(
     arrays = {column: np.asarray(get(column)) for column in request.every}
     count = max((len(array) for array in arrays.values()), default=0)
     rows = rows or Rows(np.arange(1, count + 1))
-    told = [*log, *notes_on_names(names, request.every)]
-    read = _Numbers(path.name, request, told)
+    notes = [*log, *notes_on_names(names, request.every)]
+    read = _Numbers(path.name, request, notes)
     numbers = {c: read.of(c, arrays[c], rows.take(slice(0, len(arrays[c]))), decimal) for c in request.columns}
     if read.faults:
         raise RecordError(read.faults)

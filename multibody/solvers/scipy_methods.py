@@ -148,7 +148,7 @@ def _ending(name: str) -> Any:
                 self._release(end)
             if success:
                 step = abs(self.t - begin)
-                self._settle(proposed, step)
+                self._restore_step(proposed, step)
                 self._stops.ended(self.t, step)
             return success, message
 
@@ -174,7 +174,7 @@ def _ending(name: str) -> Any:
         def _release(self, end: float) -> None:
             self.t_bound, self.max_step = end, self._limit
 
-        def _settle(self, proposed: float, step: float) -> None:
+        def _restore_step(self, proposed: float, step: float) -> None:
             """Go on with what was proposed before a stop cut the step, unless the step asks for less."""
 
         def _forget_factors(self) -> None:
@@ -194,7 +194,7 @@ class _Explicit:
 
     h_abs: float
 
-    def _settle(self, proposed: float, step: float) -> None:
+    def _restore_step(self, proposed: float, step: float) -> None:
         if self.h_abs >= step:
             self.h_abs = max(self.h_abs, proposed)
 
@@ -206,9 +206,9 @@ class _Radau(_Explicit):
     def _forget_factors(self) -> None:
         self.LU_real = self.LU_complex = None
 
-    def _settle(self, proposed: float, step: float) -> None:
+    def _restore_step(self, proposed: float, step: float) -> None:
         before = self.h_abs
-        super()._settle(proposed, step)
+        super()._restore_step(proposed, step)
         if self.h_abs != before:
             self._forget_factors()
 

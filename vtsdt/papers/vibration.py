@@ -360,7 +360,7 @@ def _diagnosed(cause: Cause, progress: Progress, folder: Path | None, seed: int 
         conclusion = study.diagnose()
         effects = study.stages[-1].effects
         return {
-            "named": [_told(effect) for effect in effects],
+            "named": [_with_numbers(effect) for effect in effects],
             "rail": [(e.where, e.shape["order"]) for e in effects if e.kind == "angle_harmonic"],
             "sentence": conclusion.sentence,
             "verdict": conclusion.verdict,
@@ -370,7 +370,7 @@ def _diagnosed(cause: Cause, progress: Progress, folder: Path | None, seed: int 
     return _Found(**_kept(folder, f"search {cause.settings}, seed {seed}", search))
 
 
-def _told(effect: Effect) -> str:
+def _with_numbers(effect: Effect) -> str:
     values = {**effect.strengths, **effect.shape}
     return f"{effect} ({', '.join(f'{n} {v:.3g}' for n, v in values.items())})"
 

@@ -368,16 +368,16 @@ def _study(machine: Machine) -> str:
 def _truth(drawn: Drawn) -> dict[str, Any]:
     machine = drawn.machine
 
-    def told(name: str, strength: float) -> dict[str, Any]:
+    def described(name: str, strength: float) -> dict[str, Any]:
         effect = machine.effect(name)
         return {"name": name, "accept": list(effect.accept), "what": effect.what, "strength": strength}
 
     return {
         "case": asdict(drawn.case),
         "category": drawn.category,
-        "effects": [{**told(name, s), "nats": drawn.nats[name]} for name, s in drawn.hidden.items()],
+        "effects": [{**described(name, s), "nats": drawn.nats[name]} for name, s in drawn.hidden.items()],
         "correlation": drawn.correlation,
-        "small_difference": [told(name, s) for name, s in drawn.small.items()],
+        "small_difference": [described(name, s) for name, s in drawn.small.items()],
         "disturbance": asdict(drawn.disturbance),
         "true": {p.name: float(drawn.values[p.name]) for p in machine.parameters},
         "deviations_off": {p.name: (drawn.values[p.name] - p.stated) / p.std for p in machine.parameters},
