@@ -139,6 +139,6 @@ def test_errors_of_manufacturing_as_parameters_mend_what_contact_parameters_cann
 
 @pytest.mark.slow
 def test_every_row_comes_out_as_on_the_page(gear_runs) -> None:
-    """Three quarters of an hour on one processor."""
+    """An hour and a half on one processor."""
     page_text("gearbox")
     assert differences("gearbox", papers.chapters(silent, gear_runs)) == []
