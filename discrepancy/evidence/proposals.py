@@ -296,7 +296,7 @@ def _by_evidence(w: WhitenedProblem, raw: Sequence[Candidate], noise: np.ndarray
             shape=dict(raw[c].shapes[w.columns.groups[g].shape]),
             expected_strength=strength,
             gain=gain,
-            direction=w.columns.Z[:, w.columns.groups[g].columns],
+            direction=w.columns.Z[w.columns.groups[g].columns],
         )
         for c, (gain, g, strength) in best.items()
     ]

@@ -929,13 +929,13 @@ def _exchange_names(accepted: AcceptedEffect, scan: ScanResult) -> list[str]:
     rows = {r.name: r for r in scan.rows}
     if scan.scorer is not None and name in rows:
         columns = scan.scorer.columns
-        own = columns.Z[:, columns.groups[rows[name].group].columns]
+        own = columns.Z[columns.groups[rows[name].group].columns]
         similar = [
             r
             for r in scan.rows
             if r.kind == accepted.effect.kind
             and r.name != name
-            and canonical_correlation(own, columns.Z[:, columns.groups[r.group].columns]) >= EXCHANGE_CORRELATION
+            and canonical_correlation(own, columns.Z[columns.groups[r.group].columns]) >= EXCHANGE_CORRELATION
         ]
         names += [r.name for r in sorted(similar, key=lambda r: -r.score)]
     return [n for n in dict.fromkeys(names) if n in rows]

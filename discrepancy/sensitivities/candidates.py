@@ -7,7 +7,8 @@ it, and hundreds of candidates and shapes cost one integration.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, groupby
 from typing import Any
 
 import numpy as np
@@ -25,14 +26,25 @@ from discrepancy.sensitivities.finite_amplitude import (
     takes_finite_amplitudes,
 )
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
-from discrepancy.statistics.blocks import Candidate
+from discrepancy.statistics.blocks import Candidate, KeptSensitivities
+from discrepancy.statistics.columns import responses_together
 from estimation.response.experiment import Experiment
 from estimation.response.perturbations import InputPerturbation, Perturbation, cheaper_by_transition_matrices
 from multibody.base.errors import ModelError
+from multibody.base.memory import KEPT, ArrayStore, memory_limit, scratch_folder
 from multibody.base.parallel import available_cores, parallel_map
 from multibody.base.progress import Step
 
 __all__ = ["candidate_sensitivities", "cannot_be_built"]
+
+#: Number of an array in the store, and whether the effect changes anything there.
+Kept = tuple[int, bool]
+
+BATCH = 192  # responses that are computed together at most
+#: Arrays of the size of all sensitivities that are kept: themselves, what is orthogonal to calibration with and without
+#: whitening, and the vectors from which the noise of each score follows.
+KEPT_COPIES = 5.0
+WORTH_SAYING = 1e9  # bytes from which on the memory is told beforehand
 
 
 def _small_strength(motion: MotionRange) -> float:
@@ -88,7 +100,9 @@ def candidate_sensitivities(
         else:
             grid = entry.kind.shape_grid(MotionRange(0.0, 0.0, 0.0, step=linearised.step))
             plans.append((entry, grid, list(entry.kind.strengths)))
-    sensitivities = _all_sensitivities(linearised, plans, progress, curves)
+    store = ArrayStore()
+    _announce(linearised, plans, progress)
+    sensitivities = _all_sensitivities(linearised, plans, store, progress, curves)
     candidates: list[Candidate] = []
     far = far_from_machine(linearised)
     for entry, shapes, strengths in plans:
@@ -96,22 +110,25 @@ def candidate_sensitivities(
         if far and takes_finite_amplitudes(entry):
             if progress is not None:
                 progress(f"simulate {entry.name} at strengths that matter: the model is far from the machine")
-            finite = finite_amplitude_sensitivities(linearised, entry, shapes, by_shape)
-            shapes, by_shape = [*shapes, *(s for s, _ in finite)], [*by_shape, *(c for _, c in finite)]
-        zero = [not any(np.any(b) for b in blocks) for blocks in by_shape]
-        if all(zero):
+            derivatives = KeptSensitivities(store, [[k for k, _ in blocks] for blocks in by_shape])
+            for shape, blocks in finite_amplitude_sensitivities(linearised, entry, shapes, derivatives):
+                shapes = [*shapes, shape]
+                by_shape.append([(store.put(b), bool(np.any(b))) for b in blocks])
+        kept = [k for k, blocks in enumerate(by_shape) if any(acts for _, acts in blocks)]
+        if not kept:
             refused.append((entry, "it would not change any measured output of these records"))
             continue
-        kept = [k for k, without_effect in enumerate(zero) if not without_effect]
+        numbers = [[number for number, _ in by_shape[k]] for k in kept]
         one_sided = entry.kind.one_sided
         if differs_from(effects, entry.kind, entry.where):
-            by_shape = [[b[:, :, :1] - b[:, :, 1:] for b in blocks] for blocks in by_shape]
+            both = KeptSensitivities(store, numbers)
+            numbers = [[store.put(b[:, :, :1] - b[:, :, 1:]) for b in blocks] for blocks in both]
             strengths, one_sided = [DIFFERENCE], False
         candidates.append(
             Candidate(
                 kind=entry.kind.name,
                 where=entry.where,
-                sensitivities=tuple(tuple(by_shape[k]) for k in kept),
+                sensitivities=KeptSensitivities(store, numbers),
                 shapes=tuple(shapes[k] for k in kept),
                 one_sided=one_sided,
                 strengths=tuple(strengths),
@@ -121,20 +138,37 @@ def candidate_sensitivities(
     return candidates, refused
 
 
+def _announce(linearised: LinearisedProblem, plans: Sequence[Plan], progress: Any) -> None:
+    """Say how much memory the sensitivities and what the scores make of them will take, where it is much."""
+    columns = sum(len(shapes) * len(strengths) for _, shapes, strengths in plans)
+    rows = sum(e.time.size * len(e.outputs) for e in linearised.experiments)
+    needed, room = KEPT_COPIES * 8.0 * columns * rows, KEPT * memory_limit()
+    if progress is None or needed < WORTH_SAYING:
+        return
+    text = f"{len(plans)} candidates have {columns} sensitivities of {rows} values: {needed / 1e9:.2g} GB"
+    beyond = needed - room
+    if beyond > 0.0:
+        text += (
+            f", of which {beyond / 1e9:.2g} GB go into a file in {scratch_folder()}, because "
+            f"{memory_limit() / 1e9:.3g} GB of memory may be used (--memory)"
+        )
+    progress(text)
+
+
 def _all_sensitivities(
-    linearised: LinearisedProblem, plans: Sequence[Plan], progress: Any, curves: bool
-) -> dict[tuple[str, int], list[np.ndarray]]:
+    linearised: LinearisedProblem, plans: Sequence[Plan], store: ArrayStore, progress: Any, curves: bool
+) -> dict[tuple[str, int], list[Kept]]:
     """Return the sensitivities to every candidate and shape, record by record, computed in parallel."""
     channels = [c.channel for c in linearised.free_curves()] if curves else []
 
     count = len(linearised.experiments)
     finished: list[int] = []
 
-    def of(i: int) -> dict[tuple[str, int], np.ndarray]:
+    def of(i: int) -> dict[tuple[str, int], Kept]:
         if progress is not None:
             text = f"sensitivities of {len(plans)} candidates on {linearised.experiments[i].name}"
             progress(Step(text, len(finished), count))
-        sensitivities = _record_sensitivities(linearised, i, plans, channels)
+        sensitivities = _record_sensitivities(linearised, i, plans, store, channels)
         finished.append(i)
         return sensitivities
 
@@ -178,71 +212,107 @@ def _record_sensitivities(
     linearised: LinearisedProblem,
     index: int,
     plans: Sequence[Plan],
+    store: ArrayStore,
     curve_channels: Sequence[str] = (),
-) -> dict[tuple[str, int], np.ndarray]:
-    """Return one record's sensitivities to every candidate and shape.
+) -> dict[tuple[str, int], Kept]:
+    """Return one record's sensitivities to every candidate and shape, as numbers of arrays in the store.
 
     Those to free curves, if any, are kept by the linearised problem.
     """
     experiment = linearised.experiments[index]
-    time = np.array(experiment.record.time)
     run = linearised.nominal_outputs(index)
-    perturbations: list[Perturbation] = []
-    positions: list[tuple[tuple[str, int], int]] = []
-    sensors: dict[tuple[str, int], np.ndarray] = {}
-    built_in: list[Plan] = []
-    for entry, shapes, strengths in plans:
-        if entry.kind.at == "connection":
-            forces = _forces(linearised, entry, run, time, shapes, strengths)
-            for k, group in enumerate(forces):
-                for force in group:
-                    positions.append(((entry.name, k), len(perturbations)))
-                    perturbations.append(InputPerturbation(f"probe.{entry.where}", force))
-        elif entry.kind.at in ("input", "signal"):
-            recorded = entry.kind.at == "input"
-            u = experiment.record.signals[entry.where].values if recorded else run[entry.where]
-            for k, shape in enumerate(shapes):
-                change = signal_error(entry.kind.law, time, u, shape.get("filter", 0.0))
-                positions.append(((entry.name, k), len(perturbations)))
-                perturbations.append(InputPerturbation(entry.where if recorded else f"probe.{entry.where}", change))
-        elif entry.kind.at == "parameter":
-            built_in.append((entry, shapes, strengths))
-        else:
-            sensors[entry.name, 0] = _sensor_sensitivity(experiment, run, time, entry)
+    forced = [plan for plan in plans if plan[0].kind.at in ("connection", "input", "signal")]
+    built_in = [plan for plan in plans if plan[0].kind.at == "parameter"]
     start = linearised.initial_state(index)
     carried, integrated = parameter_perturbations(built_in, linearised.slim)
-    together = cheaper_by_transition_matrices(linearised.slim, [*perturbations, *(change for _, change in carried)])
+    no_values = np.empty(0)  # what is perturbed is known before by how much
+    every: list[Perturbation] = [
+        InputPerturbation(_channel(entry), no_values)
+        for entry, shapes, strengths in forced
+        for _ in range(len(shapes) * (len(strengths) if entry.kind.at == "connection" else 1))
+    ]
+    every += [change for _, change in carried]
+    together = cheaper_by_transition_matrices(linearised.slim, every)
     if together:
-        positions += [(key, len(perturbations) + k) for k, (key, _) in enumerate(carried)]
-        perturbations += [change for _, change in carried]
-        experiment.perturbation_response(  # for all batches at once
-            linearised.slim, linearised.p, start, perturbations, curve_channels
-        )
+        experiment.perturbation_response(linearised.slim, linearised.p, start, every, curve_channels)  # for all batches
     else:
         integrated = [*carried, *integrated]
-    parts: dict[tuple[str, int], list[np.ndarray]] = {}
-    batch = 192  # limits memory
-    for first in range(0, len(perturbations), batch):
-        part = perturbations[first : first + batch]
+    kept: dict[tuple[str, int], Kept] = {}
+
+    def keep(key: tuple[str, int], block: np.ndarray) -> None:
+        block = linearised.weighted(index, block)
+        kept[key] = store.put(block), bool(np.any(block))
+
+    def respond(group: Sequence[tuple[tuple[str, int], Perturbation]]) -> None:
         dy = experiment.respond(
             linearised.slim,
             linearised.p,
             start,
-            perturbations=part,
+            perturbations=[change for _, change in group],
             sensors=linearised.sensors,
             batch=batch,
             workers=available_cores(),
         ).derivatives
-        for key, k in positions:
-            if first <= k < first + batch:
-                parts.setdefault(key, []).append(dy[:, :, k - first])
+        of_key: dict[tuple[str, int], list[int]] = {}
+        for k, (key, _) in enumerate(group):
+            of_key.setdefault(key, []).append(k)
+        for key, own in of_key.items():
+            keep(key, np.ascontiguousarray(dy[:, :, own[0] : own[-1] + 1]))
+
+    rows = max(np.size(experiment.record.time), 1) * len(experiment.outputs)
+    batch = responses_together(rows, BATCH)
+    waiting: list[tuple[tuple[str, int], Perturbation]] = []
+    for group in chain(_input_perturbations(linearised, index, forced), _by_key(carried) if together else ()):
+        if waiting and len(waiting) + len(group) > batch:
+            respond(waiting)
+            waiting = []
+        waiting += group
+    if waiting:
+        respond(waiting)
     if together and curve_channels:
         linearised.free_curve_sensitivities(index)
     experiment.trim_cache()
+    parts: dict[tuple[str, int], list[np.ndarray]] = {}
     for key, sensitivity in integrated_sensitivities(linearised, index, integrated):
         parts.setdefault(key, []).append(sensitivity)
-    unweighted = {key: np.stack(group, axis=2) for key, group in parts.items()} | sensors
-    return {key: linearised.weighted(index, block) for key, block in unweighted.items()}
+    for key, group_of_key in parts.items():
+        keep(key, np.stack(group_of_key, axis=2))
+    time = np.array(experiment.record.time)
+    for entry, *_ in plans:
+        if entry.kind.at not in ("connection", "input", "signal", "parameter"):
+            keep((entry.name, 0), _sensor_sensitivity(experiment, run, time, entry))
+    return kept
+
+
+def _by_key(
+    perturbations: Sequence[tuple[tuple[str, int], Perturbation]],
+) -> Iterator[list[tuple[tuple[str, int], Perturbation]]]:
+    """Yield the perturbations of one candidate and shape after another."""
+    for _, group in groupby(perturbations, key=lambda keyed: keyed[0]):
+        yield list(group)
+
+
+def _channel(entry: Entry) -> str:
+    """Return the input of the model through which an effect acts."""
+    return entry.where if entry.kind.at == "input" else f"probe.{entry.where}"
+
+
+def _input_perturbations(
+    linearised: LinearisedProblem, index: int, plans: Sequence[Plan]
+) -> Iterator[list[tuple[tuple[str, int], Perturbation]]]:
+    """Yield what the strengths of every candidate and shape do to an input of the model along a record."""
+    experiment = linearised.experiments[index]
+    time, run = np.array(experiment.record.time), linearised.nominal_outputs(index)
+    for entry, shapes, strengths in plans:
+        channel = _channel(entry)
+        if entry.kind.at == "connection":
+            forces: Iterable[Sequence[np.ndarray]] = _forces(linearised, entry, run, time, shapes, strengths)
+        else:
+            recorded = entry.kind.at == "input"
+            u = experiment.record.signals[entry.where].values if recorded else run[entry.where]
+            forces = ([signal_error(entry.kind.law, time, u, shape.get("filter", 0.0))] for shape in shapes)
+        for k, group in enumerate(forces):
+            yield [((entry.name, k), InputPerturbation(channel, force)) for force in group]
 
 
 def _forces(

@@ -61,13 +61,13 @@ def free_curve_candidates(linearised: LinearisedProblem, places: Sequence[Place]
     wanted = {p.name for p in places}
     curves = [c for c in linearised.free_curves() if c.place.name in wanted]
 
-    def of_record(i: int) -> dict[str, np.ndarray]:
-        sensitivities = linearised.free_curve_sensitivities(i)
+    def of_record(i: int) -> dict[str, list[int]]:
+        numbers = linearised.free_curve_sensitivities(i)
         linearised.experiments[i].trim_cache()
-        return sensitivities
+        return numbers
 
-    blocks = parallel_map(of_record, range(len(linearised.experiments)))
-    return [one for c in curves for one in c.candidates([of_one[c.place.name] for of_one in blocks])]
+    numbers = parallel_map(of_record, range(len(linearised.experiments)))
+    return [one for c in curves for one in c.candidates(linearised.store, [of_one[c.place.name] for of_one in numbers])]
 
 
 def significant_and_predictive(row: ScanRow) -> bool:

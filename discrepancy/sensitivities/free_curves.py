@@ -15,12 +15,13 @@ import numpy as np
 
 from discrepancy.effects.law_along_motion import MOTION
 from discrepancy.effects.laws import CURVE_OVER, CURVE_POINTS
-from discrepancy.statistics.blocks import Candidate
+from discrepancy.statistics.blocks import Candidate, KeptSensitivities
 from discrepancy.statistics.hat_functions import even_hat_functions
 from estimation.response.perturbations import InputPerturbation
 
 if TYPE_CHECKING:
     from multibody.assembly.places import Place
+    from multibody.base.memory import ArrayStore
 
 __all__ = ["FreeCurves"]
 
@@ -85,10 +86,10 @@ class FreeCurves:
         """Input of the model through which the curves act."""
         return f"probe.{self.place.name}"
 
-    def perturbations(self, record: int) -> list[InputPerturbation]:
-        """Return the force of every point of every curve along a record."""
+    def perturbations(self, record: int, curves: slice = slice(None)) -> list[InputPerturbation]:
+        """Return the force of every point of every curve, or of some, along a record."""
         forces = []
-        for (over, low, high), arguments in zip(self.ranges, self.arguments, strict=True):
+        for (over, low, high), arguments in zip(self.ranges[curves], self.arguments[curves], strict=True):
             position = np.clip((arguments[record] - low) / (high - low), 0.0, 1.0) * (CURVE_POINTS - 1)
             basis = even_hat_functions(position, CURVE_POINTS)
             if over == "friction":
@@ -96,16 +97,22 @@ class FreeCurves:
             forces += [InputPerturbation(self.channel, basis[:, k]) for k in range(CURVE_POINTS)]
         return forces
 
-    def candidates(self, blocks: Sequence[np.ndarray]) -> list[Candidate]:
-        """Return a candidate for each curve from the sensitivities of all records, (n, n_channels, points)."""
+    def candidates(self, store: ArrayStore, numbers: Sequence[Sequence[int]]) -> list[Candidate]:
+        """Return a candidate for each curve.
+
+        Parameters
+        ----------
+        store : ArrayStore
+        numbers : sequence over records of sequence over curves of int
+            Of the sensitivities in the store, each (n, n_channels, points).
+        """
         candidates = []
         for k, (over, low, high) in enumerate(self.ranges):
-            own = slice(k * CURVE_POINTS, (k + 1) * CURVE_POINTS)
             candidates.append(
                 Candidate(
                     kind=f"unknown_force over {over}",
                     where=self.place.name,
-                    sensitivities=(tuple(block[:, :, own] for block in blocks),),
+                    sensitivities=KeptSensitivities(store, [[of_record[k] for of_record in numbers]]),
                     shapes=({"low": low, "high": high, "v_s": self.v_s},),
                     strengths=tuple(f"curve.y[{k}]" for k in range(CURVE_POINTS)),
                     info={"place": self.place, "over": over},

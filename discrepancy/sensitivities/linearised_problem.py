@@ -11,10 +11,12 @@ import numpy as np
 
 from discrepancy.effects.shape_grids import MotionRange
 from discrepancy.residual.input_noise import input_noise_weighting
-from discrepancy.sensitivities.free_curves import FreeCurves
+from discrepancy.sensitivities.free_curves import CURVE_POINTS, FreeCurves
 from discrepancy.statistics.blocks import Residual, Sensitivities
+from discrepancy.statistics.columns import responses_together
 from discrepancy.statistics.whitened import rms_projection
-from estimation.response.perturbations import cheaper_by_transition_matrices
+from estimation.response.perturbations import InputPerturbation, cheaper_by_transition_matrices
+from multibody.base.memory import ArrayStore
 from multibody.base.parallel import parallel_map
 from multibody.system.simulate import simulate
 
@@ -70,6 +72,7 @@ class LinearisedProblem:
     weighting: tuple[Weighting, ...] = ()
     _unweighted: dict[Any, Any] = field(default_factory=dict, repr=False)
     _weighted: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)
+    _store: ArrayStore = field(default_factory=ArrayStore, init=False, repr=False)
 
     def weighted_by(self, weighting: Sequence[Weighting]) -> LinearisedProblem:
         """Return the same problem with other weights; what does not depend on them is shared."""
@@ -241,25 +244,39 @@ class LinearisedProblem:
 
         return _once(self._unweighted, "free curves", curves)
 
-    def free_curve_sensitivities(self, index: int) -> dict[str, np.ndarray]:
-        """Return how the points of all free curves change the outputs of an experiment, by place: (n, n_channels, k).
+    def free_curve_sensitivities(self, index: int) -> dict[str, list[int]]:
+        """Return how the points of all free curves change the outputs of an experiment.
 
-        State-transition matrices that are kept with the experiment are used and stay there: see
-        `Experiment.trim_cache`.
+        For each place the numbers of arrays (n, n_channels, points) in `store`, one for each curve.  State-transition
+        matrices that are kept with the experiment are used and stay there: see `Experiment.trim_cache`.
         """
         return _once(self._weighted, ("free curves", index), lambda: self._free_curve_sensitivities(index))
 
-    def _free_curve_sensitivities(self, index: int) -> dict[str, np.ndarray]:
+    @property
+    def store(self) -> ArrayStore:
+        """Where the sensitivities to free curves are kept."""
+        return self._store
+
+    def _free_curve_sensitivities(self, index: int) -> dict[str, list[int]]:
         experiment, start = self.experiments[index], self.initial_state(index)
-        perturbations = {c.place.name: c.perturbations(index) for c in self.free_curves()}
-        every = [one for group in perturbations.values() for one in group]
+        curves = self.free_curves()
+        no_values = np.empty(0)
+        every = [InputPerturbation(c.channel, no_values) for c in curves for _ in range(CURVE_POINTS * len(c.ranges))]
         if cheaper_by_transition_matrices(self.slim, every):  # for all places at once
             experiment.perturbation_response(self.slim, self.p, start, every)
-        sensitivities = {}
-        for name, group in perturbations.items():
-            changed = experiment.respond(self.slim, self.p, start, perturbations=group, sensors=self.sensors)
-            sensitivities[name] = self.weighted(index, changed.derivatives)
-        return sensitivities
+        rows = np.size(experiment.record.time) * len(experiment.outputs)
+        kept = {}
+        for c in curves:
+            numbers: list[int] = []
+            together = responses_together(rows, CURVE_POINTS * len(c.ranges)) // CURVE_POINTS or 1  # curves
+            for first in range(0, len(c.ranges), together):
+                group = c.perturbations(index, slice(first, first + together))
+                changed = experiment.respond(self.slim, self.p, start, perturbations=group, sensors=self.sensors)
+                blocks = self.weighted(index, changed.derivatives)
+                points = range(0, blocks.shape[2], CURVE_POINTS)
+                numbers += [self._store.put(blocks[:, :, k : k + CURVE_POINTS]) for k in points]
+            kept[c.place.name] = numbers
+        return kept
 
 
 def _once(results: dict[Any, Any], key: Any, compute: Callable[[], Result]) -> Result:

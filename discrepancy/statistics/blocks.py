@@ -8,12 +8,41 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from multibody.base.memory import ArrayStore
+
 Array = NDArray[np.float64]
+
+
+class KeptSensitivities(Sequence[tuple[Array, ...]]):
+    """Sensitivities of a candidate that a store keeps: read shape by shape, when they are asked for.
+
+    Parameters
+    ----------
+    store : ArrayStore
+    numbers : sequence over shapes of sequence over blocks of int
+        Of the arrays in the store.
+    """
+
+    def __init__(self, store: ArrayStore, numbers: Sequence[Sequence[int]]) -> None:
+        self._store, self._numbers = store, tuple(tuple(of_shape) for of_shape in numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @overload
+    def __getitem__(self, shape: int) -> tuple[Array, ...]: ...
+    @overload
+    def __getitem__(self, shape: slice) -> Sequence[tuple[Array, ...]]: ...
+    def __getitem__(self, shape: int | slice) -> tuple[Array, ...] | Sequence[tuple[Array, ...]]:
+        """Return the blocks of a shape."""
+        if isinstance(shape, slice):
+            return KeptSensitivities(self._store, self._numbers[shape])
+        return tuple(self._store.get(k) for k in self._numbers[shape])
 
 
 class Weighting(Protocol):
@@ -167,7 +196,8 @@ class Candidate:
     kind, where : str
         What it is and where it would act.
     sensitivities : sequence over shapes of sequence over blocks of ndarray, shape (n_t, n_channels, k)
-        Derivative of the outputs with respect to the k strengths, for each point of the shape grid.
+        Derivative of the outputs with respect to the k strengths, for each point of the shape grid; in memory, or
+        `KeptSensitivities`.
     shapes : sequence of mapping, optional
         Shape parameters of each grid point, for instance ``{"speed": 0.01}``; one empty mapping by default.
     one_sided : bool
@@ -184,17 +214,20 @@ class Candidate:
 
     kind: str
     where: str
-    sensitivities: tuple[tuple[Array, ...], ...]
+    sensitivities: Sequence[tuple[Array, ...]]
     shapes: tuple[Mapping[str, float], ...] = ()
     one_sided: bool = False
     strength_that_matters: float | None = None
     strengths: tuple[str, ...] = ()
     unit: str = ""
     info: Mapping[str, Any] = field(default_factory=dict)
+    block_shapes: tuple[tuple[tuple[int, ...], ...], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        grid = tuple(tuple(np.asarray(b, dtype=float) for b in blocks) for blocks in self.sensitivities)
-        object.__setattr__(self, "sensitivities", grid)
+        grid = self.sensitivities
+        if not isinstance(grid, KeptSensitivities):
+            grid = tuple(tuple(np.asarray(b, dtype=float) for b in blocks) for blocks in grid)
+            object.__setattr__(self, "sensitivities", grid)
         if not self.shapes:
             object.__setattr__(self, "shapes", ({},) * len(grid))
         faults = []
@@ -202,9 +235,12 @@ class Candidate:
             faults.append(f"candidate {self.name}: no sensitivities")
         if len(self.shapes) != len(grid):
             faults.append(f"candidate {self.name}: {len(self.shapes)} shapes for {len(grid)} sets of sensitivities")
+        block_shapes = []
         for blocks in grid:
             faults += _check_blocks(f"candidate {self.name}", blocks, 3)
-        if not faults and len({b.shape[2] for blocks in grid for b in blocks}) > 1:
+            block_shapes.append(tuple(b.shape for b in blocks))
+        object.__setattr__(self, "block_shapes", tuple(block_shapes))
+        if not faults and len({b[2] for blocks in block_shapes for b in blocks}) > 1:
             faults.append(f"candidate {self.name}: the number of strengths must be the same everywhere")
         if not faults and self.one_sided and self.n_strengths > 2:
             faults.append(f"candidate {self.name}: a one-sided effect may have at most two strengths")
@@ -224,7 +260,7 @@ class Candidate:
     @property
     def n_strengths(self) -> int:
         """Number of strengths, k."""
-        return int(self.sensitivities[0][0].shape[2])
+        return int(self.block_shapes[0][0][2])
 
     @property
     def n_free_shapes(self) -> int:
@@ -259,8 +295,8 @@ def check_compatible(residual: Residual, sens: Sensitivities, candidates: Sequen
         if nuis is not None and i < len(shapes) and nuis.shape[:2] != shapes[i]:
             faults.append(f"nuisance of block {i} has shape {nuis.shape[:2]}, the residual {shapes[i]}")
     for c in candidates:
-        for s, cols in zip(c.shapes, c.sensitivities, strict=True):
-            if [b.shape[:2] for b in cols] != shapes:
+        for s, of_shape in zip(c.shapes, c.block_shapes, strict=True):
+            if [b[:2] for b in of_shape] != shapes:
                 faults.append(f"candidate {c.name} {dict(s)}: blocks do not match the residual's {shapes}")
     seen: dict[str, int] = {}
     for c in candidates:

@@ -155,14 +155,14 @@ class PairScores:
         self._cols = [np.arange(end - size, end) for end, size in zip(ends, sizes, strict=True)]
         self._one_sided = np.array([g.one_sided for g in groups])
         self._R_inverse = [np.linalg.inv(columns.R[r.group]) for r in self.rows]
-        self._Z = np.concatenate([columns.Z[:, g.columns] for g in groups], axis=1)
-        self._gram = self._Z.T @ self._Z
+        self._Z = columns.Z.selected([g.columns for g in groups])
+        self._gram = self._Z.gram()
         n = len(self.rows)
         tried = ~np.eye(n, dtype=bool)
         for i, j in zip(*np.tril_indices(n, -1), strict=True):
             tried[i, j] = tried[j, i] = not excluded(self.rows[i], self.rows[j])
         self._others = [[np.flatnonzero(tried[i] & (sizes == k)) for k in np.unique(sizes)] for i in range(n)]
-        self._s = (self._Z.T @ scan.whitened_residual)[:, None]
+        self._s = self._Z.transposed_times(scan.whitened_residual)[:, None]
         self._alone = self._own_gain(self._s)
 
     @property
@@ -187,7 +187,8 @@ class PairScores:
             of_a, of_b = (self._cols[next(k for k, r in enumerate(self.rows) if r.name == x.name)] for x in (a, b))
             if of_a.size != of_b.size:  # what has more strengths may contain the other
                 return False
-            return canonical_correlation(self._Z[:, of_a], self._Z[:, of_b]) >= TWIN_CORRELATION
+            bases = (self._Z[slice(int(of[0]), int(of[-1]) + 1)] for of in (of_a, of_b))
+            return canonical_correlation(*bases) >= TWIN_CORRELATION
 
         (a, b), (c, d) = one.rows, other.rows
         return (same(a, c) and same(b, d)) or (same(a, d) and same(b, c))
@@ -202,7 +203,7 @@ class PairScores:
         rng = np.random.default_rng(seed)
         largest = []
         for residuals in shuffled_residuals(scan.whitened_residual, scan.projection, pieces, DRAWS, rng):
-            S = self._Z.T @ residuals
+            S = self._Z.transposed_times(residuals)
             alone, best = self._own_gain(S), np.zeros(S.shape[1])
             for i in range(len(self.rows)):
                 for joint in self._joint(i, S):

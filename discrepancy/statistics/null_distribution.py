@@ -11,18 +11,23 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
 from discrepancy.statistics.blocks import Array
+from discrepancy.statistics.columns import columns_together
 from discrepancy.statistics.projection import Layout, Projection
 from discrepancy.statistics.score import Scorer
-from multibody.base.parallel import parallel_map
+from multibody.base.memory import memory_limit
+from multibody.base.parallel import available_cores
 
 MIN_PIECES = 12
 WHOLE_RECORDS = 6
 P_FLOOR = 1e-12
+DRAWS_TOGETHER = 50  # shuffled residuals that are scored in one product
+#: Share of the limit of memory for the shuffled residuals for which the columns are read once; chosen.
+DRAWS_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -79,10 +84,11 @@ def cut_pieces(layout: Layout, dt: float, e: Array) -> Pieces:
 
 
 def shuffled_residuals(
-    e: Array, projection: Projection, pieces: Pieces, draws: int, rng: np.random.Generator, chunk: int = 50
+    e: Array, projection: Projection, pieces: Pieces, draws: int, rng: np.random.Generator
 ) -> Iterator[Array]:
-    """Yield projected shuffled residuals, shape (n_rows, ≤ chunk)."""
+    """Yield projected shuffled residuals, shape (n_rows, ≤ `DRAWS_TOGETHER`)."""
     lay = projection.layout
+    chunk = columns_together(lay.n_rows, DRAWS_TOGETHER)
     C = lay.n_channels
     n_piece = len(pieces.spans)
     scale = np.sqrt(lay.n_data / max(1.0, lay.n_data - projection.n_directions))
@@ -236,11 +242,16 @@ def null_distribution(
     largest = np.zeros((n_candidates, draws))
     total = np.zeros(len(groups))
     done = 0
-    for s in parallel_map(scorer, shuffled_residuals(e, projection, pieces, draws, rng)):
-        m = s.neg_log_p.shape[1]
-        block = np.zeros((n_candidates, m))
-        np.maximum.at(block, owner, s.neg_log_p)
-        largest[:, done : done + m] = block
-        total += np.sum(s.score, axis=1)
-        done += m
+    shuffled = shuffled_residuals(e, projection, pieces, draws, rng)
+    bands, channels = scorer.variance.bands, projection.layout.n_channels
+    together = columns_together(projection.layout.n_rows, DRAWS_TOGETHER)
+    taken = together * (8 * projection.layout.n_rows + 16 * bands.n * channels**2)  # bytes, with their cross-spectra
+    while some := list(islice(shuffled, max(available_cores(), int(DRAWS_SHARE * memory_limit() / taken)))):
+        for s in scorer.each(some):
+            m = s.neg_log_p.shape[1]
+            block = np.zeros((n_candidates, m))
+            np.maximum.at(block, owner, s.neg_log_p)
+            largest[:, done : done + m] = block
+            total += np.sum(s.score, axis=1)
+            done += m
     return NullDistribution(largest, total / draws / scorer.kdim, pieces)

@@ -307,7 +307,7 @@ class _Judged:
             log_likelihood_gain=score / (2 * self.typical_inflation),
             delta_bic=-score / self.typical_inflation + free * float(np.log(self.effective_samples)),
             error_reduction=score / float(w.e @ w.e),
-            held_out_gain=held_out_gain(w.columns.Z[:, group.columns], w.e, w.projection.layout, inflation),
+            held_out_gain=held_out_gain(w.columns.Z[group.columns], w.e, w.projection.layout, inflation),
             smallest_visible_strength=visible,
             strength_that_matters=matters,
             verdict=verdict,

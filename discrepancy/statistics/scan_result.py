@@ -207,7 +207,7 @@ class ScanResult:
             names.index(name),
             [(r.kind, r.where) for r in self.rows],
             [-0.5 * r.delta_bic for r in self.rows],
-            [columns.Z[:, columns.groups[r.group].columns] for r in self.rows],
+            lambda k: columns.Z[columns.groups[self.rows[k].group].columns],
             [r.p_value < self.level for r in self.rows],
         )
 

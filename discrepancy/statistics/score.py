@@ -6,14 +6,17 @@ done to the null as well.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
 from discrepancy.statistics.blocks import Array
+from discrepancy.statistics.columns import Columns, columns_together
 from discrepancy.statistics.projection import Layout, Projection
 from discrepancy.statistics.score_variance import ScoreVariance, make_bands, score_variance
-from multibody.base.parallel import parallel_map
+from multibody.base.parallel import available_cores, parallel_map
 
 INFLATION_FLOOR = 0.5
 WINDOWS_PER_BLOCK = 48
@@ -22,7 +25,6 @@ MIN_WINDOW = 16
 NOT_EXCITED = 1e-9
 ABSORBED = 1.0 - 1e-6
 CANCELLED = 1e-2  # share of a column's energy left by a projection below which it is projected again; chosen
-TOGETHER = 128  # columns that are projected in one product
 # Log-likelihood that a column must explain to be removed; columns that are shortlisted for that; chosen.
 PER_COLUMN = 8.0
 SHORTLIST = 256
@@ -44,7 +46,8 @@ class CandidateColumns:
 
     Attributes
     ----------
-    Z : ndarray, shape (n_rows, n_columns)
+    Z : Columns
+        Of n_rows rows.
     groups : list of Group
     R : list of ndarray, shape (k, k)
         Triangular factors: raw projected columns are ``Z[:, cols] @ R``.
@@ -56,16 +59,22 @@ class CandidateColumns:
         (candidate, shape) → why it cannot be scored.
     """
 
-    Z: Array
+    Z: Columns
     groups: list[Group]
     R: list[Array]
     imitation: list[Array]
     confounding: dict[tuple[int, int], float]
     dropped: dict[tuple[int, int], str]
 
+    def groups_in_packs(self) -> list[slice]:
+        """Return which groups are in each pack of the columns, none of which divides a group."""
+        starts = np.array([g.columns.start for g in self.groups], dtype=int)
+        spans = [span for span in self.Z.spans if span.stop > span.start]
+        return [slice(*(int(k) for k in np.searchsorted(starts, (span.start, span.stop)))) for span in spans]
+
 
 def prepare_columns(
-    whitened: list[tuple[int, int, bool, Array]],
+    whitened: Iterable[tuple[int, int, bool, Array]],
     projection: Projection,
     uncertain: str = "the uncertain parameters",
 ) -> CandidateColumns:
@@ -73,15 +82,15 @@ def prepare_columns(
     groups, Rs, imitation = [], [], []
     confounding: dict[tuple[int, int], float] = {}
     dropped: dict[tuple[int, int], str] = {}
-    sizes = [Z.shape[1] for *_, Z in whitened]
-    Zall = np.empty((projection.layout.n_rows, sum(sizes)))
-    projected = _orthonormal(whitened, projection, Zall)
+    projected: list[_Projected] = []
+    every = Columns.of(_orthonormal(whitened, projection, projected.append), projection.layout.n_rows)
     strongest: dict[int, float] = {}
-    for (cand, *_), one in zip(whitened, projected, strict=True):
-        strongest[cand] = max(strongest.get(cand, 0.0), one.peak)
-    kept = np.ones(Zall.shape[1], dtype=bool)
+    for one in projected:
+        strongest[one.candidate] = max(strongest.get(one.candidate, 0.0), one.peak)
+    kept = np.ones(every.count, dtype=bool)
     start, at = 0, 0
-    for (cand, shape, one_sided, _), one, k in zip(whitened, projected, sizes, strict=True):
+    for one in projected:
+        cand, shape, k = one.candidate, one.shape, one.norm.size
         key, own, at = (cand, shape), slice(at, at + k), at + k
         if not np.all(one.norm > NOT_EXCITED * strongest[cand]) or strongest[cand] == 0.0:
             dropped[key], confounding[key] = "not excited: these records never make it act", float("nan")
@@ -94,10 +103,10 @@ def prepare_columns(
             continue
         Rs.append(one.R)
         imitation.append(one.theta)
-        groups.append(Group(cand, shape, slice(start, start + k), one_sided))
+        groups.append(Group(cand, shape, slice(start, start + k), one.one_sided))
         start += k
     return CandidateColumns(
-        Z=Zall if kept.all() else Zall[:, kept],
+        Z=every if kept.all() else every.only(kept),
         groups=groups,
         R=Rs,
         imitation=imitation,
@@ -112,6 +121,8 @@ class _Projected:
 
     Attributes
     ----------
+    candidate, shape : int
+    one_sided : bool
     norm : ndarray, shape (k,)
         Before the projection.
     peak : float
@@ -122,6 +133,9 @@ class _Projected:
     theta : ndarray, shape (n_theta, k)
     """
 
+    candidate: int
+    shape: int
+    one_sided: bool
     norm: Array
     peak: float
     confounding: float
@@ -129,17 +143,16 @@ class _Projected:
     theta: Array
 
 
-def _orthonormal(whitened: list[tuple[int, int, bool, Array]], projection: Projection, out: Array) -> list[_Projected]:
-    """Write orthonormal columns of each group into ``out``; by Cholesky and many groups at a time, which is fastest."""
-    packs: list[list[Array]] = [[]]
-    for *_, Z in whitened:
-        if packs[-1] and sum(z.shape[1] for z in packs[-1]) + Z.shape[1] > TOGETHER:
-            packs.append([])
-        packs[-1].append(Z)
-    ends = np.cumsum([sum(z.shape[1] for z in pack) for pack in packs])
+def _orthonormal(
+    whitened: Iterable[tuple[int, int, bool, Array]], projection: Projection, told: Callable[[_Projected], None]
+) -> Iterator[Array]:
+    """Yield orthonormal columns of each group, in packs, and tell about each group.
 
-    def straightened(pack: list[Array], end: int) -> list[_Projected]:
-        together = np.concatenate(pack, axis=1)
+    By Cholesky and many groups at a time, which is fastest.
+    """
+
+    def straightened(pack: list[tuple[int, int, bool, Array]]) -> tuple[Array, list[_Projected]]:
+        together = np.concatenate([Z for *_, Z in pack], axis=1)
         width = together.shape[1]
         norm = np.sqrt(np.einsum("ij,ij->j", together, together))
         peak = np.maximum(together.max(axis=0, initial=0.0), -together.min(axis=0, initial=0.0))
@@ -150,7 +163,7 @@ def _orthonormal(whitened: list[tuple[int, int, bool, Array]], projection: Proje
         scale = np.where(norm > 0.0, norm, 1.0)
         straight = np.zeros((width, width))
         projected, first = [], 0
-        for Z in pack:
+        for candidate, shape, one_sided, Z in pack:
             own = slice(first, first + Z.shape[1])
             part = together[:, own]
             gram = part.T @ part / np.outer(scale[own], scale[own])
@@ -163,6 +176,9 @@ def _orthonormal(whitened: list[tuple[int, int, bool, Array]], projection: Proje
             share = float(np.diag(gram) @ norm[own] ** 2) / total if total > 0.0 else 0.0
             projected.append(
                 _Projected(
+                    candidate=candidate,
+                    shape=shape,
+                    one_sided=one_sided,
                     norm=norm[own],
                     peak=float(peak[own].max(initial=0.0)),
                     confounding=1.0 - share,
@@ -171,11 +187,31 @@ def _orthonormal(whitened: list[tuple[int, int, bool, Array]], projection: Proje
                 )
             )
             first = own.stop
-        np.matmul(together, straight, out=out[:, end - width : end])
-        return projected
+        return together @ straight, projected
 
-    packed = [(pack, int(end)) for pack, end in zip(packs, ends, strict=True) if pack]
-    return [one for pack in parallel_map(lambda work: straightened(*work), packed) for one in pack]
+    packs = _packs(whitened, columns_together(projection.layout.n_rows))
+    while some := list(islice(packs, available_cores())):
+        for pack, groups in parallel_map(straightened, some):
+            for group in groups:
+                told(group)
+            yield pack
+
+
+def _packs(
+    whitened: Iterable[tuple[int, int, bool, Array]], together: int
+) -> Iterator[list[tuple[int, int, bool, Array]]]:
+    """Yield groups of columns that are worked on in one product, none of them divided."""
+    pack: list[tuple[int, int, bool, Array]] = []
+    width = 0
+    for group in whitened:
+        k = group[3].shape[1]
+        if pack and width + k > together:
+            yield pack
+            pack, width = [], 0
+        pack.append(group)
+        width += k
+    if pack:
+        yield pack
 
 
 def most_explaining(columns: CandidateColumns, e: Array) -> CandidateColumns:
@@ -186,10 +222,10 @@ def most_explaining(columns: CandidateColumns, e: Array) -> CandidateColumns:
     columns : CandidateColumns
     e : ndarray, shape (n_rows,)
     """
-    if columns.Z.shape[1] <= SHORTLIST:
+    if columns.Z.count <= SHORTLIST:
         return columns
     size = np.array([g.columns.stop - g.columns.start for g in columns.groups])
-    used = allowed(columns, (columns.Z.T @ e)[:, None])[:, 0]
+    used = allowed(columns, columns.Z.transposed_times(e)[:, None])[:, 0]
     gain = np.add.reduceat(used**2, [g.columns.start for g in columns.groups]) - PER_COLUMN * size
     order = np.argsort(-gain, kind="stable")
     keep = np.sort(order[: max(1, int(np.searchsorted(np.cumsum(size[order]), SHORTLIST, side="right")))])
@@ -200,7 +236,7 @@ def most_explaining(columns: CandidateColumns, e: Array) -> CandidateColumns:
     ]
     return replace(
         columns,
-        Z=np.concatenate([columns.Z[:, columns.groups[i].columns] for i in keep], axis=1),
+        Z=columns.Z.selected([columns.groups[i].columns for i in keep]),
         groups=groups,
         R=[columns.R[i] for i in keep],
         imitation=[columns.imitation[i] for i in keep],
@@ -316,17 +352,40 @@ class Scorer:
             Share of each group's columns that was removed to make ``noise``; its own fit is then not removed
             twice.
         """
-        Z = self.columns.Z
-        A = Z.T @ E
+        return self.each([E], noise, removed)[0]
+
+    def each(
+        self, residuals: Sequence[Array], noise: Array | None = None, removed: Array | None = None
+    ) -> list[Scores]:
+        """Return what a call returns, of several sets of residuals; the columns are read once for all of them."""
+        noises = [E if noise is None else noise for E in residuals]
+        Z, functional, weights = self.columns.Z, self.variance.functional, self.variance.weights
+        cross = parallel_map(self.variance.bands.cross, noises)
+        A, along, R = ([np.empty((Z.count, E.shape[1])) for E in residuals] for _ in range(3))
+        V = [np.empty((len(self.columns.groups), E.shape[1])) for E in residuals]
+        in_packs = self.columns.groups_in_packs()
+        for k, ((span, columns), (_, vectors), own) in enumerate(
+            zip(Z.packs(), functional.packs(), in_packs, strict=True)
+        ):
+            weight = weights.get(k)
+
+            def of(i: int) -> None:
+                E, N, m = residuals[i], noises[i], residuals[i].shape[1]
+                A[i][span] = columns.T @ E  # noqa: B023 - called before the loop goes on
+                R[i][span] = vectors.T @ N  # noqa: B023
+                if noise is not None:
+                    along[i][span] = columns.T @ N  # noqa: B023
+                V[i][own] = (weight @ cross[i].reshape(-1, m)).real  # noqa: B023
+
+            parallel_map(of, range(len(residuals)))
+        return [self._scores(*one, noise is not None, removed) for one in zip(A, along, R, V, strict=True)]
+
+    def _scores(self, A: Array, along: Array, r: Array, V: Array, given: bool, removed: Array | None) -> Scores:
+        """Return scores from the products of residuals with all columns; ``given``: noise is measured elsewhere."""
         used = allowed(self.columns, A)
         score = self._sum(used**2)
-        N = E if noise is None else noise
-        cross = self.variance.bands.cross(N)
-        m = N.shape[1]
-        V = (self.variance.weights @ cross.reshape(-1, m)).real + self.variance.prior_share[:, None]
-        a = used if noise is None else Z.T @ N
-        r = self.variance.functional.T @ N
-        quad = V - 2.0 * self._sum(a * r) + self._own(a)
+        a = along if given else used
+        quad = V + self.variance.prior_share[:, None] - 2.0 * self._sum(a * r) + self._own(a)
         left = 1.0 - self.own_trace
         if removed is not None:
             left = 1.0 - self.own_trace * (1.0 - removed)
@@ -338,21 +397,24 @@ class Scorer:
 
         The candidate's own fit is removed first; ``e`` has shape (n_rows,).
         """
-        a = allowed(self.columns, (self.columns.Z.T @ e)[:, None])[:, 0]
+        a = allowed(self.columns, self.columns.Z.transposed_times(e)[:, None])[:, 0]
         num = np.zeros(len(self.columns.groups))
-        den = np.zeros_like(num)
-        level_d = 0.0
         starts = [g.columns.start for g in self.columns.groups]
-        for part, energy in zip(self.windows, self.energies, strict=True):
-            fit = np.add.reduceat(part.of(self.columns.Z) * a, starts, axis=2)
-            fit -= part.of(e)[:, :, None]
-            left = np.maximum(part.count - energy, 0.5 * part.count)
-            num += np.sum(energy * part.sums(np.square(fit, out=fit)) / left, axis=(0, 1))
-            den += np.sum(energy, axis=(0, 1))
-            level_d += float(np.sum(part.count)) * energy.shape[1]
+        for (span, columns), own in zip(self.columns.Z.packs(), self.columns.groups_in_packs(), strict=True):
+            first = np.array(starts[own]) - span.start
+            for part, every in zip(self.windows, self.energies, strict=True):
+                energy = every[:, :, own]
+                fit = np.add.reduceat(part.of(columns) * a[span], first, axis=2)
+                fit -= part.of(e)[:, :, None]
+                left = np.maximum(part.count - energy, 0.5 * part.count)
+                num[own] += np.sum(energy * part.sums(np.square(fit, out=fit)) / left, axis=(0, 1))
+        den = sum((np.sum(energy, axis=(0, 1)) for energy in self.energies), np.zeros_like(num))
+        level_d = sum(
+            float(np.sum(w.count)) * energy.shape[1] for w, energy in zip(self.windows, self.energies, strict=True)
+        )
         e2 = float(e @ e)
-        own = np.add.reduceat(a**2, starts)
-        level = (e2 - own) / max(1.0, level_d - 1.0)
+        fitted = np.add.reduceat(a**2, starts)
+        level = (e2 - fitted) / max(1.0, level_d - 1.0)
         return np.maximum(1.0, num / np.maximum(den, 1e-300) / np.maximum(level, 1e-300))
 
     def neg_log_p(self, ratio: Array) -> Array:
@@ -404,17 +466,27 @@ def make_scorer(
             full[lay.rows(b)] = q
             basis.append(full)
     bands = make_bands(lay, dt, basis + list(extra or []))
-    var = score_variance(columns.Z, [g.columns for g in columns.groups], bands)
+    in_packs = columns.groups_in_packs()
+    var = score_variance(columns.Z, [[g.columns for g in columns.groups[own]] for own in in_packs], bands)
     kdim = np.array([float(g.columns.stop - g.columns.start) for g in columns.groups])
     own = np.array([float(np.trace(c)) for c in var.own])
     # The group's own fit takes its share of the degrees of freedom too.
     windows = [Windows(lay, b) for b in range(len(lay.lengths))]
     starts = [g.columns.start for g in columns.groups]
-    energies = parallel_map(lambda w: w.sums(np.add.reduceat(w.of(columns.Z) ** 2, starts, axis=2)), windows)
+    energies = [np.empty((len(w.count), lay.n_channels, len(starts))) for w in windows]
+    for (span, pack), groups in zip(columns.Z.packs(), in_packs, strict=True):
+        first = np.array(starts[groups]) - span.start
+
+        def of_block(b: int) -> None:
+            energies[b][:, :, groups] = windows[b].sums(  # noqa: B023 - called before the loop goes on
+                np.add.reduceat(windows[b].of(pack) ** 2, first, axis=2)  # noqa: B023
+            )
+
+        parallel_map(of_block, range(len(windows)))
     # Degrees of freedom with which the noise is known at the times at which each group acts.
-    first = sum(np.sum(energy, axis=(0, 1)) for energy in energies)
+    whole = sum(np.sum(energy, axis=(0, 1)) for energy in energies)
     second = sum(np.sum(energy**2 / w.count, axis=(0, 1)) for w, energy in zip(windows, energies, strict=True))
-    dof = np.minimum(var.dof, first**2 / np.maximum(second, 1e-300))
+    dof = np.minimum(var.dof, whole**2 / np.maximum(second, 1e-300))
     return Scorer(
         columns=columns,
         variance=var,

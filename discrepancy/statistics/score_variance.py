@@ -12,13 +12,15 @@ residual before measuring the noise (the profile) costs one extra inner product,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from discrepancy.statistics.blocks import Array
+from discrepancy.statistics.columns import Columns
 from discrepancy.statistics.projection import Layout
+from multibody.base.memory import ArrayStore
 from multibody.base.parallel import parallel_map
 
 MIN_ORDINATES = 5.0
@@ -152,10 +154,11 @@ class ScoreVariance:
 
     Attributes
     ----------
-    weights : ndarray, shape (n_groups, n_bands * n_channels²), complex
-        Energy of each group per band, averaged over its columns.
-    functional : ndarray, shape (n_rows, n_columns)
-        The vectors m = A z.
+    weights : ArrayStore
+        Energy of each group per band, averaged over its columns: an array (n_groups, n_bands * n_channels²), complex,
+        for the groups in each pack of columns.
+    functional : Columns
+        The vectors m = A z, in the packs of the columns.
     own : list of ndarray, shape (k, k)
         zᵀ A z per group: the part of the band's variance that the group itself takes.
     dof : ndarray, shape (n_groups,)
@@ -165,39 +168,67 @@ class ScoreVariance:
     """
 
     bands: Bands
-    weights: Array
-    functional: Array
+    weights: ArrayStore
+    functional: Columns
     own: list[Array]
     dof: Array
     prior_share: Array
 
 
-def score_variance(Z: Array, groups: list[slice], bands: Bands) -> ScoreVariance:
+def score_variance(Z: Columns, groups: Sequence[Sequence[slice]], bands: Bands) -> ScoreVariance:
     """Prepare λ for orthonormal column groups.
 
     Parameters
     ----------
-    Z : ndarray, shape (n_rows, n_columns)
+    Z : Columns
         Projected columns; the columns of one group are orthonormal.
-    groups : list of slice
-        Columns of each group.
+    groups : sequence of sequence of slice
+        Columns of each group, pack by pack.
     bands : Bands
     """
+    lay = bands.layout
+    weights = ArrayStore()
+    own: list[Array] = []
+    dof: list[float] = []
+    prior: list[float] = []
+
+    def vectors() -> Iterator[Array]:
+        for (span, pack), in_pack in zip(Z.packs(), groups, strict=True):
+            local = [slice(cols.start - span.start, cols.stop - span.start) for cols in in_pack]
+            M, A, found = _of_pack(pack, local, bands)
+            weights.put(np.transpose(A, (0, 1, 3, 2)).reshape(len(local), -1))
+            dof.extend(found)
+            alone = np.einsum("ij,ij->j", pack, M)
+            own.extend(
+                pack[:, cols].T @ M[:, cols] if cols.stop - cols.start > 1 else alone[cols, None] for cols in local
+            )
+            tail = pack[lay.n_data :]
+            prior.extend(float(np.sum(tail[:, cols] ** 2)) / (cols.stop - cols.start) for cols in local)
+            yield M
+
+    functional = Columns.of(vectors(), Z.rows)
+    return ScoreVariance(
+        bands=bands, weights=weights, functional=functional, own=own, dof=np.array(dof), prior_share=np.array(prior)
+    )
+
+
+def _of_pack(Z: Array, groups: Sequence[slice], bands: Bands) -> tuple[Array, Array, list[float]]:
+    """Return m = A z of some columns, A of their groups, and the degrees of freedom of each group's λ."""
     lay = bands.layout
     C, K = lay.n_channels, bands.n
     root = np.sqrt(bands.count)
     norm = root[:, :, None] * root[:, None, :]
+    per_band = bands.count.mean(axis=1)
     blocks = range(len(lay.lengths))
     spectra = parallel_map(lambda b: bands.spectra(Z, b), blocks)
     cross = bands.cross_of(spectra)
     # A[d, c] acts on e_c; averaging over the columns of a group gives λ = tr(V)/k.
     A = np.empty((len(groups), K, C, C), dtype=complex)
-    dof = np.empty(len(groups))
+    dof = []
     for g, cols in enumerate(groups):
         A[g] = cross[:, :, :, cols].mean(axis=3) / norm
         share = np.einsum("kcc->k", A[g] * norm).real
-        per_band = bands.count.mean(axis=1)
-        dof[g] = share.sum() ** 2 / max(float(np.sum(share**2 / per_band)), 1e-300)
+        dof.append(float(share.sum() ** 2 / max(float(np.sum(share**2 / per_band)), 1e-300)))
     M = np.zeros_like(Z)
     col_group = np.empty(Z.shape[1], dtype=int)
     for g, cols in enumerate(groups):
@@ -213,8 +244,4 @@ def score_variance(Z: Array, groups: list[slice], bands: Bands) -> ScoreVariance
         M[lay.rows(b)] = back.T.reshape(-1, Z.shape[1])
 
     parallel_map(of_block, blocks)
-    alone = np.einsum("ij,ij->j", Z, M)
-    own = [Z[:, cols].T @ M[:, cols] if cols.stop - cols.start > 1 else alone[cols, None] for cols in groups]
-    weights = np.transpose(A, (0, 1, 3, 2)).reshape(len(groups), -1)
-    prior = np.array([np.sum(Z[lay.n_data :, cols] ** 2) / (cols.stop - cols.start) for cols in groups])
-    return ScoreVariance(bands=bands, weights=weights, functional=M, own=own, dof=dof, prior_share=prior)
+    return M, A, dof

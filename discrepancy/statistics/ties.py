@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,7 +70,7 @@ def find_ties(
     best: int,
     names: Sequence[tuple[str, str]],
     gains: Sequence[float],
-    bases: Sequence[Array | None],
+    basis: Callable[[int], Array | None],
     eligible: Sequence[bool],
 ) -> Ties:
     """Return the ties of candidate ``best``.
@@ -80,18 +80,20 @@ def find_ties(
     names : sequence of (kind, where)
     gains : sequence of float
         Calibrated log-likelihood gains, penalised for the number of free numbers.
-    bases : sequence of ndarray or None
-        Orthonormal projected sensitivities of each candidate at its best shape.
+    basis : callable
+        Returns the orthonormal projected sensitivities of a candidate at its best shape, or None.
     eligible : sequence of bool
         Candidates that are significant on their own; others tie only if they are exactly collinear.
     """
     same: list[Tie] = []
     other: list[Tie] = []
-    ref = bases[best]
+    ref = basis(best)
     kind0, where0 = names[best]
     for i, (kind, where) in enumerate(names):
-        base = bases[i]
-        if i == best or base is None or ref is None:
+        if i == best or ref is None:
+            continue
+        base = basis(i)
+        if base is None:
             continue
         rho = canonical_correlation(ref, base)
         deficit = gains[best] - gains[i]

@@ -6,12 +6,13 @@ effect that stays in the residual would be taken for colour and whitened away.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from discrepancy.statistics.blocks import Array, Candidate, Residual, Sensitivities
+from discrepancy.statistics.columns import columns_together
 from discrepancy.statistics.projection import Layout, Projection, project
 from discrepancy.statistics.score import (
     PER_COLUMN,
@@ -86,16 +87,30 @@ def rms_projection(residual: Residual, sens: Sensitivities) -> Projection:
     return projection_in(rms_whitener(residual), residual, sens)
 
 
-def _stacked(layout: Layout, whitener: Whitener, candidates: Sequence[Candidate]) -> list[tuple[int, int, bool, Array]]:
-    """Whiten the sensitivities of all candidates together: one pass costs little more than one candidate's."""
-    entries = [(i, j, c.one_sided, cols) for i, c in enumerate(candidates) for j, cols in enumerate(c.sensitivities)]
-    if not entries:
-        return []
-    together = [np.concatenate([cols[b] for *_, cols in entries], axis=2) for b in range(len(layout.lengths))]
-    white = layout.stack(whitener, together)
-    ends = np.cumsum([cols[0].shape[2] for *_, cols in entries])
-    parts = np.split(white, ends[:-1], axis=1)
-    return [(i, j, one, z) for (i, j, one, _), z in zip(entries, parts, strict=True)]
+def _stacked(
+    layout: Layout, whitener: Whitener, candidates: Sequence[Candidate]
+) -> Iterator[tuple[int, int, bool, Array]]:
+    """Whiten the sensitivities of many candidates together: one pass costs little more than one candidate's."""
+    most = columns_together(layout.n_rows)
+    entries: list[tuple[int, int, bool, tuple[Array, ...]]] = []
+    width = 0
+
+    def whitened() -> Iterator[tuple[int, int, bool, Array]]:
+        together = [np.concatenate([cols[b] for *_, cols in entries], axis=2) for b in range(len(layout.lengths))]
+        white = layout.stack(whitener, together)
+        ends = np.cumsum([cols[0].shape[2] for *_, cols in entries])
+        parts = np.split(white, ends[:-1], axis=1)
+        yield from ((i, j, one, z) for (i, j, one, _), z in zip(entries, parts, strict=True))
+
+    for i, c in enumerate(candidates):
+        for j in range(len(c.shapes)):
+            if entries and width + c.n_strengths > most:
+                yield from whitened()
+                entries, width = [], 0
+            entries.append((i, j, c.one_sided, tuple(c.sensitivities[j])))
+            width += c.n_strengths
+    if entries:
+        yield from whitened()
 
 
 def with_local_noise(s: Scores, scorer: Scorer, e: Array) -> Scores:
@@ -145,7 +160,7 @@ def remove_effects(w: WhitenedProblem, limit: int, least_u: float | Array) -> Cl
         # Among those that stand out, the one that explains most, as a fit would choose.
         i = int(np.argmax(np.where(u >= least_u, s.score[:, 0] - PER_COLUMN * w.scorer.kdim, -np.inf)))
         chosen.append(i)
-        cols = Z[:, w.columns.groups[i].columns]
+        cols = Z[w.columns.groups[i].columns]
         q = cols - basis @ (basis.T @ cols)
         q, _ = np.linalg.qr(q)
         basis = np.concatenate([basis, q], axis=1)
@@ -157,7 +172,7 @@ def share_removed(scorer: Scorer, basis: Array) -> Array:
     """Share of each group's column energy that lies in ``basis``."""
     if basis.shape[1] == 0:
         return np.zeros(len(scorer.columns.groups))
-    energy = np.sum((basis.T @ scorer.columns.Z) ** 2, axis=0)
+    energy = np.sum(scorer.columns.Z.transposed_times(basis) ** 2, axis=1)
     starts = [g.columns.start for g in scorer.columns.groups]
     out: Array = np.minimum(1.0, np.add.reduceat(energy, starts) / scorer.kdim)
     return out
@@ -172,7 +187,7 @@ def raw_residual(
 ) -> list[Array]:
     """Residual in the outputs' units with calibration, nuisances and the given groups fitted and removed."""
     lay = w.projection.layout
-    Z = [w.columns.Z[:, w.columns.groups[i].columns] @ w.columns.R[i] for i in groups]
+    Z = [w.columns.Z[w.columns.groups[i].columns] @ w.columns.R[i] for i in groups]
     amp: Array = np.zeros(0)
     e = w.e_raw.copy()
     raw_cols: list[tuple[Array, ...]] = []

@@ -80,11 +80,11 @@ def _opposed(scan: ScanResult, stated: Mapping[str, float], rng: np.random.Gener
         for r in scan.rows
         if r.name in stated and r.expected_strength.size == 1 and owners.count(columns.groups[r.group].candidate) == 1
     ]
-    Z = np.concatenate([columns.Z[:, columns.groups[r.group].columns] for r in rows], axis=1)
+    Z = columns.Z.selected([columns.groups[r.group].columns for r in rows]).matrix()
     size = [float(columns.R[r.group][0, 0]) for r in rows]
     one_sided = [columns.groups[r.group].one_sided for r in rows]
     gram = Z.T @ Z
-    every = np.concatenate([columns.Z[:, columns.groups[r.group].columns] for r in scan.rows], axis=1)
+    every = np.concatenate([columns.Z[columns.groups[r.group].columns] for r in scan.rows], axis=1)
     owner = np.repeat(np.arange(len(scan.rows)), [r.expected_strength.size for r in scan.rows])
     pairs = []
     for i in range(len(rows)):

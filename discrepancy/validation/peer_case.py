@@ -114,7 +114,7 @@ class PeerCase:
         chosen = [best[c] for c in named if c in best]
         blocks = [b.copy() for b in self.held.blocks]
         if chosen:
-            raw = np.concatenate([w.columns.Z[:, w.columns.groups[g].columns] @ w.columns.R[g] for g in chosen], axis=1)
+            raw = np.concatenate([w.columns.Z[w.columns.groups[g].columns] @ w.columns.R[g] for g in chosen], axis=1)
             amplitude = np.linalg.lstsq(raw, w.e, rcond=1e-10)[0]
             at, n = 0, len(self.residual.blocks)
             for g in chosen:
@@ -157,7 +157,7 @@ def regression_data(w: WhitenedProblem, candidates: Sequence[Candidate]) -> Regr
     data = slice(0, lay.n_data)
     parts, owner = [], []
     for candidate, g in best.items():
-        raw = columns.Z[data, columns.groups[g].columns] @ columns.R[g]
+        raw = columns.Z[columns.groups[g].columns][data] @ columns.R[g]
         parts.append(raw / np.linalg.norm(raw, axis=0))
         owner += [candidate] * raw.shape[1]
     groups = [
@@ -170,7 +170,7 @@ def regression_data(w: WhitenedProblem, candidates: Sequence[Candidate]) -> Regr
         X=X,
         owner=np.array(owner),
         trips=lay.left_out(),
-        Z=columns.Z[data],
+        Z=columns.Z.matrix()[data],
         groups=groups,
         n_channels=lay.n_channels,
     )
@@ -201,7 +201,7 @@ def peer_case(case: Case, stage: Stage) -> PeerCase:
         )
         for p in (slice(0, n), slice(n, None))
     )
-    seen = [replace(c, sensitivities=tuple(shape[:n] for shape in c.sensitivities)) for c in candidates]
+    seen = [replace(c, sensitivities=tuple(tuple(shape)[:n] for shape in c.sensitivities)) for c in candidates]
     plain = scaled_by_rms(residual, first, seen)
     white = fit_whitened(residual, first, seen, 24, 2, 2, plain)
     best = _best(plain)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import zlib
 from pathlib import Path
 
 from estimation.files.faults import RecordError
+from multibody.base.memory import machine_memory
 
 __all__ = ["check_size", "unpacked_gzip"]
 
@@ -20,13 +20,6 @@ MOST_RATIO = 200.0
 #: Below this many bytes the ratio does not matter.
 HARMLESS = 64 << 20
 _CHUNK = 1 << 20
-
-
-def _memory() -> float:
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    except (AttributeError, ValueError, OSError):  # not everywhere told
-        return 8.0 * 2**30
 
 
 def check_size(name: str, size: float, packed: float, *, text: bool = False) -> None:
@@ -53,7 +46,7 @@ def check_size(name: str, size: float, packed: float, *, text: bool = False) -> 
                 "it is damaged or made to fill the memory; if it is sound, unpack it and name the unpacked file"
             ]
         )
-    needed, have = size * (TEXT_FACTOR if text else 1.0), SHARE * _memory()
+    needed, have = size * (TEXT_FACTOR if text else 1.0), SHARE * machine_memory()
     if needed > have:
         raise RecordError(
             [

@@ -158,9 +158,9 @@ def test_a_parquet_file_is_refused_by_what_it_says_that_it_holds(tmp_path: Path)
 
 def test_a_recording_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.csv").write_text("t,x\n" + "0.125,2.5\n" * 100)
-    monkeypatch.setattr(bounded, "_memory", lambda: 4.0 * 2050.0)
+    monkeypatch.setattr(bounded, "machine_memory", lambda: 4.0 * 2050.0)
     assert len(read_table(tmp_path / "a.csv", TableRequest(columns=("t",))).numbers["t"]) == 100
-    monkeypatch.setattr(bounded, "_memory", lambda: 4.0 * 2000.0)
+    monkeypatch.setattr(bounded, "machine_memory", lambda: 4.0 * 2000.0)
     with pytest.raises(RecordError, match="cut it into shorter recordings"):
         read_table(tmp_path / "a.csv", TableRequest(columns=("t",)))
 

@@ -18,6 +18,7 @@ __all__ = [
     "check_out",
     "common",
     "json_option",
+    "memory_limit",
     "number",
     "print_json",
     "time_limit",
@@ -98,6 +99,12 @@ def common(parser: argparse.ArgumentParser, out: bool = True) -> None:
         default=argparse.SUPPRESS,
         help="end after so many seconds, with a report of what is known by then",
     )
+    parser.add_argument(  # read by `memory_limit`, before the command
+        "--memory",
+        metavar="GB",
+        default=argparse.SUPPRESS,
+        help="memory that may be used; what does not fit goes into a file (default: half of what the machine has)",
+    )
 
 
 def time_limit(words: Sequence[str]) -> tuple[list[str], float | None]:
@@ -108,22 +115,37 @@ def time_limit(words: Sequence[str]) -> tuple[list[str], float | None]:
     CommandError
         If it is no number above zero.
     """
-    kept, seconds = list(words), None
+    return _limit(words, "--time-limit", "time limit", "of seconds, such as --time-limit 600")
+
+
+def memory_limit(words: Sequence[str]) -> tuple[list[str], float | None]:
+    """Return the words without ``--memory GB``, which every command has, and the gigabytes.
+
+    Raises
+    ------
+    CommandError
+        If it is no number above zero.
+    """
+    return _limit(words, "--memory", "amount of memory", "of gigabytes, such as --memory 4")
+
+
+def _limit(words: Sequence[str], option: str, what: str, remedy: str) -> tuple[list[str], float | None]:
+    kept, limit = list(words), None
     for place, word in enumerate(words):
         if word == "--":
             break
         name, given, text = word.partition("=")
-        if name != "--time-limit":
+        if name != option:
             continue
         if not given:
             text = words[place + 1] if place + 1 < len(words) else ""
         kept[place : place + (1 if given else 2)] = []
         try:
-            seconds = number(True, "time limit")(text)
+            limit = number(True, what)(text)
         except argparse.ArgumentTypeError as error:
-            raise CommandError(f"--time-limit: {error} of seconds, such as --time-limit 600") from error
+            raise CommandError(f"{option}: {error} {remedy}") from error
         break
-    return kept, seconds
+    return kept, limit
 
 
 def json_option(parser: argparse.ArgumentParser) -> None:

@@ -10,11 +10,12 @@ from __future__ import annotations
 import errno
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from multibody.base.stopping import Stopped, stoppable
 from multibody.base.terminal_text import printable
-from vtsdt.cli.arguments import CommandError, time_limit
+from vtsdt.cli.arguments import CommandError, memory_limit, time_limit
 from vtsdt.cli.commands import COMMANDS, Command, parser
 from vtsdt.cli.completion import asked_for, complete
 
@@ -27,6 +28,7 @@ BAD_INPUT = {
     "estimation.files.faults": "RecordError",
     "estimation.signals.preparation": "SignalError",
     "multibody.base.errors": "ModelError SimulationError EquationError",
+    "multibody.base.memory": "MemoryLimitError",
     "multibody.fmi.errors": "FmuError",
     "multibody.base.parameter_file": "ParameterError",
     "multibody.base.units": "UnitError",
@@ -66,7 +68,7 @@ def _run(command: Command, name: str, arguments: list[str]) -> int:
 
 
 def _is_bad_input(error: BaseException) -> bool:
-    classes: list[type] = [OSError]
+    classes: list[type] = [OSError, MemoryError]
     for module, names in BAD_INPUT.items():
         loaded = sys.modules.get(module)
         classes += [getattr(loaded, n) for n in names.split() if loaded is not None and hasattr(loaded, n)]
@@ -74,6 +76,12 @@ def _is_bad_input(error: BaseException) -> bool:
 
 
 def _message(error: BaseException) -> str:
+    if isinstance(error, MemoryError):
+        return (
+            f"the memory that this process may have is used up{f' ({error})' if str(error) else ''}: give it more, "
+            "lower --memory so that more is kept in a file, or take fewer or shorter records ([records] identify, "
+            "decimate) and fewer effects ([candidates] include); earlier results are kept"
+        )
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         place = error.filename or "the folder of the results or of compiled code (VTSDT_CACHE)"
         return f"{place}: the disk is full: free some space, or name a folder on another disk; earlier results are kept"
@@ -92,6 +100,21 @@ def _one_thread_for_linear_algebra() -> None:
         os.environ.setdefault(name, "1")
 
 
+@contextmanager
+def _memory(gigabytes: float | None) -> Iterator[None]:
+    """Limit the memory of this process, and of those that it starts."""
+    before = os.environ.get("VTSDT_MEMORY")
+    if gigabytes is not None:
+        os.environ["VTSDT_MEMORY"] = f"{gigabytes:g}"
+    try:
+        yield
+    finally:
+        if gigabytes is not None:
+            os.environ.pop("VTSDT_MEMORY")
+            if before is not None:
+                os.environ["VTSDT_MEMORY"] = before
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code.
 
@@ -106,7 +129,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     _one_thread_for_linear_algebra()
     try:
         words, seconds = time_limit(words)
-        with stoppable(seconds):
+        words, gigabytes = memory_limit(words)
+        with stoppable(seconds), _memory(gigabytes):
             code = complete(_dispatch) if asked_for() else _dispatch(words)
         sys.stdout.flush()
         return code
