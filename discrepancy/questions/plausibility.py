@@ -15,7 +15,7 @@ from discrepancy.problem.problem import Problem, noise_floors
 from estimation.response.experiment import Experiment, Response
 from multibody.base.errors import SimulationError
 
-__all__ = ["Check", "check_problem"]
+__all__ = ["Check", "check_problem", "shown_deviations"]
 
 #: Correlation of measured and modelled output above which their ratio is a gain; chosen: the motion is then the same up
 #: to a tenth of its power.
@@ -27,6 +27,9 @@ UNLIKE = 0.5
 MANY = 200.0
 #: Share of a prior's deviation to which the records must narrow a parameter for it to be shown by them.
 NARROWED = 0.7
+#: Share of the largest information below which derivatives of integrations tell nothing: their errors, 1e-6 and
+#: more, squared.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,11 +179,23 @@ def _correlation(a: np.ndarray, b: np.ndarray) -> float:
     return float(a @ b) / size if size > 0.0 else 0.0
 
 
-def _excitation(problem: Problem, responses: Sequence[Response], notes: _Notes) -> None:
-    """Tell which uncertain parameters the records cannot show, even with white noise of the sensors alone."""
+def shown_deviations(problem: Problem, responses: Sequence[Response]) -> dict[str, tuple[float, bool]]:
+    """Return how well the records show each uncertain parameter at best, with white noise of the sensors alone.
+
+    Parameters
+    ----------
+    problem : Problem
+    responses : sequence of Response
+        Of each record for identification, with derivatives by the uncertain parameters and by its own unknowns.
+
+    Returns
+    -------
+    dict of str to (float, bool)
+        Standard deviation beside the others and the prior, in the parameter's unit; whether any output feels it at all.
+    """
     count = len(problem.uncertain)
     if not count:
-        return
+        return {}
     floors: Mapping[str, float] = noise_floors(problem.identify, problem.noise)
     scale = np.array([max(floors[n], 1e-12) for n in problem.identify[0].outputs])
     information = np.diag([1.0 / q.std**2 if np.isfinite(q.std) else 0.0 for q in problem.uncertain])
@@ -193,11 +208,21 @@ def _excitation(problem: Problem, responses: Sequence[Response], notes: _Notes) 
             shared = shared - basis @ (basis.T @ shared)
         information = information + shared.T @ shared
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    covariance = np.linalg.pinv(information / np.outer(size, size), rcond=1e-12, hermitian=True)
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / size
-    for q, std, of in zip(problem.uncertain, deviation, size, strict=True):
+    # Parameters that act only together leave an eigenvalue of rounding errors: it stands for next to no information.
+    power, direction = np.linalg.eigh(information / np.outer(size, size))
+    deviation = np.sqrt((direction**2) @ (1.0 / np.maximum(power, ROUNDING * power[-1]))) / size
+    return {
+        q.name: (float(std), bool(of > 1e-140)) for q, std, of in zip(problem.uncertain, deviation, size, strict=True)
+    }
+
+
+def _excitation(problem: Problem, responses: Sequence[Response], notes: _Notes) -> None:
+    """Tell which uncertain parameters the records cannot show."""
+    shown = shown_deviations(problem, responses)
+    for q in problem.uncertain:
+        std, felt = shown[q.name]
         known = q.std if np.isfinite(q.std) else abs(q.value)
-        if of <= 1e-140 or std > NARROWED * known > 0.0:
+        if not felt or std > NARROWED * known > 0.0:
             notes.warnings.append(
                 f"parameter '{q.name}': these records cannot show it (at best ±{std:.2g} {q.unit}, known before to "
                 f"±{known:.2g}): take it out of [uncertain], or record a motion that it changes"

@@ -141,3 +141,28 @@ def test_a_held_input_keeps_its_value_until_the_next_sample():
     between = experiment.table(system)(np.array([1.5e-3, 3.5e-3]), system.p)
     assert between[:, system.index("input", "added.pulse")].tolist() == [0.0, 5.0]
     assert between[:, system.index("input", "reference.position")].tolist() == pytest.approx([2.5, 2.5])
+
+
+def from_a_csv():
+    spec = importlib.util.spec_from_file_location("from_a_csv", ROOT / "examples" / "from_a_csv.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_study_started_from_a_csv_fits_its_recording(tmp_path):
+    """The quickest of the three machines; the rest is among the slow tests."""
+    example = from_a_csv()
+    study = example.start(example.MACHINES[-1], tmp_path)
+    example.run("check", str(study))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", range(3))
+def test_from_a_csv_to_the_missing_effect(place, tmp_path):
+    example = from_a_csv()
+    machine = example.MACHINES[place]
+    (found,) = example.diagnose(example.start(machine, tmp_path))["effects"]
+    alike = [found, *found["indistinguishable_from"]]
+    assert machine.missing in [f"{each['kind']}@{each['where']}" for each in alike]

@@ -48,6 +48,7 @@ HOUSE: dict[str, tuple[str, ...]] = {
         "conclusion",
         "report",
         "study",
+        "starters",
         "workbench",
         "rigs",
         "validation",

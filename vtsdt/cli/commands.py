@@ -52,6 +52,7 @@ class Command:
 
 #: Every command by its words, in the order of the help.
 COMMANDS = {
+    ("init",): Command("vtsdt.cli.init:main", "write a study from recordings and a kind of machine"),
     ("diagnose",): Command("vtsdt.cli.study:diagnose", "find the missing effects, add them, and write a report"),
     ("compare",): Command("vtsdt.cli.study:compare", "compare model and recordings, and say where they differ"),
     ("check",): Command("vtsdt.cli.study:check", "whether a study's model and recordings fit each other, in seconds"),
