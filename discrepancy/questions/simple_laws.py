@@ -98,6 +98,20 @@ def _catalogue(
     }
 
 
+def law_values(law: Law, x: Array) -> Array:
+    """Return a law's force at values of its regressor, shape (n,), as if travelling forwards.
+
+    Parameters
+    ----------
+    law : Law
+    x : ndarray, shape (n,)
+        Over the range for which the law was fitted, ends included.
+    """
+    _, linear, grid, columns = _catalogue(x)[law.name]
+    values: Array = columns(x, **{k: law.parameters[k] for k in grid[0]}) @ [law.parameters[k] for k in linear]
+    return values
+
+
 def suggest_laws(
     force: Array, x: Array, curve: Curve, *, direction: Array | None = None, blocks: Array | None = None
 ) -> list[Law]:

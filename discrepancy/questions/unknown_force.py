@@ -232,8 +232,7 @@ def describe_force(
     if not estimate.reconstructable:
         return UnknownForce(estimate=estimate, report=None, laws=(), similar=similar, over=over)
     state.progress(f"what the force at {estimate.where} depends on")
-    moving = np.abs(estimate.motion["speed"])
-    direction = np.tanh(estimate.motion["speed"] / max(0.01 * float(np.max(moving)), 1e-300))
+    direction = estimate.direction
     report = explain_force(
         estimate.force,
         estimate.motion,

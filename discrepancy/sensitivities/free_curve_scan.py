@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FreeCurveScan",
+    "free_curve",
     "free_curve_candidates",
     "free_curve_error_drops",
     "scan_free_curves",
@@ -113,22 +114,53 @@ def scan_free_curves(
     )
     by_name = {c.name: c for c in candidates}
     rows = sorted((r for r in result.rows if significant_and_predictive(r)), key=lambda r: r.delta_bic)
-    curves = tuple(_effect(by_name[r.name], np.atleast_1d(r.expected_strength), dict(r.shape), effects) for r in rows)
+    found = [(by_name[r.name].info, np.atleast_1d(r.expected_strength), dict(r.shape)) for r in rows]
+    curves = tuple(_effect(info["place"], info["over"], height, shape, effects) for info, height, shape in found)
     return FreeCurveScan(curves, tuple(r.p_value for r in rows), tuple(r.error_reduction for r in rows), result)
 
 
-def _effect(candidate: Candidate, amplitude: np.ndarray, shape: dict[str, float], effects: Sequence[Effect]) -> Effect:
+def free_curve(
+    linearised: LinearisedProblem, effects: Sequence[Effect], where: str, over: str, *, level: float, seed: int
+) -> Effect:
+    """Return the free curve at a place over an argument at its expected height, significant or not.
+
+    Parameters
+    ----------
+    linearised, effects, level, seed
+        As of `scan_free_curves`.
+    where : str
+        Place.
+    over : str
+        ``"position"``, ``"speed"``, ``"time"`` or ``"friction"``.
+
+    Raises
+    ------
+    KeyError
+        If there is no such curve: the place is unknown or stands still, or the argument does not change.
+    """
+    result = scan_free_curves(linearised, effects, level=level, seed=seed, where=[where]).scan
+    places = {p.name: p for p in linearised.system.places}
+    rows = {r.kind.removeprefix("unknown_force over "): r for r in result.rows}
+    if where not in places or over not in rows:
+        known = f"its arguments are {', '.join(sorted(rows))}" if rows else "no such place, or nothing moves there"
+        raise KeyError(f"there is no free curve over '{over}' at '{where}': {known}")
+    row = rows[over]
+    return _effect(places[where], over, np.atleast_1d(row.expected_strength), dict(row.shape), effects)
+
+
+def _effect(
+    place: Place, over: str, amplitude: np.ndarray, shape: dict[str, float], effects: Sequence[Effect]
+) -> Effect:
     """Return a free curve as an effect."""
     kind = kind_named("unknown_force")
-    number = 1 + sum(1 for e in effects if e.kind == kind.name and e.where == candidate.where)
-    kept = {k: v for k, v in shape.items() if k != "v_s" or candidate.info["over"] == "friction"}
+    number = 1 + sum(1 for e in effects if e.kind == kind.name and e.where == place.name)
     return Effect.at_place(
         kind.name,
-        candidate.info["place"],
+        place,
         strengths=dict(zip(kind.strengths, map(float, amplitude), strict=True)),
-        shape=kept,
+        shape={k: v for k, v in shape.items() if k != "v_s" or over == "friction"},
         number=number,
-        over=candidate.info["over"],
+        over=over,
     )
 
 

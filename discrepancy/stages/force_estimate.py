@@ -16,7 +16,7 @@ from estimation.signals.correlation import correlation_time
 if TYPE_CHECKING:
     from multibody.assembly.places import Place
 
-__all__ = ["ForceEstimate", "estimate_force"]
+__all__ = ["ForceEstimate", "estimate_force", "load_at"]
 
 KNOWN = 0.5
 
@@ -54,6 +54,13 @@ class ForceEstimate:
     log_likelihood: float
 
     @property
+    def direction(self) -> np.ndarray:
+        """Direction of travel at each sample, -1 to 1, through zero where the motion is slower than a hundredth."""
+        speed = self.motion["speed"]
+        direction: np.ndarray = np.tanh(speed / max(0.01 * float(np.max(np.abs(speed))), 1e-300))
+        return direction
+
+    @property
     def reconstructable(self) -> bool:
         """True if the sensors determine at least half of the force's variance."""
         return self.known >= KNOWN
@@ -87,7 +94,7 @@ def estimate_force(
         coarser = parts[0].size / max(len(linearised.experiments[0].time), 1)
         scale.append(max(rms, noisy.noise.get(name, 0.0), 1e-300) * np.sqrt(max(1.0, memory / coarser)))
     names = [n for n, _ in place.motion_names()]
-    load = _load(stage, place)
+    load = load_at(stage, place)
     times, responses, records = [], [], []
     motion: dict[str, list[np.ndarray]] = {}
     for i, experiment in enumerate(linearised.experiments):
@@ -128,7 +135,8 @@ def estimate_force(
     )
 
 
-def _load(stage: Stage, place: Place) -> str:
+def load_at(stage: Stage, place: Place) -> str:
+    """Return the output of a stage's model that is the load at a place; an empty text where none passes through."""
     experiment = stage.identify.fits[0].experiment
     entries = catalogue(stage.system, experiment.outputs, experiment.inputs, include=[f"*@{place.name}"])
     return next((e.load for e in entries if e.load), "")

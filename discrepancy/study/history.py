@@ -19,6 +19,7 @@ from discrepancy.effects.effect import Effect
 from discrepancy.problem.study_file import StudyError
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
 from discrepancy.study.left_out import Stretch
+from discrepancy.study.priors import Prior
 from discrepancy.study.study import Study
 from multibody.base.json_file import write_json_atomically
 from multibody.machine.model import Model
@@ -99,6 +100,7 @@ def save_history(state: Study, path: str | Path) -> Path:
         "in_windows_instead": state.mode_reason if state.in_windows_instead else "",
         "steps": state.steps,
         "left_out": [s.to_dict() for s in state.left_out],
+        "priors": [p.to_dict() for p in state.priors],
         "stages": [_entry(s) for s in state.stages],
     }
     return write_json_atomically(path, content)
@@ -144,8 +146,9 @@ def restore(state: Study, path: str | Path) -> None:
                 f"{content.get('seed')}): use the study as it was, or start again in another folder"
             ]
         )
-    if content.get("left_out"):
-        state.take_out([_stretch(entry) for entry in content["left_out"]])
+    if content.get("left_out") or content.get("priors"):
+        stretches = [_stretch(entry) for entry in content.get("left_out", [])]
+        state.begin_with(stretches, [Prior(**entry) for entry in content.get("priors", [])])
     state.steps[:] = content.get("steps", [])
     state.prepare()
     if content.get("in_windows_instead") and state.cut_into_windows() and state.prepared is not None:

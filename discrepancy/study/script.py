@@ -43,6 +43,11 @@ def _line(step: Mapping[str, Any]) -> str:
     if action == "leave_out":
         options = "".join(f", {k}={step[k]!r}" for k in ("start", "stop") if step.get(k) is not None)
         return f"study.leave_out({step['record']!r}{options})"
+    if action == "set_prior":
+        options = "".join(f", {k}={step[k]!r}" for k in ("value", "std") if step.get(k) is not None)
+        return f"study.set_prior({step['name']!r}{options})"
+    if action == "add_curve":
+        return f"study.add_curve({step['where']!r}, {step['over']!r})"
     return f"study.{action}()"
 
 
@@ -66,9 +71,14 @@ def replay(study: Any, steps: Sequence[Mapping[str, Any]]) -> None:
         elif action == "leave_out":
             times = {k: step[k] for k in ("start", "stop") if step.get(k) is not None}
             study.leave_out(step["record"], **times)
+        elif action == "set_prior":
+            study.set_prior(step["name"], step.get("value"), step.get("std"))
+        elif action == "add_curve":
+            study.add_curve(step["where"], step["over"])
         elif action in ("undo", "redo"):
             getattr(study, action)()
         elif action == "search":
             study.diagnose()
         else:
-            raise ValueError(f"'{action}' is no step of a study: take one of add, undo, redo, leave_out, search")
+            known = "add, add_curve, undo, redo, leave_out, set_prior, search"
+            raise ValueError(f"'{action}' is no step of a study: take one of {known}")

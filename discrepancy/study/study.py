@@ -16,6 +16,7 @@ from discrepancy.evidence.search import EvidenceSearch
 from discrepancy.problem.problem import read_problem
 from discrepancy.questions.compare import Comparison, compare
 from discrepancy.questions.locate import WhereItFails, locate
+from discrepancy.questions.unknown_force import UnknownForce
 from discrepancy.search.loop import Search
 from discrepancy.search.moves import Decision
 from discrepancy.search.state import SearchState
@@ -23,6 +24,8 @@ from discrepancy.stages.stage import AcceptedEffect, Stage
 from discrepancy.study.candidates import Candidates, Prediction, candidates_of, named_effect
 from discrepancy.study.choice import is_by_evidence
 from discrepancy.study.left_out import Stretch, without_stretches
+from discrepancy.study.priors import Prior, with_priors
+from discrepancy.study.unknown import curve_at, force_at
 from discrepancy.study.what_if import simulate_with
 from multibody.base.progress import silent
 from multibody.base.stopping import go_on
@@ -48,6 +51,8 @@ class Study(SearchState):
         What was asked of this study, in order; `discrepancy.study.script` writes it as a script.
     left_out : list of Stretch
         Stretches of records that are not used.
+    priors : list of Prior
+        Priors of uncertain parameters that are not as the study file has them.
 
     Attributes
     ----------
@@ -57,6 +62,7 @@ class Study(SearchState):
 
     steps: list[dict[str, Any]] = field(default_factory=list, kw_only=True)
     left_out: list[Stretch] = field(default_factory=list, kw_only=True)
+    priors: list[Prior] = field(default_factory=list, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -145,6 +151,31 @@ class Study(SearchState):
         self._log(step)
         return stage
 
+    def unknown_force(self, where: str) -> UnknownForce:
+        """Return the force at a place that would explain all of the residual, over time and over what it depends on."""
+        return force_at(self, where)
+
+    def add_curve(self, where: str, over: str = "position") -> Stage:
+        """Add a force given by points, fit again, and make that the latest stage.
+
+        Parameters
+        ----------
+        where : str
+            Place, as of the effects there.
+        over : str
+            What it is a function of: ``"position"``, ``"speed"``, ``"time"``, or ``"friction"``, a level over the
+            position that turns with the direction.
+
+        Raises
+        ------
+        KeyError
+            If there is no such place, or nothing to be a function of.
+        """
+        stage = Search(self).add(curve_at(self, where, over), None)
+        self._undone.clear()
+        self._log({"action": "add_curve", "where": where, "over": over})
+        return stage
+
     def undo(self) -> Stage:
         """Remove the latest effect; `redo` brings it back."""
         before = list(self.stages)
@@ -183,22 +214,45 @@ class Study(SearchState):
             If the stretch is empty, or nothing would be left to fit.
         """
         stretch = Stretch(record, start, stop)
-        self.take_out([*self.left_out, stretch])
+        self.begin_with([*self.left_out, stretch], self.priors)
         self._again()
         self._log({"action": "leave_out", **stretch.to_dict()})
         return self.stage
 
-    def take_out(self, stretches: Sequence[Stretch]) -> None:
-        """Use the records without some stretches, and forget every stage."""
-        self.problem = self.given = without_stretches(self.source, stretches)
-        self.left_out[:] = stretches
+    def set_prior(self, name: str, value: float | None = None, std: float | None = None) -> Stage:
+        """State another value or standard deviation of an uncertain parameter, and fit every stage again with it.
+
+        Parameters
+        ----------
+        name : str
+            Parameter by full name.
+        value, std : float, optional
+            SI; default: as the study file has it.
+
+        Raises
+        ------
+        KeyError
+            If it is no uncertain parameter.
+        ValueError
+            If the value is outside its bounds, or the standard deviation is not positive.
+        """
+        prior = Prior(name, value, std)
+        self.begin_with(self.left_out, [*(p for p in self.priors if p.name != name), prior])
+        self._again()
+        self._log({"action": "set_prior", **prior.to_dict()})
+        return self.stage
+
+    def begin_with(self, stretches: Sequence[Stretch], priors: Sequence[Prior]) -> None:
+        """Use the records without some stretches, and other priors, and forget every stage."""
+        self.problem = self.given = with_priors(without_stretches(self.source, stretches), priors)
+        self.left_out[:], self.priors[:] = list(stretches), list(priors)
         self.prepared, self.in_windows_instead = None, False
         self._effects_before = [(s.effects, s.accepted) for s in self.stages[2:]]
         for forgotten in (self.stages, self.decisions, self._undone, self.unanswered):
             forgotten.clear()
 
     def _again(self) -> None:
-        """Make the stages again that there were before records were left out."""
+        """Make the stages again that there were before."""
         for effects, accepted in self._effects_before:
             current = self.stage
             name = f"+ {effects[-1]}" if effects else current.name

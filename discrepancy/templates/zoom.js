@@ -82,19 +82,21 @@ window.vtsdtZoom = (function () {
       const value = (u, v) => (v === null || v === undefined ? "" : v.toPrecision(4));
       if (!residual) series.push({ label: "measured", value, ...STYLE.measured });
       for (const m of figure.models) series.push({ label: m.name, value, ...STYLE[m.style] });
-      const axis = { size: 72, values: (u, ticks) => ticks.map((v) => +v.toPrecision(5)) };
+      const narrow = element.clientWidth < 480, font = "12px system-ui, sans-serif";
+      const look = { font, labelFont: font, grid: { stroke: "#e5e9ed", width: 1 }, ticks: { stroke: "#c3cad2", width: 1 } };
+      const axis = { ...look, size: narrow ? 48 : 62, values: (u, ticks) => ticks.map((v) => +v.toPrecision(5)) };
       const plot = new uPlot(
         {
-          title: residual ? "" : figure.title,
+          title: residual ? "" : narrow ? `${figure.title}, ${figure.label}` : figure.title,
           width: Math.max(240, box.clientWidth || element.clientWidth),
-          height: residual ? 150 : 230,
+          height: residual ? 120 : 200,
           scales: { x: { time: false } },
           axes: [
-            { label: residual ? "time [s]" : undefined, labelSize: residual ? 20 : 0, size: 34 },
-            { ...axis, label: residual ? "residual" : figure.label, labelSize: 22 },
+            { ...look, label: residual ? "time [s]" : undefined, labelSize: residual ? 20 : 0, size: residual ? 30 : 26 },
+            { ...axis, label: narrow ? undefined : residual ? "residual" : figure.label, labelSize: narrow ? 0 : 20 },
           ],
           series,
-          legend: { show: !residual },
+          legend: { show: !residual, markers: { width: 0, fill: (u, i) => u.series[i].stroke(u, i) } },
           cursor: { drag: { x: true, y: false, uni: 20 }, sync: { key: options.key || "vtsdt", scales: ["x", null] } },
           hooks: {
             setSelect: [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import json
 import math
+import re
 from collections.abc import Awaitable, Callable
 from importlib import resources
 from pathlib import Path
@@ -103,10 +104,12 @@ def application(session: Session, token: str, hosts: list[str] | None = None) ->
     reading = {
         "state": news,
         "candidates": lambda given: session.candidates(),
+        "kind": lambda given: session.kind(given.get("name", "")),
         "machine": lambda given: session.machine(),
         "where": lambda given: session.where(),
         "motion": lambda given: session.against_motion(given.get("output", "")),
         "spectra": lambda given: session.spectra(given.get("record", "")),
+        "force": lambda given: session.force(given.get("where", "")),
         "table": lambda given: session.table(),
     }
     routes = [Route("/", page)]
@@ -179,7 +182,5 @@ def _finite(value: Any) -> Any:
 def _page() -> str:
     """Return the page with its style and scripts in it."""
     folder = resources.files("discrepancy") / "templates"
-    page = (folder / "workbench.html").read_text(encoding="utf-8")
-    for name in ("report.css", "zoom.css", "vendor/uplot.css", "vendor/uplot.js", "zoom.js", "workbench.js"):
-        page = page.replace(f"/*{name}*/", (folder / name).read_text(encoding="utf-8"))
-    return page
+    page = (folder / "workbench" / "page.html").read_text(encoding="utf-8")
+    return re.sub(r"/\*([\w/]+\.(?:css|js))\*/", lambda m: (folder / m[1]).read_text(encoding="utf-8"), page)

@@ -11,15 +11,18 @@ from typing import Any
 import numpy as np
 
 from discrepancy.drawing.zoom_data import zoom_figure
-from discrepancy.effects.kinds import kinds
+from discrepancy.effects.alike import taken_for
+from discrepancy.effects.kind_picture import has_picture, kind_picture
+from discrepancy.effects.kinds import kind_named, kinds
+from discrepancy.effects.law_in_words import law_of
 from discrepancy.questions.compare import Comparison, compare
-from discrepancy.questions.locate import locate
 from discrepancy.report.figures import stage_title
-from discrepancy.stages.residuals_along_motion import residuals_along_motion
 from discrepancy.stages.stage import Stage
 from discrepancy.study.candidates import Candidates
 from discrepancy.study.history import save_history
 from discrepancy.study.study import Study
+from discrepancy.workbench import views
+from discrepancy.workbench.force_view import force_view
 from multibody.base.compile_events import on_compile
 from multibody.base.progress import Step
 from multibody.base.quantity_text import unit_text
@@ -27,7 +30,6 @@ from multibody.base.quantity_text import unit_text
 __all__ = ["Busy", "Session", "Stopped"]
 
 MOST_CANDIDATES = 20  # that the page lists with a prediction
-MOST_POINTS = 1500  # of a cloud of residuals
 
 Entry = dict[str, Any]
 
@@ -65,25 +67,37 @@ class Session:
         self._error = ""
         self._conclusion: Entry = {}
         self._comparisons: dict[int, Comparison] = {}
+        self._scored: Candidates | None = None  # of the stage that was scored last
+        self._forces: dict[int, set[str]] = {}  # places whose missing force is known, by stage
         self._kept: list[Stage] = []  # stages that were undone or replaced, which another branch is compared with
         study.progress = self._progress
         study.checkpoint = lambda study: save_history(study, self.history)
 
     # ---------------------------------------------------------------- work in hand
 
-    def begin(self, what: str, work: Callable[[], object]) -> None:
+    def begin(self, what: str, work: Callable[[], object], *, yields: bool = False) -> None:
         """Begin a piece of work in a thread.
+
+        Parameters
+        ----------
+        what : str
+        work : callable
+        yields : bool
+            The work was not asked for by the person: it is stopped as soon as something else is.
 
         Raises
         ------
         Busy
-            If there is one in hand.
+            If there is one in hand that does not yield.
         """
+        if self._doing.get("yields") and not yields:
+            self.stop()
+            self.join()
         with self._changed:
             if self._work is not None:
                 raise Busy(f"wait until '{self._doing.get('what', '')}' is done, or stop it")
             self._stop.clear()
-            self._error, self._doing = "", {"what": what, "text": "", "share": None}
+            self._error, self._doing = "", {"what": what, "text": "", "share": None, "yields": yields}
             self._work = threading.Thread(target=self._run, args=(work,), daemon=True)
         self._announce()
         self._work.start()
@@ -151,7 +165,8 @@ class Session:
         Parameters
         ----------
         action : str
-            ``"score"``, ``"add"``, ``"undo"``, ``"redo"``, ``"leave_out"``, ``"search"`` or ``"conclude"``.
+            ``"score"``, ``"add"``, ``"add_curve"``, ``"undo"``, ``"redo"``, ``"leave_out"``, ``"set_prior"``,
+            ``"force"``, ``"search"`` or ``"conclude"``.
         given : mapping
             Arguments of the `Study` method of that name.
 
@@ -165,7 +180,7 @@ class Session:
         study = self.study
         try:
             steps: dict[str, tuple[str, Callable[[], object]]] = {
-                "score": ("score the candidates", study.candidates),
+                "score": ("score the candidates", self._score),
                 "undo": ("undo", study.undo),
                 "redo": ("redo", study.redo),
                 "search": ("search on from here", lambda: self._keep_conclusion(study.diagnose())),
@@ -181,11 +196,31 @@ class Session:
                     f"fit again without a stretch of {record}",
                     lambda: study.leave_out(record, start, stop),
                 )
+            if action == "set_prior":
+                name = str(given["name"])
+                prior = {k: None if given.get(k) is None else float(given[k]) for k in ("value", "std")}
+                steps["set_prior"] = (f"fit again with another prior of {name}", lambda: study.set_prior(name, **prior))
+            if action == "force":
+                where = str(given["where"])
+                steps["force"] = (f"estimate the missing force at {where}", lambda: self._estimate(where))
+            if action == "add_curve":
+                where, over = str(given["where"]), str(given["over"])
+                steps["add_curve"] = (
+                    f"add a curve over {over} at {where} and fit again",
+                    lambda: study.add_curve(where, over),
+                )
         except KeyError as error:
             raise ValueError(f"'{action}' needs {error}") from None
         if action not in steps:
             raise ValueError(f"'{action}' is no step: take one of {', '.join(steps)}")
-        self.begin(*steps[action])
+        self.begin(*steps[action], yields=bool(given.get("yields")) and action == "score")
+
+    def _estimate(self, where: str) -> None:
+        self.study.unknown_force(where)
+        self._forces.setdefault(id(self.study.stage), set()).add(where)
+
+    def _score(self) -> None:
+        self._scored = self.study.candidates()
 
     def _keep_conclusion(self, conclusion: Any) -> None:
         self._conclusion = {"verdict": conclusion.verdict, "sentence": conclusion.sentence}
@@ -197,7 +232,16 @@ class Session:
         study = self.study
         stages = list(study.stages)
         outputs = (
-            [] if not stages else [{"name": n, "unit": unit_text(stages[0].system.unit(n))} for n in stages[0].outputs]
+            []
+            if not stages
+            else [
+                {
+                    "name": n,
+                    "unit": unit_text(stages[0].system.unit(n)),
+                    "noise": stages[-1].noise.get(n) or None,
+                }
+                for n in stages[0].outputs
+            ]
         )
         return {
             "version": self.version,
@@ -214,6 +258,7 @@ class Session:
             ],
             "left_out": [s.to_dict() for s in study.left_out],
             "steps": study.steps,
+            "scored": bool(stages) and self._scored is not None and self._scored.stage is stages[-1],
             "can_undo": len(stages) > 2,
             "can_redo": study.can_redo,
             "conclusion": self._conclusion,
@@ -237,7 +282,9 @@ class Session:
             reach = max(4.0 * float(std) if np.isfinite(std) else 0.0, 0.5 * abs(value)) or 1.0
             low, high = max(value - reach, q.min), min(value + reach, q.max)
             if q.name in stage.system.parameter_names:
-                entries.append({"name": q.name, "unit": unit_text(q.unit), "value": value, "low": low, "high": high})
+                entry = {"name": q.name, "unit": unit_text(q.unit), "value": value, "low": low, "high": high}
+                prior = {"value": float(q.value), "std": float(q.std) if np.isfinite(q.std) else None}
+                entries.append({**entry, "std": float(std) if np.isfinite(std) else None, "prior": prior})
         return entries
 
     def _branch(self, index: int) -> Stage:
@@ -299,7 +346,11 @@ class Session:
                 models.append((f"predicted with {predict}", "predicted", expected))
             if changed is not None:
                 models.append(("with the values of the sliders", "predicted", changed[:, column]))
-            figures.append(zoom_figure(signal, models, start=start, stop=stop, marks=worst.get(signal.output, ())))
+            figures.append(
+                zoom_figure(
+                    signal, models, title=signal.output, start=start, stop=stop, marks=worst.get(signal.output, ())
+                )
+            )
         return figures
 
     def _worst(self, record: str, count: int = 24) -> dict[str, list[tuple[float, float]]]:
@@ -335,6 +386,7 @@ class Session:
             rows.append(
                 {
                     "name": row.name,
+                    "kind": row.kind,
                     "title": kind.text.title,
                     "where": row.where,
                     "weight": weights[row.name],
@@ -344,83 +396,50 @@ class Session:
                     "what": kind.text.what,
                     "causes": kind.text.causes,
                     "confirm": kind.text.confirm,
+                    "taken_for": [f"{kind_named(k).text.title} ({where})" for k, where in taken_for(row.kind)],
                 }
             )
         refused = [{"name": e.name, "why": why} for e, why in known.refused]
-        return {"rows": rows, "nothing": weights[""], "refused": refused}
+        return {"rows": rows, "nothing": weights[""], "refused": refused, "tell_apart": _tell_apart(rows)}
+
+    def kind(self, name: str) -> Entry:
+        """Return the law of a kind in words and its picture as SVG, where there is one."""
+        kind = kind_named(name)
+        return {"law": law_of(kind), "picture": kind_picture(kind) if has_picture(kind) else ""}
 
     def machine(self) -> Entry:
         """Return the graph of the model: its components and their connections."""
-        model = self.study.problem.model
-        nodes = [{"name": n, "type": type(c).__name__} for n, c in model.components.items()]
-        edges = []
-        for ends in model.connections:
-            owners = list(dict.fromkeys(str(e).partition(".")[0] for e in ends))
-            edges += [[owners[0], other] for other in owners[1:]]
-        return {"nodes": nodes, "edges": edges}
+        return views.machine(self.study.problem.model)
 
     def where(self) -> list[Entry]:
         """Return in sentences where the latest model fails."""
-        located = locate(self.study.stages[-1]).to_dict()
-        headings = {
-            "signals": "In which signal",
-            "regimes": "When",
-            "dependence": "Along what",
-            "frequencies": "At which frequencies",
-            "connections": "At which connection",
-        }
-        return [
-            {"heading": heading, "sentences": [e["sentence"] for e in located[name][:6]]}
-            for name, heading in headings.items()
-            if located[name]
-        ]
+        return views.where(self.study.stages[-1])
 
-    def against_motion(self, output: str) -> list[Entry]:
-        """Return the latest residual of an output over speed and position of every connection that moves."""
-        residuals = residuals_along_motion(self.study.stages[-1])
-        if output not in residuals.outputs:
-            raise KeyError(f"there is no output '{output}': take one of {', '.join(residuals.outputs)}")
-        e = residuals.values[:, residuals.outputs.index(output)]
-        step = max(1, e.size // MOST_POINTS)
-        return [
-            {"place": m.name, "over": over, "x": getattr(m, over)[::step].tolist(), "y": e[::step].tolist()}
-            for m in residuals.motions
-            for over in ("speed", "position")
-        ]
+    def against_motion(self, output: str) -> Entry:
+        """Return the latest residual of an output over the motion and the load of every connection that moves."""
+        return views.against_motion(self.study.stages[-1], output)
 
     def spectra(self, record: str = "") -> list[Entry]:
-        """Return amplitude spectra of measurement, model and residual, and the coherence, of each output."""
-        shown = self._comparison(self.study.stages[-1]).of(record=record or None)
-        entries = []
-        for s in (s for s in shown if s.record == shown[0].record):
-            frequency, residual = s.spectrum()
-            measured, model = s.spectrum("measured")[1], s.spectrum("model")[1]
-            coherence = s.coherence()[1]
-            amplitudes = [np.sqrt(np.maximum(d[1:], 1e-300)).tolist() for d in (measured, model, residual)]
-            names = ("measured", "model", "residual")
-            entries.append(
-                {
-                    "output": s.output,
-                    "unit": unit_text(s.unit),
-                    "record": s.record,
-                    "frequency": frequency[1:].tolist(),
-                    "coherence": coherence[1:].tolist(),
-                    **dict(zip(names, amplitudes, strict=True)),
-                }
-            )
-        return entries
+        """Return spectra and coherence of each output, and frequency responses from each input."""
+        stage = self.study.stages[-1]
+        return views.spectra(stage, self._comparison(stage), record)
 
     def table(self) -> list[Entry]:
         """Return the error of the latest stage by record and output."""
-        return [
-            {
-                "record": s.record,
-                "part": s.part,
-                "output": s.output,
-                "unit": unit_text(s.unit),
-                "rmse": s.figures.rmse,
-                "nrmse": s.figures.nrmse,
-                "over_noise": s.over_noise,
-            }
-            for s in self._comparison(self.study.stages[-1])
-        ]
+        return views.by_record(self._comparison(self.study.stages[-1]))
+
+    def force(self, where: str) -> Entry:
+        """Return what is known of the missing force at a place, once it has been estimated, and what could be tried."""
+        stage = self.study.stages[-1]
+        places = [p.name for p in stage.system.places]
+        if where not in self._forces.get(id(stage), ()):
+            return {"places": places, "known": False}
+        return {"places": places, "known": True, **force_view(self.study.unknown_force(where))}
+
+
+def _tell_apart(rows: list[Entry]) -> list[str]:
+    """Return what would tell the best candidate from those that explain as much; nothing where there are none."""
+    if not rows or not rows[0]["tied"]:
+        return []
+    tied = [r for r in rows if r is rows[0] or r["name"] in rows[0]["tied"]]
+    return list(dict.fromkeys(r["confirm"] for r in tied))

@@ -14,6 +14,7 @@ __all__ = [
     "bias",
     "coherence",
     "cosine",
+    "frequency_response",
     "max_error",
     "noise_floor",
     "nrmse",
@@ -171,6 +172,34 @@ def coherence(
         raise ValueError(f"series of {len(x)} and {len(y)} samples cannot be compared")
     frequency, value = welch_coherence(x, y, fs=rate, nperseg=_segment(len(x), rate, resolution), detrend="constant")
     return np.asarray(frequency), np.asarray(value)
+
+
+def frequency_response(
+    x: np.ndarray, y: np.ndarray, rate: float, resolution: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Frequency response from ``x`` to ``y`` by Welch's method: cross spectrum over the spectrum of ``x`` (H1).
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+    rate : float, Hz
+    resolution : float, optional, Hz
+        As of `spectral_density`.
+
+    Returns
+    -------
+    frequency : ndarray, Hz
+    response : ndarray of complex, unit of ``y`` per unit of ``x``
+        Not a number where ``x`` has no power.
+    """
+    from scipy.signal import csd
+
+    if len(x) != len(y):
+        raise ValueError(f"series of {len(x)} and {len(y)} samples cannot be compared")
+    segment = _segment(len(x), rate, resolution)
+    frequency, cross = csd(x, y, fs=rate, nperseg=segment, detrend="constant")
+    power = spectral_density(x, rate, resolution)[1]
+    return np.asarray(frequency), np.where(power > 0.0, cross, np.nan) / np.where(power > 0.0, power, 1.0)
 
 
 @dataclass(frozen=True)

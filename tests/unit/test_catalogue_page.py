@@ -52,6 +52,6 @@ def test_kinds_that_are_alike_exist_and_each_kind_of_the_page_is_taken_for_somet
 
 @pytest.mark.parametrize("kind", ["attached_mass", "sensor_lag", "controller_delay", "turbulent_leakage", "resistance"])
 def test_a_picture_is_drawn_from_the_law(module, kind):
-    picture = module._picture(kinds()[kind])
+    picture = module.kind_picture(kinds()[kind])
     assert picture.startswith("<?xml")
-    assert picture == module._picture(kinds()[kind])  # the same file at every build
+    assert picture == module.kind_picture(kinds()[kind])  # the same file at every build

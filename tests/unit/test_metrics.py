@@ -12,6 +12,7 @@ from estimation.signals.metrics import (
     bias,
     coherence,
     cosine,
+    frequency_response,
     max_error,
     noise_floor,
     nrmse,
@@ -60,6 +61,18 @@ def test_model_at_the_mean_has_nrmse_one_and_constants_have_none():
     assert np.isnan(cosine(np.zeros(5), np.arange(5.0)))
     with pytest.raises(ValueError, match="same length"):
         rmse(np.ones(3), np.ones(4))
+
+
+def test_frequency_response_of_a_known_filter():
+    """y[k] = x[k] + 0.5 x[k-1], whose response is 1 + 0.5 exp(-iωT)."""
+    x = np.random.default_rng(3).standard_normal(200_000)
+    y = x + 0.5 * np.concatenate([[0.0], x[:-1]])
+    frequency, found = frequency_response(x, y, 1000.0, 4.0)
+    true = 1.0 + 0.5 * np.exp(-2j * np.pi * frequency / 1000.0)
+    assert np.max(np.abs(found - true)[1:-1]) < 0.02  # the window spans 250 samples, of which the filter shifts one
+    assert np.all(np.isnan(frequency_response(np.zeros(4000), x[:4000], 1000.0)[1]))
+    with pytest.raises(ValueError, match="cannot be compared"):
+        frequency_response(x, y[:-1], 1000.0)
 
 
 def test_spectral_density_integrates_to_the_variance():

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 import socket
 import threading
+import time
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -18,6 +20,7 @@ from test_study_history import problem_of
 
 from discrepancy.problem.study_file import StudyError
 from discrepancy.study.history import restore
+from discrepancy.study.script import replay
 from discrepancy.study.study import Study
 from discrepancy.workbench.command import open_session
 from discrepancy.workbench.session import Busy, Session
@@ -124,12 +127,105 @@ def test_other_views_have_numbers(session):
     machine = session.machine()
     assert [n["name"] for n in machine["nodes"]] == ["carriage", "drive", "guide", "spring"]
     assert any("ground" in edge for edge in machine["edges"])
-    clouds = session.against_motion(OUTPUT)
-    assert {c["over"] for c in clouds} == {"speed", "position"}
+    motion = session.against_motion(OUTPUT)
+    assert {"speed", "position", "acceleration"} <= {c["over"] for c in motion["clouds"]}
+    shares = {r["regime"]: r["share"] for r in motion["regimes"] if r["place"] == motion["clouds"][0]["place"]}
+    assert sum(shares.values()) == pytest.approx(1.0)
     (spectrum,) = session.spectra("run0")
     assert len(spectrum["frequency"]) == len(spectrum["residual"]) == len(spectrum["coherence"])
+    (response,) = spectrum["responses"]
+    assert response["input"] == "drive.force"
+    line = int(np.argmin(np.abs(np.array(spectrum["frequency"]) - 2.3)))  # where the force was excited
+    assert response["model"][line] == pytest.approx(response["measured"][line], rel=0.1)
+    assert len(response["coherence"]) == len(spectrum["frequency"])
     assert len(session.table()) == 3
     assert session.where()
+
+
+def test_every_kind_that_is_listed_has_its_law(session):
+    shown = session.kind("coulomb_friction")
+    assert shown["law"]
+    assert shown["picture"].startswith("<?xml")
+    assert session.kind("unknown_force")["picture"] == ""
+    with pytest.raises(KeyError, match="there is no effect 'coulom'"):
+        session.kind("coulom")
+
+
+def test_the_missing_force_is_drawn_and_kept_as_a_curve(tmp_path):
+    session = Session(Study(problem_of()), tmp_path / "history.json")
+    session.begin("compare", lambda: session.study.stage)
+    session.join()
+    assert session.force("guide") == {"places": [p.name for p in session.study.stage.system.places], "known": False}
+    _done(session, "force", where="guide")
+    force = session.force("guide")
+    best = force["over"][0]
+    assert best["regressor"] == "speed"
+    assert force["determined"] > 0.5
+    jump = np.interp([-0.15, 0.25], best["curve"]["x"], best["curve"]["y"])
+    # 6 N either way; the recalibrated viscous friction has taken some of it, about a tenth at these speeds
+    assert jump[0] - jump[1] == pytest.approx(12.0, rel=0.25)
+    assert best["laws"][0]["name"] == "Stribeck"  # it falls with speed, as the viscous friction is now too large
+    json.dumps(force)
+    before = session.study.stage.rmse("validate")[OUTPUT]
+    _done(session, "add_curve", where="guide", over="speed")
+    assert session.study.stage.rmse("validate")[OUTPUT] < 0.5 * before
+    again = Study(problem_of())
+    restore(again, session.history)
+    assert again.stage.rmse("validate") == session.study.stage.rmse("validate")
+    session.do("add_curve", {"where": "guide", "over": "colour"})
+    session.join()
+    assert "there is no free curve over 'colour' at 'guide': its arguments are" in session.state()["error"]
+    session.do("force", {"where": "gide"})
+    session.join()
+    assert "the model has no place 'gide'; did you mean 'guide'" in session.state()["error"]
+
+
+def test_another_prior_moves_the_fit_and_is_kept(tmp_path):
+    session = Session(Study(problem_of()), tmp_path / "history.json")
+    session.begin("compare", lambda: session.study.stage)
+    session.join()
+    given = session.state()["parameters"][0]
+    assert given["prior"] == {"value": 30.0, "std": 5.0}
+    _done(session, "set_prior", name="guide.viscous", value=80.0, std=1e-3)
+    moved = session.state()["parameters"][0]
+    assert moved["value"] == pytest.approx(80.0, abs=0.01)
+    assert moved["prior"] == {"value": 80.0, "std": 1e-3}
+    again = Study(problem_of())
+    restore(again, session.history)
+    assert again.stage.rmse("validate") == session.study.stage.rmse("validate")
+    taken = Study(problem_of())
+    replay(taken, session.study.steps)
+    assert taken.stage.rmse("validate") == pytest.approx(session.study.stage.rmse("validate"), rel=1e-9)
+    for given, told in (
+        ({"name": "guide.viscos"}, "is no uncertain parameter of this study; did you mean 'guide.viscous'"),
+        ({"name": "guide.viscous", "value": -1.0}, "the value -1 is outside 0 to inf"),
+        ({"name": "guide.viscous", "std": 0.0}, "is not positive"),
+    ):
+        session.do("set_prior", given)
+        session.join()
+        assert told in session.state()["error"]
+        assert len(session.state()["stages"]) == 2
+
+
+def test_work_that_yields_gives_way(tmp_path):
+    session = Session(Study(problem_of()), tmp_path / "history.json")
+    begun = threading.Event()
+
+    def work() -> None:
+        begun.set()
+        for _ in range(3000):  # 30 s, unless it is stopped
+            session.study.progress("go on")
+            time.sleep(0.01)
+        raise AssertionError("nobody stopped it")
+
+    session.begin("score", work, yields=True)
+    assert begun.wait(30.0)
+    with pytest.raises(Busy):
+        session.begin("score", work, yields=True)
+    session.begin("compare", lambda: session.study.stage)
+    session.join()
+    assert session.state()["error"] == ""
+    assert len(session.state()["stages"]) == 2
 
 
 def test_one_piece_of_work_at_a_time_and_it_can_be_stopped(tmp_path):
@@ -225,7 +321,8 @@ def test_the_page_is_whole_and_reaches_nothing_outside(ask):
     assert "default-src 'none'" in page.headers["content-security-policy"]
     assert "vtsdtZoom" in page.text
     assert "leeoniya/uPlot" in page.text
-    assert "/*workbench.js*/" not in page.text
+    assert "wb.candidates = " in page.text
+    assert not re.search(r"/\*[\w/]+\.(js|css)\*/", page.text)
 
 
 def test_the_server_answers_with_the_sessions_values(ask, session):

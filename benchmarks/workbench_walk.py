@@ -1,0 +1,326 @@
+"""Walk through the workbench in a browser, as a person does, and measure how long things take.
+
+``python benchmarks/workbench_walk.py`` writes recordings of a virtual axis with dry friction that its model lacks,
+opens the study, adds the second-best candidate, undoes it, adds the best, lets the search go on, exports, and takes the
+steps again with ``vtsdt diagnose --resume``.  It prints how long things took, there and on two heavier studies.  With
+``--pictures docs/images`` it also makes the pictures of docs/howto/workbench.md.  It needs the packages of the extra
+``browser`` and Chromium.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+__all__ = ["Seen", "chromium", "opened", "page_of", "replayed", "walk", "workbench"]
+
+PATIENCE = 300.0  # s, for whatever the page computes: computers that run these tests may have other work
+SIZES = {"wide": (1400, 1000), "narrow": (400, 900)}
+FILES = {"model": "model.json", "script": "steps.py", "report": "report.html"}
+COLOURS = 96  # of a picture: text and lines stay sharp, and the file is a third as long
+
+
+def chromium() -> str | None:
+    """Return the path of Chromium or Chrome, or None where there is none."""
+    names = ("chromium", "chromium-browser", "google-chrome")
+    return next((path for name in names if (path := shutil.which(name))), None)
+
+
+@contextmanager
+def opened() -> Iterator[Browser]:
+    """Start a browser without a window."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@contextmanager
+def workbench(target: Path, out: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Start ``vtsdt open`` on a study or a history; yield the page's address and the process."""
+    command = [sys.executable, "-m", "vtsdt", "open", str(target), "--no-browser", "--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        first = process.stdout.readline()
+        found = re.search(r"http://\S+", first)
+        if found is None:
+            raise RuntimeError(f"vtsdt open printed no address: {first}{process.communicate()[1]}")
+        yield found[0], process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.communicate(timeout=30)
+        except subprocess.TimeoutExpired:
+            process.kill()
+
+
+def page_of(browser: Browser, address: str, size: str = "wide") -> Page:
+    """Return the open page once its first figures stand."""
+    width, height = SIZES[size]
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.set_default_timeout(1000.0 * PATIENCE)
+    page.goto(address)
+    page.locator(".zoom-panel").first.wait_for()
+    return page
+
+
+@dataclass
+class Seen:
+    """What was seen on a walk.
+
+    Parameters
+    ----------
+    errors : dict
+        Of the outputs as their cards show them, by the moment: ``"begin"``, ``"second"``, ``"undone"``, ``"best"``,
+        ``"end"``.
+    stages : dict of str to list of str
+        Titles of the stages at the same moments.
+    candidates : list of str
+        The two best, as the page listed them.
+    measures : dict of str to float, ms
+    written : list of str
+        Files that were exported.
+    """
+
+    errors: dict[str, dict[str, str]] = field(default_factory=dict)
+    stages: dict[str, list[str]] = field(default_factory=dict)
+    candidates: list[str] = field(default_factory=list)
+    measures: dict[str, float] = field(default_factory=dict)
+    written: list[str] = field(default_factory=list)
+
+
+def walk(page: Page, picture: Callable[[str], None] = lambda name: None) -> Seen:
+    """Take the whole path on an open page: add the second-best candidate, undo, add the best, search on, export.
+
+    Parameters
+    ----------
+    page : Page
+    picture : callable
+        Called with the name of what the page shows.
+    """
+    seen = Seen()
+
+    def look(moment: str) -> None:
+        cards = page.locator("#errors .panel").all()
+        seen.errors[moment] = {c.locator("h3").inner_text(): c.locator(".now").inner_text() for c in cards}
+        seen.stages[moment] = page.locator("#stages li").all_inner_texts()
+
+    def choose(rank: int) -> str:
+        card = page.locator(".candidate").nth(rank)
+        card.wait_for()
+        name = card.get_attribute("data-name") or ""
+        drawn = int(page.locator("body").get_attribute("data-figures") or 0)
+        card.locator(".head").click()
+        page.locator(f'body[data-figures="{drawn + 1}"]').wait_for()
+        return name
+
+    def add() -> None:
+        page.locator(".candidate.chosen .add:enabled").click()
+        page.locator("#stages li").nth(2).wait_for()
+        page.locator("#undo:enabled").wait_for()
+
+    seen.measures["first picture"] = page.evaluate("wb.times.first")
+    look("begin")
+    picture("opened")
+    second = choose(1)
+    seen.measures["linear prediction"] = page.evaluate("wb.times.last")
+    page.locator(".candidate.chosen img:visible").wait_for()
+    picture("predicted")
+    add()
+    look("second")
+    page.locator("#undo").click()
+    page.locator("#redo:enabled").wait_for()
+    look("undone")
+    best = choose(0)
+    seen.candidates = [best, second]
+    add()
+    look("best")
+    page.locator(".candidate").first.wait_for()
+    picture("added")
+    page.locator("#search").click()
+    page.locator("#verdict:not(:empty)").wait_for()
+    page.locator("#search:enabled").wait_for()
+    look("end")
+    for what, name in FILES.items():
+        page.locator(f"[data-export={what}]").click()
+        page.locator("#written", has_text=name).wait_for()
+        seen.written += page.locator("#written").inner_text().removeprefix("written: ").split(", ")
+    return seen
+
+
+def replayed(study: Path, out: Path) -> list[dict[str, Any]]:
+    """Take the steps of a history again with ``vtsdt diagnose --resume``; return the stages of its diagnosis."""
+    command = [sys.executable, "-m", "vtsdt", "diagnose", str(study), "--resume", "--out", str(out), "--quiet"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=2 * PATIENCE, check=False)
+    if run.returncode:
+        raise RuntimeError(run.stderr)
+    stages: list[dict[str, Any]] = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))["stages"]
+    return stages
+
+
+# -------------------------------------------------------------------- as a program
+
+
+def _bench(*arguments: str) -> None:
+    subprocess.run([sys.executable, "-m", "vtsdt", "bench", *arguments, "--quiet"], check=True)
+
+
+def _keep(page: Page, path: Path, *, whole: bool = False) -> None:
+    """Save what a page shows, with few colours."""
+    import io
+
+    from PIL import Image
+
+    image = Image.open(io.BytesIO(page.screenshot(full_page=whole))).convert("RGB")
+    image.quantize(COLOURS).save(path, optimize=True)
+
+
+def _slider(browser: Browser, folder: Path) -> float:
+    """Return how long one position of a slider takes on the lift of 17 states, ms: median of several."""
+    _bench("lift", "--out", str(folder))
+    with workbench(folder / "study.toml", folder / "out") as (address, _):
+        page = page_of(browser, address)
+        slider = page.locator("#sliders input[type=range]").first
+        slider.wait_for()
+        taken = []
+        for value in range(400, 620, 20):
+            drawn = int(page.locator("body").get_attribute("data-figures") or 0)
+            slider.fill(str(value))
+            page.locator(f'body[data-figures="{drawn + 1}"]').wait_for()
+            taken.append(page.evaluate("wb.times.last"))
+    return float(sorted(taken[1:])[len(taken[1:]) // 2])
+
+
+def _zoom(browser: Browser, folder: Path) -> float:
+    """Return how long a zoom takes in a record of a million samples, ms: median of several."""
+    folder.mkdir(parents=True)
+    (folder / "slide.py").write_text(MODEL, encoding="utf-8")
+    (folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    write_slide(folder / "long.csv", 1_000_000)
+    write_slide(folder / "short.csv", 5_000)
+    with workbench(folder / "study.toml", folder / "out") as (address, _):
+        page = page_of(browser, address)
+        taken = []
+        for _ in range(7):
+            drawn = int(page.locator("body").get_attribute("data-figures") or 0)
+            page.locator(".zoom-bar button").first.click()
+            page.locator(f'body[data-figures="{drawn + 1}"]').wait_for()
+            taken.append(page.evaluate("wb.times.last"))
+    return float(sorted(taken)[len(taken) // 2])
+
+
+MODEL = """
+from multibody import Model
+from multibody.library import ForceSource, Mass, Spring, ViscousFriction
+
+
+def slide():
+    model = Model("slide")
+    carriage, drive = model.add("carriage", Mass(m=20.0)), model.add("drive", ForceSource())
+    guide, spring = model.add("guide", ViscousFriction(viscous=30.0)), model.add("spring", Spring(stiffness=400.0))
+    model.connect(carriage.flange, drive.flange, guide.a, spring.a)
+    model.connect(guide.b, spring.b, model.ground)
+    model.input("drive.force", drive.force)
+    return model
+"""
+STUDY = """
+[model]
+build = "slide.py:slide"
+[uncertain]
+"guide.viscous" = { value = 30.0, std = 5.0, min = 0.0 }
+[inputs]
+"drive.force" = "f_N"
+[outputs]
+"carriage.position" = { column = "x_m", noise = 2e-4 }
+[initial]
+"carriage.position" = 0.0
+[records]
+time = "t_s"
+identify = ["long.csv"]
+validate = ["short.csv"]
+"""
+
+
+def write_slide(path: Path, samples: int) -> None:
+    """Write a record of the slide beside it with another friction, at 1 kHz."""
+    import numpy as np
+
+    rng = np.random.default_rng(samples)
+    time = np.arange(samples) * 1e-3
+    force = 60.0 * np.sin(2 * np.pi * 0.31 * time) + 20.0 * np.sin(2 * np.pi * 2.3 * time)
+    spec = importlib.util.spec_from_file_location("slide", path.with_name("slide.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    inputs, true = {"drive.force": (time, force)}, {"guide.viscous": 36.0}
+    run = module.slide().build().simulate((0.0, float(time[-1])), inputs=inputs, times=time, parameters=true)
+    x = run["carriage.position"] + 2e-4 * rng.standard_normal(samples)
+    np.savetxt(path, np.column_stack([time, force, x]), "%.7g", ",", header="t_s,f_N,x_m", comments="")
+
+
+def main() -> None:
+    """Take the walk, and print the measures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pictures", metavar="DIR", type=Path, help="make the pictures of the docs in this folder")
+    parser.add_argument("--walk-only", action="store_true", help="leave out the two heavier studies")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name, opened() as browser:
+        folder = Path(name)
+        _bench("axis", "--hide", "coulomb_friction@guide", "--seed", "1", "--out", str(folder / "axis"))
+        out = folder / "axis" / "out"
+        with workbench(folder / "axis" / "study.toml", out) as (address, _):
+            page = page_of(browser, address)
+
+            def picture(shown: str) -> None:
+                if args.pictures is None:
+                    return
+                _keep(page, args.pictures / f"workbench-{shown}.png")
+                if shown == "predicted":
+                    page.set_viewport_size(dict(zip(("width", "height"), SIZES["narrow"], strict=True)))
+                    page.wait_for_timeout(500)  # until the figures have taken their new width
+                    _keep(page, args.pictures / "workbench-narrow.png")
+                    page.set_viewport_size(dict(zip(("width", "height"), SIZES["wide"], strict=True)))
+                    page.wait_for_timeout(500)
+
+            seen = walk(page, picture)
+        kept = json.loads((out / "history.json").read_text(encoding="utf-8"))["stages"]
+        stages = replayed(folder / "axis" / "study.toml", out)
+        same = all(
+            {n: v["rmse"] for n, v in stage[part].items()} == entry["rmse"][part]
+            for entry, stage in zip(kept, stages, strict=True)
+            for part in ("identify", "validate")
+        )
+        for moment, titles in seen.stages.items():
+            print(f"{moment:8} {titles[-1]:50} {seen.errors[moment]}")
+        print(f"replayed by vtsdt diagnose --resume: {'the same numbers' if same else 'OTHER NUMBERS'}")
+        if not args.walk_only:
+            seen.measures["slider on the lift of 17 states"] = _slider(browser, folder / "lift")
+            seen.measures["zoom in 1e6 samples"] = _zoom(browser, folder / "long")
+        for what, taken in seen.measures.items():
+            print(f"{what}: {taken:.0f} ms")
+
+
+if __name__ == "__main__":
+    main()

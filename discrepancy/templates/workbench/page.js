@@ -1,0 +1,80 @@
+/* The page as a whole: news from the server, the work in hand, and the buttons. */
+(function () {
+  "use strict";
+  const { element, act, complain, $ } = wb;
+  let shown = "", scoring = "";
+  wb.isBusy = () => !!(wb.state && wb.state.doing && !wb.state.doing.yields);
+
+  async function listen() {
+    let since = -1;
+    for (;;) {
+      try {
+        const news = await wb.ask("state", { since });
+        $("gone").style.display = "none";
+        since = news.version;
+        await take(news);
+      } catch (error) {
+        complain(error);
+        await new Promise((done) => setTimeout(done, 1500));
+      }
+    }
+  }
+  async function take(news) {
+    const before = wb.state;
+    wb.state = news;
+    $("name").textContent = news.name;
+    document.title = `${news.name}: vtsdt workbench`;
+    $("verdict").textContent = news.conclusion.sentence || "";
+    showDoing();
+    buttons();
+    if (!news.stages.length) {
+      if (news.error) $("view").replaceChildren(element("p", "The model could not be compared with the records; the reason stands above.", { className: "empty" }));
+      return;
+    }
+    const mark = JSON.stringify([news.stages, news.left_out]);
+    if (mark !== shown && !wb.isBusy()) {
+      shown = mark;
+      wb.candidates.forget();
+      wb.showStages();
+      wb.sliders.show();
+      showSteps();
+      await wb.views.show();
+      if (!wb.machine.known) wb.machine.take(await wb.ask("machine"));
+      buttons();
+    } else if (wb.isBusy()) wb.showStages(); // a search adds stages while it runs
+    if (wb.chosen.view === "force" && before && before.doing && before.doing.what.startsWith("estimate") && !wb.isBusy()) await wb.views.show();
+    if (!news.doing && news.scored && !wb.candidates.known) await wb.candidates.load();
+    else if (!news.doing && !news.scored && !news.error && scoring !== mark) {
+      scoring = mark; // once for these stages: who stops it can ask again
+      await wb.send("do", { action: "score", yields: true }).catch(() => {});
+    }
+  }
+  function buttons() {
+    const busy = wb.isBusy() || !wb.state.stages.length;
+    for (const b of document.querySelectorAll("button[data-export], #score, #search, #conclude, .add, .leave, .refit, .estimate")) b.disabled = busy;
+    $("undo").disabled = busy || !wb.state.can_undo;
+    $("redo").disabled = busy || !wb.state.can_redo;
+  }
+  function showDoing() {
+    const { doing, error } = wb.state, box = $("doing");
+    if (!doing) {
+      box.replaceChildren(...(error ? [element("span", error, { className: "error" })] : []));
+      return;
+    }
+    const bar = element("progress");
+    if (doing.share !== null && doing.share !== undefined) bar.value = doing.share;
+    box.replaceChildren(bar, element("strong", doing.what), element("button", "Stop", { onclick: () => wb.send("stop").catch(complain) }), element("span", doing.text, { className: "text", title: doing.text }));
+  }
+  function showSteps() {
+    const { steps } = wb.state, { digits } = wb;
+    const words = (s) => [s.action.replace("_", " "), s.effect, s.where, s.over && `over ${s.over}`, s.name, s.value != null && digits(s.value), s.std != null && `± ${digits(s.std)}`, s.record].filter(Boolean).join(" ") + (s.start != null || s.stop != null ? ` ${digits(s.start)} s to ${digits(s.stop)} s` : "");
+    $("count").textContent = steps.length ? `(${steps.length})` : "(none yet)";
+    $("steps").replaceChildren(...steps.map((s) => element("li", words(s))));
+  }
+  for (const action of ["undo", "redo", "search", "conclude", "score"]) $(action).onclick = () => act(action);
+  for (const button of document.querySelectorAll("button[data-export]")) button.onclick = async () => {
+    $("written").textContent = "writing …";
+    try { $("written").textContent = `written: ${(await wb.send("export", { what: button.dataset.export })).written.join(", ")}`; } catch (error) { $("written").textContent = error.message; }
+  };
+  listen();
+})();

@@ -1,0 +1,118 @@
+"""The workbench in a real browser: the whole path by clicks, two studies in two tabs, and a process that has gone."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_study_history import problem_of, slide
+
+ROOT = Path(__file__).resolve().parents[2]
+STUDY = """
+[model]
+build = "slide.py:slide"
+[uncertain]
+"guide.viscous" = { value = 30.0, std = 5.0, min = 0.0 }
+[inputs]
+"drive.force" = "f_N"
+[outputs]
+"carriage.position" = { column = "x_m", noise = 2e-4 }
+[initial]
+"carriage.position" = 0.0
+[records]
+time = "t_s"
+identify = ["run0.csv", "run1.csv"]
+validate = ["run2.csv"]
+[candidates]
+include = ["coulomb_friction@*", "asymmetric_coulomb_friction@*", "constant_force@*", "sensor_offset@*"]
+"""
+
+
+def _module():
+    spec = importlib.util.spec_from_file_location("workbench_walk", ROOT / "benchmarks" / "workbench_walk.py")
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+walking = _module()
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> Path:
+    """The study file of a slide with dry friction that its model lacks."""
+    folder = tmp_path_factory.mktemp("slide")
+    problem = problem_of()
+    for experiment in (*problem.identify, *problem.validate):
+        record = experiment.record
+        columns = [record.time, *(record.signals[n].values for n in ("drive.force", "carriage.position"))]
+        header = "t_s,f_N,x_m"
+        np.savetxt(folder / f"{record.name}.csv", np.column_stack(columns), "%.9g", ",", header=header, comments="")
+    imports = (
+        "from multibody import Model\nfrom multibody.library import ForceSource, Mass, Spring, ViscousFriction\n\n\n"
+    )
+    (folder / "slide.py").write_text(imports + inspect.getsource(slide), encoding="utf-8")
+    (folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    return folder / "study.toml"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    pytest.importorskip("uvicorn", reason="the workbench needs starlette and uvicorn")
+    pytest.importorskip("playwright", reason="the browser is driven by playwright: pip install 'vtsdt[browser]'")
+    if walking.chromium() is None:
+        pytest.skip("Chromium is not installed (Debian: apt-get install chromium)")
+    with walking.opened() as browser:
+        yield browser
+
+
+def test_the_whole_path_by_clicks_and_its_replay(browser, study, tmp_path):
+    faults = []
+    with walking.workbench(study, tmp_path) as (address, _):
+        page = walking.page_of(browser, address)
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        seen = walking.walk(page)
+        assert faults == []
+        assert set(seen.candidates) == {"coulomb_friction@guide", "asymmetric_coulomb_friction@guide"}
+        assert [len(seen.stages[m]) for m in ("begin", "second", "undone", "best")] == [2, 3, 2, 3]
+        assert seen.errors["undone"] == seen.errors["begin"]
+        error = {m: float(e["carriage.position"].split()[0]) for m, e in seen.errors.items()}
+        assert error["second"] < 0.5 * error["begin"]
+        assert error["best"] < 0.5 * error["begin"]
+        assert all(Path(p).is_file() for p in seen.written)
+        # a reload shows the same
+        page.reload()
+        page.locator("#stages li").nth(2).wait_for()
+        assert page.locator("#stages li").all_inner_texts() == seen.stages["end"]
+        page.set_viewport_size({"width": 400, "height": 900})
+        page.locator(".zoom-panel").first.wait_for()
+        for tab in page.locator("#tabs button").all():
+            tab.click()
+            page.locator(f'#view[data-view="{tab.get_attribute("data-view")}"]').wait_for()
+            assert page.evaluate("document.documentElement.scrollWidth") <= 400, tab.inner_text()
+    history = json.loads((tmp_path / "history.json").read_text(encoding="utf-8"))
+    again = walking.replayed(study, tmp_path)
+    assert [s["name"] for s in again] == [s["name"] for s in history["stages"]]
+    for kept, stage in zip(history["stages"], again, strict=True):
+        for part in ("identify", "validate"):
+            assert {n: v["rmse"] for n, v in stage[part].items()} == kept["rmse"][part]
+
+
+def test_two_studies_in_two_tabs_and_one_process_that_goes(browser, study, tmp_path):
+    ways = walking.workbench
+    with ways(study, tmp_path / "one") as (one, process), ways(study, tmp_path / "two") as (two, _):
+        first, second = (walking.page_of(browser, address) for address in (one, two))
+        assert not first.locator("#gone").is_visible()
+        process.kill()
+        first.locator("#gone:visible").wait_for()
+        assert "nothing that was finished is lost" in first.locator("#gone").inner_text()
+        assert not second.locator("#gone").is_visible()
+        second.reload()
+        second.locator(".zoom-panel").first.wait_for()
