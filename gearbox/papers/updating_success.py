@@ -281,7 +281,7 @@ def _rows(what: str, outcome: Success, *, printed: bool = True) -> list[PaperRow
         PaperRow(
             what=f"{what}: optimum of the surface, simulated, above the start",
             paper=theirs[0],
-            ours=f"{counted(outcome.rises, n)}: start {outcome.start:.3f}, optimum {_span(outcome.optimum)}",
+            ours=f"{counted(outcome.rises, n)}: {outcome.start:.3f} to {_span(outcome.optimum)}",
             why=one,
         ),
         PaperRow(
