@@ -126,7 +126,13 @@ def make_experiments(
     )
 
 
-def read_problem(path: str | Path, *, seed: int | None = None, max_effects: int | None = None) -> Problem:
+def read_problem(
+    path: str | Path,
+    *,
+    seed: int | None = None,
+    max_effects: int | None = None,
+    recordings: Sequence[Path] | None = None,
+) -> Problem:
     """Read a study file, its model and its records, and check that they fit each other.
 
     Parameters
@@ -134,6 +140,8 @@ def read_problem(path: str | Path, *, seed: int | None = None, max_effects: int 
     path : str or Path
     seed, max_effects : int, optional
         Replace those of the file.
+    recordings : sequence of Path, optional
+        Recordings of the same kind in place of the file's own; none is held out.
 
     Raises
     ------
@@ -141,6 +149,8 @@ def read_problem(path: str | Path, *, seed: int | None = None, max_effects: int 
         With all faults of the study, of the records or of the model.
     """
     study, model = read_model(path)
+    if recordings is not None:
+        study = replace(study, identify=tuple(recordings), validate=(), joined=())
     system = model.build()
     units = {
         "inputs": {q.name: q.unit for q in system.inputs},

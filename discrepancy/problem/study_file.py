@@ -49,7 +49,7 @@ _TABLES = (
 #: A start value beyond this is none: no machine is there in any unit.
 LARGEST_START = 1e100
 #: Tables that another command reads from the same file, and checks itself.
-_OF_OTHERS = ("updating",)
+_OF_OTHERS = ("updating", "follow", "alarms")
 
 
 class StudyError(ValueError):

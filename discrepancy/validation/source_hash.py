@@ -14,7 +14,7 @@ from pathlib import Path
 __all__ = ["source_hash", "sources"]
 
 #: The project's packages, whose sources count; others are named by their versions elsewhere.
-PACKAGES = ("multibody", "estimation", "surrogate", "discrepancy", "vtsdt", "gearbox")
+PACKAGES = ("multibody", "estimation", "surrogate", "discrepancy", "operation", "vtsdt", "gearbox")
 ROOT = Path(__file__).resolve().parents[2]
 #: Digits shown.
 DIGITS = 12

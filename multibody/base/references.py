@@ -13,7 +13,7 @@ __all__ = ["MODELS_GROUP", "OWN", "is_offered", "module_named", "offered_modules
 
 MODELS_GROUP = "vtsdt.models"
 """Entry points by which an installed package says that a module of it offers models and components to files."""
-OWN = ("multibody", "estimation", "surrogate", "discrepancy", "vtsdt", "gearbox")
+OWN = ("multibody", "estimation", "surrogate", "discrepancy", "operation", "vtsdt", "gearbox")
 """Packages of this distribution."""
 
 

@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 DOORS = sorted(
     ".".join(path.parent.relative_to(ROOT).parts)
-    for package in ("multibody", "estimation", "surrogate", "discrepancy", "vtsdt", "gearbox")
+    for package in ("multibody", "estimation", "surrogate", "discrepancy", "operation", "vtsdt", "gearbox")
     for path in (ROOT / package).rglob("__init__.pyi")
 )
 

@@ -33,6 +33,8 @@ BAD_INPUT = {
     "multibody.base.parameter_file": "ParameterError",
     "multibody.base.units": "UnitError",
     "multibody.inputs.table": "InputError",
+    "operation.store.store": "StoreError",
+    "operation.sources.mqtt": "SourceError",
     "vtsdt.cli.arguments": "CommandError",
     "vtsdt.lift.comfort": "ComfortError",
     "vtsdt.alignment.trips": "AlignmentError",

@@ -58,6 +58,8 @@ COMMANDS = {
     ("check",): Command("vtsdt.cli.study:check", "whether a study's model and recordings fit each other, in seconds"),
     ("catalogue",): Command("vtsdt.cli.study:catalogue", "list the effects that a study's model could lack"),
     ("open",): Command("vtsdt.cli.open:main", "a study in the browser: pick an effect and watch the error fall"),
+    ("follow",): Command("vtsdt.cli.follow:main", "judge new recordings of a machine as they come, and raise alarms"),
+    ("history",): Command("vtsdt.cli.history:main", "what a followed machine's records have shown over months"),
     ("bench", "axis"): Command("vtsdt.cli.bench_axis:main", "recordings of a virtual linear axis"),
     ("bench", "lift"): Command("vtsdt.cli.bench_lift:main", "recordings of a virtual lift"),
     ("bench", "gear"): Command("gearbox.rig.command:main", "recordings of a virtual gear stage"),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from operation.statistics.fleet_level import share_level
 from vtsdt.files.rail_profile_table import ProfileTable
 
 if TYPE_CHECKING:
@@ -208,19 +209,13 @@ def threshold_of(
     >>> round(1e3 * threshold_of(configurations).level, 6)
     10.0
     """
-    if len(configurations) < 3:
-        raise ValueError(f"{len(configurations)} configurations are too few for a threshold: give three or more")
-    if not 0.0 < fraction < 1.0:
-        raise ValueError(f"the fraction is {fraction:g}: give a share between 0 and 1, such as 0.7")
     medians = np.array([c.median for c in configurations])
     energy = np.array([c.energy for c in configurations])
-    rng = np.random.default_rng(seed)
-    drawn = medians[rng.integers(medians.size, size=(draws, medians.size))]
-    levels = np.quantile(drawn, fraction, axis=1, method="inverted_cdf")
+    level, interval = share_level(medians, fraction, draws=draws, seed=seed)
     varied = np.ptp(medians) > 0.0 and np.ptp(energy) > 0.0
     return Threshold(
-        level=float(np.quantile(medians, fraction, method="inverted_cdf")),
-        interval=(float(np.quantile(levels, 0.025)), float(np.quantile(levels, 0.975))),
+        level=level,
+        interval=interval,
         fraction=fraction,
         configurations=tuple(configurations),
         slope=float(np.polyfit(medians, energy, 1)[0]) if varied else float("nan"),
