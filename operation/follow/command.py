@@ -22,7 +22,7 @@ from operation.sources.folder import FolderSource
 from operation.sources.mqtt import MqttAddress, MqttInbox, SourceError
 from operation.store.store import Store
 
-__all__ = ["follow", "history", "study_priors"]
+__all__ = ["follow", "history"]
 
 #: File of a store with the settings and priors of its machines, so that `vtsdt history` sees what `follow` saw.
 MACHINES = "machines.json"

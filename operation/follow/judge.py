@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from discrepancy.stages.stage import Stage
     from estimation.files.record import Record
 
-__all__ = ["Judged", "StudyJudge", "content_key", "misfit_name", "with_priors"]
+__all__ = ["Judged", "StudyJudge", "with_priors"]
 
 #: Errors that belong to a record and not to the program.
 OF_THE_RECORD = (RecordError, SignalError, StudyError, SimulationError)

@@ -18,7 +18,7 @@ from operation.statistics.control_chart import LONGEST_RUN, Change, control_char
 from operation.statistics.local_level import Level, between_records, local_level
 from operation.store.judgement import Judgement
 
-__all__ = ["STATES", "FoundChange", "MachineState", "Trace", "watch"]
+__all__ = ["STATES", "FoundChange", "MachineState", "watch"]
 
 #: States in words, the worst last.
 STATES = ("as expected", "drifting", "something new", "no data")
@@ -226,7 +226,7 @@ def _trace(
         found = []
         begin = first
         chart = control_chart(charted, per_alarm, conditions)
-        ends = [*(later.since for later in chart[1:]), values.size]
+        ends = [*(later.since for later in chart[1:]), values.size][: len(chart)]
         for c, end in zip(chart, ends, strict=True):
             end = max(end, c.found + 1)
             size = change_size(times[:end], charted[:end], c.since, begin)
