@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from multibody.base.spelling import nearest_or_choices
+from multibody.base.missing_file import why_no_file
 
 __all__ = ["find_files", "held_out_faults"]
 
@@ -47,7 +47,10 @@ def find_files(folder: Path, patterns: Sequence[str]) -> FoundFiles:
     for pattern in patterns:
         full = os.path.expanduser(os.path.expandvars(_WITH_DEFAULT.sub(_value, pattern)))
         if unset := re.search(r"\$\{?(\w+)", full):
-            faults.append(f"'{pattern}': the environment variable {unset[1]} is not set")
+            faults.append(
+                f"'{pattern}': the environment variable {unset[1]} is not set: set it, or write "
+                f"${{{unset[1]}:-a folder}}"
+            )
             continue
         place = folder / full
         if place.is_file():
@@ -62,9 +65,7 @@ def find_files(folder: Path, patterns: Sequence[str]) -> FoundFiles:
                 faults.append(f"no file matches the pattern '{pattern}': check its folder and ending")
         else:
             matches = []
-            siblings = sorted(p.name for p in place.parent.iterdir()) if place.parent.is_dir() else []
-            hint = nearest_or_choices(place.name, siblings) if siblings else "; its folder is missing or empty"
-            faults.append(f"'{pattern}': there is no such file{hint}")
+            faults.append(f"'{pattern}': {why_no_file(place)}")
         for match in matches:
             plain = Path(os.path.normpath(match))
             if plain in paths:

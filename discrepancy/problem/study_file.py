@@ -25,6 +25,7 @@ from discrepancy.problem.tables import (
     read_struct,
 )
 from estimation.signals.preparation import Preparation, SignalError
+from multibody.base.missing_file import why_no_file
 from multibody.base.spelling import nearest_or_choices
 
 if TYPE_CHECKING:
@@ -229,9 +230,8 @@ def read_study(path: str | Path) -> StudyFile:
         With one sentence for each fault, naming table and key.
     """
     path = Path(path)
-    if not path.is_file():
-        siblings = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
-        raise StudyError([f"{path}: there is no such study file{nearest_or_choices(path.name, siblings)}"])
+    if why := why_no_file(path, ending=".toml", what="study file"):
+        raise StudyError([f"{path}: {why}"])
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:

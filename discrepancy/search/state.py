@@ -169,10 +169,32 @@ class SearchState:
     # ---------------------------------------------------------------- fits
 
     def fitted(self, name: str, effects: tuple[Effect, ...], start: Stage | None, noise: Any, **options: Any) -> Stage:
-        """Return a fitted stage of this problem; options as of `fitted_stage`."""
-        return fitted_stage(
+        """Return a fitted stage of this problem; options as of `fitted_stage`.
+
+        A record held out that its model cannot be simulated on is no longer used, in no stage.
+        """
+        stage = fitted_stage(
             self.problem, self.given.model, name, effects, start, noise, progress=self.progress, **options
         )
+        if not options.get("trial") and len(stage.fits("validate")) < len(self.problem.validate):
+            self._without_failing(stage)
+        return stage
+
+    def _without_failing(self, stage: Stage) -> None:
+        """Take the records held out that a stage could not be simulated on out of the problem and of every stage."""
+        kept = {f.experiment.name for f in stage.fits("validate")}
+        failing = [e.name for e in self.problem.validate if e.name not in kept]
+        self.unanswered.append(
+            f"held out, but not used: the model '{stage.name}' cannot be simulated on {' and '.join(failing)}; leave "
+            "the record out of [records] validate, or see why it fails with vtsdt check"
+        )
+        self.progress(self.unanswered[-1])
+        self.problem = replace(self.problem, validate=tuple(e for e in self.problem.validate if e.name in kept))
+        for k, earlier in enumerate(self.stages):
+            if earlier.validate is not None:
+                fits = tuple(f for f in earlier.validate.fits if f.experiment.name in kept)
+                validate = replace(earlier.validate, fits=fits) if fits else None
+                self.stages[k] = replace(earlier, validate=validate)
 
     def restored(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,10 +12,13 @@ import numpy as np
 from discrepancy.stages.fitted_machine import machine_with_effects
 from discrepancy.stages.stage import Stage
 from estimation.fit.calibrate import calibrate, evaluate
+from multibody.base.errors import SimulationError
 
 if TYPE_CHECKING:
     from discrepancy.effects.effect import Effect
     from discrepancy.problem.problem import Problem
+    from estimation.fit.calibration import Calibration
+    from estimation.response.experiment import Experiment
     from multibody.machine.model import Model
 
 __all__ = ["FittedValues", "fitted_stage", "with_validation"]
@@ -115,7 +119,8 @@ def fitted_stage(
     sensors = tuple(s for e in fitted if (s := e.sensor_error()) is not None)
     validation = None
     if problem.validate and not trial:
-        validation = evaluate(slim, problem.validate, calibration, noise=noise, sensors=sensors, base=base)
+        evaluated = partial(evaluate, slim, calibration=calibration, noise=noise, sensors=sensors, base=base)
+        validation = _of_those_that_can_be_simulated(evaluated, problem.validate)
     of_model = {} if calibrated else {q.name: q.value for q in problem.uncertain}
     of_model |= {k: v for k, v in calibration.to_dict().items() if not k.startswith("sensor.")}
     machine = None
@@ -135,6 +140,22 @@ def fitted_stage(
         noise=noise,
         machine=machine,
     )
+
+
+def _of_those_that_can_be_simulated(
+    evaluated: Callable[[Sequence[Experiment]], Calibration], records: Sequence[Experiment]
+) -> Calibration | None:
+    """Return the evaluation of the records held out that the model can be simulated on; None where there are none.
+
+    What only one record cannot be simulated on is no reason to lose the others, and the run.
+    """
+    try:
+        return evaluated(records)
+    except SimulationError:
+        if len(records) == 1:
+            return None
+    kept = [one for one in records if _of_those_that_can_be_simulated(evaluated, [one]) is not None]
+    return evaluated(kept) if kept else None
 
 
 def with_validation(problem: Problem, stage: Stage) -> Stage:

@@ -15,7 +15,7 @@ from estimation.files.read_parquet import read_parquet
 from estimation.files.read_tdms import read_tdms
 from estimation.files.read_uff import read_uff
 from estimation.files.table import FileTable, TableRequest
-from multibody.base.spelling import nearest_or_choices
+from multibody.base.missing_file import why_no_file
 
 __all__ = ["OWN_TIMES", "READERS", "read_table"]
 
@@ -60,12 +60,8 @@ def read_table(path: str | Path, request: TableRequest) -> FileTable:
     """
     path = Path(path)
     name = path.name
-    if not path.exists():
-        siblings = sorted(entry.name for entry in path.parent.iterdir()) if path.parent.is_dir() else []
-        hint = nearest_or_choices(name, siblings) if siblings else "; its folder does not exist or is empty"
-        raise RecordError([f"{path}: there is no such file{hint}"])
-    if path.is_dir():
-        raise RecordError([f"{path}: is a folder: name the files in it, such as '{name}/*.csv'"])
+    if why := why_no_file(path):
+        raise RecordError([f"{path}: {why}"])
     reader = next((reader for ending, reader in READERS.items() if name.lower().endswith(ending)), None)
     if reader is None:
         raise RecordError([f"{name}: unknown kind of file: save it as one of {', '.join(READERS)}"])

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from estimation.files.bounded import SHARE
 from estimation.files.column_names import read_column_name, si_unit_of, to_si
 from estimation.files.dates import CALENDAR_FROM, calendar_text
 from estimation.files.faults import RecordError, Rows
@@ -23,6 +24,7 @@ from estimation.files.record_checks import (
     grid_deviation,
 )
 from estimation.files.table import FileTable
+from multibody.base.memory import machine_memory
 from multibody.base.units import UnitError
 
 __all__ = ["absence_note", "records_from_table"]
@@ -335,6 +337,14 @@ class _Conversion:
             return None
         if deviation < 1e-6 and abs(record.rate / rate - 1.0) < 1e-9:
             return record
+        samples = record.duration * rate
+        needed, have = 8.0 * samples * (1 + len(record.signals)), SHARE * machine_memory()
+        if needed > have:
+            self.faults.append(
+                f"{file}: resample = {rate:g} Hz would make {samples:.3g} samples of {record.duration:.3g} s, "
+                f"{needed / 1e9:.3g} GB: the file has {record.rate:.4g} Hz, choose a rate near it"
+            )
+            return None
         even = record.time[0] + np.arange(int(np.floor(record.duration * rate + 1e-9)) + 1) / rate
         signals = {
             key: replace(signal, values=np.interp(even, record.time, signal.values))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from gearbox.updating.settings import OBJECTIVES
 from multibody.base.progress import Progress, silent
+from multibody.base.result_folder import check_owner
 
 if TYPE_CHECKING:
     from gearbox.updating.result import UpdatingResult
@@ -50,6 +51,7 @@ def update(
         For bad input, with all faults in one message.
     """
     from gearbox.updating.chain import UpdatingChain
+    from gearbox.updating.report import OWNER
     from gearbox.updating.runs import Runs
     from gearbox.updating.study import load_vibration, read_updating_study
 
@@ -60,15 +62,17 @@ def update(
     progress("reading the recordings")
     identify, validate = given.recordings()
     folder = None if out is None else Path(out)
+    subject = given.file.path.stem
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
+        check_owner(folder, OWNER, subject)
     store = None if folder is None else folder / STORE
     count = processes if processes is not None else len(os.sched_getaffinity(0))
     with Runs(given.source(), given.virtual(), store=store, processes=count, progress=progress) as runs:
         result = UpdatingChain(settings, runs, identify, validate, progress=progress).run()
     if folder is not None:
         progress("writing the report")
-        result.write(folder)
+        result.write(folder, subject)
     return result
 
 

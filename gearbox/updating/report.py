@@ -15,9 +15,14 @@ from gearbox.updating.figures import all_figures
 from gearbox.updating.json_file import content
 from gearbox.updating.outcome import UpdatingOutcome
 from gearbox.updating.settings import OBJECTIVES
+from multibody.base.cache import digest_of
 from multibody.base.quantity_text import unit_text
+from multibody.base.result_folder import written_together
 
-__all__ = ["render", "write"]
+__all__ = ["OWNER", "render", "write"]
+
+#: Kind of run that a folder of results belongs to.
+OWNER = "updating"
 
 _DPI = 150
 
@@ -40,23 +45,30 @@ CAPTIONS = {
 }
 
 
-def write(result: UpdatingOutcome, out: str | Path) -> list[Path]:
-    """Write ``updating.json``, ``report.html`` and the figures as PNG; returns what was written."""
+def write(result: UpdatingOutcome, out: str | Path, subject: str = "") -> list[Path]:
+    """Write ``updating.json``, ``report.html`` and the figures as PNG, together; returns what was written.
+
+    Raises
+    ------
+    FolderTaken
+        If the folder holds the results of something else, or of another study.
+    OSError
+        If something cannot be written; the folder is then as before.
+    """
     out = Path(out)
-    out.mkdir(parents=True, exist_ok=True)
-    written = [out / "updating.json"]
-    written[0].write_text(json.dumps(content(result), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    pictures = {}
-    for name, figure in all_figures(result).items():
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
-        pictures[name] = buffer.getvalue()
-        path = out / f"{name}.png"
-        path.write_bytes(buffer.getvalue())
-        written.append(path)
-    page = out / "report.html"
-    page.write_text(render(result, pictures), encoding="utf-8")
-    return [written[0], page, *written[1:]]
+    text = json.dumps(content(result), indent=2, ensure_ascii=False) + "\n"
+    names = ["updating.json", "report.html"]
+    with written_together(out, OWNER, subject, digest_of(text)) as draft:
+        (draft / "updating.json").write_text(text, encoding="utf-8")
+        pictures = {}
+        for name, figure in all_figures(result).items():
+            buffer = io.BytesIO()
+            figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
+            pictures[name] = buffer.getvalue()
+            (draft / f"{name}.png").write_bytes(buffer.getvalue())
+            names.append(f"{name}.png")
+        (draft / "report.html").write_text(render(result, pictures), encoding="utf-8")
+    return [out / name for name in names]
 
 
 def render(result: UpdatingOutcome, pictures: dict[str, bytes]) -> str:

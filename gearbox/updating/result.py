@@ -21,6 +21,9 @@ class UpdatingResult(UpdatingOutcome):
         """Return plain content, as ``updating.json`` holds it."""
         return content(self)
 
-    def write(self, out: str | Path) -> list[Path]:
-        """Write ``updating.json``, ``report.html`` and the figures as PNG into a folder; return their paths."""
-        return write(self, out)
+    def write(self, out: str | Path, subject: str = "") -> list[Path]:
+        """Write ``updating.json``, ``report.html`` and the figures as PNG into a folder; return their paths.
+
+        A folder that holds the results of another ``subject``, such as the study's name, is refused.
+        """
+        return write(self, out, subject)

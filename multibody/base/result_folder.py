@@ -7,8 +7,11 @@ import json
 import os
 import secrets
 import shutil
+import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from html import escape
 from pathlib import Path
 
 from multibody.base.json_file import naming, write_json_atomically
@@ -18,6 +21,8 @@ __all__ = ["RUN", "FolderTaken", "check_owner", "written_together"]
 RUN = "run.json"
 """File that says which run the others in the folder belong to, with the hash of each."""
 _DRAFT, _READY = ".draft-", ".ready-"
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_HEADER = len(_PNG) + 25  # bytes up to the end of the first chunk, after which texts may stand
 
 
 class FolderTaken(OSError):
@@ -57,8 +62,9 @@ def check_owner(out: Path, owner: str, subject: str) -> None:
 def written_together(out: Path, owner: str, subject: str, run: str) -> Iterator[Path]:
     """Give a draft folder to write into; at the end its files are moved into place, and those of the last run go.
 
-    If anything fails the folder is as before.  A process that ends while files are moved leaves what is still to be
-    moved; the next run on the folder moves it first.
+    Every JSON object, page and PNG picture gets the run written into it: ``"run"``, ``<meta name="vtsdt-run">`` and a
+    text ``Run``.  If anything fails the folder is as before.  A process that ends while files are moved leaves what is
+    still to be moved; the next run on the folder moves it first.
 
     Parameters
     ----------
@@ -84,6 +90,8 @@ def written_together(out: Path, owner: str, subject: str, run: str) -> Iterator[
         draft.mkdir()
         try:
             yield draft
+            for path in sorted(draft.rglob("*")):
+                _stamp(path, run)
             files = {str(p.relative_to(draft).as_posix()): _digest(p) for p in sorted(draft.rglob("*")) if p.is_file()}
             write_json_atomically(
                 draft / RUN, {"schema": 1, "run": run, "kind": owner, "subject": subject, "files": files}
@@ -124,6 +132,25 @@ def _move(ready: Path, out: Path) -> None:
             path.unlink(missing_ok=True)
     os.replace(listed, out / RUN)
     shutil.rmtree(ready, ignore_errors=True)
+
+
+def _stamp(path: Path, run: str) -> None:
+    """Write the run into a file where its format has a place for it: JSON objects, pages and PNG pictures."""
+    if not run or not path.is_file():
+        return
+    content = path.read_bytes()
+    stamped = content
+    if path.suffix == ".json" and content.lstrip()[:1] == b"{" and content.lstrip()[1:].lstrip()[:1] == b'"':
+        before, _, after = content.partition(b"{")
+        stamped = before + b'{\n "run": ' + json.dumps(run).encode() + b"," + after
+    elif path.suffix == ".html":
+        stamped = content.replace(b"<head>", f'<head>\n<meta name="vtsdt-run" content="{escape(run)}">'.encode(), 1)
+    elif content[:8] == _PNG:
+        text = b"tEXt" + b"Run\0" + run.encode("latin-1", "replace")
+        chunk = struct.pack(">I", len(text) - 4) + text + struct.pack(">I", zlib.crc32(text))
+        stamped = content[:_PNG_HEADER] + chunk + content[_PNG_HEADER:]
+    if stamped != content:
+        path.write_bytes(stamped)
 
 
 def _digest(path: Path) -> str:

@@ -145,7 +145,8 @@ def _read(path: Path, faults: list[str]) -> dict[str, Any]:
             faults.append(f"the entry '{key}' is missing")
         elif not isinstance(content[key], kind):
             faults.append(f"the entry '{key}' has to be a {kind.__name__}, it is a {type(content[key]).__name__}")
-    faults += [f"unknown entry '{key}'{nearest(key, _TOP)}" for key in content if key not in _TOP]
+    # a model among the results of a run says of which
+    faults += [f"unknown entry '{key}'{nearest(key, _TOP)}" for key in content if key not in (*_TOP, "run")]
     if faults:
         raise ModelError(f"{path}", faults)
     return content

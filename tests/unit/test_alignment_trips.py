@@ -195,6 +195,7 @@ def test_command_writes_page_json_rail_and_figures(tmp_path, capsys):
         "alignment.png",
         "rail.png",
         "trips.png",
+        "run.json",
     }
     content = json.loads((out / "alignment.json").read_text())
     assert len(content["height_m"]) == len(content["median_mm"]) == len(content["trips"][0]["delta_mm"])

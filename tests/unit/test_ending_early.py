@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 import signal
@@ -152,6 +153,30 @@ def test_files_of_a_run_come_together_and_those_of_the_last_one_go(tmp_path: Pat
     listed = json.loads((out / RUN).read_text())
     assert (listed["run"], listed["kind"], listed["subject"]) == ("2", "diagnosis", "axis")
     assert set(listed["files"]) == {"a.json", "stages/0.json"}
+
+
+def test_every_file_of_a_run_says_of_which(tmp_path: Path) -> None:
+    from PIL import Image
+
+    from multibody import Model
+    from multibody.model.storage import save
+
+    with written_together(tmp_path, "diagnosis", "axis", "4f") as draft:
+        (draft / "a.json").write_text('{"b": 1}')
+        (draft / "empty.json").write_text("{}")
+        (draft / "list.json").write_text("[1]")
+        (draft / "page.html").write_text("<html><head><title>t</title></head></html>")
+        Image.new("RGB", (2, 2)).save(draft / "p.png")
+        save(Model("axis"), draft / "model.json")
+    assert json.loads((tmp_path / "a.json").read_text()) == {"run": "4f", "b": 1}
+    assert [(tmp_path / n).read_text() for n in ("empty.json", "list.json")] == ["{}", "[1]"]
+    assert '<head>\n<meta name="vtsdt-run" content="4f"><title>' in (tmp_path / "page.html").read_text()
+    with Image.open(tmp_path / "p.png") as picture:
+        picture.load()
+        assert picture.text == {"Run": "4f"}
+    assert Model.load(tmp_path / "model.json").name == "axis"
+    listed = json.loads((tmp_path / RUN).read_text())["files"]
+    assert listed["a.json"] == hashlib.sha256((tmp_path / "a.json").read_bytes()).hexdigest()
 
 
 @pytest.mark.parametrize(("owner", "subject"), [("comparison", "axis"), ("diagnosis", "press")])

@@ -10,9 +10,12 @@ import pytest
 
 from discrepancy.problem.problem import read_problem
 from discrepancy.problem.study_file import StudyError
+from discrepancy.search.state import SearchState
+from discrepancy.stages import fit_stage
 from estimation import Record
 from estimation.files.record import RecordedSignal
 from estimation.files.shared_rows import RUN, near_copies, shared_rows
+from multibody.base.errors import SimulationError
 
 MODEL = """
 from multibody import Model
@@ -149,3 +152,24 @@ def test_a_search_for_equal_noise_that_would_take_minutes_is_left_out(monkeypatc
     assert near_copies(two, ["x"], [(0, 1)]) == [(0, 1)]
     monkeypatch.setattr(room, "MOST_SAMPLES", 199)
     assert near_copies(two, ["x"], [(0, 1)]) is None
+
+
+def test_a_record_that_cannot_be_simulated_costs_that_record_alone(folder: Path, monkeypatch) -> None:
+    (folder / "c.csv").write_text(text(rows(9)))
+    study = STUDY.replace('["b.csv"]', '["b.csv", "c.csv"]')
+    (folder / "study.toml").write_text(study)
+    real = fit_stage.evaluate
+
+    def evaluate(system, experiments, **options):
+        if any(e.name == "c" for e in experiments):
+            raise SimulationError("the state grows without bound")
+        return real(system, experiments, **options)
+
+    monkeypatch.setattr(fit_stage, "evaluate", evaluate)
+    state = SearchState(read_problem(folder / "study.toml"))
+    assert [f.experiment.name for f in state.stage.fits("validate")] == ["b"]
+    assert [[f.experiment.name for f in s.fits("validate")] for s in state.stages] == [["b"], ["b"]]
+    (told,) = state.unanswered
+    assert told.startswith(
+        "held out, but not used: the model 'as given' cannot be simulated on c; leave the record out"
+    )

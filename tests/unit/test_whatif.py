@@ -227,6 +227,7 @@ def test_the_page_opens_alone_and_the_json_can_be_read(tmp_path: Path) -> None:
         "rail.png",
         "energies.png",
         "savings.png",
+        "run.json",
     }
     content = json.loads((tmp_path / "what-if.json").read_text())
     assert content["actions"]["straightened"]["saving"]["value"] == pytest.approx(1.19)

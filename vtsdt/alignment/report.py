@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multibody.base.cache import digest_of
+from multibody.base.result_folder import written_together
 from vtsdt.alignment.result import Alignment
 from vtsdt.alignment.trips import Trip
 from vtsdt.files.parameters import LiftParameters
@@ -19,7 +21,10 @@ from vtsdt.files.parameters import LiftParameters
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["plot_trips", "write"]
+__all__ = ["OWNER", "plot_trips", "write"]
+
+#: Kind of run that a folder of results belongs to.
+OWNER = "alignment"
 
 _CAPTIONS = {
     "alignment": "Equivalent deviation over height: every trip, the interquartile range, the median, and the estimate "
@@ -31,11 +36,27 @@ _CAPTIONS = {
 
 
 def write(alignment: Alignment, out: Path, parameters: LiftParameters, trips: Sequence[Trip]) -> Path:
-    """Write page, figures, JSON and profile into a folder; return the page."""
+    """Write page, figures, JSON and profile into a folder, together; return the page.
+
+    Raises
+    ------
+    FolderTaken
+        If the folder holds the results of something else, or of another lift.
+    OSError
+        If something cannot be written; the folder is then as before.
+    """
+    text = json.dumps(alignment.to_json(), indent=1) + "\n"
+    with written_together(out, OWNER, parameters.name, digest_of(text)) as draft:
+        (draft / "alignment.json").write_text(text, encoding="utf-8")
+        _write_profile(alignment, draft / "profile.csv")
+        _write_page(alignment, draft, parameters, trips)
+    return out / "report.html"
+
+
+def _write_page(alignment: Alignment, out: Path, parameters: LiftParameters, trips: Sequence[Trip]) -> None:
     import matplotlib.pyplot as plt
     from jinja2 import ChoiceLoader, Environment, PackageLoader
 
-    out.mkdir(parents=True, exist_ok=True)
     figures = {"alignment": alignment.plot(), "rail": alignment.plot_rail(), "trips": plot_trips(trips)}
     sources = {}
     for name, figure in figures.items():
@@ -43,8 +64,6 @@ def write(alignment: Alignment, out: Path, parameters: LiftParameters, trips: Se
         (out / f"{name}.png").write_bytes(png)
         sources[name] = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
         plt.close(figure)
-    (out / "alignment.json").write_text(json.dumps(alignment.to_json(), indent=1) + "\n", encoding="utf-8")
-    _write_profile(alignment, out / "profile.csv")
     loader = ChoiceLoader([PackageLoader("vtsdt", "templates"), PackageLoader("discrepancy", "templates")])
     environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     text = environment.get_template("alignment.html").render(
@@ -62,9 +81,7 @@ def write(alignment: Alignment, out: Path, parameters: LiftParameters, trips: Se
         loose=f"{1e3 * alignment.loose:.2g}",
         per_newton=f"{1e3 / alignment.slope:.2f}",
     )
-    page = out / "report.html"
-    page.write_text(text, encoding="utf-8")
-    return page
+    (out / "report.html").write_text(text, encoding="utf-8")
 
 
 def _headline(alignment: Alignment) -> str:
@@ -104,6 +121,8 @@ def _section_rows(alignment: Alignment) -> list[dict[str, str]]:
 
 def _percent(probability: float) -> str:
     """Return a probability as text that does not claim certainty."""
+    if not np.isfinite(probability):
+        return "not known from one trip"
     return "> 99 %" if probability > 0.99 else f"{100 * probability:.0f} %"
 
 

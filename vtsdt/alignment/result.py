@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["Alignment"]
 
 _NEIGHBOURS = 0.1  # m to each side: the spread of the trips is averaged over this range of heights
+#: Trips from which on their scatter tells how certain their estimate is.
+FEWEST_TRIPS = 2
 #: Variance of the estimate of Hodges and Lehmann over that of the mean, for normal errors; of the median it is π/2.
 _HODGES_LEHMANN = np.pi / 3.0
 
@@ -152,7 +154,9 @@ class Alignment:
             largest, std = float(self.estimate[k]), max(float(self.std[k]), 1e-9)
             means = _along(np.nanmean, self.curves[:, inside].T)
             share = float(np.mean(means[np.isfinite(means)] > self.threshold))
-            confidence = float(ndtr((largest - self.threshold) / std))
+            trips = int(np.isfinite(self.curves[:, k]).sum())
+            known = trips >= FEWEST_TRIPS
+            confidence = float(ndtr((largest - self.threshold) / std)) if known else float("nan")
             result.append(
                 Section(
                     low=low, high=high, largest=largest, at=float(self.height[k]), share=share, confidence=confidence
@@ -250,7 +254,7 @@ class Alignment:
                     "largest_mm": round(1e3 * s.largest, 4),
                     "at_m": round(s.at, 4),
                     "share_of_trips": round(s.share, 4),
-                    "confidence": round(s.confidence, 4),
+                    "confidence": round(s.confidence, 4) if np.isfinite(s.confidence) else None,
                 }
                 for s in self.sections
             ],

@@ -26,7 +26,8 @@ class Section:
     share : float
         Of the trips, those whose mean deviation over the range is above the threshold.
     confidence : float
-        Probability that the deviation is above the threshold where the estimate is largest.
+        Probability that the deviation is above the threshold where the estimate is largest; not a number with one
+        trip alone there, which has no scatter that would show how certain the estimate is.
     """
 
     low: float

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimation.files.column_names import read_column_name
-from estimation.files.read_records import read_records
 from estimation.files.read_rules import ReadRules
 from estimation.files.record import Record, RecordedSignal
 from estimation.files.shared_rows import shared_rows
 from estimation.signals.preparation import low_pass
 from multibody.base.units import UnitError
 from vtsdt.files.parameters import LiftParameters
+from vtsdt.files.trip_records import read_without_study
 
 __all__ = ["ROLES", "AlignmentError", "Trip", "find_columns", "prepare", "read_trips"]
 
@@ -207,7 +207,7 @@ def read_trips(
         raise AlignmentError(["no trips were given: name their files"])
     wanted = find_columns(paths[0], columns)
     time = wanted.pop("time", "time_s")
-    records = read_records(
+    records = read_without_study(
         list(paths),
         time=time,
         columns=wanted,

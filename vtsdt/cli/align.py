@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from multibody.base.progress import ProgressLine
+from multibody.base.result_folder import check_owner
 from vtsdt.alignment.estimate import THRESHOLD, align
 from vtsdt.alignment.filter import DEFAULT, TUNINGS
-from vtsdt.alignment.report import write
+from vtsdt.alignment.report import OWNER, write
 from vtsdt.alignment.trips import ROLES, read_trips
 from vtsdt.cli.arguments import Parser, check_out, common, json_option, number, print_json
 from vtsdt.files.parameters import LiftParameters
@@ -22,6 +23,7 @@ def main(arguments: Sequence[str]) -> int:
     check_out(args.out)
     out = Path(args.out)
     parameters = LiftParameters.load(args.lift) if args.lift else LiftParameters.bench()
+    check_owner(out, OWNER, parameters.name)
     columns = {r: c for r in ("time", *ROLES) if (c := getattr(args, r))}
     units = {r: u for r in ROLES if (u := getattr(args, f"{r}_unit"))}
     with ProgressLine(args.quiet) as progress:

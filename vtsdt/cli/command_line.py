@@ -42,6 +42,10 @@ BAD_INPUT = {
 }
 
 
+#: Characters of a line and lines of a message that are printed; chosen: a screen or two.
+LONGEST_LINE, MOST_LINES = 2000, 60
+
+
 def _dispatch(words: list[str]) -> int:
     """Run the command whose words come first, or say what the words lack."""
     for name, command in COMMANDS.items():
@@ -75,6 +79,15 @@ def _is_bad_input(error: BaseException) -> bool:
         loaded = sys.modules.get(module)
         classes += [getattr(loaded, n) for n in names.split() if loaded is not None and hasattr(loaded, n)]
     return isinstance(error, tuple(classes))
+
+
+def _shortened(text: str) -> str:
+    """Return a message without what nobody would read of it, such as a name of a million letters."""
+    split = text.split("\n", MOST_LINES + 1)
+    lines = [line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]} …" for line in split]
+    if len(lines) <= MOST_LINES:
+        return "\n".join(lines)
+    return "\n".join([*lines[:MOST_LINES], "  … and more: --debug shows everything"])
 
 
 def _message(error: BaseException) -> str:
@@ -153,10 +166,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             traceback.print_exc()
         elif expected:
-            print(f"vtsdt: {printable(_message(error))}", file=sys.stderr)
+            print(f"vtsdt: {printable(_shortened(_message(error)))}", file=sys.stderr)
         else:
             print(
-                f"vtsdt: a fault in the program: {type(error).__name__}: {printable(str(error))}\n"
+                f"vtsdt: a fault in the program: {type(error).__name__}: {printable(_shortened(str(error)))}\n"
                 "run the same command with --debug and report what it prints",
                 file=sys.stderr,
             )

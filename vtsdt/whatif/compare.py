@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimation.files.read_records import read_records
 from estimation.signals.metrics import pearson, rmse
 from estimation.signals.preparation import low_pass
 from multibody.base.progress import Progress, Step, silent
 from vtsdt.files.parameters import LiftParameters
 from vtsdt.files.rail_profile_table import ProfileTable
+from vtsdt.files.trip_records import read_without_study
 from vtsdt.lift.lift import Lift
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def read_measured_trips(
     """
     wanted = {**COLUMNS, **dict(columns or {})}
     return list(
-        read_records(
+        read_without_study(
             list(paths),
             time=time,
             columns=wanted,

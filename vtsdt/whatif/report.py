@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multibody.base.cache import digest_of
+from multibody.base.result_folder import written_together
 from vtsdt.lift.comfort import ComfortError, RideComfort, ride_comfort
 from vtsdt.whatif import figures as whatif_figures
 from vtsdt.whatif.compare import TABLE_3, TripComparison
@@ -23,7 +25,10 @@ if TYPE_CHECKING:
     from vtsdt.whatif.settings import Settings
     from vtsdt.whatif.threshold import Threshold
 
-__all__ = ["summary", "write_what_if"]
+__all__ = ["OWNER", "summary", "write_what_if"]
+
+#: Kind of run that a folder of results belongs to.
+OWNER = "what-if study"
 
 _CAPTIONS = {
     "rail": "The estimated rail. The coloured sections are above the threshold.",
@@ -71,8 +76,15 @@ def write_what_if(
     threshold: Threshold | None = None,
     notes: Sequence[str] = (),
 ) -> Path:
-    """Write page, figures, JSON and the straightened rail into a folder; return the page."""
-    out.mkdir(parents=True, exist_ok=True)
+    """Write page, figures, JSON and the straightened rail into a folder, together; return the page.
+
+    Raises
+    ------
+    FolderTaken
+        If the folder holds the results of something else, or of another lift.
+    OSError
+        If something cannot be written; the folder is then as before.
+    """
     figures: dict[str, Figure] = {"rail": whatif_figures.rail(study), "energies": whatif_figures.energies(study)}
     figures["savings"] = whatif_figures.savings(study)
     if threshold is not None:
@@ -86,8 +98,6 @@ def write_what_if(
         if rides:
             figures["comfort"] = rides[0][0].plot()
     pictures = {name: _png(figure) for name, figure in figures.items()}
-    for name, png in pictures.items():
-        (out / f"{name}.png").write_bytes(png)
     content = {
         **study.to_json(),
         "lift": lift,
@@ -97,10 +107,14 @@ def write_what_if(
         "comfort": [{"measured": a.to_json(), "model": b.to_json()} for a, b in rides],
         "year": _yearly(study, settings),
     }
-    (out / "what-if.json").write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    page = out / "report.html"
-    page.write_text(_page(study, settings, lift, trips, rides, threshold, notes, pictures), encoding="utf-8")
-    return page
+    text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+    with written_together(out, OWNER, lift, digest_of(text)) as draft:
+        for name, png in pictures.items():
+            (draft / f"{name}.png").write_bytes(png)
+        (draft / "what-if.json").write_text(text, encoding="utf-8")
+        page = _page(study, settings, lift, trips, rides, threshold, notes, pictures)
+        (draft / "report.html").write_text(page, encoding="utf-8")
+    return out / "report.html"
 
 
 def _png(figure: Figure) -> bytes:

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimation.signals.preparation import low_pass
 from multibody.base.progress import Progress, silent
+from multibody.base.result_folder import check_owner
 from vtsdt.files.parameters import LiftParameters, ParameterError
 from vtsdt.files.rail_profile_table import ProfileTable
 from vtsdt.whatif.compare import (
@@ -17,7 +18,7 @@ from vtsdt.whatif.compare import (
     with_measured_masses,
     with_rail,
 )
-from vtsdt.whatif.report import write_what_if
+from vtsdt.whatif.report import OWNER, write_what_if
 from vtsdt.whatif.result import WhatIf
 from vtsdt.whatif.settings import Settings
 from vtsdt.whatif.study import what_if
@@ -48,6 +49,7 @@ def run_what_if(settings: Settings, out: str | Path, progress: Progress = silent
     from vtsdt.whatif.compare import with_measured_masses
 
     parameters = LiftParameters.load(settings.lift) if settings.lift else LiftParameters.bench()
+    check_owner(Path(out), OWNER, parameters.name)
     rail = ProfileTable.load(settings.profile) if settings.profile else None
     if rail is None:
         if parameters.cabin_guide.right_x is None:
