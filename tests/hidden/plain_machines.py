@@ -34,6 +34,23 @@ def motor():
     return m
 """
 
+#: A study of the motor, to which `RECORDS` is added.
+MOTOR_STUDY = """
+[model]
+build = "models.py:motor"
+[uncertain]
+"motor.k_t" = { std = 0.002 }
+"rotor.J" = { std = 2e-5 }
+"bearing.viscous" = { std = 5e-5, min = 0.0 }
+"motor.R" = { std = 0.03 }
+[inputs]
+"supply.voltage" = "voltage_V"
+[outputs]
+"motor.i" = "current_A"
+"rotor.speed" = "speed_rad_per_s"
+"rotor.angle" = "angle_rad"
+"""
+
 Machine = Callable[[np.random.Generator], dict[str, np.ndarray]]
 
 

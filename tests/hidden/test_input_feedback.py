@@ -6,26 +6,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from plain_machines import MOTOR, RECORDS, diagnosed, low_passed, written
+from plain_machines import MOTOR, MOTOR_STUDY, RECORDS, diagnosed, low_passed, written
 
 from discrepancy.sensitivities.input_feedback import inputs_with_feedback
 from discrepancy.study.study import Study
-
-STUDY = """
-[model]
-build = "models.py:motor"
-[uncertain]
-"motor.k_t" = { std = 0.002 }
-"rotor.J" = { std = 2e-5 }
-"bearing.viscous" = { std = 5e-5, min = 0.0 }
-"motor.R" = { std = 0.03 }
-[inputs]
-"supply.voltage" = "voltage_V"
-[outputs]
-"motor.i" = "current_A"
-"rotor.speed" = "speed_rad_per_s"
-"rotor.angle" = "angle_rad"
-"""
 
 STEP = 2e-4
 
@@ -64,14 +48,14 @@ def servo(rng: np.random.Generator, friction: float = 0.0, closed: bool = True) 
 
 def test_a_reaction_to_a_disturbance_is_no_missing_effect(tmp_path):
     """Before input feedback was tested for, the search named an unknown force here with p = 4e-12."""
-    diagnosis = diagnosed(tmp_path, MOTOR, servo, STUDY + RECORDS, seed=2)
+    diagnosis = diagnosed(tmp_path, MOTOR, servo, MOTOR_STUDY + RECORDS, seed=2)
     assert diagnosis["verdict"] == "nothing missing"
     assert diagnosis["reacting_inputs"].keys() == {"supply.voltage"}
     assert any("supply.voltage reacts" in w for w in diagnosis["warnings"])
 
 
 def test_a_friction_is_found_in_spite_of_the_reaction(tmp_path):
-    diagnosis = diagnosed(tmp_path, MOTOR, partial(servo, friction=0.02), STUDY + RECORDS, seed=2)
+    diagnosis = diagnosed(tmp_path, MOTOR, partial(servo, friction=0.02), MOTOR_STUDY + RECORDS, seed=2)
     assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["coulomb_friction@bearing"]
     assert diagnosis["effects"][0]["parameters"]["coulomb"]["value"] == pytest.approx(0.02, rel=0.05)
 
@@ -80,6 +64,6 @@ def test_a_friction_is_found_in_spite_of_the_reaction(tmp_path):
 def test_an_open_loop_has_no_input_feedback(tmp_path, friction):
     """Neither to a disturbance nor to a friction that the model lacks, whose effect follows the input."""
     machine = partial(servo, friction=friction, closed=False)
-    study = Study.from_file(written(tmp_path, MOTOR, machine, STUDY + RECORDS, seed=2))
+    study = Study.from_file(written(tmp_path, MOTOR, machine, MOTOR_STUDY + RECORDS, seed=2))
     stage = study.stage
     assert inputs_with_feedback(stage.linearised_problem()) == {}

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from plain_machines import MOTOR, RECORDS, diagnosed, low_passed
+from plain_machines import MOTOR, MOTOR_STUDY, RECORDS, diagnosed, low_passed
 from scipy.integrate import solve_ivp
 
 MODELS = (
@@ -29,22 +29,6 @@ def car():
     return m
 """
 )
-
-FAN = """
-[model]
-build = "models.py:motor"
-[uncertain]
-"motor.k_t" = { std = 0.002 }
-"rotor.J" = { std = 2e-5 }
-"bearing.viscous" = { std = 5e-5, min = 0.0 }
-"motor.R" = { std = 0.03 }
-[inputs]
-"supply.voltage" = "voltage_V"
-[outputs]
-"motor.i" = "current_A"
-"rotor.speed" = "speed_rad_per_s"
-"rotor.angle" = "angle_rad"
-"""
 
 CAR = """
 [model]
@@ -116,7 +100,7 @@ def car(rng: np.random.Generator, rebound: float) -> dict[str, np.ndarray]:
 
 
 def test_the_air_around_a_fan_is_found(tmp_path):
-    diagnosis = diagnosed(tmp_path, MODELS, partial(fan, drag=2.2e-6), FAN + RECORDS, seed=7)
+    diagnosis = diagnosed(tmp_path, MODELS, partial(fan, drag=2.2e-6), MOTOR_STUDY + RECORDS, seed=7)
     assert diagnosis["residual"]["mode"] == "simulation", "how often it has turned moves nothing else"
     assert [f"{e['kind']}@{e['where']}" for e in diagnosis["effects"]] == ["quadratic_drag@bearing"]
     assert diagnosis["effects"][0]["parameters"]["drag"]["value"] == pytest.approx(2.2e-6, rel=0.01)
@@ -135,7 +119,7 @@ def test_rebound_of_a_shock_absorber_is_found(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("machine", "study"), [(partial(fan, drag=0.0), FAN), (partial(car, rebound=0.0), CAR)], ids=["fan", "car"]
+    ("machine", "study"), [(partial(fan, drag=0.0), MOTOR_STUDY), (partial(car, rebound=0.0), CAR)], ids=["fan", "car"]
 )
 def test_where_it_has_nothing_nothing_is_named(tmp_path, machine, study):
     diagnosis = diagnosed(tmp_path, MODELS, machine, study + RECORDS, seed=7)
