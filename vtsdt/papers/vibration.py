@@ -71,7 +71,7 @@ class Cause:
     searched : bool
         Whether the search looks for it.
     repeated : bool
-        Whether it does so in fresh lifts too; of those that it looks for in a minute or two.
+        Whether it does so in fresh lifts too.
     right : tuple of str
         Names that are right, ``kind@where``; of a rail they are those of `rail` instead.
     rail : tuple of float, rad/m
@@ -114,6 +114,7 @@ CAUSES = (
         what="joints every 0.4 m",
         size="force of 226 N at each",
         settings={"joints": 226.0},
+        repeated=True,
         rail=tuple(2.0 * np.pi * k / 0.4 for k in range(1, HARMONICS + 1)),
     ),
     Cause(
