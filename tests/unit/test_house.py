@@ -54,8 +54,8 @@ HOUSE: dict[str, tuple[str, ...]] = {
         "validation",
         "",
     ),
-    "operation": ("statistics", "store", "sources", "follow", ""),
-    "vtsdt": ("files", "parts", "lift", "rig", "alignment", "whatif", "papers", "cli", ""),
+    "operation": ("statistics", "store", "sources", "follow", "fleet", "page", ""),
+    "vtsdt": ("files", "parts", "lift", "rig", "alignment", "whatif", "papers", "fleet", "cli", ""),
     "gearbox": ("files", "signals", "parts", "stage", "rig", "updating", "papers", ""),
 }
 PACKAGES = tuple(HOUSE)

@@ -73,6 +73,7 @@ COMMANDS = {
     ("validate", "discrepancy"): Command(
         "vtsdt.cli.validate_discrepancy:main", "error rates of finding missing effects"
     ),
+    ("validate", "fleet"): Command("vtsdt.cli.validate_fleet:main", "a year of a simulated fleet against its truth"),
 }
 
 

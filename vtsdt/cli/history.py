@@ -20,6 +20,7 @@ def main(arguments: Sequence[str]) -> int:
     add("folder", metavar="FOLDER", help="as given to follow's --out")
     add("--machine", metavar="NAME", help="only this one")
     add("--csv", metavar="FILE", help="write every quantity of every record as a table")
+    add("--page", metavar="FILE.html", help="write the page for those who maintain the machines")
     add("--json", action="store_true", help="print states, quantities and events as JSON")
     add("--now", action="store_true", help="tell also which machines have been silent for too long")
     add("--note", metavar="TEXT", help="keep what was done, for instance 'rails realigned'")
@@ -31,6 +32,6 @@ def main(arguments: Sequence[str]) -> int:
     )
     add("--debug", action="store_true", help="show the traceback of an error")
     args = parser.parse_args(list(arguments))
-    from operation.follow.command import history
+    from operation.page.command import history
 
     return history(args)
