@@ -22,7 +22,7 @@ from vtsdt.rig.models import with_rails
 from vtsdt.rig.rails import rail_tables
 from vtsdt.rig.rig import LiftRig
 
-__all__ = ["DAY", "LiftVisit", "SimulatedFleet", "judge_visit"]
+__all__ = ["DAY", "DAYS", "SimulatedFleet", "judge_visit"]
 
 DAY = 86400.0
 DAYS = 365.0

@@ -9,13 +9,13 @@ from operation.store.store import Event, Store
 from vtsdt.fleet.causes import name_change
 from vtsdt.fleet.simulated_year import DAY, DAYS, SimulatedFleet
 
-__all__ = ["fleet_settings", "machine_years"]
+__all__ = ["machine_years"]
 
 #: Visits after the alarm, with it, from which the change is named.
 VISITS = 3
 
 
-def fleet_settings(machine: str, visits: int, false_alarms: float = 0.2) -> FollowSettings:
+def _fleet_settings(machine: str, visits: int, false_alarms: float = 0.2) -> FollowSettings:
     """Return how a lift of the fleet is followed."""
     return FollowSettings(machine=machine, false_alarms=false_alarms, records_per_year=365.25 * visits / DAYS)
 
@@ -38,7 +38,7 @@ def machine_years(
         machine = f"lift {1000 * fleet.seed + lift:03d}"
         happens, begins = fleet.truth(lift)
         judgements = store.judgements(machine)
-        state = watch(judgements, fleet_settings(machine, fleet.visits, false_alarms))
+        state = watch(judgements, _fleet_settings(machine, fleet.visits, false_alarms))
         states[machine] = state
         # changes of several quantities at one visit are one alarm
         alarms = sorted({c.raised for c in state.changes})
