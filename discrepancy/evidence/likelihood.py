@@ -11,8 +11,13 @@ import numpy as np
 
 from discrepancy.evidence.standstill import places_that_stick, samples_at_standstill, standstill_at
 from discrepancy.innovations.linear_record import LinearRecord, linear_record
-from discrepancy.innovations.noise_fit import RecordColumns, fit_noise, likeliest_change
+from discrepancy.innovations.noise_fit import fit_noise
 from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, innovation_weighting
+from discrepancy.innovations.restricted_likelihood import (
+    RecordColumns,
+    likeliest_change,
+    restricted_log_likelihood,
+)
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
 from multibody.base.parallel import parallel_map
@@ -134,6 +139,11 @@ class StageLikelihood:
         records = linear_records(self.linearised, self.left_out)
         columns, std, offset = record_columns(self.linearised, records, self.held)
         return fitted_noise(self.linearised, records, columns, std, offset, self.start, grow=self.grow)
+
+    def log_likelihood_of(self, model: NoiseModel) -> float:
+        """Return the restricted log likelihood of another noise model."""
+        columns, std, offset = record_columns(self.linearised, self.noise.records, self.held)
+        return restricted_log_likelihood(columns, model, std, offset)
 
     @cached_property
     def weighted(self) -> LinearisedProblem:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from discrepancy.effects.effect import Effect
-from discrepancy.innovations.noise_fit import prior_precision
+from discrepancy.innovations.restricted_likelihood import prior_precision
 from discrepancy.statistics.blocks import Candidate, Sensitivities
 from discrepancy.statistics.ties import TIE_CORRELATION, canonical_correlation
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from discrepancy.evidence.likelihood import StageLikelihood, noise_floor, record_columns
-from discrepancy.innovations.noise_fit import prior_precision
+from discrepancy.innovations.restricted_likelihood import prior_precision
 from discrepancy.stages.stage import Stage
 
 __all__ = [

@@ -22,6 +22,7 @@ from discrepancy.evidence.likelihood import (
 )
 from discrepancy.evidence.likeness import ParameterLikeness, parameter_likeness
 from discrepancy.evidence.policy import POLICY
+from discrepancy.innovations.noise_model import NoiseModel, innovation_weighting
 from discrepancy.sensitivities.candidates import candidate_sensitivities
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
@@ -42,6 +43,10 @@ REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
 STEADY = frozenset({"constant_force", "input_offset"})
+#: Factors on the size and on the memory of a random force that may have taken an effect into itself.
+SMALLER, SHORTER = 0.1, (0.3, 0.1)
+#: Nats that a smaller random force may cost: an effect that large is seen beside the larger one.
+MOST_COST = 1000.0
 
 
 def entries_of(stage: Stage, include: Sequence[str] = ("*",), exclude: Sequence[str] = ()) -> list[Entry]:
@@ -190,8 +195,9 @@ def propose(
 ) -> Proposals:
     """Score every candidate on a stage's innovations.
 
-    A force that is missing is first taken for noise, and the noise then hides it.  So the candidates are scored twice:
-    under the noise of the model as it is, and under the noise that is left when the best of them is part of the model.
+    A force that is missing is first taken for noise, and the noise then hides it.  So the candidates are scored under
+    several noises: that of the model as it is, each smaller one that `_smaller_noises` lists, for what it costs in
+    likelihood, and the noise that is left when the best of them is part of the model.
 
     Parameters
     ----------
@@ -229,17 +235,35 @@ def propose(
     sticks = any(np.any(mask) for mask in likelihood.left_out)
     alike = likeness.alike(stage.effects, white, POLICY.same_direction)
     refused += [(e, f"{owned[e.name]} of the model does the same, and is fitted") for e in entries if e.name in owned]
-    best = [c for c in _by_evidence(scored, raw, noise) if c.name not in owned]
+    best = {c.name: c for c in _by_evidence(scored, raw, noise) if c.name not in owned}
+    directions = {name: c.direction for name, c in best.items()}
+
+    def score_again(model: NoiseModel, cost: float) -> dict[str, ScoredCandidate]:
+        """Score the candidates under another noise that costs so many nats, and keep what is better."""
+        other = plain.weighted_by(tuple(innovation_weighting(r, model) for r in likelihood.noise.records))
+        again = {c.name: c for c in _by_evidence(_scored(other, _whitened(raw, other.weighting)), raw, noise)}
+        for name, c in again.items():
+            c = replace(c, gain=c.gain - cost)
+            if name not in owned and (name not in best or c.gain > best[name].gain):
+                best[name] = c
+        return again
+
     if best:
-        progress(f"the noise that is left beside {best[0].name}")
-        beside = plain.weighted_by(_noise_beside(likelihood, best[0]).weighting())
-        again = {c.name: c for c in _by_evidence(_scored(beside, _whitened(raw, beside.weighting)), raw, noise)}
-        merged = [max(c, again.get(c.name, c), key=lambda x: x.gain) for c in best]
-        merged += [c for n, c in again.items() if n not in {b.name for b in best} and n not in owned]
+        progress("scores under smaller random forces")
+        for model in _smaller_noises(likelihood.noise.model):
+            cost = likelihood.noise.log_likelihood - likelihood.log_likelihood_of(model)
+            if cost < MOST_COST:
+                score_again(model, cost)
+        first = max(best.values(), key=lambda c: c.gain)
+        progress(f"the noise that is left beside {first.name}")
+        beside = _noise_beside(likelihood, first)
+        without = likelihood.log_likelihood_of(beside.model)
+        again = score_again(beside.model, likelihood.noise.log_likelihood - without)
         # the direction decides what is alike: one metric for all
-        best = sorted((again.get(c.name, c) for c in merged), key=lambda c: -c.gain)
+        directions |= {name: c.direction for name, c in again.items()}
+    ordered = sorted((replace(c, direction=directions[c.name]) for c in best.values()), key=lambda c: -c.gain)
     return Proposals(
-        scan=result, candidates=tuple(best), refused=tuple(refused), owned=owned, alike=alike, sticks=sticks
+        scan=result, candidates=tuple(ordered), refused=tuple(refused), owned=owned, alike=alike, sticks=sticks
     )
 
 
@@ -301,6 +325,20 @@ def _by_evidence(w: WhitenedProblem, raw: Sequence[Candidate], noise: np.ndarray
         for c, (gain, g, strength) in best.items()
     ]
     return sorted(out, key=lambda c: -c.gain)
+
+
+def _smaller_noises(model: NoiseModel) -> list[NoiseModel]:
+    """Return noise models with one random force at a time smaller, or as quick as large but forgetting sooner.
+
+    An effect that is missing has made one of them large, or slow: a constant force looks like one that changes slowly.
+    """
+    out = []
+    for k, process in enumerate(model.processes):
+        changed = [replace(process, std=SMALLER * process.std)]
+        if process.damping is None:  # what drives it keeps its size
+            changed += [replace(process, memory=m * process.memory, std=m**0.5 * process.std) for m in SHORTER]
+        out += [replace(model, processes=(*model.processes[:k], q, *model.processes[k + 1 :])) for q in changed]
+    return out
 
 
 def _noise_beside(likelihood: StageLikelihood, scored: ScoredCandidate) -> FittedNoise:

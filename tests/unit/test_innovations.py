@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from discrepancy.innovations.linear_record import LinearRecord
-from discrepancy.innovations.noise_fit import RecordColumns, fit_noise, restricted_log_likelihood
+from discrepancy.innovations.noise_fit import fit_noise
+from discrepancy.innovations.restricted_likelihood import RecordColumns, restricted_log_likelihood
 from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
 
 STEP, STIFFNESS, DAMPING = 0.02, 40.0, 1.5
