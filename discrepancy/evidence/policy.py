@@ -40,10 +40,10 @@ class Policy:
         evidence, so zero would do were the evidence exact; the Laplace approximation is not, by about one nat for each
         of the few parameters that an effect has.
     relevance : float
-        Share of the mean square error of some output, simulated with parameters from the other records, that an effect
-        must take away, a hundredth of the error itself: nobody would see less in a figure.
+        Share of the mean square error of some output that what an effect changes must have, a hundredth of the error
+        itself: nobody would see less in a figure.
     harm : float
-        Share by which the mean square error of no output may grow, in the same sense.
+        Share by which the mean square error of no output of records left out may grow.
     simulation_errors : float
         Standard errors, over the records, that such a share must exceed.
     predictive_errors : float

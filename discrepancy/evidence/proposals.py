@@ -18,6 +18,7 @@ from discrepancy.evidence.likelihood import (
     fitted_noise,
     noise_floor,
     record_columns,
+    smaller_noises,
     with_columns,
 )
 from discrepancy.evidence.likeness import ParameterLikeness, parameter_likeness
@@ -43,8 +44,6 @@ REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
 STEADY = frozenset({"constant_force", "input_offset"})
-#: Factors on the size and on the memory of a random force that may have taken an effect into itself.
-SMALLER, SHORTER = 0.1, (0.3, 0.1)
 #: Nats that a smaller random force may cost: an effect that large is seen beside the larger one.
 MOST_COST = 1000.0
 
@@ -196,7 +195,7 @@ def propose(
     """Score every candidate on a stage's innovations.
 
     A force that is missing is first taken for noise, and the noise then hides it.  So the candidates are scored under
-    several noises: that of the model as it is, each smaller one that `_smaller_noises` lists, for what it costs in
+    several noises: that of the model as it is, each smaller one that `smaller_noises` lists, for what it costs in
     likelihood, and the noise that is left when the best of them is part of the model.
 
     Parameters
@@ -230,7 +229,7 @@ def propose(
         plain=scored,
     )
     noise = noise_floor(plain)
-    likeness = parameter_likeness(sens)
+    likeness = parameter_likeness(residual.blocks, sens)
     owned = _owned(_by_evidence(scored, raw, noise), raw, white, likeness)
     sticks = any(np.any(mask) for mask in likelihood.left_out)
     alike = likeness.alike(stage.effects, white, POLICY.same_direction)
@@ -250,7 +249,7 @@ def propose(
 
     if best:
         progress("scores under smaller random forces")
-        for model in _smaller_noises(likelihood.noise.model):
+        for model in smaller_noises(likelihood.noise.model):
             cost = likelihood.noise.log_likelihood - likelihood.log_likelihood_of(model)
             if cost < MOST_COST:
                 score_again(model, cost)
@@ -276,9 +275,10 @@ def _owned(
     """Return the candidates that an uncertain parameter of the model stands for, and that parameter."""
     innovations = {c.name: w for c, w in zip(raw, white, strict=True)}
     owned = {}
+    least = math.log(max(len(raw), 1)) + POLICY.improvement
     for c in scored:
         columns = innovations[c.name].sensitivities[c.candidate.shapes.index(c.shape)]
-        if name := likeness.owner([z @ c.expected_strength for z in columns]):
+        if name := likeness.owner([z @ c.expected_strength for z in columns], least):
             owned[c.name] = name
     return owned
 
@@ -325,20 +325,6 @@ def _by_evidence(w: WhitenedProblem, raw: Sequence[Candidate], noise: np.ndarray
         for c, (gain, g, strength) in best.items()
     ]
     return sorted(out, key=lambda c: -c.gain)
-
-
-def _smaller_noises(model: NoiseModel) -> list[NoiseModel]:
-    """Return noise models with one random force at a time smaller, or as quick as large but forgetting sooner.
-
-    An effect that is missing has made one of them large, or slow: a constant force looks like one that changes slowly.
-    """
-    out = []
-    for k, process in enumerate(model.processes):
-        changed = [replace(process, std=SMALLER * process.std)]
-        if process.damping is None:  # what drives it keeps its size
-            changed += [replace(process, memory=m * process.memory, std=m**0.5 * process.std) for m in SHORTER]
-        out += [replace(model, processes=(*model.processes[:k], q, *model.processes[k + 1 :])) for q in changed]
-    return out
 
 
 def _noise_beside(likelihood: StageLikelihood, scored: ScoredCandidate) -> FittedNoise:

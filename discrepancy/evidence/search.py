@@ -15,7 +15,13 @@ from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.posterior import rivals_of
-from discrepancy.evidence.predictive import PredictiveGain, gain_of_errors, held_out_errors, predictive_gain
+from discrepancy.evidence.predictive import (
+    PredictiveGain,
+    gain_of_errors,
+    held_out_errors,
+    predictive_gain,
+    share_explained,
+)
 from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, propose, proposed_effects
 from discrepancy.search.moves import Decision
 from discrepancy.stages.fit_stage import with_validation
@@ -320,34 +326,36 @@ class EvidenceSearch:
             return "records left out are predicted no better with it"
         if best.total - without.total <= POLICY.improvement:
             return "the evidence for it is weak"
-        return moves.why_irrelevant(best, without)
+        return moves.why_irrelevant(best, without) or moves.why_harmful(best, without)
 
     def _confirmed(self, best: TriedModel) -> TriedModel:
-        """Drop effects that make no output of the records held out better, or some output worse, one after another.
+        """Drop effects that the records held out do not show, or whose output is worse with them, one after another.
 
         They may be there: the evidence for them stands in the probabilities.  They are not announced, because the model
         predicts nothing better with them.
         """
         state = self.state
         while best.key and best.likelihood is not None and state.problem.validate:
-            here = held_out_errors(with_validation(state.problem, best.stage))
+            own = with_validation(state.problem, best.stage)
+            here = held_out_errors(own)
             weakest: tuple[float, TriedModel, str] | None = None
             for model in self._fitted_once(best, moves.drops(best)):
                 if model.likelihood is None:
                     continue
-                gain = gain_of_errors(
-                    best.stage.outputs, here, held_out_errors(with_validation(state.problem, model.stage))
-                )
+                other = with_validation(state.problem, model.stage)
+                gain = gain_of_errors(best.stage.outputs, here, held_out_errors(other))
+                share = share_explained(own, other, "validate")
                 dropped = " + ".join(sorted(set(best.key) - set(model.key)))
                 state.progress(f"{dropped}: share of the held-out mean square error that is gone: {gain}")
-                if gain.helps(POLICY.relevance, 0.0) and not gain.harms(POLICY.harm, POLICY.simulation_errors):
+                matters = bool(np.any(share >= POLICY.relevance))
+                if matters and not gain.harms(POLICY.harm, POLICY.simulation_errors):
                     continue
-                most = float(gain.share.max())
+                most = float(share.max())
                 if weakest is None or most < weakest[0]:
                     weakest = most, model, dropped
             if weakest is None:
                 return best
-            best.refuse(f"{weakest[2]} is not announced: no output of the records held out is predicted better")
+            best.refuse(f"{weakest[2]} is not announced: the records held out do not show it, or contradict it")
             state.progress(best.outcome)
             self.unconfirmed.append(weakest[2])
             best = weakest[1]
