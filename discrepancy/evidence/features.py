@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -85,12 +86,15 @@ def feature_blocks(linearised: LinearisedProblem, records: Sequence[LinearRecord
 
         return response
 
+    def without_motion(i: int) -> Terms:
+        return signals.without_motion(i, driving)
+
     for j, place in enumerate(places):
-        yield block(place.name, lambda i, j=j: signals.at_place(i, j, driving), driven(j))
+        yield block(place.name, partial(signals.at_place, place=j, driving=driving), driven(j))
     for j, name in enumerate(inputs):
-        yield block(name, lambda i: signals.without_motion(i, driving), driven(len(places) + j))
+        yield block(name, without_motion, driven(len(places) + j))
     for c, name in enumerate(outputs):
-        yield block(name, lambda i: signals.without_motion(i, driving), added(c))
+        yield block(name, without_motion, added(c))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

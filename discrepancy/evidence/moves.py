@@ -240,8 +240,8 @@ def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
     assert parent.likelihood is not None
     simulated = share_explained(model.stage, parent.stage, "identify")
     predicted = -math.expm1(-2.0 * (model.total - parent.total) / model.likelihood.samples)
-    if not (np.any(simulated >= POLICY.relevance) or predicted >= POLICY.relevance):
-        return f"it explains less than {100 * POLICY.relevance:.2g} % of the square error of every output"
+    if not (np.any(simulated >= POLICY.relevance) or predicted >= POLICY.prediction):
+        return f"it explains less than {100 * POLICY.relevance:.2g} % of the mean square error of every output"
     return ""
 
 

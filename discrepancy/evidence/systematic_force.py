@@ -43,6 +43,27 @@ class SystematicForce:
     gain: float
     share: np.ndarray
 
+    def __str__(self) -> str:
+        return f"something at {self.where} that depends on {self.on}: log evidence {self.gain:+.1f}"
+
+    @property
+    def sentence(self) -> str:
+        """What it says."""
+        return (
+            f"Something acts at {self.where} that depends on {self.on}, by no law of the catalogue "
+            f"(log evidence {self.gain:+.0f})."
+        )
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as it stands in diagnosis.json."""
+        return {
+            "where": self.where,
+            "depends_on": self.on,
+            "log_evidence": self.gain,
+            "explained": [float(s) for s in self.share],
+            "convincing": self.convincing,
+        }
+
     @property
     def convincing(self) -> bool:
         """Whether it is better than a model without it, and matters."""
@@ -53,8 +74,8 @@ def systematic_force(likelihood: StageLikelihood, candidates: int) -> Systematic
     """Return what a general function of motion and inputs explains beside a model; None where nothing can be asked.
 
     The function is linear in a few features with independent normal weights of one size, so that its evidence is that
-    of a random force with a known shape.  A force that follows from the motion is first taken for noise: as candidates of
-    the catalogue it is judged under smaller random forces too, and beside the best of them the noise is fitted again.
+    of a random force with a known shape.  A force that follows from the motion is first taken for noise: as candidates
+    of the catalogue it is judged under smaller random forces too, and beside the best the noise is fitted again.
 
     Parameters
     ----------
@@ -85,12 +106,10 @@ def systematic_force(likelihood: StageLikelihood, candidates: int) -> Systematic
     best_found = max([*again, found[0]], key=lambda f: f.gain)
     group = best_found.block.groups[best_found.on]
     together = with_columns(columns, [b[:, :, group] for b in best_found.block.columns])
-    change = [c.shared @ best_found.change for c in together]
-    error = sum(np.sum(c.residual**2, axis=0) for c in columns)
-    share = sum(np.sum(c**2, axis=0) for c in change) / np.maximum(error, 1e-300)
-    return SystematicForce(
-        where=best_found.block.where, on=best_found.on, gain=best_found.gain - price, share=np.asarray(share)
-    )
+    changed = np.concatenate([c.shared @ best_found.change for c in together])
+    error = np.concatenate([c.residual for c in columns])
+    share = np.sum(changed**2, axis=0) / np.maximum(np.sum(error**2, axis=0), 1e-300)
+    return SystematicForce(where=best_found.block.where, on=best_found.on, gain=best_found.gain - price, share=share)
 
 
 @dataclass(frozen=True, eq=False)
