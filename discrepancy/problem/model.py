@@ -251,7 +251,7 @@ def check_names(
     look_up("[outputs]", study.outputs, "output")
     look_up("[initial]", [*study.initial.values, *study.initial.free], "state")
     for name, value in study.initial.values.items():
-        if value == "measured" and name not in study.outputs:
+        if "measured" in (value.values() if isinstance(value, Mapping) else [value]) and name not in study.outputs:
             hint = nearest_or_choices(name, study.outputs)
             faults.append(f'{file}, [initial] "{name}": "measured" needs an output of this name in [outputs]{hint}')
     for table, entries, kind in (("inputs", study.inputs, "input"), ("outputs", study.outputs, "output")):

@@ -11,6 +11,7 @@ import numpy as np
 
 from discrepancy.problem.candidate_patterns import check_patterns
 from discrepancy.problem.held_out import held_out_content
+from discrepancy.problem.start_states import at_rest, starts_of_record
 from discrepancy.problem.study_file import StudyError, StudyFile, read_study
 from estimation.files.record import Record
 from estimation.fit.calibrate import UncertainParameter
@@ -173,13 +174,15 @@ def read_problem(
         "inputs": tuple(study.inputs),
         "outputs": tuple(study.outputs),
         "preparation": study.preparation,
-        "start": study.initial.values,
-        "free": study.initial.free or None,
         "offsets": study.offsets.outputs,
         "held": tuple(n for n, column in study.inputs.items() if column.interpolation == "hold"),
     }
+    uncertain = _uncertain(study, system)
     identify, validate = (
-        tuple(replace(e, clocks=study.clock_groups(e.record)) for e in make_experiments(model, part, **common))
+        tuple(
+            replace(e, clocks=study.clock_groups(e.record))
+            for e in _with_starts(study, system, uncertain, make_experiments(model, part, **common))
+        )
         for part in (records.identify, records.validate)
     )
     if study.study.search == "evidence" and any(e.at_own_instants for e in (*identify, *validate)):
@@ -195,7 +198,7 @@ def read_problem(
     return Problem(
         name=study.path.stem if study.path.stem != "study" else study.path.parent.name,
         model=model,
-        uncertain=_uncertain(study, system),
+        uncertain=uncertain,
         identify=identify,
         validate=validate,
         noise={n: column.noise for n, column in study.outputs.items() if column.noise is not None},
@@ -210,6 +213,35 @@ def read_problem(
         inputs=study.study.inputs,
         search=study.study.search,
     )
+
+
+def _fitted_starts(study: StudyFile, system: System) -> tuple[str, ...]:
+    """Return the states whose start is estimated: all that are not given as numbers."""
+    given = study.initial.values
+    fixed = {
+        name
+        for name, value in given.items()
+        if all(not isinstance(v, str) for v in (value.values() if isinstance(value, Mapping) else [value]))
+    }
+    return tuple(n for n in system.state_names if n not in fixed and not n.startswith("energy."))
+
+
+def _with_starts(
+    study: StudyFile, system: System, uncertain: Sequence[UncertainParameter], experiments: Sequence[Experiment]
+) -> tuple[Experiment, ...]:
+    """Return the experiments with the start values that the study states for each record."""
+    p = system.parameter_vector({q.name: q.value for q in uncertain})
+    free = study.initial.free or _fitted_starts(study, system)
+    begun, faults = [], []
+    for e in experiments:
+        starts, wrong = starts_of_record(study.initial.values, e.record)
+        faults += [f"{study.path.name}, {text}" for text in wrong]
+        resting = [n for n, v in starts.items() if v == "equilibrium"]
+        e = replace(e, start=starts, free=free)  # type: ignore[arg-type]
+        begun.append(at_rest(e, system, resting, p) if resting and not wrong else e)
+    if faults:
+        raise StudyError(faults)
+    return tuple(begun)
 
 
 def _too_short(experiment: Experiment) -> str:

@@ -7,10 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from discrepancy.problem.paths import find_files, held_out_faults
+from discrepancy.problem.start_states import expression_fault
 from discrepancy.problem.tables import (
+    BY_RECORD,
     CandidatesTable,
     ClockTable,
     Column,
@@ -19,6 +21,7 @@ from discrepancy.problem.tables import (
     ModelTable,
     OffsetsTable,
     RecordsTable,
+    StartValue,
     StudyTable,
     Uncertain,
     flatten,
@@ -383,18 +386,40 @@ class _Reader:
         if not isinstance(free, list) or not all(isinstance(name, str) for name in free):
             self.fault("[initial] free", 'must be a list of states, such as ["carriage.position"]')
             free = []
-        values: dict[str, float | Literal["measured"]] = {}
+        values: dict[str, StartValue] = {}
         free = list(free)
         for name, value in flatten(table, None, self.twice("initial")).items():
             if value == "free":
                 free.append(name)
-            elif value == "measured" or (isinstance(value, int | float) and not isinstance(value, bool)):
-                if value != "measured" and not abs(value) < LARGEST_START:
-                    self.fault(f'[initial] "{name}"', f"is {value}: must be finite, a start value in SI")
-                values[name] = value
-            else:
-                self.fault(f'[initial] "{name}"', f'must be a number in SI, "free" or "measured", and is {value!r}')
+            elif isinstance(value, dict) and isinstance(value.get(BY_RECORD), dict) and value[BY_RECORD]:
+                each = {k: self.start(f'[initial] "{name}" {k}', v) for k, v in value[BY_RECORD].items()}
+                values[name] = {k: v for k, v in each.items() if v is not None}
+            elif (start := self.start(f'[initial] "{name}"', value)) is not None:
+                values[name] = start
         return InitialTable(values, tuple(dict.fromkeys(free)))
+
+    def start(self, where: str, value: Any) -> float | str | None:
+        """Return a start value, or None after telling what is wrong with it."""
+        if isinstance(value, str) and value.strip():
+            signals = (*self.names("inputs"), *self.names("outputs"))
+            if value not in ("measured", "equilibrium") and (text := expression_fault(value, signals)):
+                self.fault(where, text)
+                return None
+            return value
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            if abs(value) < LARGEST_START:
+                return float(value)
+            self.fault(where, f"is {value}: must be finite, a start value in SI")
+            return None
+        self.fault(
+            where, f'must be a number in SI, "free", "measured", "equilibrium" or an expression, and is {value!r}'
+        )
+        return None
+
+    def names(self, table: str) -> tuple[str, ...]:
+        """Return the names in a table of columns."""
+        content = self.content.get(table)
+        return tuple(flatten(content, Column)) if isinstance(content, dict) else ()
 
     def check_model(self, model: ModelTable | None, connections: Mapping[str, ConnectionTable]) -> None:
         if model is None:

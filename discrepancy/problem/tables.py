@@ -12,6 +12,7 @@ import msgspec
 from multibody.base.spelling import nearest_or_choices
 
 __all__ = [
+    "BY_RECORD",
     "CandidatesTable",
     "ClockTable",
     "Column",
@@ -20,6 +21,7 @@ __all__ = [
     "ModelTable",
     "OffsetsTable",
     "RecordsTable",
+    "StartValue",
     "StudyTable",
     "Uncertain",
     "flatten",
@@ -27,6 +29,8 @@ __all__ = [
 ]
 
 T = TypeVar("T", bound=msgspec.Struct)
+#: Key of an entry of ``[initial]`` that differs from record to record.
+BY_RECORD = "record"
 
 
 class ModelTable(msgspec.Struct, frozen=True):
@@ -136,19 +140,24 @@ class OffsetsTable(msgspec.Struct, frozen=True):
     outputs: list[str] = []
 
 
+#: A number in SI; "measured", "equilibrium" or an expression of measured signals; or these by pattern of records.
+StartValue = float | str | Mapping[str, "float | str"]
+
+
 @dataclass(frozen=True)
 class InitialTable:
     """``[initial]``: start values of states.
 
     Attributes
     ----------
-    values : mapping of str to float or "measured"
-        In SI; "measured" takes the first sample of the output with the state's name.
+    values : mapping of str to StartValue
+        "measured" takes the first sample of the output with the state's name, an expression the first samples of the
+        signals that it names, "equilibrium" the value at which the machine is at rest.
     free : tuple of str
         States whose start value is fitted for every record.
     """
 
-    values: Mapping[str, float | Literal["measured"]] = field(default_factory=dict)
+    values: Mapping[str, StartValue] = field(default_factory=dict)
     free: tuple[str, ...] = ()
 
 
@@ -230,7 +239,7 @@ def flatten(table: Mapping[str, Any], kind: type | None, twice: Callable[[str], 
     keys = [entry.name for entry in msgspec.structs.fields(kind)] if kind else []
     flat: dict[str, Any] = {}
     for name, value in table.items():
-        if isinstance(value, dict) and value and not _is_entry(value, keys):
+        if isinstance(value, dict) and value and not _is_entry(value, keys) and set(value) != {BY_RECORD}:
             new = {f"{name}.{rest}": entry for rest, entry in flatten(value, kind, twice).items()}
         else:
             new = {name: value}

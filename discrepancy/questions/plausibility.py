@@ -7,13 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from discrepancy.effects.gain_words import gain_in_words
 from discrepancy.problem.problem import Problem, noise_floors
+from discrepancy.problem.start_states import at_rest
 from estimation.response.experiment import Experiment, Response
 from multibody.base.errors import SimulationError
+
+if TYPE_CHECKING:
+    from multibody.machine.model import System
 
 __all__ = ["Check", "check_problem", "shown_deviations"]
 
@@ -30,6 +35,9 @@ NARROWED = 0.7
 #: Share of the largest information below which derivatives of integrations tell nothing: their errors, 1e-6 and
 #: more, squared.
 ROUNDING = 1e-12
+#: Error of an output, by its spread, from which the start is looked at, and the share of the mean squares that may be
+#: left where the machine starts at rest in its place; chosen.
+FAR, BETTER = 0.2, 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,13 +72,15 @@ class _Notes:
     facts: list[str] = field(default_factory=list)
 
 
-def check_problem(problem: Problem) -> Check:
+def check_problem(problem: Problem, excitation: bool = True) -> Check:
     """Check whether the model and the records of a study fit each other.
 
     Parameters
     ----------
     problem : Problem
         As read; nothing is fitted.
+    excitation : bool
+        Whether to ask what the records can show of each parameter, too, which takes derivatives.
     """
     notes = _Notes(warnings=list(problem.warnings))
     system = problem.model.build(outputs=problem.identify[0].outputs)
@@ -81,7 +91,8 @@ def check_problem(problem: Problem) -> Check:
     responses: list[Response] = []
     for e in problem.identify:
         try:
-            responses.append(e.respond_with_own(system, p, {}, parameters=names))
+            responses.append(e.respond_with_own(system, p, {}, parameters=names, derivatives=excitation))
+            _start(e, system, p, responses[-1], notes)
         except SimulationError as error:
             notes.faults.append(
                 f"record '{e.name}' cannot be simulated with the values as given: {error}: check units, signs and "
@@ -90,7 +101,8 @@ def check_problem(problem: Problem) -> Check:
             break
     if len(responses) == len(problem.identify):
         _scales(problem.identify, responses, notes)
-        _excitation(problem, responses, notes)
+        if excitation:
+            _excitation(problem, responses, notes)
         samples = sum(len(e.record.time) for e in problem.identify)
         effort = sum(r.evaluations for r in responses) / samples
         if effort > MANY:
@@ -120,6 +132,42 @@ def _records(experiments: Sequence[Experiment], notes: _Notes) -> None:
     for name in experiments[0].inputs:
         if all(np.ptp(e.record.signals[name].values) == 0.0 for e in experiments):
             notes.warnings.append(f"input '{name}' is constant in every record: it excites nothing")
+
+
+def _start(e: Experiment, system: System, p: np.ndarray, response: Response, notes: _Notes) -> None:
+    """Tell where a record follows the model far better from rest than from its start values: a slack rope, say."""
+    size = np.maximum(e.measured.std(axis=0), 1e-300)
+    before = np.sqrt(np.mean((response.outputs - e.measured) ** 2, axis=0))
+    if not np.any(before > FAR * size):
+        return
+    places = [system.state_names[k] for k in system.rate_states]
+    guessed = [n for n in places if n not in e.outputs]
+    for states, whole in ((guessed, False), (places, False), (places, True)):
+        try:
+            resting = at_rest(e, system, states, p, whole=whole)
+            after = np.sqrt(np.mean((resting.simulate(system, p) - e.measured) ** 2, axis=0))
+        except SimulationError:
+            continue
+        if np.sum((after / size) ** 2) < BETTER * np.sum((before / size) ** 2):
+            break
+    else:
+        return
+    x0, rest = e.start_vector(system), resting.start_vector(system)
+    moved = {n: abs(float((rest - x0)[system.index("state", n)])) for n in places}
+    most = sorted((n for n in places if moved[n] > 0.01 * max(moved.values())), key=lambda n: -moved[n])[:3]
+    told = ", ".join(
+        f"'{n}' at {rest[k]:.6g} {system.unit(n)} in place of {x0[k]:.6g}"
+        for n in most
+        if (k := system.index("state", n)) >= 0
+    )
+    c = int(np.argmax(before / size))
+    name, of = e.outputs[c], system.unit(e.outputs[c])
+    say = ", ".join(f'"{n}" = "equilibrium"' for n in most)
+    notes.warnings.append(
+        f"record '{e.name}' seems to start at rest, and its start values are elsewhere (a slack rope, a spring far from "
+        f"its load): with {told}, the error of '{name}' is {after[c]:.3g} {of} and not {before[c]:.3g} {of}: in [initial] "
+        f"say {say}, or give expressions of what was measured, or numbers for each record"
+    )
 
 
 def _centred(parts: Sequence[np.ndarray]) -> np.ndarray:

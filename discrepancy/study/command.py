@@ -14,7 +14,7 @@ from discrepancy.conclusion.conclusion import Conclusion
 from discrepancy.drawing.check_figure import check_figure
 from discrepancy.effects.catalogue import catalogue
 from discrepancy.problem.candidate_patterns import check_patterns
-from discrepancy.problem.problem import read_model, read_problem
+from discrepancy.problem.problem import Problem, read_model, read_problem
 from discrepancy.problem.study_file import StudyError
 from discrepancy.questions.plausibility import check_problem
 from discrepancy.report.write import write_report
@@ -40,7 +40,7 @@ def diagnose(args: Namespace) -> int:
     args : namespace
         ``study``, ``out``, ``seed``, ``max_effects``, ``resume``, ``quiet``, ``progress``.
     """
-    study = Study.from_file(args.study, seed=args.seed, max_effects=args.max_effects, progress=args.progress)
+    study = Study(_checked(read_problem(args.study, seed=args.seed, max_effects=args.max_effects), args), args.progress)
     out = Path(args.out)
     check_owner(out, "diagnosis", study.problem.name)
     history = out / "history.json"
@@ -63,12 +63,23 @@ def diagnose(args: Namespace) -> int:
 
 def compare(args: Namespace) -> int:
     """Compare model and records, locate the error, and write both; nothing is added."""
-    study = Study.from_file(args.study, seed=args.seed, progress=args.progress)
+    study = Study(_checked(read_problem(args.study, seed=args.seed), args), args.progress)
     check_owner(Path(args.out), "comparison", study.problem.name)
     _ = study.stage  # made on first use
     conclusion = conclude(study)
     _finish(study, conclusion, Path(args.out), args, "comparison", compared_only=True)
     return 0
+
+
+def _checked(problem: Problem, args: Namespace) -> Problem:
+    """Return the problem with what `check` says of it among its warnings, and print that: it costs a simulation."""
+    args.progress("whether model and records fit each other")
+    found = check_problem(problem, excitation=False)
+    told = [text for text in (*found.faults, *found.warnings) if text not in problem.warnings]
+    if not args.quiet:
+        for text in told:
+            print(f"vtsdt: {printable(text)}", file=sys.stderr)
+    return replace(problem, warnings=(*problem.warnings, *told))
 
 
 def check(args: Namespace) -> int:
