@@ -59,8 +59,11 @@ def expression_fault(text: str, signals: Collection[str]) -> str:
     for node in _parts(tree):
         name = _name(node)
         if name is not None:
-            if name not in signals:
-                unknown.append(f"'{name}' is no input or output of the study{nearest_or_choices(name, signals)}")
+            if name in signals:
+                continue
+            words = "" if node is not tree else ', nor "free", "measured" or "equilibrium"'
+            known = signals if node is not tree else (*WORDS, *signals)
+            unknown.append(f"'{name}' is no input or output of the study{words}{nearest_or_choices(name, known)}")
         elif not isinstance(node, ast.Constant) or type(node.value) not in (int, float):
             return f"{text!r}: only numbers, names of inputs and outputs, + - * / and brackets can stand there"
     return "; ".join(dict.fromkeys(unknown))

@@ -164,9 +164,9 @@ def _start(e: Experiment, system: System, p: np.ndarray, response: Response, not
     name, of = e.outputs[c], system.unit(e.outputs[c])
     say = ", ".join(f'"{n}" = "equilibrium"' for n in most)
     notes.warnings.append(
-        f"record '{e.name}' seems to start at rest, and its start values are elsewhere (a slack rope, a spring far from "
-        f"its load): with {told}, the error of '{name}' is {after[c]:.3g} {of} and not {before[c]:.3g} {of}: in [initial] "
-        f"say {say}, or give expressions of what was measured, or numbers for each record"
+        f"record '{e.name}' seems to start at rest, and its start values are elsewhere (a slack rope, a spring far "
+        f"from its load): with {told}, the error of '{name}' is {after[c]:.3g} {of} and not {before[c]:.3g} {of}: in "
+        f"[initial] say {say}, or give expressions of what was measured, or numbers for each record"
     )
 
 

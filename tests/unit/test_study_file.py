@@ -213,7 +213,11 @@ BROKEN = {
     "level": ("[uncertain]", "[study]\nlevel = 2.0\n[uncertain]", ["level: 2 must lie between 0 and 0.5"]),
     "seed": ("[uncertain]", "[study]\nseed = -1\n[uncertain]", ["seed: must not be negative"]),
     "offset": ("[uncertain]", '[offsets]\noutputs = ["motor.forc"]\n[uncertain]', ["nearest: 'motor.force'"]),
-    "initial": ("[uncertain]", '[initial]\nx = "measure"\n[uncertain]', ['"free" or "measured", and is']),
+    "initial": (
+        "[uncertain]",
+        '[initial]\nx = "measure"\n[uncertain]',
+        ["'measure' is no input or output of the study", "nearest: 'measured'"],
+    ),
     "nothing to find": ("[uncertain]", "[candidates]\ninclude = []\n[uncertain]", ["nothing could be found"]),
     "not TOML": ('"time_s"', "time_s", ["is not valid TOML", "line 18"]),
 }
