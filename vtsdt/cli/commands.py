@@ -57,6 +57,7 @@ COMMANDS = {
     ("compare",): Command("vtsdt.cli.study:compare", "compare model and recordings, and say where they differ"),
     ("check",): Command("vtsdt.cli.study:check", "whether a study's model and recordings fit each other, in seconds"),
     ("catalogue",): Command("vtsdt.cli.study:catalogue", "list the effects that a study's model could lack"),
+    ("schema",): Command("vtsdt.cli.schema:main", "the JSON Schema of study files, for editors"),
     ("open",): Command("vtsdt.cli.open:main", "a study in the browser: pick an effect and watch the error fall"),
     ("follow",): Command("vtsdt.cli.follow:main", "judge new recordings of a machine as they come, and raise alarms"),
     ("history",): Command("vtsdt.cli.history:main", "what a followed machine's records have shown over months"),
