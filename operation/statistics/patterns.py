@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Cause", "Explanation", "explain_change"]
+__all__ = ["Cause", "Explanation", "explain_courses"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -58,23 +58,10 @@ class Explanation:
 SOMETHING_ELSE = "something else"
 
 
-def explain_change(
+def _evidences(
     change: np.ndarray, covariance: np.ndarray, causes: Mapping[str, Cause], usual: np.ndarray
-) -> tuple[Explanation, ...]:
-    """Return the causes of a change with their probabilities, the most probable first.
-
-    Each cause has the marginal likelihood of the change with its amount integrated over the prior;
-    "something else" is a change of every quantity by itself.  All have the same prior probability.
-
-    Parameters
-    ----------
-    change : ndarray, shape (m,)
-    covariance : ndarray, shape (m, m)
-        Of the change as it was estimated.
-    causes : mapping of str to Cause
-    usual : ndarray, shape (m,)
-        Size of changes of each quantity, for "something else".
-    """
+) -> dict[str, tuple[float, float, float]]:
+    """Return log evidence, amount and deviation of each cause and of "something else"."""
     from scipy.stats import multivariate_normal, norm
 
     d, sigma = np.asarray(change, dtype=float), np.asarray(covariance, dtype=float)
@@ -91,6 +78,63 @@ def explain_change(
         found[name] = evidence, amount, std
     other = sigma + np.diag(np.asarray(usual, dtype=float) ** 2)
     found[SOMETHING_ELSE] = float(multivariate_normal.logpdf(d, cov=other)), float("nan"), float("nan")
+    return found
+
+
+def explain_courses(
+    rows: np.ndarray,
+    courses: Mapping[str, np.ndarray],
+    causes: Mapping[str, Mapping[str, Cause]],
+    usual: np.ndarray,
+    pattern_error: float = 0.0,
+    shrinkage: float = 0.0,
+) -> tuple[Explanation, ...]:
+    """Return the causes of a change with their probabilities, the most probable first.
+
+    Each cause has the marginal likelihood of the records with its amount integrated over the prior; "something else" is a
+    change of every quantity by itself.  All have the same prior probability.  Causes may differ in their course over
+    time as well: record k is a level plus the change times the course, plus noise with one covariance for all courses,
+    that of the residuals of the course that fits best.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, m)
+        Quantities of each record, in the order of time.
+    courses : mapping of str to ndarray, shape (n,)
+        Such as a step and a ramp, zero before the change.
+    causes : mapping of str to mapping of str to Cause
+        By course.
+    usual : ndarray, shape (m,)
+        Size of changes of each quantity, for "something else", which may have any of the courses.
+    pattern_error : float
+        Share of the largest change, relative to the usual ones, by which patterns may be wrong.
+    shrinkage : float
+        Share by which the covariance of few records is pulled towards a diagonal one.
+    """
+    fits = {}
+    for name, course in courses.items():
+        x = np.column_stack([np.ones(len(rows)), course])
+        solution, *_ = np.linalg.lstsq(x, rows, rcond=None)
+        rest = rows - x @ solution
+        fits[name] = solution[1], rest, float(np.linalg.inv(x.T @ x)[1, 1])
+    scale = np.asarray(usual, dtype=float)
+    best = min(fits.values(), key=lambda fit: float(np.sum((fit[1] / scale) ** 2)))
+    noise = best[1].T @ best[1] / max(len(rows) - 2, 1)
+    noise = (1.0 - shrinkage) * noise + shrinkage * np.diag(np.diag(noise)) + np.diag((1e-6 * scale) ** 2)
+    precision = np.linalg.inv(noise)
+    found: dict[str, tuple[float, float, float]] = {}
+    for name, (change, rest, factor) in fits.items():
+        wrong = pattern_error * float(np.max(np.abs(change / scale))) * scale
+        fitted = -0.5 * float(np.sum((rest @ precision) * rest)) + 0.5 * float(np.linalg.slogdet(noise * factor)[1])
+        evidences = _evidences(change, noise * factor + np.diag(wrong**2), causes[name], usual)
+        for cause, (evidence, amount, std) in evidences.items():
+            if cause not in found or evidence + fitted > found[cause][0]:
+                found[cause] = evidence + fitted, amount, std
+    return _ranked(found)
+
+
+def _ranked(found: Mapping[str, tuple[float, float, float]]) -> tuple[Explanation, ...]:
+    """Return explanations from log evidence, amount and deviation of each."""
     most = max(evidence for evidence, _, _ in found.values())
     weights = {name: float(np.exp(evidence - most)) for name, (evidence, _, _) in found.items()}
     whole_weight = sum(weights.values())

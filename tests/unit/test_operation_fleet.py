@@ -15,7 +15,7 @@ from operation.fleet.scores import MachineYear, detection_curve, scores
 from operation.follow.settings import FollowSettings
 from operation.follow.watch import watch
 from operation.page.page import Advice, general_advice, write_page
-from operation.statistics.patterns import SOMETHING_ELSE, Cause, explain_change
+from operation.statistics.patterns import SOMETHING_ELSE, Cause, Explanation, explain_courses
 from operation.store.judgement import Judgement, Quantity
 from operation.store.store import Event, Store
 
@@ -65,22 +65,44 @@ def test_a_cluster_of_dask_gives_the_same(tmp_path: Path) -> None:
                     assert a.quantities == b.quantities
 
 
+CAUSES = {
+    "all alike": Cause(pattern=np.array([-1.0, -1.0, -1.0]), size=2.0, sign=1),
+    "the first": Cause(pattern=np.array([1.0, 0.0, 0.0]), size=2.0),
+}
+STEP, RAMP = (np.arange(40) >= 20).astype(float), np.clip(np.arange(40) - 19.5, 0.0, None) / 19.5
+
+
+def explained(change: list[float], seed: int = 0, course: np.ndarray = STEP) -> tuple[Explanation, ...]:
+    """Explain a change in forty records with a noise of 0.6."""
+    rows = 5.0 + np.outer(course, change) + 0.6 * np.random.default_rng(seed).standard_normal((40, 3))
+    return explain_courses(rows, {"at once": STEP}, {"at once": CAUSES}, np.full(3, 2.0))
+
+
 def test_causes_are_told_apart_by_what_they_change_together() -> None:
-    causes = {
-        "all alike": Cause(pattern=np.array([-1.0, -1.0, -1.0]), size=2.0, sign=1),
-        "the first": Cause(pattern=np.array([1.0, 0.0, 0.0]), size=2.0),
-    }
-    covariance, usual, hits = 0.04 * np.eye(3), np.full(3, 2.0), 0
+    hits = 0
     for seed in range(50):
-        noise = 0.2 * np.random.default_rng(seed).standard_normal(3)
-        best = explain_change(np.array([-1.5, -1.5, -1.5]) + noise, covariance, causes, usual)[0]
+        best = explained([-1.5, -1.5, -1.5], seed)[0]
         hits += best.cause == "all alike" and best.interval()[0] < 1.5 < best.interval()[1]
     assert hits >= 43  # 95 % of 50, less three standard errors
-    assert explain_change(np.array([1.5, 0.1, -0.1]), covariance, causes, usual)[0].cause == "the first"
-    assert explain_change(np.array([1.5, 0.1, 1.4]), covariance, causes, usual)[0].cause == SOMETHING_ELSE
-    rising = explain_change(np.array([1.5, 1.5, 1.5]), covariance, causes, usual)
+    assert explained([1.5, 0.1, -0.1])[0].cause == "the first"
+    assert explained([1.5, 0.1, 1.4])[0].cause == SOMETHING_ELSE
+    rising = explained([1.5, 1.5, 1.5])
     assert rising[0].cause == SOMETHING_ELSE  # the first cause can only lower them
     assert sum(e.probability for e in rising) == pytest.approx(1.0)
+
+
+def test_causes_with_one_pattern_are_told_apart_by_their_course() -> None:
+    pattern = np.array([1.0, 1.0, 1.0])
+    causes = {
+        "at once": {"oiled": Cause(pattern=pattern, size=2.0)},
+        "growing": {"worn": Cause(pattern=pattern, size=2.0)},
+    }
+    for course, name in ((STEP, "oiled"), (RAMP, "worn")):
+        rows = np.outer(course, [1.5, 1.5, 1.5]) + 0.4 * np.random.default_rng(1).standard_normal((40, 3))
+        best = explain_courses(rows, {"at once": STEP, "growing": RAMP}, causes, np.full(3, 2.0), 0.15, 0.2)[0]
+        assert best.cause == name
+        assert best.probability > 0.9
+        assert best.interval()[0] < 1.5 < best.interval()[1]
 
 
 def test_scores_of_years_with_known_truth() -> None:

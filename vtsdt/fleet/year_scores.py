@@ -45,7 +45,7 @@ def machine_years(
         named, probability = "", float("nan")
         first = next((a for a in alarms if a >= begins * DAY), None)
         if first is not None:
-            since = min(c.since for c in state.changes if c.raised == first)
+            since = max((c for c in state.changes if c.raised == first), key=lambda c: c.change.statistic).since
             good = [j for j in judgements if not j.refused]
             until = [j for j in good if j.at <= first]
             known = good[: len(until) - 1 + VISITS]
