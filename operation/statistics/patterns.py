@@ -91,8 +91,8 @@ def explain_courses(
 ) -> tuple[Explanation, ...]:
     """Return the causes of a change with their probabilities, the most probable first.
 
-    Each cause has the marginal likelihood of the records with its amount integrated over the prior; "something else" is a
-    change of every quantity by itself.  All have the same prior probability.  Causes may differ in their course over
+    Each cause has the marginal likelihood of the records with its amount integrated over the prior; "something else" is
+    a change of every quantity by itself.  All have the same prior probability.  Causes may differ in their course over
     time as well: record k is a level plus the change times the course, plus noise with one covariance for all courses,
     that of the residuals of the course that fits best.
 
