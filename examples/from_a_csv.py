@@ -1,4 +1,4 @@
-"""Three machines from nothing but a CSV file to the effect that a textbook model of them lacks.
+"""Four machines from nothing but a CSV file to the effect that a textbook model of them lacks.
 
 The recordings are made by plain equations, with noise and rounding of the sensors: none of the package's own models is
 asked.  What follows is what a person types: `vtsdt init`, which finds out the rest, `vtsdt check` and `vtsdt diagnose`.
@@ -115,7 +115,28 @@ def tanks(rng: np.random.Generator) -> dict[str, Array]:
     }
 
 
+def oven(rng: np.random.Generator) -> dict[str, Array]:
+    """A small oven that loses heat through its wall, and by radiation, which grows with the fourth power."""
+    t = np.arange(0.0, 7200.0, 5.0)
+    power = steps(rng, t, 0.0, 900.0, 500.0, 20.0)
+    air = 293.15 + 2.0 * np.sin(2.0 * np.pi * t / 5000.0)
+
+    def rates(now: float, x: Array) -> list[float]:
+        outside = np.interp(now, t, air)
+        lost = 1.5 * (x[0] - outside) + 2.5e-9 * (x[0] ** 4 - 293.15**4)
+        return [(np.interp(now, t, power) - lost) / 3500.0]
+
+    (inside,) = simulate(rates, [330.0], t)
+    return {
+        "t [s]": t,
+        "heater_power_W": power,
+        "ambient [°C]": np.round(air - 273.15 + rng.normal(0.0, 0.02, t.size), 2),
+        "oven [°C]": np.round(inside - 273.15 + rng.normal(0.0, 0.1, t.size), 2),
+    }
+
+
 MACHINES = (
+    Machine("heated-body", "radiation_loss@body", oven),
     Machine("screw-drive", "coulomb_friction@guide", screw),
     Machine("elastic-load", "quadratic_drag@bearing", shaft),
     Machine("tanks", "laminar_leakage@upper", tanks),
@@ -147,7 +168,7 @@ def diagnose(study: Path) -> dict[str, object]:
 
 
 def main(folder: Path) -> None:
-    """Take the three machines from their files to the named effect, and tell how long each took."""
+    """Take the machines from their files to the named effect, and tell how long each took."""
     for machine in MACHINES:
         begun = time.perf_counter()
         found = diagnose(start(machine, folder))

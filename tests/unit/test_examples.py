@@ -152,14 +152,14 @@ def from_a_csv():
 
 
 def test_a_study_started_from_a_csv_fits_its_recording(tmp_path):
-    """The quickest of the three machines; the rest is among the slow tests."""
+    """The quickest part of one machine; the rest is among the slow tests."""
     example = from_a_csv()
     study = example.start(example.MACHINES[-1], tmp_path)
     example.run("check", str(study))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", range(3))
+@pytest.mark.parametrize("place", range(4))
 def test_from_a_csv_to_the_missing_effect(place, tmp_path):
     example = from_a_csv()
     machine = example.MACHINES[place]
