@@ -9,6 +9,7 @@ import argparse
 import contextlib
 import importlib
 import io
+import json
 import os
 import resource
 import signal
@@ -45,12 +46,23 @@ def answer(broken: Broken, folder: Path) -> tuple[int, str, float]:
     return os.waitstatus_to_exitcode(status), told.read_text(), seconds
 
 
+def _interval(count: int, of: int) -> str:
+    """Return the 95 % interval of Clopper and Pearson of a share, in percent."""
+    from scipy.stats import beta
+
+    low = beta.ppf(0.025, count, of - count + 1) if count else 0.0
+    high = beta.ppf(0.975, count + 1, of - count) if count < of else 1.0
+    return f"{100 * low:.1f} to {100 * high:.1f} %"
+
+
 def main() -> None:
     """Run, print what is not clear, and write the page."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--page", type=Path)
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--first", type=int, default=0, help="place of the first input that is taken")
+    parser.add_argument("--keep", type=Path, help="file of answers: what is in it is not run again")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no further input after so long")
     given = parser.parse_args()
     inputs = corpus()[given.first :: given.every]
     for module in (
@@ -63,14 +75,27 @@ def main() -> None:
         importlib.import_module(module)  # once, and not again in every process
     from discrepancy.problem.problem import read_problem
 
+    known: dict[str, str] = {}
+    if given.keep and given.keep.exists():
+        known = dict(json.loads(line)[:2] for line in given.keep.read_text(encoding="utf-8").splitlines())
     verdicts: Counter[str] = Counter()
     begun = time.perf_counter()
     with tempfile.TemporaryDirectory() as temporary:
         read_problem(write(Broken("sound", "", {}), Path(temporary) / "sound"))
         for k, broken in enumerate(inputs):
+            name = f"{broken.kind} | {broken.variant}"
+            if name in known:
+                verdicts[known[name]] += 1
+                continue
+            if time.perf_counter() - begun > given.seconds:
+                print(f"{len(inputs) - sum(verdicts.values())} inputs are left: run it again with --keep")
+                return
             code, message, seconds = answer(broken, Path(temporary) / str(k))
             verdict = "hang" if code == -1 else judged(broken, code, message)
             verdicts[verdict] += 1
+            if given.keep:
+                with given.keep.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps([name, verdict, message.strip()[:1000]]) + "\n")
             if verdict != "clear":
                 print(
                     f"{verdict:7} {broken.kind} | {broken.variant} | {message.strip()[:230]} ({seconds:.1f} s)",
@@ -78,7 +103,8 @@ def main() -> None:
                 )
     kinds = len({b.kind for b in inputs})
     line = f"{len(inputs)} inputs of {kinds} kinds: " + ", ".join(
-        f"{verdicts[v]} {v}" for v in ("clear", "vague", "silent", "fault", "hang")
+        f"{verdicts[v]} {v} ({_interval(verdicts[v], len(inputs))})"
+        for v in ("clear", "vague", "silent", "fault", "hang")
     )
     print(line, f"({time.perf_counter() - begun:.0f} s)")
     if given.page:

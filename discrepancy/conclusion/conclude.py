@@ -120,6 +120,8 @@ def conclude(state: SearchState, by_evidence: EvidenceSearch | None = None) -> C
     paths = [str(problem.path)] if problem.path is not None else []
     paths += [str(e.record.path) for e in (*problem.identify, *problem.validate)]
     extra: dict[str, Any] = {"separating_trips": [t.to_dict() for t in trips]}
+    if hidden and state.decisions:
+        extra["could_hide_scatter"] = state.decisions[-1].scan.visible_scatter
     if force is not None:
         extra["unknown"] = force.to_dict()
     if noisy:

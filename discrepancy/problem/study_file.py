@@ -439,8 +439,8 @@ class _Reader:
         elif source.endswith(".py") and not (self.path.parent / source).is_file():
             folder = (self.path.parent / source).parent
             siblings = sorted(p.name for p in folder.glob("*.py")) if folder.is_dir() else []
-            hint = nearest_or_choices(Path(source).name, siblings)
-            self.fault("[model] build", f"there is no file '{source}' beside the study{hint}")
+            hint = nearest_or_choices(Path(source).name, siblings) if siblings else ""
+            self.fault("[model] build", f"there is no file '{source}' beside the study{hint}: name one that is there")
         elif not source.endswith(".py") and not all(part.isidentifier() for part in source.split(".")):
             self.fault(
                 "[model] build",
@@ -479,16 +479,24 @@ class _Reader:
                     self.fault(f"{where}, noise", "must be above zero: leave it out to have it estimated")
                 times = records.time if records is not None else ""
                 if column.column and column.column in ([times] if isinstance(times, str) else times.values()):
-                    self.fault(where, f"column '{column.column}' is the time column")
+                    self.fault(where, f"column '{column.column}' is the time column: name another one")
         by_column: dict[str, str] = {}
         for name, column in outputs.items():
             if column.default is not None:
-                self.fault(f'[outputs] "{name}", default', "is for inputs: what was not measured is no output")
+                self.fault(
+                    f'[outputs] "{name}", default', "is for inputs: what was not measured is no output; remove it"
+                )
             if column.interpolation != "linear":
-                self.fault(f'[outputs] "{name}", interpolation', "is for inputs: outputs are compared sample by sample")
+                self.fault(
+                    f'[outputs] "{name}", interpolation',
+                    "is for inputs: outputs are compared sample by sample; remove it",
+                )
             if column.column and column.column in by_column:
                 other = by_column[column.column]
-                self.fault(f'[outputs] "{name}"', f"column '{column.column}' is used for '{other}' already")
+                self.fault(
+                    f'[outputs] "{name}"',
+                    f"column '{column.column}' is used for '{other}' already: name the one of this output",
+                )
             by_column[column.column] = name
         for name, column in inputs.items():
             if name in outputs:

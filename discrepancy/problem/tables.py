@@ -220,7 +220,7 @@ def read_struct(kind: type[T], table: Mapping[str, Any], fault: Callable[[str, s
         if declared.required and key not in values:
             values[key] = "" if declared.type is str else []
             if key not in table:
-                fault("", f"the key '{key}' is missing")
+                fault("", f"the key '{key}' is missing: add it")
     return kind(**values)
 
 

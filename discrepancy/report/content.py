@@ -355,7 +355,8 @@ def _hidden(conclusion: Conclusion) -> Entry:
         (seen if mde < delta else blind).append(row)
     for rows in (seen, blind):
         rows.sort(key=lambda r: (r["title"], r["where"]))
-    return {"seen": seen, "blind": blind}
+    scatter = conclusion.extra.get("could_hide_scatter")
+    return {"seen": seen, "blind": blind, "scatter": share_words(scatter) if scatter else ""}
 
 
 def _negligible(conclusion: Conclusion) -> list[Entry]:

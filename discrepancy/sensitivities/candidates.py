@@ -28,6 +28,7 @@ from discrepancy.sensitivities.finite_amplitude import (
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.statistics.blocks import Candidate, KeptSensitivities
 from discrepancy.statistics.columns import responses_together
+from discrepancy.statistics.score_variance import about_bands
 from estimation.response.experiment import Experiment
 from estimation.response.perturbations import InputPerturbation, Perturbation, cheaper_by_transition_matrices
 from multibody.base.errors import ModelError
@@ -44,6 +45,8 @@ BATCH = 192  # responses that are computed together at most
 #: Arrays of the size of all sensitivities that are kept: themselves, what is orthogonal to calibration with and without
 #: whitening, and the vectors from which the noise of each score follows.
 KEPT_COPIES = 5.0
+#: Of the energies of all candidates and shapes per band and pair of outputs: with and without whitening.
+SPECTRA_COPIES = 2.0
 WORTH_SAYING = 1e9  # bytes from which on the memory is told beforehand
 
 
@@ -141,11 +144,16 @@ def candidate_sensitivities(
 def _announce(linearised: LinearisedProblem, plans: Sequence[Plan], progress: Any) -> None:
     """Say how much memory the sensitivities and what the scores make of them will take, where it is much."""
     columns = sum(len(shapes) * len(strengths) for _, shapes, strengths in plans)
-    rows = sum(e.time.size * len(e.outputs) for e in linearised.experiments)
-    needed, room = KEPT_COPIES * 8.0 * columns * rows, KEPT * memory_limit()
+    samples, outputs = sum(e.time.size for e in linearised.experiments), len(linearised.experiments[0].outputs)
+    rows = samples * outputs
+    spectra = SPECTRA_COPIES * 16.0 * sum(len(s) for _, s, _ in plans) * about_bands(samples // 2) * outputs**2
+    needed, room = KEPT_COPIES * 8.0 * columns * rows + spectra, KEPT * memory_limit()
     if progress is None or needed < WORTH_SAYING:
         return
-    text = f"{len(plans)} candidates have {columns} sensitivities of {rows} values: {needed / 1e9:.2g} GB"
+    text = (
+        f"{len(plans)} candidates have {columns} sensitivities of {rows} values: with their scores about "
+        f"{needed / 1e9:.2g} GB"
+    )
     beyond = needed - room
     if beyond > 0.0:
         text += (

@@ -196,6 +196,21 @@ class NullDistribution:
             return np.zeros(0)
         return self.by_candidate.quantile(float(np.quantile(self.maxima, 1.0 - level)))
 
+    def critical_interval(self, level: float) -> tuple[Array, Array]:
+        """Return between which u of every candidate `critical_values` lies with nine of ten seeds.
+
+        From the order statistics of the draws: how many of them lie beyond the true value is a binomial number.
+        """
+        from scipy.stats import binom
+
+        if not len(self.neg_log_p):
+            return np.zeros(0), np.zeros(0)
+        n = self.maxima.size
+        most, least = (int(binom.ppf(share, n, level)) for share in (0.95, 0.05))
+        ends = (self.maxima[max(0, n - 1 - most)], self.maxima[min(n - 1, n - least)])
+        low, high = (self.by_candidate.quantile(float(end)) for end in ends)
+        return low, high
+
 
 def tail_p(draws: Array, u: Array) -> Array:
     """Tail probability of u from sorted draws.

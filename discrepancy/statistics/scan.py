@@ -170,6 +170,7 @@ def score_candidates(
         neg_log_p=largest,
         p_values=null.p_value(largest),
         critical=null.critical_values(level),
+        critical_interval=null.critical_interval(level),
         floor=floor,
         residual=residual,
         parameters=sens.names,
@@ -197,6 +198,7 @@ def score_candidates(
         removed_effects=tuple(candidates[scorer.columns.groups[i].candidate].name for i in cleaned.groups),
         null=null,
         scorer=scorer,
+        visible_scatter=judged.scatter(list(best.values())),
         **common,
     )
     return result if top is None else replace(result, ties=result.ties_of(top.name))
@@ -250,6 +252,8 @@ class _Judged:
     ----------
     neg_log_p, p_values, critical : ndarray, shape (n_candidates,)
         Largest −ln p of each candidate, its family-wise p, and the −ln p at which it would be declared.
+    critical_interval : tuple of ndarray
+        Between which ``critical`` lies with nine of ten seeds of the null distribution.
     floor : ndarray, shape (n_channels,)
         Noise floor of each channel.
     parameters : tuple of str
@@ -265,6 +269,7 @@ class _Judged:
     neg_log_p: Array
     p_values: Array
     critical: Array
+    critical_interval: tuple[Array, Array]
     floor: Array
     residual: Residual
     parameters: tuple[str, ...]
@@ -319,12 +324,22 @@ class _Judged:
         assert self.w.scorer is not None
         return self.w.scorer
 
-    def _critical_ratio(self, g: int) -> float:
-        """Return √(LM/λ) that the family-wise test requires of a group."""
+    def scatter(self, groups: Sequence[int]) -> float:
+        """Return by which share the smallest visible strengths of some groups change with the seed; the median."""
+        shares = []
+        for g in groups:
+            low, critical, high = (
+                self._critical_ratio(g, at) for at in (self.critical_interval[0], None, self.critical_interval[1])
+            )
+            shares.append(0.5 * (high - low) / (critical + POWER_QUANTILE))
+        return float(np.median(shares))
+
+    def _critical_ratio(self, g: int, at: Array | None = None) -> float:
+        """Return √(LM/λ) that the family-wise test requires of a group; ``at``: were these its critical values."""
         from scipy.special import fdtri
 
         k, nu = float(self._scorer.kdim[g]), float(self._scorer.dof[g])
-        critical = self.critical[self._scorer.columns.groups[g].candidate]
+        critical = (self.critical if at is None else at)[self._scorer.columns.groups[g].candidate]
         return float(np.sqrt(k * fdtri(k, nu, 1.0 - np.exp(-max(critical, 1e-9)))))
 
     def _visible(self, c: Candidate, g: int) -> tuple[float, float]:

@@ -151,6 +151,9 @@ class ScanResult:
     not_excited : tuple of str
         Uncertain parameters with zero sensitivity.
 
+    visible_scatter : float
+        Share by which the smallest visible strengths change with the seed of the null distribution, up or down, in nine
+        of ten scans; the median over the candidates.
     null, whitener, projection, scorer
         With which the candidates were scored; no scorer where there was nothing to score.
     whitened_residual : ndarray, shape (n_rows,)
@@ -174,6 +177,7 @@ class ScanResult:
     projection: Projection = field(repr=False)
     scorer: Scorer | None = field(repr=False)
     whitened_residual: Array = field(repr=False)
+    visible_scatter: float = 0.0
 
     @property
     def verdict(self) -> str:

@@ -27,6 +27,17 @@ MIN_ORDINATES = 5.0
 RELATIVE_WIDTH = 0.12
 
 
+def about_bands(ordinates: int) -> float:
+    """Return about how many bands `make_bands` makes of some number of ordinates of all records.
+
+    Up to the frequency at which `RELATIVE_WIDTH` holds `MIN_ORDINATES` each band has that many of them, then their
+    widths grow in proportion to the frequency.
+    """
+    narrow = min(ordinates / MIN_ORDINATES, 1.0 / RELATIVE_WIDTH)
+    wide = np.log(max(1.0, ordinates * RELATIVE_WIDTH / MIN_ORDINATES)) / np.log1p(RELATIVE_WIDTH)
+    return float(narrow + wide)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Bands:
     """Frequency bands shared by all blocks.

@@ -19,6 +19,9 @@ CALENDAR_FROM = 1e8
 _ZONED = re.compile(r"(Z|[+-]\d{2}:?\d{2})$")
 
 
+_TIME_OF_DAY = r"\d{1,3}:\d{2}(:\d{2}(\.\d+)?)?"
+
+
 @dataclass(frozen=True)
 class Dates:
     """Times of a column that states dates.
@@ -99,10 +102,11 @@ def dates_from_text(
     sample = str(known.iloc[0]) if len(known) else ""
     nothing = Dates(np.full(len(text), np.nan), None, ())
     where = f"{name}, column '{column}'"
-    if re.fullmatch(r"\d{1,3}:\d{2}(:\d{2}(\.\d+)?)?", sample) and form is None:
+    if re.fullmatch(_TIME_OF_DAY, sample) and form is None:
         whole = text.where(text.str.count(":") == 2, text + ":00")
         passed = pd.to_timedelta(whole.where(~empty), errors="coerce")
-        wrong = passed.isna().to_numpy() & ~empty.to_numpy()
+        of_day = text.str.fullmatch(_TIME_OF_DAY).to_numpy(dtype=bool)  # numbers beside one time of day are no times
+        wrong = (passed.isna().to_numpy() | ~of_day) & ~empty.to_numpy()
         seconds = passed.dt.total_seconds().to_numpy(dtype=float)
         seconds = _past_midnight(seconds)
         first = seconds[np.isfinite(seconds)][0] if np.isfinite(seconds).any() else 0.0

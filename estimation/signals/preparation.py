@@ -42,7 +42,9 @@ def _step(time: np.ndarray) -> float:
 def _design(cutoff_hz: float, step: float) -> np.ndarray:
     nyquist = 0.5 / step
     if not 0.0 < cutoff_hz < nyquist:
-        raise SignalError(f"low-pass at {cutoff_hz:g} Hz must lie between 0 and half the sampling rate, {nyquist:g} Hz")
+        raise SignalError(
+            f"low_pass_hz = {cutoff_hz:g} Hz must lie between 0 and half the sampling rate, {nyquist:g} Hz"
+        )
     return _butterworth(cutoff_hz / nyquist)
 
 

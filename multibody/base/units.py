@@ -92,7 +92,9 @@ def _line(source: str, target: str) -> tuple[float, float]:
         return _USUAL[source, target], 0.0
     a, b = _unit(source), _unit(target)
     if a.dimensionality != b.dimensionality:
-        raise UnitError(f"'{source}' cannot be converted to '{target}': they measure different quantities")
+        raise UnitError(
+            f"'{source}' cannot be converted to '{target}': they measure different quantities, so give a unit that can"
+        )
     q = _registry().Quantity
     zero = float(q(0.0, a).to(b).magnitude)
     return float(q(1.0, a).to(b).magnitude) - zero, zero
@@ -194,7 +196,7 @@ def quantity(value: Any, unit: str) -> float:
             except ValueError:
                 continue
             return float(convert(number, text[cut:].strip(), unit)) if text[cut:].strip() else number
-        raise UnitError(f"'{value}' is not a number with a unit, such as '3.2 {unit}'")
+        raise UnitError(f"'{value}' is not a number with a unit: give one such as '3.2 {unit}'")
     if hasattr(value, "magnitude") and hasattr(value, "units"):
         return float(convert(float(value.magnitude), f"{value.units}", unit))
     return float(value)

@@ -258,9 +258,9 @@ def _unit_text(text: str, units: dict[str, str]) -> str:
 
 def out_of_bounds(item: Parameter, number: float) -> str | None:
     """Return the fault of a number outside its parameter's bounds, or None."""
+    value = f"parameter '{item.name}' is {number:g} {item.unit}"
     if item.min is not None and number < item.min:
-        return f"parameter '{item.name}' is {number:g} {item.unit}, below its least value {item.min:g}: {item.meaning}"
+        return f"{value}, below its least value {item.min:g}: {item.meaning}; choose more"
     if item.max is not None and number > item.max:
-        most = f"above its largest value {item.max:g}"
-        return f"parameter '{item.name}' is {number:g} {item.unit}, {most}: {item.meaning}"
+        return f"{value}, above its largest value {item.max:g}: {item.meaning}; choose less"
     return None

@@ -242,7 +242,7 @@ def of_study() -> Iterator[Broken]:
             "records.identify: no such file", value, changed("records", "identify", value), ("identify", "records")
         )
     for value in (
-        "os:system", "/etc/passwd:x", "cart:build", "cart.py", "cart.py:", ":build", "cart.py:builld", "card.py:build",
+        "os:system", "/etc/passwd:x", "cart.py", "cart.py:", ":build", "cart.py:builld", "card.py:build",
         "../cart.py:build", "json:loads", "vtsdt.lft:reference", "cart.py:build()", "cart.py:Model.x", "cart py:build",
     ):  # fmt: skip
         yield Broken("model.build: cannot be", value, changed("model", "build", f'"{value}"'), ("build",))
@@ -252,7 +252,7 @@ def of_study() -> Iterator[Broken]:
         '{ mass = "a" }',
         "{ mass = nan }",
         "{ mass = [] }",
-        "{ mass = 0.0 }",
+        "{ mass = -0.5 }",
     ):
         yield Broken("model.arguments: cannot be", value, changed("model", "arguments", value), ("mas", "body"))
     text = toml(STUDY)

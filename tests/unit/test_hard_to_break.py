@@ -27,7 +27,9 @@ def test_what_stands_where_a_file_should_be(tmp_path):
     )
     assert "gone.csv', which is not there: mend the link" in why_no_file(tmp_path / "link.csv")
     assert why_no_file(tmp_path / "b.csv") == "there is no such file; nearest: 'a.csv'"
-    assert why_no_file(tmp_path / "none" / "b.csv") == "there is no such file; its folder is missing or empty"
+    assert why_no_file(tmp_path / "none" / "b.csv") == (
+        "there is no such file; its folder is missing or empty: name one that is there"
+    )
 
 
 def test_a_rate_out_of_all_proportion_is_refused_before_it_is_tried(tmp_path):
@@ -69,3 +71,10 @@ def test_one_trip_claims_no_certainty(trips, known):
     (section,) = alignment.sections
     assert np.isfinite(section.confidence) == known
     assert (alignment.to_json()["sections"][0]["confidence"] is not None) == known
+
+
+def test_one_time_of_day_does_not_make_a_signal_a_clock(tmp_path):
+    lines = ["time_s,x_m", "0,12:30:00", *(f"{0.1 * k},{np.sin(0.1 * k)}" for k in range(1, 20))]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    with pytest.raises(RecordError, match=r"column 'x_m', lines 3, 4, .* is not a date written as the others"):
+        read_records([tmp_path / "a.csv"], time="time_s", columns={"x": "x_m"})

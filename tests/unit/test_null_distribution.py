@@ -85,3 +85,16 @@ def test_curves_are_taken_out_of_slow_noise_less_often_than_laws_would_be(monkey
     assert [removed(k) for k in seeds] == [()] * 3
     monkeypatch.setattr(scanning, "FEW_STRENGTHS", 17)  # by the rule for laws
     assert all(removed(k) for k in seeds)
+
+
+def test_the_interval_of_the_critical_values_holds_in_nine_of_ten_seeds():
+    level, candidates, draws = 0.02, 3, 400
+    true = -np.log(-np.expm1(np.log1p(-level) / candidates))  # of independent candidates whose u is exponential
+    covered = []
+    for seed in range(100):
+        u = np.random.default_rng(seed).exponential(size=(candidates, draws))
+        low, high = NullDistribution(u, np.zeros(0), None).critical_interval(level)
+        assert np.all(low <= high)
+        covered.append(np.mean((low <= true) & (true <= high)))
+    assert 0.8 < np.mean(covered) < 1.0
+    assert not np.all(covered)  # an interval that always held would be no interval of nine in ten
