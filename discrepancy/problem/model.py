@@ -139,7 +139,8 @@ def load_builder(study: StudyFile) -> Callable[..., Any]:
     builder = getattr(module, name, None)
     if builder is None:
         own = [key for key, value in vars(module).items() if callable(value) and not key.startswith("_")]
-        raise StudyError([f"{where}: '{source}' has no '{name}'{nearest_or_choices(name, own)}"])
+        hint = nearest_or_choices(name, own) if own else f": write 'def {name}()' in it, which returns the model"
+        raise StudyError([f"{where}: '{source}' has no '{name}'{hint}"])
     if not callable(builder):
         raise StudyError([f"{where}: '{name}' in '{source}' is {type(builder).__name__} and not callable"])
     beside = Path(getattr(module, "__file__", None) or "").resolve().is_relative_to(study.path.parent.resolve())

@@ -125,7 +125,7 @@ def _layout(name: str, lines: Sequence[str], request: TableRequest) -> _Layout:
     kept = [place for place in _kept(lines) if place >= request.skip_rows]
     if not kept:
         above = f" below the {request.skip_rows} lines that skip_rows leaves out" if request.skip_rows else ""
-        raise RecordError([f"{name}: the file is empty{above}"])
+        raise RecordError([f"{name}: the file is empty{above}: export the recording again"])
     if re.fullmatch(r"sep=.", lines[kept[0]].strip()):
         kept = kept[1:]
     top = [lines[place] for place in kept]
@@ -222,7 +222,7 @@ def _by_lines(
         raise RecordError(faults)
     rows = Rows(np.array(body_at, dtype=np.int64) + 1, "line")
     if not body:
-        faults.append(f"{name}: there is a header but no data below it")
+        faults.append(f"{name}: there is a header but no data below it: export the recording again")
         raise RecordError(faults)
     widths = _widths(body, delimiter)
     if (wrong := widths != len(names)).any():

@@ -28,7 +28,7 @@ def read_excel(path: Path, request: TableRequest) -> FileTable:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         sheets = {sheet.title: [list(row) for row in sheet.iter_rows(values_only=True)] for sheet in book.worksheets}
     except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise RecordError([f"{name}: is not a readable Excel file ({error})"]) from error
+        raise RecordError([f"{name}: is not a readable Excel file ({error}): export it again"]) from error
     sheets = {title: rows for title, rows in sheets.items() if any(_filled(row) for row in rows)}
     if not sheets:
         raise RecordError([f"{name}: no worksheet holds data"])
@@ -46,7 +46,7 @@ def read_excel(path: Path, request: TableRequest) -> FileTable:
     faults = column_faults(name, request.every, names)
     body = table[header.first :]
     if request.every and not body:
-        faults.append(f"{name}: there is a header but no data below it")
+        faults.append(f"{name}: there is a header but no data below it: export the recording again")
     if faults:
         raise RecordError(faults)
     rows = Rows(np.array(places[header.first :], dtype=np.int64) + 1)

@@ -45,5 +45,5 @@ def read_hdf5(path: Path, request: TableRequest) -> FileTable:
         with h5py.File(path, "r") as file:
             file.visititems(visit)
     except OSError as error:
-        raise RecordError([f"{path.name}: is not a readable HDF5 file ({error})"]) from error
+        raise RecordError([f"{path.name}: is not a readable HDF5 file ({error}): export it again"]) from error
     return table_from_groups(path, arrays, request, "/", "dataset", units)

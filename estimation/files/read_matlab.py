@@ -46,7 +46,7 @@ def _content(path: Path) -> dict[str, Any]:
         except RecordError:
             raise
         except Exception as error:  # the reader raises many kinds on damaged files
-            raise RecordError([f"{path.name}: is not a readable MATLAB file ({error})"]) from error
+            raise RecordError([f"{path.name}: is not a readable MATLAB file ({error}): export it again"]) from error
         if not any(_is_object(value) for value in content.values()):
             return dict(content)
     if hdf:
@@ -55,7 +55,7 @@ def _content(path: Path) -> dict[str, Any]:
     try:
         content = matio.load_from_mat(str(path))
     except Exception as error:
-        raise RecordError([f"{path.name}: is not a readable MATLAB 7.3 file ({error})"]) from error
+        raise RecordError([f"{path.name}: is not a readable MATLAB 7.3 file ({error}): export it again"]) from error
     return dict(content)
 
 
@@ -95,7 +95,7 @@ def _check_hdf(path: Path) -> None:
         with h5py.File(path, "r") as file:
             file.visititems(visit)
     except OSError as error:
-        raise RecordError([f"{path.name}: is not a readable MATLAB 7.3 file ({error})"]) from error
+        raise RecordError([f"{path.name}: is not a readable MATLAB 7.3 file ({error}): export it again"]) from error
 
 
 def _is_object(value: Any) -> bool:

@@ -25,7 +25,7 @@ def read_mdf(path: Path, request: TableRequest) -> FileTable:
     try:
         file = asammdf.MDF(path, raise_on_multiple_occurrences=False)
     except Exception as error:  # the reader raises many kinds on damaged files
-        raise RecordError([f"{path.name}: is not a readable MDF file ({error})"]) from error
+        raise RecordError([f"{path.name}: is not a readable MDF file ({error}): export it again"]) from error
     with file:
         places: dict[str, tuple[int, int]] = {}
         units: dict[str, str] = {}

@@ -26,7 +26,9 @@ def read_parquet(path: Path, request: TableRequest) -> FileTable:
         check_size(name, 8.0 * file.metadata.num_rows * len(request.every), path.stat().st_size)
         table = file.read(columns=list(request.every))
     except (pa.ArrowException, OSError) as error:
-        raise RecordError([f"{name}: is not a readable Parquet file ({str(error).splitlines()[0]})"]) from error
+        raise RecordError(
+            [f"{name}: is not a readable Parquet file ({str(error).splitlines()[0]}): export it again"]
+        ) from error
     if request.every and table.num_rows == 0:
         raise RecordError([f"{name}: there are columns but no rows"])
     return table_from_arrays(path, names, request, lambda column: table[column].to_numpy())

@@ -24,10 +24,10 @@ def read_tdms(path: Path, request: TableRequest) -> FileTable:
     try:
         file = nptdms.TdmsFile.read(path)
     except Exception as error:  # the reader raises many kinds on damaged files
-        raise RecordError([f"{path.name}: is not a readable TDMS file ({error})"]) from error
+        raise RecordError([f"{path.name}: is not a readable TDMS file ({error}): export it again"]) from error
     every = [channel for group in file.groups() for channel in group.channels()]
     if not every:
-        raise RecordError([f"{path.name}: is not a readable TDMS file (it holds no channels)"])
+        raise RecordError([f"{path.name}: is not a readable TDMS file (it holds no channels): export it again"])
     short = [channel.name for channel in every]
     by_name = {c.name if short.count(c.name) == 1 else f"{c.group_name}/{c.name}": c for c in every}
     units = {name: str(c.properties.get("unit_string", "") or "") for name, c in by_name.items()}

@@ -29,7 +29,7 @@ def read_uff(path: Path, request: TableRequest) -> FileTable:
         file = pyuff.UFF(str(path))
         sets = [file.read_sets(int(k)) for k in np.flatnonzero(np.asarray(file.get_set_types()) == 58)]
     except Exception as error:  # the reader raises many kinds on damaged files
-        raise RecordError([f"{path.name}: is not a readable universal file ({error})"]) from error
+        raise RecordError([f"{path.name}: is not a readable universal file ({error}): export it again"]) from error
     responses = [s for s in sets if int(s.get("func_type", 0)) == _TIME_RESPONSE]
     if not responses:
         raise RecordError([f"{path.name}: holds no time response (dataset 58, function type 1)"])

@@ -115,7 +115,8 @@ class _Conversion:
         rows = table.rows
         if len(time) < 2:
             self.faults.append(
-                f"{self.file}: only one row of data ({rows.word} {rows.numbers[0]}): record a longer time"
+                f"{self.file}: only one row of data ({rows.word} {rows.numbers[0]}): record a longer time, or name a "
+                "longer recording"
             )
         self._stop_at_faults()
         inside = self._window(time)

@@ -33,5 +33,6 @@ def why_no_file(path: Path, *, ending: str = "", what: str = "file") -> str:
     if path.parent.is_dir():
         siblings = sorted(p.name for p in path.parent.iterdir() if p.name.endswith(ending) and p.is_file())
     if not siblings:
-        return f"there is no such {what}; its folder is missing or {'has none' if ending else 'empty'}: name one that is there"
+        nothing = "has none" if ending else "empty"
+        return f"there is no such {what}; its folder is missing or {nothing}: name one that is there"
     return f"there is no such {what}{nearest_or_choices(path.name, siblings)}"
