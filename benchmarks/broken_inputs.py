@@ -129,8 +129,8 @@ PAGE = """# Broken inputs
 
 The corpus is in `tests/unit/broken_inputs.py`: faults of a study file, of recordings and of a model's file, each put
 into a sound study and given to `vtsdt compare`. It tests this program against faults that its authors thought of, so it
-says little about those that nobody has thought of. Answers that were not clear in earlier runs of this corpus were mended,
-so these shares are those of inputs that were looked at and not of a fresh sample.
+says little about those that nobody has thought of. Answers that were not clear in earlier runs of this corpus were
+mended, so these shares are those of inputs that were looked at and not of a fresh sample.
 
 The rule: {rule}
 """
