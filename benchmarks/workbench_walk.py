@@ -55,9 +55,9 @@ def opened() -> Iterator[Browser]:
 
 
 @contextmanager
-def workbench(target: Path, out: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Start ``vtsdt open`` on a study or a history; yield the page's address and the process."""
-    command = [sys.executable, "-m", "vtsdt", "open", str(target), "--no-browser", "--out", str(out)]
+def workbench(*words: str | Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Start ``vtsdt open`` with some words; yield the page's address and the process."""
+    command = [sys.executable, "-m", "vtsdt", "open", *map(str, words), "--no-browser"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -199,7 +199,7 @@ def _keep(page: Page, path: Path, *, whole: bool = False) -> None:
 def _slider(browser: Browser, folder: Path) -> float:
     """Return how long one position of a slider takes on the lift of 17 states, ms: median of several."""
     _bench("lift", "--out", str(folder))
-    with workbench(folder / "study.toml", folder / "out") as (address, _):
+    with workbench(folder / "study.toml", "--out", folder / "out") as (address, _):
         page = page_of(browser, address)
         slider = page.locator("#sliders input[type=range]").first
         slider.wait_for()
@@ -219,7 +219,7 @@ def _zoom(browser: Browser, folder: Path) -> float:
     (folder / "study.toml").write_text(STUDY, encoding="utf-8")
     write_slide(folder / "long.csv", 1_000_000)
     write_slide(folder / "short.csv", 5_000)
-    with workbench(folder / "study.toml", folder / "out") as (address, _):
+    with workbench(folder / "study.toml", "--out", folder / "out") as (address, _):
         page = page_of(browser, address)
         taken = []
         for _ in range(7):
@@ -290,7 +290,7 @@ def main() -> None:
         folder = Path(name)
         _bench("axis", "--hide", "coulomb_friction@guide", "--seed", "1", "--out", str(folder / "axis"))
         out = folder / "axis" / "out"
-        with workbench(folder / "axis" / "study.toml", out) as (address, _):
+        with workbench(folder / "axis" / "study.toml", "--out", out) as (address, _):
             page = page_of(browser, address)
 
             def picture(shown: str) -> None:

@@ -47,11 +47,29 @@ window.vtsdtZoom = (function () {
     const plots = [];
     let whole = null, shown = null, busy = false;
 
+    /* What changes in a panel that is out of sight is drawn when it comes into sight. */
+    function refresh(p) {
+      if (!p.visible || !(p.data || p.moved)) return;
+      if (p.data) p.plot.setData(p.data, !shown);
+      if (shown) p.plot.setScale("x", { min: shown[0], max: shown[1] });
+      p.data = null;
+      p.moved = false;
+    }
+    const watch = new IntersectionObserver((entries) => {
+      for (const e of entries) {
+        const p = plots.find((q) => q.box === e.target);
+        if (!p) continue;
+        p.visible = e.isIntersecting;
+        refresh(p);
+      }
+    }, { rootMargin: "200px" });
+    window.addEventListener("beforeprint", () => { for (const p of plots) { p.visible = true; refresh(p); } });
+
     function show(from, to, byHand) {
       if (busy || !(to > from)) return;
       busy = true;
       shown = [from, to];
-      for (const p of plots) p.plot.setScale("x", { min: from, max: to });
+      for (const p of plots) { p.moved = true; refresh(p); }
       busy = false;
       if (byHand && options.onZoom) options.onZoom(from, to);
     }
@@ -130,7 +148,8 @@ window.vtsdtZoom = (function () {
         data(figure, residual),
         box,
       );
-      plots.push({ plot, residual, box, lines: [figure.title, ...figure.models.map((m) => m.name + m.style)].join("\n") });
+      watch.observe(box);
+      plots.push({ plot, residual, box, visible: true, data: null, moved: false, lines: [figure.title, ...figure.models.map((m) => m.name + m.style)].join("\n") });
     }
 
     function toolbar() {
@@ -152,6 +171,7 @@ window.vtsdtZoom = (function () {
     }
 
     function build(list) {
+      watch.disconnect();
       for (const p of plots) p.plot.destroy();
       plots.length = 0;
       element.textContent = "";
@@ -165,7 +185,7 @@ window.vtsdtZoom = (function () {
       const same = plots.length === 2 * list.length && list.every((f, k) => plots[2 * k].lines === lines(f));
       busy = true;
       if (!same) build(list);
-      else plots.forEach((p, k) => p.plot.setData(data(list[Math.floor(k / 2)], p.residual), true));
+      else plots.forEach((p, k) => { p.data = data(list[Math.floor(k / 2)], p.residual); });
       busy = false;
       if (shown) show(shown[0], shown[1], false);
     }

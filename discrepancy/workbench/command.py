@@ -1,4 +1,4 @@
-"""The command ``vtsdt open``: a study in the browser."""
+"""The command ``vtsdt open``: a study, or a finished result, in the browser."""
 
 from __future__ import annotations
 
@@ -10,15 +10,21 @@ import sys
 import threading
 import webbrowser
 from argparse import Namespace
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 from discrepancy.problem.study_file import StudyError
 from discrepancy.study.history import restore
 from discrepancy.study.study import Study
 from discrepancy.workbench.session import Session
 
-__all__ = ["open_session", "serve"]
+__all__ = ["View", "open_session", "serve", "serve_result"]
+
+#: From the positions of a page's sliders, by name, to what the page shows.
+View = Callable[[Mapping[str, float]], dict[str, Any]]
+
 
 MISSING = (
     "vtsdt open needs the packages of the workbench, and {} is not installed: pip install 'vtsdt[workbench]', or "
@@ -85,13 +91,47 @@ def serve(args: Namespace) -> int:
     args : namespace
         ``target``, ``out``, ``port``, ``browser``.
     """
-    try:
-        import uvicorn
+    _needed()
+    from discrepancy.workbench.server import application
 
-        from discrepancy.workbench.server import LOOPBACK, application
+    session = open_session(args.target, args.out)
+    _listen(lambda token: application(session, token), session.close, args)
+    print(f"every step is in {session.history}", file=sys.stderr)
+    return 0
+
+
+def serve_result(view: View, args: Namespace) -> int:
+    """Show a finished result in the browser, until the command is interrupted.
+
+    Parameters
+    ----------
+    view : callable
+        From the positions of the page's sliders to what it shows: see `discrepancy.workbench.result_page`.
+    args : namespace
+        ``port``, ``browser``.
+    """
+    _needed()
+    from discrepancy.workbench.result_page import result_application
+
+    _listen(lambda token: result_application(view, token), lambda: None, args)
+    return 0
+
+
+def _needed() -> None:
+    try:
+        import starlette
+        import uvicorn
     except ImportError as error:
         raise StudyError([MISSING.format(error.name)]) from None
-    session = open_session(args.target, args.out)
+    _ = starlette, uvicorn
+
+
+def _listen(application: Callable[[str], Any], close: Callable[[], None], args: Namespace) -> None:
+    """Run an application, made for a new token, on this computer until it is interrupted."""
+    import uvicorn
+
+    from discrepancy.workbench.server import LOOPBACK
+
     token = secrets.token_urlsafe(16)
     with socket.socket() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -102,17 +142,13 @@ def serve(args: Namespace) -> int:
         if args.browser:
             threading.Timer(0.3, webbrowser.open, [address]).start()
         # the application has nothing to begin or end; a lifespan task would print a traceback at Ctrl-C
-        config = uvicorn.Config(
-            application(session, token), lifespan="off", log_level="warning", timeout_graceful_shutdown=1
-        )
+        config = uvicorn.Config(application(token), lifespan="off", log_level="warning", timeout_graceful_shutdown=1)
 
         class Server(uvicorn.Server):
             def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-                session.close()  # a page that waits for news would hold the server up
+                close()  # a page that waits for news would hold the server up
                 super().handle_exit(sig, frame)
 
         with contextlib.suppress(KeyboardInterrupt):
             Server(config).run(sockets=[listener])
-    session.close()
-    print(f"every step is in {session.history}", file=sys.stderr)
-    return 0
+    close()

@@ -6,7 +6,7 @@ import hmac
 import json
 import math
 import re
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,11 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.responses import Response
 
-__all__ = ["LOOPBACK", "application"]
+__all__ = ["LOOPBACK", "application", "served"]
+
+#: From the arguments of a request to what the page gets.
+Work = Callable[[Any], Any]
+
 
 #: Names under which a browser on this computer reaches the page; a request for any other host is refused, so that no
 #: foreign page can reach it by a name of its own that points here.
@@ -44,40 +48,6 @@ def application(session: Session, token: str, hosts: list[str] | None = None) ->
     hosts : list of str, optional
         Host names that may stand in a request; default: those of this computer.
     """
-    from starlette.applications import Starlette
-    from starlette.concurrency import run_in_threadpool
-    from starlette.middleware import Middleware
-    from starlette.middleware.trustedhost import TrustedHostMiddleware
-    from starlette.responses import HTMLResponse, PlainTextResponse, Response
-    from starlette.routing import Route
-
-    def answered(work: Callable[[Any], Any]) -> Callable[[Request], Awaitable[Response]]:
-        """Return the handler that does a piece of reading in a thread and answers with JSON."""
-
-        async def handler(request: Request) -> Response:
-            if refused := _refused(request, token):
-                return PlainTextResponse(refused, status_code=403)
-            given = (
-                json.loads(await request.body() or b"{}") if request.method == "POST" else dict(request.query_params)
-            )
-            try:
-                found = await run_in_threadpool(work, given)
-            except Busy as error:
-                return _json({"error": str(error)}, 409)
-            except (KeyError, ValueError, RuntimeError, TypeError) as error:
-                return _json({"error": str(error.args[0] if error.args else error)}, 400)
-            return _json(found, 200)
-
-        return handler
-
-    def _json(content: Any, status: int) -> Response:
-        text = json.dumps(_finite(content), ensure_ascii=False)
-        return Response(text, status, media_type="application/json", headers={"Cache-Control": "no-store"})
-
-    async def page(request: Request) -> Response:
-        if refused := _refused(request, token):
-            return PlainTextResponse(refused, status_code=403)
-        return HTMLResponse(_page(), headers={"Content-Security-Policy": POLICY, "Referrer-Policy": "no-referrer"})
 
     def news(given: Any) -> Any:
         session.wait(int(given.get("since", -1)), WAIT)
@@ -112,14 +82,73 @@ def application(session: Session, token: str, hosts: list[str] | None = None) ->
         "force": lambda given: session.force(given.get("where", "")),
         "table": lambda given: session.table(),
     }
-    routes = [Route("/", page)]
-    routes += [Route(f"/{name}", answered(work)) for name, work in reading.items()]
     posts = {
         "figures": figures,
         "do": do,
         "stop": stop,
         "export": lambda given: export(session, str(given.get("what"))),
     }
+    return served("page.html", reading, posts, token, hosts)
+
+
+def served(
+    template: str,
+    reading: Mapping[str, Work],
+    posts: Mapping[str, Work],
+    token: str,
+    hosts: list[str] | None = None,
+) -> Starlette:
+    """Return an application of one page and what it asks for as JSON.
+
+    Parameters
+    ----------
+    template : str
+        Name of the page.
+    reading, posts : mapping of str to callable
+        What is asked for, and what is done: from the arguments to what JSON can hold.
+    token : str
+        Has to stand in the address of every request.
+    hosts : list of str, optional
+        Host names that may stand in a request; default: those of this computer.
+    """
+    from starlette.applications import Starlette
+    from starlette.concurrency import run_in_threadpool
+    from starlette.middleware import Middleware
+    from starlette.middleware.trustedhost import TrustedHostMiddleware
+    from starlette.responses import HTMLResponse, PlainTextResponse, Response
+    from starlette.routing import Route
+
+    def answered(work: Work) -> Callable[[Request], Awaitable[Response]]:
+        """Return the handler that does a piece of reading in a thread and answers with JSON."""
+
+        async def handler(request: Request) -> Response:
+            if refused := _refused(request, token):
+                return PlainTextResponse(refused, status_code=403)
+            given = (
+                json.loads(await request.body() or b"{}") if request.method == "POST" else dict(request.query_params)
+            )
+            try:
+                found = await run_in_threadpool(work, given)
+            except Busy as error:
+                return _json({"error": str(error)}, 409)
+            except (KeyError, ValueError, RuntimeError, TypeError) as error:
+                return _json({"error": str(error.args[0] if error.args else error)}, 400)
+            return _json(found, 200)
+
+        return handler
+
+    def _json(content: Any, status: int) -> Response:
+        text = json.dumps(_finite(content), ensure_ascii=False)
+        return Response(text, status, media_type="application/json", headers={"Cache-Control": "no-store"})
+
+    async def page(request: Request) -> Response:
+        if refused := _refused(request, token):
+            return PlainTextResponse(refused, status_code=403)
+        headers = {"Content-Security-Policy": POLICY, "Referrer-Policy": "no-referrer"}
+        return HTMLResponse(_page(template), headers=headers)
+
+    routes = [Route("/", page)]
+    routes += [Route(f"/{name}", answered(work)) for name, work in reading.items()]
     routes += [Route(f"/{name}", answered(work), methods=["POST"]) for name, work in posts.items()]
     allowed = Middleware(TrustedHostMiddleware, allowed_hosts=hosts or LOOPBACK)
     return Starlette(routes=routes, middleware=[allowed])
@@ -179,8 +208,8 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def _page() -> str:
-    """Return the page with its style and scripts in it."""
+def _page(template: str) -> str:
+    """Return a page with its style and scripts in it."""
     folder = resources.files("discrepancy") / "templates"
-    page = (folder / "workbench" / "page.html").read_text(encoding="utf-8")
+    page = (folder / "workbench" / template).read_text(encoding="utf-8")
     return re.sub(r"/\*([\w/]+\.(?:css|js))\*/", lambda m: (folder / m[1]).read_text(encoding="utf-8"), page)

@@ -269,7 +269,7 @@ class Session:
     def _stage(self, stage: Stage) -> Entry:
         return {
             "name": stage.name,
-            "title": stage_title(stage),
+            "title": _title(stage),
             "effects": [str(e) for e in stage.effects],
             "rmse": {part: stage.rmse(part) for part in ("identify", "validate")},
         }
@@ -443,3 +443,11 @@ def _tell_apart(rows: list[Entry]) -> list[str]:
         return []
     tied = [r for r in rows if r is rows[0] or r["name"] in rows[0]["tied"]]
     return list(dict.fromkeys(r["confirm"] for r in tied))
+
+
+def _title(stage: Stage) -> str:
+    """Return a stage's title in words; of an added effect what it is and where."""
+    if not stage.effects:
+        return stage_title(stage)
+    latest = stage.effects[-1]
+    return f"+ {latest.definition.text.title} at {latest.where}"

@@ -10,6 +10,7 @@ from gearbox.updating.outcome import Candidate, UpdatingOutcome
 __all__ = ["SCHEMA", "content"]
 
 SCHEMA = 1
+MARGIN = 0.3  # of the band's ends, beyond which no lines of the spectra are written; chosen: what the figure shows
 
 
 def content(result: UpdatingOutcome) -> dict[str, Any]:
@@ -62,6 +63,7 @@ def content(result: UpdatingOutcome) -> dict[str, Any]:
             "study": study.to_dict(orient="records"),
         },
         "search": result.search.to_dict(),
+        "spectra": _spectra(result),
         "conditions": [
             {
                 "name": c.condition.label,
@@ -97,6 +99,29 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
         "simulated": candidate.simulated,
         "similarity": None if candidate.similarity is None else candidate.similarity.to_dict(),
     }
+
+
+def _spectra(result: UpdatingOutcome) -> dict[str, Any]:
+    """Return the spectra of the processed signals at the base condition, and where mesh lines and sidebands are."""
+    from gearbox.signals.spectrum import spectrum
+
+    recording, *signals = result.pictures["pairs"][0]
+    s = result.settings
+    low, high = s.processing.band
+    entries: dict[str, Any] = {
+        "recording": recording.name,
+        "band_Hz": [low, high],
+        "mesh_Hz": result.frequencies.virtual.mesh_frequency,
+        "shaft_Hz": result.frequencies.condition.speed_rpm / 60.0,
+    }
+    for name, signal in zip(("measured", "before", "after"), signals, strict=True):
+        whole = spectrum(signal)
+        shown = (whole.frequencies > (1.0 - MARGIN) * low) & (whole.frequencies < (1.0 + MARGIN) * high)
+        entries[name] = {
+            "frequency_Hz": whole.frequencies[shown].tolist(),
+            "amplitude": whole.amplitudes[shown].tolist(),
+        }
+    return entries
 
 
 def _components(components: Any) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from vtsdt.alignment.estimate import align, balance
 from vtsdt.alignment.rail import rail_profile
 from vtsdt.alignment.sections import Section, sections
 from vtsdt.alignment.trips import AlignmentError, find_columns, read_trips
+from vtsdt.alignment.view import alignment_view
 from vtsdt.cli.command_line import main
 from vtsdt.files.parameters import LiftParameters
 
@@ -204,6 +205,28 @@ def test_command_writes_page_json_rail_and_figures(tmp_path, capsys):
     page = (out / "report.html").read_text()
     assert "http://" not in page
     assert "https://" not in page
+    view = alignment_view(out)
+    shown = view({})
+    (figure,) = shown["figures"]
+    assert [round(a, 4) for band in figure["bands"] for a in band] == [
+        s[k] for s in content["sections"] for k in ("from_m", "to_m")
+    ]
+    assert len(figure["lines"]) == 2 + 4  # trips; estimate, its limits, threshold
+    assert view({"threshold": 50.0})["figures"][0]["bands"] == []
+    assert "vtsdt what-if" in shown["sentences"][-1]
+    interval = {"value": 10.0, "low": 8.0, "high": 12.0}
+    section = {"low_m": 1.0, "high_m": 2.0, "deviation_mm": 3.0, "saving_J": interval}
+    actions = {"straightened": {"saving": interval, "gain": {"value": 0.01, "low": None, "high": None}}}
+    saved = {"threshold_mm": 2.0, "sections": [section], "actions": actions}
+    (out / "what-if.json").write_text(json.dumps(saved), encoding="utf-8")
+    tables = {t["title"]: t["rows"] for t in alignment_view(out)({"threshold": 1.0})["tables"]}
+    assert tables["What each action would save, with 95 % intervals"] == [["straightened", "10 (8 to 12)", "1"]]
+    assert tables["What straightening one section alone would save"] == [["1.00 to 2.00 m", "3.00 mm", "10 (8 to 12)"]]
+    (out / "what-if.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(ValueError, match="the entry 'threshold_mm' is missing"):
+        alignment_view(out)
+    assert main(["open", "--lift", str(tmp_path)]) == 2
+    assert "there is no alignment.json in this folder: run vtsdt align" in capsys.readouterr().err
 
 
 def test_command_refuses_in_one_message_without_a_traceback(tmp_path, capsys):

@@ -20,6 +20,7 @@ from gearbox.updating.identifiability import identifiability
 from gearbox.updating.objectives import AmplitudeObjective, DifferenceObjective, MeasuredLines, SimilarityObjective
 from gearbox.updating.runs import ModelSource, Runs
 from gearbox.updating.settings import UpdatingSettings
+from gearbox.updating.view import updating_view
 from gearbox.updating.virtual import Run, Settings, run_model
 from surrogate import DesignSpace
 
@@ -348,6 +349,15 @@ def test_result_is_written_and_can_be_read(result, tmp_path):
     assert content["accepted"] == result.accepted
     assert content["updated"]["similarity"]["rule"] == "best"
     assert 0.9 < content["updated"]["similarity"]["bound"] < 1.0
+    shown = updating_view(tmp_path)({})
+    (figure,) = shown["figures"]
+    mesh = [m["at"] for m in figure["marks"] if m["name"]]
+    assert mesh[0] % content["frequencies"]["mesh_Hz"] == pytest.approx(0.0, abs=1e-6)
+    assert [line["name"] for line in figure["lines"]] == ["measured", "model before", "model after"]
+    similar = shown["tables"][0]["rows"][0]
+    assert similar[-1] == f"{content['conditions'][0]['after']['value']:.3f}"
+    with pytest.raises(ValueError, match=r"there is no updating\.json in this folder"):
+        updating_view(tmp_path / "nothing")
     assert [c["name"] for c in content["conditions"]] == NAMES[1:]
     assert len(content["surface"]["study"]) == 4
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -75,7 +75,7 @@ def browser():
 
 def test_the_whole_path_by_clicks_and_its_replay(browser, study, tmp_path):
     faults = []
-    with walking.workbench(study, tmp_path) as (address, _):
+    with walking.workbench(study, "--out", tmp_path) as (address, _):
         page = walking.page_of(browser, address)
         page.on("pageerror", lambda error: faults.append(str(error)))
         seen = walking.walk(page)
@@ -107,7 +107,7 @@ def test_the_whole_path_by_clicks_and_its_replay(browser, study, tmp_path):
 
 def test_two_studies_in_two_tabs_and_one_process_that_goes(browser, study, tmp_path):
     ways = walking.workbench
-    with ways(study, tmp_path / "one") as (one, process), ways(study, tmp_path / "two") as (two, _):
+    with ways(study, "--out", tmp_path / "one") as (one, process), ways(study, "--out", tmp_path / "two") as (two, _):
         first, second = (walking.page_of(browser, address) for address in (one, two))
         assert not first.locator("#gone").is_visible()
         process.kill()
@@ -116,3 +116,25 @@ def test_two_studies_in_two_tabs_and_one_process_that_goes(browser, study, tmp_p
         assert not second.locator("#gone").is_visible()
         second.reload()
         second.locator(".zoom-panel").first.wait_for()
+
+
+def test_an_alignment_is_shown_and_its_threshold_moved(browser, tmp_path):
+    height = np.linspace(0.0, 10.0, 101)
+    deviation = 2.0 + np.sin(height)
+    trip = {"name": "up", "direction": "up", "delta_mm": deviation.tolist()}
+    content = {
+        "height_m": height.tolist(),
+        "estimate_mm": deviation.tolist(),
+        "std_mm": np.full(101, 0.1).tolist(),
+        "threshold_mm": 2.5,
+        "trips": [trip],
+    }
+    (tmp_path / "alignment.json").write_text(json.dumps(content), encoding="utf-8")
+    with walking.workbench("--lift", tmp_path) as (address, _):
+        page = browser.new_page(viewport={"width": 400, "height": 900})
+        page.goto(address)
+        page.locator('body[data-shown="1"]').wait_for()
+        assert "2 sections are above 2.50 mm" in page.locator("#sentences").inner_text()
+        page.locator("#sliders input").fill("1000")
+        page.locator("#sentences", has_text="No section is above").wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") <= 400

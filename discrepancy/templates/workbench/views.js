@@ -92,12 +92,12 @@ wb.views = (function () {
     return found;
   };
   const power = (u, ticks) => ticks.map((v) => (v >= 0.01 && v < 1e4 ? String(+v.toPrecision(3)) : `1e${Math.round(Math.log10(v))}`));
-  function plot(box, title, series, data, scales, labels) {
+  function plot(box, title, series, data, scales, labels, options) {
     const look = (scale, ...rest) => ({ ...axis(...rest), ...(scale && scale.distr === 3 ? { splits: decades, values: power } : { values: (u, ticks) => ticks.map((v) => +v.toPrecision(5)) }) });
     if (scales.x.distr === 3) scales = { ...scales, x: { ...scales.x, range: [data[0][0], data[0][data[0].length - 1]] } };
     const inner = box.appendChild(element("div", undefined, { className: "plot" }));
     const size = () => Math.max(220, inner.clientWidth);
-    const drawn = new uPlot({ title, width: size(), height: 215, scales, series, axes: [look(scales.x, labels[0], 34, 20), look(scales.y, labels[1], 62, 20)], legend: { show: false }, cursor: { drag: { x: true, y: true, uni: 20 } } }, data, inner);
+    const drawn = new uPlot({ title, width: size(), height: (options && options.height) || 215, plugins: (options && options.plugins) || [], scales, series, axes: [look(scales.x, labels[0], 34, 20), look(scales.y, labels[1], 62, 20)], legend: { show: false }, cursor: { drag: { x: true, y: true, uni: 20 } } }, data, inner);
     new ResizeObserver(() => { if (Math.abs(size() - drawn.width) > 1) drawn.setSize({ width: size(), height: drawn.height }); }).observe(inner);
   }
   function key(box, entries) {
@@ -132,11 +132,11 @@ wb.views = (function () {
     grid(box, heads, found.regimes.map((r) => [r.place, r.regime, `${(100 * r.share).toFixed(0)} %`, `${digits(r.rms)} ${found.unit}`]));
   }
   /* Series of unlike abscissae in one plot: they are put on the union of all. */
-  function scatter(box, title, ...rest) {
-    const labels = rest.pop(), all = rest.flat(), x = [...new Set(all.flatMap((s) => s.points_.map((p) => p[0])))].sort((a, b) => a - b);
+  function scatter(box, title, dotted, lined, labels, options) {
+    const all = [...dotted, ...lined], x = [...new Set(all.flatMap((s) => s.points_.map((p) => p[0])))].sort((a, b) => a - b);
     const place = new Map(x.map((v, k) => [v, k]));
     const data = all.map((s) => { const y = new Array(x.length).fill(null); for (const [a, b] of s.points_) if (b !== null) y[place.get(a)] = b; return y; });
-    plot(box, title, [{}, ...all.map(({ points_, ...s }) => ({ spanGaps: true, ...s, points: s.points || { show: false } }))], [x, ...data], { x: { time: false } }, labels);
+    plot(box, title, [{}, ...all.map(({ points_, ...s }) => ({ spanGaps: true, ...s, points: s.points || { show: false } }))], [x, ...data], { x: { time: false }, ...(options && options.logarithmic ? { y: { distr: 3 } } : {}) }, labels, options);
   }
   function grid(box, heads, rows) {
     const scroll = box.appendChild(element("div", undefined, { className: "scroll" })), drawn = scroll.appendChild(element("table"));
