@@ -373,11 +373,13 @@ class EvidenceSearch:
 
         def whole(model: TriedModel) -> float:
             found = self.systematic.get(model.key)
-            return model.total + (max(found.gain, 0.0) if found is not None and found.convincing else 0.0)
+            return model.total + (max(found.gain, 0.0) if found is not None else 0.0)
 
-        if start is None or best is start or whole(best) >= whole(start):
+        if start is None or best is start:
             return best
-        found = self.systematic[start.key]
+        found = self.systematic.get(start.key)
+        if found is None or not found.convincing or whole(best) >= whole(start):
+            return best
         best.refuse(f"a force at {found.where} that depends on {found.on} by no law of the catalogue explains more")
         self.state.progress(f"{best.name}: {best.outcome}")
         return start
