@@ -8,7 +8,7 @@ Importing this registers them.
 
 from __future__ import annotations
 
-from discrepancy.effects.kinds import Kind, KindText, kinds, register
+from discrepancy.effects.kinds import Kind, KindText, register
 from multibody.declare.component import Component
 from multibody.library.electrical import PMSM, DCMotor, DCMotorDrive
 from multibody.library.fluid import Leaky, Pipe
@@ -136,5 +136,4 @@ BUILT_IN_KINDS = (
 )
 
 for _kind in BUILT_IN_KINDS:
-    if _kind.name not in kinds():
-        register(_kind)
+    register(_kind)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from discrepancy.effects import shape_grids
 from discrepancy.effects.shape_grids import MotionRange, Shapes
+from multibody.base.references import EFFECTS_GROUP, offered_modules
 
 if TYPE_CHECKING:
     from multibody.declare.component import Component
@@ -140,10 +144,11 @@ class Kind:
 
 _T = KindText
 _KINDS: dict[str, Kind] = {}
+_REGISTERED_BY: dict[str, str] = {}  # the file that registered each
 
 
 def register(kind: Kind, law: type[Component] | None = None) -> Kind:
-    """Add a kind to the catalogue; its name must be new.
+    """Add a kind to the catalogue; its name must be new, unless the same file registers it again.
 
     Parameters
     ----------
@@ -154,20 +159,39 @@ def register(kind: Kind, law: type[Component] | None = None) -> Kind:
     Raises
     ------
     ValueError
-        If the name of the kind or of the law is taken.
+        If the name of the kind or of the law is taken, or the law is not at the top of its file.
     """
+    caller = sys._getframe(1)
+    # each cell of a notebook is a file of its own
+    file = "__main__" if caller.f_globals.get("__name__") == "__main__" else caller.f_code.co_filename
+    again = _REGISTERED_BY.get(kind.name) == file
+    if kind.name in _KINDS and not again:
+        raise ValueError(f"there is already a kind '{kind.name}': give yours another name")
     if law is not None:
         from discrepancy.effects.laws import add_law
 
-        add_law(kind.law, law, law.__module__)
-    if kind.name in _KINDS:
-        raise ValueError(f"there is already a kind '{kind.name}': give yours another name")
-    _KINDS[kind.name] = kind
+        add_law(kind.law, law, again=again)
+    _KINDS[kind.name], _REGISTERED_BY[kind.name] = kind, file
     return kind
 
 
+@lru_cache(maxsize=1)
+def _load_offered() -> None:
+    """Import what installed packages offer as effects, which registers them; one that fails is told and left out."""
+    for module in offered_modules(EFFECTS_GROUP):
+        try:
+            importlib.import_module(module)
+        except Exception as error:
+            text = (
+                f"the effects that the installed package of '{module}' offers are left out: "
+                f"{type(error).__name__}: {error}: mend or uninstall it"
+            )
+            warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
 def kinds() -> dict[str, Kind]:
-    """Return all kinds by name."""
+    """Return all kinds by name: those that ship, those of installed packages, and those registered since."""
+    _load_offered()
     return dict(_KINDS)
 
 
@@ -181,6 +205,8 @@ def kind_named(name: str) -> Kind:
     """
     from multibody.base.spelling import nearest
 
+    if name not in _KINDS:
+        _load_offered()
     if name not in _KINDS:
         raise KeyError(f"there is no effect '{name}'{nearest(name, _KINDS)}")
     return _KINDS[name]

@@ -457,15 +457,16 @@ def _versions() -> dict[str, tuple[type[Component], type[Component]]]:
         if law is DryLaw:
             continue
         name = law.__name__.lstrip("_")
-        pair = in_both_domains(law, __name__, (f"{name}Effect", f"Rotary{name}Effect"))
-        for cls in pair:
-            globals()[cls.__name__] = cls
-        found[name] = pair
+        found[name] = in_both_domains(law, _class_names(name))
     found["AddedInertia"] = (AddedMass, AddedInertia)
     return found
 
 
-def add_law(name: str, law: type[Component], module: str) -> None:
+def _class_names(law: str) -> tuple[str, str]:
+    return f"{law}Effect", f"Rotary{law}Effect"
+
+
+def add_law(name: str, law: type[Component], *, again: bool = False) -> None:
     """Offer a user's own law to the catalogue under a name.
 
     Parameters
@@ -474,17 +475,17 @@ def add_law(name: str, law: type[Component], module: str) -> None:
         What `discrepancy.effects.kinds.Kind.law` refers to.
     law : type
         Subclass of `Law` or `DryLaw`, written with the letters F, X and V in its units.
-    module : str
-        ``__name__`` of the module that holds it.
+    again : bool
+        Take the place of the law of this name.
 
     Raises
     ------
     ValueError
-        If the name is taken.
+        If the name is taken, or the law is not at the top of its file.
     """
-    if name in LAWS:
+    if name in LAWS and not again:
         raise ValueError(f"there is already a law '{name}': give yours another name")
-    LAWS[name] = in_both_domains(law, module, (f"{name}Effect", f"Rotary{name}Effect"))
+    LAWS[name] = in_both_domains(law, _class_names(name))
 
 
 #: name of the law → its sliding and its turning version

@@ -9,7 +9,7 @@ Importing this registers them.
 
 from __future__ import annotations
 
-from discrepancy.effects.kinds import Kind, KindText, kinds, register
+from discrepancy.effects.kinds import Kind, KindText, register
 from multibody.declare.component import Component
 from multibody.library.control import PI, CascadedController, PositionController, Proportional
 from multibody.library.electrical import PMSM, DCMotor, DCMotorDrive, Resistor
@@ -131,5 +131,4 @@ STATED_KINDS = (
 )
 
 for _kind in STATED_KINDS:
-    if _kind.name not in kinds():
-        register(_kind)
+    register(_kind)

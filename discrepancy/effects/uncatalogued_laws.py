@@ -67,6 +67,4 @@ class _OverTime(_Unknown):
 UNKNOWN_LAWS: dict[str, tuple[type[Component], type[Component]]] = {}
 for _over, _law in zip(OVER, (_OverPosition, _OverSpeed, _OverTime), strict=True):
     _name = _law.__name__.lstrip("_")
-    UNKNOWN_LAWS[_over] = in_both_domains(_law, __name__, (f"{_name}Force", f"{_name}Torque"))
-    for _class in UNKNOWN_LAWS[_over]:
-        globals()[_class.__name__] = _class
+    UNKNOWN_LAWS[_over] = in_both_domains(_law, (f"{_name}Force", f"{_name}Torque"))

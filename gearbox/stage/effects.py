@@ -5,7 +5,7 @@ Importing this registers them; a stage built with ``imperfect=True`` and ``beari
 
 from __future__ import annotations
 
-from discrepancy.effects.kinds import Kind, KindText, kinds, register
+from discrepancy.effects.kinds import Kind, KindText, register
 from gearbox.parts.bearings import BearingBushing
 from gearbox.parts.mesh import HelicalMesh
 from gearbox.parts.shafts import GearShaft
@@ -82,5 +82,4 @@ GEAR_KINDS = (
 )  # fmt: skip
 
 for _kind in GEAR_KINDS:
-    if _kind.name not in kinds():
-        register(_kind)
+    register(_kind)

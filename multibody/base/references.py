@@ -9,18 +9,26 @@ from functools import lru_cache
 from importlib import metadata
 from types import ModuleType
 
-__all__ = ["MODELS_GROUP", "OWN", "is_offered", "module_named", "offered_modules"]
+__all__ = ["EFFECTS_GROUP", "MODELS_GROUP", "OWN", "is_in_offered", "is_offered", "module_named", "offered_modules"]
 
 MODELS_GROUP = "vtsdt.models"
 """Entry points by which an installed package says that a module of it offers models and components to files."""
+EFFECTS_GROUP = "vtsdt.effects"
+"""Entry points by which an installed package says that importing a module of it adds effects to the catalogue."""
 OWN = ("multibody", "estimation", "surrogate", "discrepancy", "operation", "vtsdt", "gearbox")
 """Packages of this distribution."""
 
 
-@lru_cache(maxsize=1)
-def offered_modules() -> tuple[str, ...]:
-    """Return the modules that installed packages offer by an entry point of the group ``vtsdt.models``."""
-    return tuple(sorted({entry.value.partition(":")[0] for entry in metadata.entry_points(group=MODELS_GROUP)}))
+@lru_cache(maxsize=8)
+def offered_modules(group: str = MODELS_GROUP) -> tuple[str, ...]:
+    """Return the modules that installed packages offer by an entry point of a group.
+
+    Parameters
+    ----------
+    group : str
+        `MODELS_GROUP` or `EFFECTS_GROUP`.
+    """
+    return tuple(sorted({entry.value.partition(":")[0] for entry in metadata.entry_points(group=group)}))
 
 
 def is_offered(name: str) -> bool:
@@ -38,11 +46,19 @@ def is_offered(name: str) -> bool:
     >>> is_offered("multibody.library"), is_offered("antigravity")
     (True, False)
     """
-    return (
-        name.partition(".")[0] in OWN
-        or name in sys.modules
-        or any(name == module or name.startswith(f"{module}.") for module in offered_modules())
-    )
+    return name.partition(".")[0] in OWN or name in sys.modules or is_in_offered(name)
+
+
+def is_in_offered(name: str) -> bool:
+    """Tell whether a module is one that an installed package offers, or lies in one.
+
+    Parameters
+    ----------
+    name : str
+        Dotted name of a module.
+    """
+    offered = (module for group in (MODELS_GROUP, EFFECTS_GROUP) for module in offered_modules(group))
+    return any(name == module or name.startswith(f"{module}.") for module in offered)
 
 
 def current_name(name: str) -> str:

@@ -7,6 +7,7 @@ A law names its flanges' quantities ``position``, ``velocity`` and ``force`` and
 from __future__ import annotations
 
 import re
+import sys
 from dataclasses import replace
 from typing import Any
 
@@ -22,20 +23,31 @@ _LETTERS = {
 _PORTS: dict[str, type[Any]] = {"translation": Translation, "rotation": Rotation}
 
 
-def in_both_domains(
-    law: type[Component], module: str, names: tuple[str, str]
-) -> tuple[type[Component], type[Component]]:
+def in_both_domains(law: type[Component], names: tuple[str, str]) -> tuple[type[Component], type[Component]]:
     """Return the translational and the rotational version of a law between two flanges ``a`` and ``b``.
+
+    The two classes are put at the top of the law's module, so that they can be imported by name and a model that has
+    them can be saved.
 
     Parameters
     ----------
     law : type
         Component without ports; its equations use ``self.a`` and ``self.b``.
-    module : str
-        Module that will hold the two classes (``__name__``), so that they can be imported by name.
     names : (str, str)
         Names of the two classes.
+
+    Raises
+    ------
+    ValueError
+        If the law is written inside a function or class, or something else of its module has one of the names.
     """
+    module = law.__module__
+    if "." in law.__qualname__:
+        raise ValueError(
+            f"the law {law.__qualname__} of {module} is not at the top of its file: move it there, so that a model "
+            "that has it can be saved and loaded"
+        )
+    home = vars(sys.modules[module])
     made = []
     for domain, name in zip(_PORTS, names, strict=True):
         body: dict[str, Any] = {
@@ -48,8 +60,16 @@ def in_both_domains(
                 raise TypeError(f"{law.__name__} declares something that is not a declaration")
         port = _PORTS[domain]
         body |= {"a": port("first side"), "b": port("second side"), "__module__": module}
-        made.append(type(name, (law,), body))
+        if name in home and not _is_version_of(law, home[name]):
+            raise ValueError(f"{module} has another '{name}': rename it, or the law '{law.__name__}'")
+        home[name] = type(name, (law,), body)
+        made.append(home[name])
     return made[0], made[1]
+
+
+def _is_version_of(law: type[Component], there: Any) -> bool:
+    """Tell whether a class was made from a law of this name before, as when a file is loaded again."""
+    return isinstance(there, type) and [base.__qualname__ for base in there.__bases__] == [law.__qualname__]
 
 
 def _units(text: str, domain: str) -> str:

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 from multibody.base.errors import ModelError
 from multibody.base.json_file import write_json_atomically
-from multibody.base.references import MODELS_GROUP, is_offered, module_named
+from multibody.base.references import EFFECTS_GROUP, MODELS_GROUP, OWN, is_in_offered, is_offered, module_named
 from multibody.base.spelling import nearest
 from multibody.declare.component import Component
 from multibody.model.graph import ModelGraph, ModelInput
@@ -226,8 +226,10 @@ def _reference(cls: type, folder: Path) -> str:
 def _installed(module: str, file: Path) -> bool:
     """Tell whether a module can be imported by its name: part of this distribution or of an installed one."""
     home = Path(__file__).resolve().parents[2]
-    if module.split(".")[0] in ("multibody", "estimation", "discrepancy", "vtsdt", "gearbox"):
+    if module.split(".")[0] in OWN:
         return file.is_relative_to(home)
+    if is_in_offered(module):
+        return True
     paths = {Path(sysconfig.get_path(key)).resolve() for key in ("purelib", "platlib", "stdlib")}
     return any(file.is_relative_to(p) for p in paths)
 
@@ -250,7 +252,7 @@ def _named_module(name: str) -> ModuleType:
     if not is_offered(name):
         raise LookupError(
             f"module '{name}' is not imported because a file names it: import it before you load the model, or let its "
-            f"package offer it by an entry point of the group '{MODELS_GROUP}'"
+            f"package offer it by an entry point of the group '{MODELS_GROUP}' or '{EFFECTS_GROUP}'"
         )
     try:
         return module_named(name)

@@ -127,7 +127,7 @@ def test_a_model_file_imports_no_module_that_nobody_offers(tmp_path: Path, monke
     with pytest.raises(ModelError, match="is not imported because a file names it: import it before"):
         Model.load(tmp_path / "model.json")
     assert "unwanted_module_of_a_test" not in sys.modules
-    monkeypatch.setattr(references, "offered_modules", lambda: ("unwanted_module_of_a_test",))
+    monkeypatch.setattr(references, "offered_modules", lambda group: ("unwanted_module_of_a_test",))
     with pytest.raises(ModelError, match="this ran"):
         Model.load(tmp_path / "model.json")
 

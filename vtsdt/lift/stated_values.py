@@ -6,7 +6,7 @@ controller and the stiffness and damping of the contacts as possible causes of v
 
 from __future__ import annotations
 
-from discrepancy.effects.kinds import KindText, kinds, register
+from discrepancy.effects.kinds import KindText, register
 from discrepancy.effects.stated_values import stated_kind
 from vtsdt.parts.control import FieldOrientedControl
 from vtsdt.parts.guide import GuidingSystem
@@ -102,5 +102,4 @@ LIFT_KINDS = (
 )
 
 for _kind in LIFT_KINDS:
-    if _kind.name not in kinds():
-        register(_kind)
+    register(_kind)
