@@ -7,8 +7,6 @@ from dataclasses import KW_ONLY, dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-import discrepancy.effects.built_in_kinds  # effects inside motors, tanks, … join the catalogue
-import discrepancy.effects.stated_values  # noqa: F401 - values of controllers and circuits join the catalogue
 from discrepancy.effects.kinds import Kind, kinds
 from multibody.declare.declarations import Output
 from multibody.model.driving_signals import driving_signals

@@ -39,13 +39,13 @@ def test_a_misspelt_pattern_is_refused(key: str, pattern: str, says: str) -> Non
 
 
 def test_a_kind_that_the_model_cannot_have_is_a_warning_beside_others_and_a_fault_alone() -> None:
-    beside = checked(["coulomb_friction", "voltage_drop"])
+    beside = checked(["coulomb_friction", "brush_voltage_drop"])
     assert beside.faults == ()
-    assert "'voltage_drop' fits nothing of this model" in beside.warnings[0]
+    assert "'brush_voltage_drop' fits nothing of this model" in beside.warnings[0]
     (fault,) = checked(["backlash@guide"]).faults
     assert "no effect is left to look for" in fault
     assert "it can be at drive" in fault
-    assert checked(exclude=["voltage_drop"]) == checked()
+    assert checked(exclude=["brush_voltage_drop"]) == checked()
 
 
 def test_patterns_that_leave_nothing_are_refused() -> None:
