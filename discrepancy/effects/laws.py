@@ -424,6 +424,7 @@ class _Curve(DryLaw):
 
     over = Option("position", "what the curve is a function of", choices=CURVE_OVER)
     curve = Table("", "F", "force", default=(tuple(range(CURVE_POINTS)), (0.0,) * CURVE_POINTS))
+    units_by_option = ("curve",)
 
     def equations(self):
         super().equations()

@@ -86,6 +86,7 @@ def check_problem(problem: Problem, excitation: bool = True) -> Check:
     system = problem.model.build(outputs=problem.identify[0].outputs)
     values = {q.name: q.value for q in problem.uncertain}
     p = system.parameter_vector(values)
+    notes.warnings += [f"dimensions of the model's equations: {fault}" for fault in problem.model.dimension_faults()]
     _records(problem.identify, notes)
     names = [q.name for q in problem.uncertain]
     responses: list[Response] = []

@@ -18,7 +18,7 @@ from multibody.equations.rewriter import Rewriter
 from multibody.equations.scope import Scope
 from multibody.equations.statements import Statement, flow, names_written
 
-__all__ = ["kernel_sources", "tangent_name"]
+__all__ = ["kernel_sources", "plain_function", "tangent_name"]
 
 Kernels = dict[str, Callable[..., Any]]
 
@@ -47,7 +47,14 @@ class _KernelRewriter(Rewriter):
         return ast.Return(self.visit(node.value))
 
 
-def _plain(name: str, function: Callable[..., Any], kernels: Kernels) -> ast.FunctionDef:
+def plain_function(name: str, function: Callable[..., Any], kernels: Kernels) -> ast.FunctionDef:
+    """Return a function that equations call, rewritten; those that it calls are added to ``kernels``.
+
+    Raises
+    ------
+    EquationError
+        If it steps outside the subset.
+    """
     node, file, first = parse_function(function)
     scope = Scope(node.name, Component(), kernels)
     arguments = [a.arg for a in node.args.args]
@@ -144,7 +151,7 @@ def kernel_sources(kernels: Kernels, statements: Iterable[Statement] = ()) -> tu
     plain: dict[str, ast.FunctionDef] = {}
     while pending := [n for n in known if n not in plain and n not in table_kernels and n not in with_text]:
         for name in pending:
-            plain[name] = _plain(name, known[name], known)
+            plain[name] = plain_function(name, known[name], known)
     counts = {name: _returned(node)[0] for name, node in plain.items()}
     counts |= {name: function.returned for name, function in with_text.items()}
     for name, node in plain.items():

@@ -47,6 +47,9 @@ class Component:
     #: Whether the equations call what only Python can: a model with such a component is not compiled.
     only_python: ClassVar[bool] = False
 
+    #: Parameters whose unit, and tables whose argument's unit, an option decides: their dimension is not checked.
+    units_by_option: ClassVar[tuple[str, ...]] = ()
+
     #: Names of states in their order; those that are not named here follow.
     state_order: ClassVar[tuple[str, ...]] = ()
 

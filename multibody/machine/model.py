@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from multibody.assembly.assemble import find_places
+from multibody.assembly.dimensions import dimension_faults as find_dimension_faults
 from multibody.base.errors import ModelError
 from multibody.base.spelling import nearest
 from multibody.fmi.export import to_fmu as write_fmu
@@ -137,6 +138,7 @@ class Model(ModelGraph):
         return System(self, probes=probes, energy=energy, outputs=outputs, compiled=compiled)
 
     places = find_places
+    dimension_faults = find_dimension_faults
     describe = describe_graph
 
     # ---------------------------------------------------------------- files

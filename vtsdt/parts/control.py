@@ -34,6 +34,8 @@ class FieldOrientedControl(Component):
     V_d = Output("V", "voltage along the magnet axis")
     V_q = Output("V", "voltage across it")
 
+    units_by_option = ("K_pomega",)
+
     def equations(self):
         error = self.omega_ref - self.omega
         self.der.x_omega = error / self.T_iomega
