@@ -124,12 +124,12 @@ class _Checker:
 
     def _assign(self, node: ast.Assign, where: str) -> None:
         target, value = node.targets[0], self.of(node.value, where)
-        if isinstance(target, ast.Tuple):
-            values = value if _is_several(value) else (None,) * len(target.elts)
-            for name, each in zip(target.elts, values, strict=False):  # type: ignore[arg-type]
-                self._give(name.id, each, node.value, where)  # type: ignore[attr-defined]
-        else:
-            self._give(target.id, None if _is_several(value) else value, node.value, where)  # type: ignore[attr-defined, arg-type]
+        names: list[Any] = target.elts if isinstance(target, ast.Tuple) else [target]
+        several: list[Any] = list(value) if value is not None and _is_several(value) else [value]
+        if len(several) != len(names):
+            several = [None] * len(names)
+        for name, each in zip(names, several, strict=True):
+            self._give(name.id, each, node.value, where)
 
     def _give(self, name: str, value: Dimension, source: ast.expr, where: str) -> None:
         if name not in self.known:
