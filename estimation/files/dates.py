@@ -112,7 +112,8 @@ def dates_from_text(
         first = seconds[np.isfinite(seconds)][0] if np.isfinite(seconds).any() else 0.0
         day = f"{column}: times of day, read as seconds since the first, {sample}"
         return Dates(seconds - first, None, (day,)), _faults(where, text, rows, wrong)
-    written: dict[str, Any] = {"format": form}
+    # commas of the text are dots by now
+    written: dict[str, Any] = {"format": form and form.replace(",", ".")}
     if form is None:
         found, remedy = _order(known, sample)
         if remedy:
