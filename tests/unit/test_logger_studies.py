@@ -183,9 +183,8 @@ def csv(path: Path, force: np.ndarray, travel: np.ndarray) -> Said:
 
 def parquet(path: Path, force: np.ndarray, travel: np.ndarray) -> Said:
     pyarrow = pytest.importorskip("pyarrow")
-    import pyarrow.parquet
-
-    pyarrow.parquet.write_table(pyarrow.table({"time": TIME, "force": force, "travel": travel}), path)
+    written = pytest.importorskip("pyarrow.parquet")
+    written.write_table(pyarrow.table({"time": TIME, "force": force, "travel": travel}), path)
     return NAMED
 
 
