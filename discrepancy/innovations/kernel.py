@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from multibody.compile.sealed_code import njit_kept
 
 __all__ = ["covariance_pass", "filter_columns"]
 
 
-@njit(cache=True, nogil=True, fastmath=False)
+@njit_kept(nogil=True, fastmath=False)
 def covariance_pass(  # type: ignore[no-untyped-def]
     phi, g0, g1, c, d, counts, source, channel, first, order, transition, stationary, noise, gain, root
 ):
@@ -120,7 +121,7 @@ def covariance_pass(  # type: ignore[no-untyped-def]
     return log_det
 
 
-@njit(cache=True, nogil=True)
+@njit_kept(nogil=True)
 def filter_columns(  # type: ignore[no-untyped-def]
     phi, g0, g1, c, d, observed, counts, source, channel, first, order, transition, gain, root, columns, out, inverse
 ):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import hmac
 import os
 import stat
 import sys
@@ -11,11 +12,12 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
+from multibody.base.cache_key import seal
 from multibody.base.json_file import naming
 
 __all__ = ["cache_dir", "digest_of", "kept_text", "read_object", "write_object", "write_once"]
 
-_MARK = b"vtsdt object 1"
+_MARK = b"vtsdt object 2"
 _GENERATING = ("declare", "equations", "model", "assembly", "compile")
 
 
@@ -78,48 +80,38 @@ def digest_of(*texts: str) -> str:
 
 
 def write_once(path: Path, text: str) -> None:
-    """Put ``text`` at ``path`` unless it is there: its time stamp is part of numba's key for compiled code."""
-    if path.exists() and path.read_text(encoding="utf-8") == text:
+    """Put ``text`` at ``path`` unless it is there, for a user to read and to step through: it is not run from there."""
+    if path.exists() and path.read_bytes() == text.encode():
         return
-    handle, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
-    with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-        stream.write(text)
-    try:
-        if path.exists():
-            os.replace(draft, path)
-        else:
-            # A link fails where another process was first; a rename would give its file a new time stamp.
-            os.link(draft, path)
-    except FileExistsError:
-        pass
-    except OSError:
-        os.replace(draft, path)
-    finally:
-        Path(draft).unlink(missing_ok=True)
+    _replace(path, text.encode())
 
 
 def read_object(path: Path) -> tuple[bytes, str] | None:
-    """Return object code and its note, or None where there is none or the file is damaged."""
+    """Return object code and its note, or None where there is none that this user's program has written whole."""
     try:
         content = path.read_bytes()
     except OSError:
         return None
     mark, _, rest = content.partition(b"\n")
-    digest, _, rest = rest.partition(b"\n")
-    if mark != _MARK or hashlib.sha256(rest).hexdigest().encode() != digest:
+    given, _, rest = rest.partition(b"\n")
+    if mark != _MARK or not hmac.compare_digest(seal(path.name, rest).encode(), given):
         return None
     note, _, code = rest.partition(b"\n")
     return code, note.decode()
 
 
 def write_object(path: Path, code: bytes, note: str = "") -> None:
-    """Keep object code with a note of one line; a reader never sees half of it."""
+    """Keep object code with a note of one line and the user's seal; a reader never sees half of it."""
     rest = note.encode() + b"\n" + code
+    _replace(path, b"\n".join((_MARK, seal(path.name, rest).encode(), rest)))
+
+
+def _replace(path: Path, content: bytes) -> None:
     with naming(path):
         handle, draft = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".tmp")
         try:
             with os.fdopen(handle, "wb") as stream:
-                stream.write(b"\n".join((_MARK, hashlib.sha256(rest).hexdigest().encode(), rest)))
+                stream.write(content)
             os.replace(draft, path)
         finally:
             Path(draft).unlink(missing_ok=True)

@@ -11,8 +11,6 @@ With ``NUMBA_DISABLE_JIT=1`` the same text runs as plain Python everywhere.
 from __future__ import annotations
 
 import ctypes
-import importlib
-import importlib.util
 import sys
 import threading
 from collections.abc import Callable
@@ -66,7 +64,7 @@ def load_source(text: str, stem: str) -> ModuleType:
     Returns
     -------
     module : ModuleType
-        Registered in ``sys.modules`` before it is executed, because numba's cache needs that.
+        Registered in ``sys.modules`` before it is executed, because pickled functions name it.
     """
     with _loading:
         return _load(text, stem)
@@ -79,13 +77,12 @@ def _load(text: str, stem: str) -> ModuleType:
         return sys.modules[module_name]
     path = cache_dir() / f"{name}.py"
     write_once(path, text)
-    spec = importlib.util.spec_from_file_location(module_name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"'{path}' cannot be loaded as a Python module")
-    module = importlib.util.module_from_spec(spec)
+    module = ModuleType(module_name)
+    module.__file__ = str(path)
     sys.modules[module_name] = module
     try:
-        spec.loader.exec_module(module)
+        # From the text and not from the file, beside which somebody may have put compiled code.
+        exec(compile(text, str(path), "exec"), vars(module))
     except BaseException:
         del sys.modules[module_name]
         raise
@@ -315,7 +312,7 @@ def _by_numba(text: str, stem: str, name: str, arrays: int) -> tuple[int, Any]:
 
     try:
         with compiling:  # two threads would compile the same text twice
-            function = function_on_pointers(load_source(text, stem), name, arrays)
+            function = function_on_pointers(load_source(text, stem), text, name, arrays)
             return address_of_function(function), function
     except Exception as error:
         if not type(error).__module__.startswith("numba"):

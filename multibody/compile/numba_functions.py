@@ -13,6 +13,7 @@ from numba.core import event
 from numba.extending import intrinsic
 
 from multibody.base.compile_events import tell
+from multibody.compile.sealed_code import kept
 
 __all__ = ["address_of_function", "function_on_arrays", "function_on_pointers", "function_with_result"]
 
@@ -52,8 +53,8 @@ def _announce() -> None:
     event.register("numba:compile", _Announcement())
 
 
-def function_on_pointers(module: ModuleType, name: str, arrays: int) -> Any:
-    """Return a function ``f(t, *arrays)`` of a module from `native.load_source`, compiled and kept on disk.
+def function_on_pointers(module: ModuleType, text: str, name: str, arrays: int) -> Any:
+    """Return a function ``f(t, *arrays)`` of a module and its text from `native.load_source`, compiled, kept on disk.
 
     Its arrays are pointers.  Division by zero gives inf or nan as in C, which the step control handles; an exception
     could not leave.
@@ -66,8 +67,11 @@ def function_on_pointers(module: ModuleType, name: str, arrays: int) -> Any:
     code = getattr(names[name], "py_func", names[name]).__code__
     signature = types.void(types.float64, *([_FLOATS] * arrays))
     _announce()
-    options: Any = {"error_model": "numpy", "nogil": True, "cache": True, "no_cpython_wrapper": True}
-    return njit(signature, **options)(FunctionType(code, names, name))
+    options: Any = {"error_model": "numpy", "nogil": True, "no_cpython_wrapper": True}
+    function = kept(njit(**options)(FunctionType(code, names, name)), repr((options, helper)) + text)
+    function.compile(signature)
+    function.disable_compile()
+    return function
 
 
 def address_of_function(function: Any) -> int:
