@@ -138,7 +138,8 @@ def test_without_a_place_for_the_key_code_is_kept_for_the_process_and_said_so(
     (tmp_path / "data").write_text("")
     write_object(tmp_path / "a.o", b"code")
     assert read_object(tmp_path / "a.o") == (b"code", "")
-    assert "make" in caplog.text and str(key.parent) in caplog.text
+    assert "make" in caplog.text
+    assert str(key.parent) in caplog.text
     cache_key._secret.cache_clear()  # as another process
     assert read_object(tmp_path / "a.o") is None
 
