@@ -81,8 +81,9 @@ def predictive_checks(likelihood: StageLikelihood) -> tuple[Check, ...]:
     """
     linearised, fitted = likelihood.linearised, likelihood.noise
     columns, *_ = record_columns(linearised, fitted.records, likelihood.held)
-    innovations = [c.innovations(fitted.model)[0] for c in columns]
-    sizes = likelihood.prediction_errors()
+    pairs = [c.innovations(fitted.model) for c in columns]
+    innovations = [e for e, _ in pairs]
+    sizes = _innovation_sizes([root for _, root in pairs])
     used = [r.used for r in fitted.records]
     outputs = linearised.residual().channels
     checks = []
@@ -134,6 +135,13 @@ def checks_by_output(checks: Sequence[Check], fits: Sequence[Fit]) -> dict[str, 
             "even": all(k.passed for k in own if k.what not in ("whiteness", "size")),
         }
     return out
+
+
+def _innovation_sizes(roots: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the standard deviation of the innovations of every output at a usual sample, SI, (n_c,)."""
+    factors = np.linalg.inv(np.concatenate(roots))
+    sizes: np.ndarray = np.median(np.sqrt(np.sum(factors**2, axis=2)), axis=0)
+    return sizes
 
 
 def _regime_check(name: str, what: str, w: Sequence[np.ndarray], inside: Sequence[np.ndarray]) -> Check:

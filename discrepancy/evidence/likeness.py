@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from discrepancy.effects.effect import Effect
-from discrepancy.innovations.restricted_likelihood import prior_precision
+from discrepancy.innovations.noise_fit import prior_precision
 from discrepancy.statistics.blocks import Candidate, Sensitivities
 from discrepancy.statistics.ties import TIE_CORRELATION, canonical_correlation
 
@@ -34,8 +33,6 @@ class ParameterLikeness:
         Orthonormal bases of each record's own unknowns.
     prior_std, prior_offset : ndarray, shape (k,)
         Prior standard deviation, and prior mean minus the value of the linearisation.
-    residual : ndarray, shape (n_rows,)
-        Innovations, free of each record's own unknowns.
     """
 
     names: tuple[str, ...]
@@ -43,21 +40,18 @@ class ParameterLikeness:
     bases: tuple[np.ndarray | None, ...]
     prior_std: np.ndarray
     prior_offset: np.ndarray
-    residual: np.ndarray
 
     def _free(self, blocks: Sequence[np.ndarray]) -> np.ndarray:
         """Return blocks, (n, n_c, k), one below the other and free of each record's own unknowns."""
         return _free_of(blocks, self.bases)
 
-    def owner(self, change: Sequence[np.ndarray], least: float) -> str:
+    def owner(self, change: Sequence[np.ndarray]) -> str:
         """Return the parameter of the model that changes the records as a candidate does; empty if there is none.
 
         Parameters
         ----------
         change : sequence of ndarray, shape (n, n_c)
             What the candidate changes in the innovations at its expected strength.
-        least : float, nats
-            A candidate that gains more than this beside the parameter with any value is not the parameter.
         """
         z = self._free([c[:, :, None] for c in change])[:, 0]
         size, sizes = float(np.linalg.norm(z)), np.linalg.norm(self.columns, axis=0)
@@ -69,19 +63,7 @@ class ParameterLikeness:
         alike = (correlation > TIE_CORRELATION) & (
             np.abs(self.prior_offset) + moved < PRIOR_DEVIATIONS * self.prior_std
         )
-        if not np.any(alike) or self._gain_beside_all(z) > least:
-            return ""
-        return self.names[int(np.argmax(np.where(alike, correlation, 0.0)))]
-
-    def _gain_beside_all(self, z: np.ndarray) -> float:
-        """Return the log-likelihood that one column gains beside parameters of any value."""
-        left = z - self._basis @ (self._basis.T @ z)
-        size = float(left @ left)
-        return 0.5 * float(left @ self.residual) ** 2 / size if size > 1e-9 * float(z @ z) else 0.0
-
-    @cached_property
-    def _basis(self) -> np.ndarray:
-        return np.linalg.qr(_scaled(self.columns))[0]
+        return self.names[int(np.argmax(np.where(alike, correlation, 0.0)))] if np.any(alike) else ""
 
     def beside(self, parameters: Sequence[str]) -> Callable[[Sequence[np.ndarray]], float]:
         """Return a function that tells how alike a candidate and an effect of the model are beside what else is fitted.
@@ -131,8 +113,8 @@ class ParameterLikeness:
         return out
 
 
-def parameter_likeness(residual: Sequence[np.ndarray], sens: Sensitivities) -> ParameterLikeness:
-    """Return the parameters that candidates can be compared with, from residual and derivatives as innovations."""
+def parameter_likeness(sens: Sensitivities) -> ParameterLikeness:
+    """Return the parameters that candidates can be compared with, from their derivatives as innovations."""
     bases: list[np.ndarray | None] = []
     for own in sens.nuisance:
         if own is None or not own.shape[2]:
@@ -142,12 +124,7 @@ def parameter_likeness(residual: Sequence[np.ndarray], sens: Sensitivities) -> P
         bases.append(np.linalg.qr(_scaled(flat))[0])
     columns = _free_of(sens.blocks, bases)
     return ParameterLikeness(
-        names=sens.names,
-        columns=columns,
-        bases=tuple(bases),
-        prior_std=sens.prior_std,
-        prior_offset=sens.prior_offset,
-        residual=_free_of([e[:, :, None] for e in residual], bases)[:, 0],
+        names=sens.names, columns=columns, bases=tuple(bases), prior_std=sens.prior_std, prior_offset=sens.prior_offset
     )
 
 

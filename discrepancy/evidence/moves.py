@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from discrepancy.effects.effect import Effect
 from discrepancy.effects.from_scan_row import contained, effect_of
 from discrepancy.effects.kinds import kind_named
 from discrepancy.evidence.criterion import Evidence
 from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.policy import POLICY
-from discrepancy.evidence.predictive import share_explained, simulation_gain
+from discrepancy.evidence.predictive import simulation_gain
 from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, proposed_effects
 from discrepancy.sensitivities.free_curve_scan import scan_free_curves
 from discrepancy.stages.stage import Stage
@@ -33,7 +31,6 @@ __all__ = [
     "key_of",
     "pairs",
     "simplifications",
-    "why_harmful",
     "why_irrelevant",
 ]
 
@@ -231,25 +228,15 @@ def curve(likelihood: StageLikelihood, *, level: float, seed: int) -> list[tuple
 
 
 def why_irrelevant(model: TriedModel, parent: TriedModel) -> str:
-    """Return why an effect changes nothing that one could see; an empty text if it does.
+    """Return why an effect makes no prediction better that one could see; an empty text if it does.
 
-    It must change a simulation, or the prediction of a sample from those before it: of one output with so many samples
-    a fall of the variance by a share s is worth -½ log(1 - s) nats each.
+    It must make the simulation of records left out better in some output, and worse in none.
     """
-    assert model.likelihood is not None
-    assert parent.likelihood is not None
-    simulated = share_explained(model.stage, parent.stage, "identify")
-    predicted = -math.expm1(-2.0 * (model.total - parent.total) / model.likelihood.samples)
-    if not (np.any(simulated >= POLICY.relevance) or predicted >= POLICY.prediction):
-        return f"it explains less than {100 * POLICY.relevance:.2g} % of the mean square error of every output"
-    return ""
-
-
-def why_harmful(model: TriedModel, parent: TriedModel) -> str:
-    """Return which simulation an effect makes worse; an empty text if it makes none worse."""
     assert model.likelihood is not None
     assert parent.likelihood is not None
     gain = simulation_gain(model.likelihood, parent.likelihood)
     if gain.harms(POLICY.harm, POLICY.simulation_errors):
         return f"some output of records left out is simulated worse (square error gone: {gain})"
+    if not gain.helps(POLICY.relevance, POLICY.simulation_errors):
+        return f"records left out are not simulated better (square error gone: {gain})"
     return ""

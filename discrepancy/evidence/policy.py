@@ -40,13 +40,10 @@ class Policy:
         evidence, so zero would do were the evidence exact; the Laplace approximation is not, by about one nat for each
         of the few parameters that an effect has.
     relevance : float
-        Share of the mean square error of some output that what an effect changes in the simulation must have: a change
-        of 7 % of the error's size, below which nobody would see it in a figure.
-    prediction : float
-        Share by which the variance of a prediction from one sample to the next must fall for an effect whose change of
-        the simulation is smaller than that: a hundredth of the prediction's error.
+        Share of the mean square error of some output, simulated with parameters from the other records, that an effect
+        must take away, a hundredth of the error itself: nobody would see less in a figure.
     harm : float
-        Share by which the mean square error of no output of records left out may grow.
+        Share by which the mean square error of no output may grow, in the same sense.
     simulation_errors : float
         Standard errors, over the records, that such a share must exceed.
     predictive_errors : float
@@ -71,8 +68,7 @@ class Policy:
     effect_cost: float = 3.0
     pair_advantage: float = 5.0
     improvement: float = 3.0
-    relevance: float = 0.005
-    prediction: float = 0.02
+    relevance: float = 0.02
     harm: float = 0.02
     simulation_errors: float = 2.0
     predictive_errors: float = 1.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from discrepancy.evidence.likelihood import StageLikelihood, noise_floor, record_columns
-from discrepancy.innovations.restricted_likelihood import prior_precision
+from discrepancy.innovations.noise_fit import prior_precision
 from discrepancy.stages.stage import Stage
 
 __all__ = [
@@ -16,7 +16,6 @@ __all__ = [
     "gain_of_errors",
     "held_out_errors",
     "predictive_gain",
-    "share_explained",
     "simulation_gain",
 ]
 
@@ -83,6 +82,10 @@ class SimulationGain:
         parts = zip(self.outputs, self.share, self.standard_error, strict=True)
         return ", ".join(f"{n} {100 * s:+.2g} ± {100 * e:.2g} %" for n, s, e in parts)
 
+    def helps(self, least: float, errors: float) -> bool:
+        """Tell whether some output is simulated better by at least so large a share and so many standard errors."""
+        return bool(np.any((self.share >= least) & (self.share > errors * self.standard_error)))
+
     def harms(self, least: float, errors: float) -> bool:
         """Tell whether some output is simulated worse by at least so large a share and so many standard errors."""
         return bool(np.any((-self.share >= least) & (-self.share > errors * self.standard_error)))
@@ -91,25 +94,6 @@ class SimulationGain:
 def simulation_gain(one: StageLikelihood, other: StageLikelihood) -> SimulationGain:
     """Return by how much ``one`` simulates blocks of the identification records left out better than ``other``."""
     return gain_of_errors(one.stage.outputs, simulation_errors(one), simulation_errors(other))
-
-
-def share_explained(one: Stage, other: Stage, group: str) -> np.ndarray:
-    """Return the share of the mean square error of the second model that the first explains, output by output, (n_c,).
-
-    What the two simulations differ by, over the error: the errors themselves differ by a disturbance that happens to go
-    along with the difference, or against it, as well.
-
-    Parameters
-    ----------
-    one, other : Stage
-    group : str
-        ``"identify"`` or ``"validate"``.
-    """
-    pairs = list(zip(one.fits(group), other.fits(group), strict=True))
-    change = sum(np.sum((a.residual - b.residual) ** 2, axis=0) for a, b in pairs)
-    error = sum(np.sum(b.residual**2, axis=0) for _, b in pairs)
-    share: np.ndarray = np.asarray(change) / np.maximum(error, 1e-300)
-    return share
 
 
 def held_out_errors(stage: Stage) -> np.ndarray:

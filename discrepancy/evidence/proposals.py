@@ -18,12 +18,10 @@ from discrepancy.evidence.likelihood import (
     fitted_noise,
     noise_floor,
     record_columns,
-    smaller_noises,
     with_columns,
 )
 from discrepancy.evidence.likeness import ParameterLikeness, parameter_likeness
 from discrepancy.evidence.policy import POLICY
-from discrepancy.innovations.noise_model import NoiseModel, innovation_weighting
 from discrepancy.sensitivities.candidates import candidate_sensitivities
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
@@ -44,8 +42,6 @@ REPEATABLE = frozenset({"angle_harmonic", "local_bump"})
 #: Forces that do not change.  At rest a force below the limit of dry friction changes nothing in the linearised
 #: problem, and yet it decides where and when a part comes to rest and moves on.
 STEADY = frozenset({"constant_force", "input_offset"})
-#: Nats that a smaller random force may cost: an effect that large is seen beside the larger one.
-MOST_COST = 1000.0
 
 
 def entries_of(stage: Stage, include: Sequence[str] = ("*",), exclude: Sequence[str] = ()) -> list[Entry]:
@@ -194,9 +190,8 @@ def propose(
 ) -> Proposals:
     """Score every candidate on a stage's innovations.
 
-    A force that is missing is first taken for noise, and the noise then hides it.  So the candidates are scored under
-    several noises: that of the model as it is, each smaller one that `smaller_noises` lists, for what it costs in
-    likelihood, and the noise that is left when the best of them is part of the model.
+    A force that is missing is first taken for noise, and the noise then hides it.  So the candidates are scored twice:
+    under the noise of the model as it is, and under the noise that is left when the best of them is part of the model.
 
     Parameters
     ----------
@@ -229,40 +224,22 @@ def propose(
         plain=scored,
     )
     noise = noise_floor(plain)
-    likeness = parameter_likeness(residual.blocks, sens)
+    likeness = parameter_likeness(sens)
     owned = _owned(_by_evidence(scored, raw, noise), raw, white, likeness)
     sticks = any(np.any(mask) for mask in likelihood.left_out)
     alike = likeness.alike(stage.effects, white, POLICY.same_direction)
     refused += [(e, f"{owned[e.name]} of the model does the same, and is fitted") for e in entries if e.name in owned]
-    best = {c.name: c for c in _by_evidence(scored, raw, noise) if c.name not in owned}
-    directions = {name: c.direction for name, c in best.items()}
-
-    def score_again(model: NoiseModel, cost: float) -> dict[str, ScoredCandidate]:
-        """Score the candidates under another noise that costs so many nats, and keep what is better."""
-        other = plain.weighted_by(tuple(innovation_weighting(r, model) for r in likelihood.noise.records))
-        again = {c.name: c for c in _by_evidence(_scored(other, _whitened(raw, other.weighting)), raw, noise)}
-        for name, c in again.items():
-            c = replace(c, gain=c.gain - cost)
-            if name not in owned and (name not in best or c.gain > best[name].gain):
-                best[name] = c
-        return again
-
+    best = [c for c in _by_evidence(scored, raw, noise) if c.name not in owned]
     if best:
-        progress("scores under smaller random forces")
-        for model in smaller_noises(likelihood.noise.model):
-            cost = likelihood.noise.log_likelihood - likelihood.log_likelihood_of(model)
-            if cost < MOST_COST:
-                score_again(model, cost)
-        first = max(best.values(), key=lambda c: c.gain)
-        progress(f"the noise that is left beside {first.name}")
-        beside = _noise_beside(likelihood, first)
-        without = likelihood.log_likelihood_of(beside.model)
-        again = score_again(beside.model, likelihood.noise.log_likelihood - without)
+        progress(f"the noise that is left beside {best[0].name}")
+        beside = plain.weighted_by(_noise_beside(likelihood, best[0]).weighting())
+        again = {c.name: c for c in _by_evidence(_scored(beside, _whitened(raw, beside.weighting)), raw, noise)}
+        merged = [max(c, again.get(c.name, c), key=lambda x: x.gain) for c in best]
+        merged += [c for n, c in again.items() if n not in {b.name for b in best} and n not in owned]
         # the direction decides what is alike: one metric for all
-        directions |= {name: c.direction for name, c in again.items()}
-    ordered = sorted((replace(c, direction=directions[c.name]) for c in best.values()), key=lambda c: -c.gain)
+        best = sorted((again.get(c.name, c) for c in merged), key=lambda c: -c.gain)
     return Proposals(
-        scan=result, candidates=tuple(ordered), refused=tuple(refused), owned=owned, alike=alike, sticks=sticks
+        scan=result, candidates=tuple(best), refused=tuple(refused), owned=owned, alike=alike, sticks=sticks
     )
 
 
@@ -275,10 +252,9 @@ def _owned(
     """Return the candidates that an uncertain parameter of the model stands for, and that parameter."""
     innovations = {c.name: w for c, w in zip(raw, white, strict=True)}
     owned = {}
-    least = math.log(max(len(raw), 1)) + POLICY.improvement
     for c in scored:
         columns = innovations[c.name].sensitivities[c.candidate.shapes.index(c.shape)]
-        if name := likeness.owner([z @ c.expected_strength for z in columns], least):
+        if name := likeness.owner([z @ c.expected_strength for z in columns]):
             owned[c.name] = name
     return owned
 

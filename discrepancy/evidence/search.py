@@ -15,14 +15,8 @@ from discrepancy.evidence.likelihood import StageLikelihood
 from discrepancy.evidence.moves import TriedModel, key_of
 from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.posterior import rivals_of
-from discrepancy.evidence.predictive import (
-    PredictiveGain,
-    gain_of_errors,
-    held_out_errors,
-    predictive_gain,
-)
+from discrepancy.evidence.predictive import PredictiveGain, gain_of_errors, held_out_errors, predictive_gain
 from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, propose, proposed_effects
-from discrepancy.evidence.systematic_force import SystematicForce, systematic_force
 from discrepancy.search.moves import Decision
 from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.stage import AcceptedEffect, Stage
@@ -55,8 +49,6 @@ class EvidenceSearch:
     unconfirmed : list of str
         Effects that no record held out is predicted better with.
     prior : ModelPrior or None
-    systematic : dict of tuple to SystematicForce
-        What a general function of motion and inputs explains beside the answer, and beside the model without effects.
     """
 
     state: SearchState
@@ -64,7 +56,6 @@ class EvidenceSearch:
     predictive: dict[str, PredictiveGain] = field(default_factory=dict, init=False)
     unconfirmed: list[str] = field(default_factory=list, init=False)
     prior: ModelPrior | None = field(default=None, init=False)
-    systematic: dict[tuple[str, ...], SystematicForce] = field(default_factory=dict, init=False)
 
     def run(self) -> None:
         """Extend the best models, keep of the best what predicts better, and make its stages."""
@@ -72,7 +63,7 @@ class EvidenceSearch:
         start = self._known(state.stage)
         while (model := self._next()) is not None:
             self._extend(model)
-        best = self._against_the_unknown(self._confirmed(self._kept_by_prediction(self._ranked()[0])))
+        best = self._confirmed(self._kept_by_prediction(self._ranked()[0]))
         best.taken = True
         self._make_stages(start, best)
 
@@ -329,10 +320,10 @@ class EvidenceSearch:
             return "records left out are predicted no better with it"
         if best.total - without.total <= POLICY.improvement:
             return "the evidence for it is weak"
-        return moves.why_irrelevant(best, without) or moves.why_harmful(best, without)
+        return moves.why_irrelevant(best, without)
 
     def _confirmed(self, best: TriedModel) -> TriedModel:
-        """Drop effects with which some output of the records held out is simulated worse, one after another.
+        """Drop effects that make no output of the records held out better, or some output worse, one after another.
 
         They may be there: the evidence for them stands in the probabilities.  They are not announced, because the model
         predicts nothing better with them.
@@ -349,53 +340,18 @@ class EvidenceSearch:
                 )
                 dropped = " + ".join(sorted(set(best.key) - set(model.key)))
                 state.progress(f"{dropped}: share of the held-out mean square error that is gone: {gain}")
-                if not gain.harms(POLICY.harm, POLICY.simulation_errors):
+                if gain.helps(POLICY.relevance, 0.0) and not gain.harms(POLICY.harm, POLICY.simulation_errors):
                     continue
-                most = float(gain.share.min())
+                most = float(gain.share.max())
                 if weakest is None or most < weakest[0]:
                     weakest = most, model, dropped
             if weakest is None:
                 return best
-            best.refuse(f"{weakest[2]} is not announced: the records held out are simulated worse with it")
+            best.refuse(f"{weakest[2]} is not announced: no output of the records held out is predicted better")
             state.progress(best.outcome)
             self.unconfirmed.append(weakest[2])
             best = weakest[1]
         return best
-
-    def _against_the_unknown(self, best: TriedModel) -> TriedModel:
-        """Return the model without effects if a force that no law describes explains the records better than the best.
-
-        Such a force is a rival of the effects that were found, in the same criterion.
-        """
-        start = self.start
-        for model in {id(m): m for m in (best, start) if m is not None}.values():
-            self._ask_for_systematic_force(model)
-
-        def whole(model: TriedModel) -> float:
-            found = self.systematic.get(model.key)
-            return model.total + (max(found.gain, 0.0) if found is not None else 0.0)
-
-        if start is None or best is start:
-            return best
-        found = self.systematic.get(start.key)
-        if found is None or not found.convincing or whole(best) >= whole(start):
-            return best
-        best.refuse(f"a force at {found.where} that depends on {found.on} by no law of the catalogue explains more")
-        self.state.progress(f"{best.name}: {best.outcome}")
-        return start
-
-    def _ask_for_systematic_force(self, model: TriedModel) -> None:
-        likelihood = model.likelihood
-        if likelihood is None:
-            return
-        self.state.progress(f"is there a force that no law describes beside {model.name}?")
-        candidates = self.prior.candidates if self.prior is not None else 1
-        found = self.state.if_simulated(
-            "whether something else is missing", lambda: systematic_force(likelihood, candidates)
-        )
-        if found is not None:
-            self.systematic[model.key] = found
-            self.state.progress(f"{found}")
 
     def _fitted_once(self, model: TriedModel, proposals: Sequence[Proposal]) -> list[TriedModel]:
         """Return the models of some proposals: those that were not tried yet are fitted, others from here as well."""

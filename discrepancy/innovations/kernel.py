@@ -11,7 +11,7 @@ __all__ = ["covariance_pass", "filter_columns"]
 
 @njit_kept(nogil=True, fastmath=False)
 def covariance_pass(  # type: ignore[no-untyped-def]
-    phi, g0, g1, c, d, counts, source, channel, first, order, transition, stationary, noise, gain, root
+    phi, g0, g1, c, d, counts, source, channel, decay, variance, noise, gain, root
 ):
     """Run the covariance recursion of the Kalman filter along a record; return the sum of log √det S.
 
@@ -25,27 +25,22 @@ def covariance_pass(  # type: ignore[no-untyped-def]
         Whether the sample was measured and is part of the likelihood.
     source, channel : ndarray of int, shape (p,)
         Column of g0, g1 and d that a process drives, or -1; output that it is added to, or -1.
-    first, order : ndarray of int, shape (p,)
-        Index of the first state of each process, which is its value, and the number of its states, 1 or 2; p_s states
-        in all.
-    transition : ndarray, shape (N - 1, p, 2, 2)
-        Of the states of each process from one sample to the next.
-    stationary : ndarray, shape (p, 2, 2)
-        Stationary covariance of the states of each process.
+    decay : ndarray, shape (N - 1, p)
+        Correlation of each process from one sample to the next.
+    variance : ndarray, shape (p,)
+        Stationary variance of each process.
     noise : ndarray, shape (n_c, n_c)
         Covariance of the white noise of the outputs.
-    gain : ndarray, shape (N, n + p_s, n_c)
+    gain : ndarray, shape (N, n + p, n_c)
         Filter gain: written.
     root : ndarray, shape (N, n_c, n_c)
         Inverse of the lower Cholesky factor of the innovations' covariance: written, where a sample counts.
     """
     count, n, n_c, p = c.shape[0], c.shape[2], c.shape[1], source.size
-    size = n + np.sum(order)
+    size = n + p
     P = np.zeros((size, size))
     for j in range(p):
-        for a in range(order[j]):
-            for b in range(order[j]):
-                P[n + first[j] + a, n + first[j] + b] = stationary[j, a, b]
+        P[n + j, n + j] = variance[j]
     A = np.zeros((size, size))
     H = np.zeros((n_c, size))
     AP = np.zeros((size, size))
@@ -57,7 +52,7 @@ def covariance_pass(  # type: ignore[no-untyped-def]
             H[:, :n] = c[k]
             for j in range(p):
                 for i in range(n_c):
-                    H[i, n + first[j]] = d[k, i, source[j]] if source[j] >= 0 else (1.0 if channel[j] == i else 0.0)
+                    H[i, n + j] = d[k, i, source[j]] if source[j] >= 0 else (1.0 if channel[j] == i else 0.0)
             np.dot(P, H.T, PH)
             np.dot(H, PH, S)
             S += noise
@@ -92,38 +87,28 @@ def covariance_pass(  # type: ignore[no-untyped-def]
             break
         A[:n, :n] = phi[k]
         for j in range(p):
-            for a in range(order[j]):
-                for b in range(order[j]):
-                    A[n + first[j] + a, n + first[j] + b] = transition[k, j, a, b]
-                if source[j] >= 0:
-                    for i in range(n):
-                        A[i, n + first[j] + a] = g1[k, i, source[j]] * transition[k, j, 0, a]
-                        if a == 0:
-                            A[i, n + first[j]] += g0[k, i, source[j]]
+            rho = decay[k, j]
+            A[n + j, n + j] = rho
+            for i in range(n):
+                A[i, n + j] = g0[k, i, source[j]] + rho * g1[k, i, source[j]] if source[j] >= 0 else 0.0
         np.dot(A, P, AP)
         np.dot(AP, A.T, P)
         for j in range(p):
-            for a in range(order[j]):  # what is new: stationary - transition · stationary · transitionᵀ
-                for b in range(order[j]):
-                    q = stationary[j, a, b]
-                    for r in range(order[j]):
-                        for s in range(order[j]):
-                            q -= transition[k, j, a, r] * stationary[j, r, s] * transition[k, j, b, s]
-                    P[n + first[j] + a, n + first[j] + b] += q
-                    if a == 0 and source[j] >= 0:
-                        for i in range(n):
-                            drive = g1[k, i, source[j]] * q
-                            P[i, n + first[j] + b] += drive
-                            P[n + first[j] + b, i] += drive
-                            if b == 0:
-                                for s in range(n):
-                                    P[i, s] += drive * g1[k, s, source[j]]
+            q = variance[j] * (1.0 - decay[k, j] ** 2)
+            P[n + j, n + j] += q
+            if source[j] >= 0:
+                for i in range(n):
+                    b = g1[k, i, source[j]]
+                    P[i, n + j] += b * q
+                    P[n + j, i] += b * q
+                    for s in range(n):
+                        P[i, s] += b * q * g1[k, s, source[j]]
     return log_det
 
 
 @njit_kept(nogil=True)
 def filter_columns(  # type: ignore[no-untyped-def]
-    phi, g0, g1, c, d, observed, counts, source, channel, first, order, transition, gain, root, columns, out, inverse
+    phi, g0, g1, c, d, observed, counts, source, channel, decay, gain, root, columns, out, inverse
 ):
     """Whiten columns, shape (N_observed, n_c, q), by the filter of `covariance_pass`; written to ``out``.
 
@@ -132,7 +117,7 @@ def filter_columns(  # type: ignore[no-untyped-def]
     """
     count, n, n_c, p = c.shape[0], c.shape[2], c.shape[1], source.size
     q = columns.shape[2]
-    x, f = np.zeros((n, q)), np.zeros((np.sum(order), q))
+    x, f = np.zeros((n, q)), np.zeros((p, q))
     x_next, expected, innovation = np.zeros((n, q)), np.zeros((n_c, q)), np.zeros((n_c, q))
     row = 0
     for k in range(count):
@@ -146,7 +131,7 @@ def filter_columns(  # type: ignore[no-untyped-def]
                     h = d[k, i, source[j]] if source[j] >= 0 else (1.0 if channel[j] == i else 0.0)
                     if h != 0.0:
                         for s in range(q):
-                            expected[i, s] += h * f[first[j], s]
+                            expected[i, s] += h * f[j, s]
             if inverse:
                 for i in range(n_c):
                     for s in range(q):  # the root is lower triangular
@@ -168,7 +153,7 @@ def filter_columns(  # type: ignore[no-untyped-def]
                     weight = gain[k, r, i]
                     for s in range(q):
                         x[r, s] += weight * innovation[i, s]
-            for j in range(f.shape[0]):
+            for j in range(p):
                 for i in range(n_c):
                     weight = gain[k, n + j, i]
                     for s in range(q):
@@ -178,23 +163,13 @@ def filter_columns(  # type: ignore[no-untyped-def]
             break
         np.dot(phi[k], x, x_next)
         for j in range(p):
-            at = first[j]
+            rho = decay[k, j]
             if source[j] >= 0:
                 for i in range(n):
-                    b = g0[k, i, source[j]]
+                    b = g0[k, i, source[j]] + rho * g1[k, i, source[j]]
                     if b != 0.0:
                         for s in range(q):
-                            x_next[i, s] += b * f[at, s]
+                            x_next[i, s] += b * f[j, s]
             for s in range(q):
-                value = transition[k, j, 0, 0] * f[at, s]
-                if order[j] == 2:
-                    value += transition[k, j, 0, 1] * f[at + 1, s]
-                    f[at + 1, s] = transition[k, j, 1, 0] * f[at, s] + transition[k, j, 1, 1] * f[at + 1, s]
-                f[at, s] = value
-            if source[j] >= 0:
-                for i in range(n):
-                    b = g1[k, i, source[j]]
-                    if b != 0.0:
-                        for s in range(q):
-                            x_next[i, s] += b * f[at, s]
+                f[j, s] *= rho
         x, x_next = x_next, x

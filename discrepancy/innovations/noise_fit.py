@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from discrepancy.innovations.noise_model import NoiseModel, Process
-from discrepancy.innovations.restricted_likelihood import RecordColumns, RestrictedLikelihood
+from discrepancy.innovations.linear_record import LinearRecord
+from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
+from multibody.base.parallel import parallel_map
 
-__all__ = ["fit_noise"]
+__all__ = ["RecordColumns", "fit_noise", "likeliest_change", "prior_precision", "restricted_log_likelihood"]
 
 #: Nats by which a further process must raise the likelihood; it costs two parameters, of which one is at its bound
 #: where there is no such process.
@@ -21,23 +23,186 @@ MOST_PROCESSES = 6
 PROMISING = 4
 #: Standard deviations of a process that are tried first, in units of what moves an output by its noise.
 FIRST_SIZES = (0.3, 3.0, 30.0)
-#: Damping with which a process narrow in frequency begins, the least period in samples, and periods that are tried.
-NARROW, LEAST_PERIOD, PERIODS = 0.1, 4.0, 10
-#: Least damping, a hundred swings long, and the largest, from which the process is one of first order.
-LEAST_DAMPING, LARGEST_DAMPING = 3e-3, 30.0
-#: Least memory of a process in samples, below which it is white, and largest in durations of a record: a force that
-#: changes more slowly than that is a steady one in a record, and a steady force is an effect, with a name.
-LEAST_MEMORY, LARGEST_MEMORY = 0.3, 1.0 / 3.0
-#: Change of a logarithm over which derivatives are taken, most iterations, and the largest change of one in each.
-STEP, ROUNDS, LONGEST_STEP = 1e-3, 20, 2.0
-#: Damping of the first iteration, factors after one that was better and one that was worse, and where it is given up.
-DAMPING, EASED, TIGHTENED, MOST_DAMPING = 1e-2, 0.2, 5.0, 1e4
+#: Factors on the memory of a process that was added, of which each is tried: the memories offered are a coarse grid.
+MEMORY_FACTORS = (0.4, 2.5)
+#: Change of a log standard deviation over which derivatives are taken, most iterations, and how far it may move in all:
+#: by a factor of 400.
+STEP, ROUNDS, FURTHEST = 1e-3, 30, 6.0
+#: Nats per factor e of a standard deviation below which the likelihood counts as level, and most points of a line
+#: search: what they give away is far below `WORTH`.
+STEEP, LINE_SEARCH = 0.3, 6
+HOPELESS = 1e4  # nats below the start that a model counts as where its likelihood cannot be computed
 #: Samples × outputs of the records, thinned out, on which it is decided which process to try next.
 SCREENING_ROWS = 1500
 #: Updates of the correlation of the outputs' white noise, and its least eigenvalue: a command that a sampled controller
 #: makes of noisy measurements has their noise some time later, so no combination of outputs is nearly free of noise.
 CORRELATION_ROUNDS, LEAST_EIGENVALUE = 3, 0.05
+LEAST_EIGENVALUE_OF_NORMAL = 1e-12  # of the scaled normal matrix: directions below are not known at all
 CLOSE = 0.05  # nats that an iteration must gain, or it is the last: far below what two models are told apart by
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WhitenedRecord:
+    """One record as innovations, free of its own unknowns.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n · n_c,)
+    shared : ndarray, shape (n · n_c, k)
+    log_root : ndarray, shape (n,)
+        Log-determinant of every sample's whitening: minus half that of the covariance of its innovations; zero where it
+        does not count.
+    own_log_det : float
+        Half the log-determinant of the own unknowns' normal matrix, in units of their columns.
+    """
+
+    residual: np.ndarray
+    shared: np.ndarray
+    log_root: np.ndarray
+    own_log_det: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordColumns:
+    """One record's residual and what may explain it, before whitening.
+
+    Parameters
+    ----------
+    record : LinearRecord
+    residual : ndarray, shape (n, n_c)
+    shared : ndarray, shape (n, n_c, k)
+        Derivatives by parameters that all records share.
+    own : ndarray, shape (n, n_c, q)
+        Derivatives by the record's own unknowns.
+    """
+
+    record: LinearRecord
+    residual: np.ndarray
+    shared: np.ndarray
+    own: np.ndarray
+
+    def whitened(self, model: NoiseModel) -> WhitenedRecord:
+        """Return residual and shared columns as innovations, free of the own unknowns."""
+        weighting = innovation_weighting(self.record, model)
+        together = np.concatenate([self.residual[:, :, None], self.shared, self.own], axis=2)
+        flat = weighting(together).reshape(-1, together.shape[2])
+        k, own_log_det = self.shared.shape[2], 0.0
+        if self.own.shape[2]:
+            own = flat[:, 1 + k :]
+            size = np.maximum(np.linalg.norm(self.own.reshape(-1, own.shape[1]), axis=0), 1e-300)
+            q, r = np.linalg.qr(own / size)
+            kept = np.abs(np.diag(r)) > 1e-12 * np.max(np.abs(np.diag(r)), initial=0.0)
+            q = q[:, kept]
+            flat = flat[:, : 1 + k] - q @ (q.T @ flat[:, : 1 + k])
+            own_log_det = float(np.sum(np.log(np.abs(np.diag(r)[kept]))))
+        root = np.diagonal(weighting.root[self.record.observed], axis1=1, axis2=2)
+        return WhitenedRecord(
+            residual=flat[:, 0],
+            shared=flat[:, 1 : 1 + k],
+            log_root=np.log(np.where(self.record.used[:, None], root, 1.0)).sum(axis=1),
+            own_log_det=own_log_det,
+        )
+
+    def every(self, count: int) -> RecordColumns:
+        """Return the same on every so-manieth sample."""
+        if count == 1:
+            return self
+        rows = np.cumsum(self.record.observed) - 1
+        thinned = self.record.every(count)
+        kept = rows[np.arange(0, self.record.time.size, count)][thinned.observed]
+        return RecordColumns(record=thinned, residual=self.residual[kept], shared=self.shared[kept], own=self.own[kept])
+
+    def innovations(self, model: NoiseModel) -> tuple[np.ndarray, np.ndarray]:
+        """Return the standardised innovations of the samples that count, and their roots.
+
+        Returns
+        -------
+        innovations : ndarray, shape (n_used, n_c)
+            Free of the linear unknowns.
+        root : ndarray, shape (n_used, n_c, n_c)
+        """
+        weighting = innovation_weighting(self.record, model)
+        together = np.concatenate([self.residual[:, :, None], self.shared, self.own], axis=2)
+        flat = weighting(together).reshape(-1, together.shape[2])
+        basis = flat[:, 1:] / np.maximum(np.linalg.norm(flat[:, 1:], axis=0), 1e-300)
+        left = flat[:, 0] - basis @ np.linalg.lstsq(basis, flat[:, 0], rcond=1e-10)[0]
+        used = self.record.used
+        return left.reshape(self.residual.shape)[used], weighting.root[self.record.counts]
+
+
+def prior_precision(prior_std: np.ndarray) -> np.ndarray:
+    """Return the inverse variances of normal priors; zero where there is none (an infinite deviation)."""
+    return np.where(np.isfinite(prior_std), 1.0 / np.where(np.isfinite(prior_std), prior_std, 1.0) ** 2, 0.0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Normal:
+    """Normal equations of the shared parameters, and what the likelihood needs beside them."""
+
+    matrix: np.ndarray
+    right: np.ndarray
+    constant: float
+
+    @classmethod
+    def of(
+        cls, records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
+    ) -> _Normal:
+        precision = prior_precision(prior_std)
+        known = precision > 0.0
+        matrix, right = np.diag(precision), precision * prior_offset
+        constant = -0.5 * float(np.sum(precision * prior_offset**2)) + 0.5 * float(np.sum(np.log(precision[known])))
+        for white in parallel_map(lambda r: r.whitened(model), records):
+            e, f = white.residual, white.shared
+            constant += float(np.sum(white.log_root)) - white.own_log_det - 0.5 * float(e @ e)
+            matrix = matrix + f.T @ f
+            right = right + f.T @ e
+        return cls(matrix=matrix, right=right, constant=constant)
+
+    @property
+    def finite(self) -> bool:
+        return bool(np.isfinite(self.constant) and np.all(np.isfinite(self.matrix)))
+
+    def solved(self) -> tuple[np.ndarray, float, float]:
+        """Return the parameters' change, half the decrease of the quadratic form, and half the log-determinant."""
+        if not self.right.size:
+            return self.right, 0.0, 0.0
+        size = np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
+        values, vectors = np.linalg.eigh(self.matrix / np.outer(size, size))
+        kept = values > LEAST_EIGENVALUE_OF_NORMAL
+        along = vectors.T @ (self.right / size)
+        change = vectors[:, kept] @ (along[kept] / values[kept]) / size
+        half_log_det = 0.5 * float(np.sum(np.log(values[kept]))) + float(np.sum(np.log(size)))
+        return change, 0.5 * float(np.sum(along[kept] ** 2 / values[kept])), half_log_det
+
+
+def restricted_log_likelihood(
+    records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
+) -> float:
+    """Return the log marginal likelihood of a noise model, every linear unknown integrated out.
+
+    Parameters
+    ----------
+    records : sequence of RecordColumns
+    model : NoiseModel
+    prior_std, prior_offset : ndarray, shape (k,)
+        Of the shared parameters: standard deviation (infinite: none), and mean minus the value of the linearisation.
+    """
+    try:
+        normal = _Normal.of(records, model, prior_std, prior_offset)
+        if not normal.finite:
+            return -np.inf
+        _, gain, half_log_det = normal.solved()
+    except np.linalg.LinAlgError:
+        return -np.inf
+    total = normal.constant + gain - half_log_det
+    return total if np.isfinite(total) else -np.inf
+
+
+def likeliest_change(
+    records: Sequence[RecordColumns], model: NoiseModel, prior_std: np.ndarray, prior_offset: np.ndarray
+) -> np.ndarray:
+    """Return by how much the shared parameters differ from the linearisation's at the largest likelihood, (k,)."""
+    return _Normal.of(records, model, prior_std, prior_offset).solved()[0]
 
 
 def fit_noise(
@@ -67,7 +232,10 @@ def fit_noise(
     grow : bool
         False: fit the standard deviations of ``start`` only.
     """
-    likelihood = RestrictedLikelihood(records=records, prior_std=prior_std, prior_offset=prior_offset)
+
+    def likelihood(model: NoiseModel) -> float:
+        return restricted_log_likelihood(records, model, prior_std, prior_offset)
+
     if start is None:
         left = np.sqrt(np.mean(np.concatenate([r.residual[r.record.used] for r in records]) ** 2, axis=0))
         start = NoiseModel(noise=tuple(np.maximum(left, floor).tolist()))
@@ -75,10 +243,15 @@ def fit_noise(
     promising = list(candidates)
     rows = sum(r.residual.size for r in records)
     thinned = [r.every(max(1, min(rows // SCREENING_ROWS, len(r.residual) // 50))) for r in records]
-    screened = replace(likelihood, records=thinned)
+
+    def screened(model: NoiseModel) -> float:
+        return restricted_log_likelihood(thinned, model, prior_std, prior_offset)
+
     while grow and len(model.processes) < MOST_PROCESSES:
         tried = []
         for process in promising:
+            if any(_same_process(q, process) for q in model.processes):
+                continue
             sizes = (replace(process, std=size * process.std) for size in FIRST_SIZES)
             trials = [replace(model, processes=(*model.processes, q)) for q in sizes]
             tried.append((*max(((screened(t), t) for t in trials), key=lambda t: t[0]), process))
@@ -91,7 +264,7 @@ def fit_noise(
         best_of = [of_kind[0][1] for of_kind in kinds.values()]
         climbed = [_climb(trial, likelihood(trial), likelihood, floor) for trial in best_of]
         fitted, value = max(climbed, key=lambda t: t[1])
-        fitted, value = _of_second_order(fitted, value, likelihood, screened, floor)
+        fitted, value = _with_memory(fitted, value, likelihood, floor)
         fitted, value = _climb(*_with_correlation(fitted, records, likelihood, floor), likelihood, floor)
         if value < best + WORTH:
             break
@@ -103,31 +276,34 @@ def _kind(process: Process) -> tuple[bool, bool]:
     return process.channel >= 0, process.at_standstill
 
 
-def _of_second_order(
-    model: NoiseModel, value: float, likelihood: RestrictedLikelihood, screened: RestrictedLikelihood, floor: np.ndarray
+def _same_process(one: Process, other: Process) -> bool:
+    return (one.source, one.channel, one.memory) == (other.source, other.channel, other.memory)
+
+
+def _with_memory(
+    model: NoiseModel, value: float, likelihood: Callable[[NoiseModel], float], floor: np.ndarray
 ) -> tuple[NoiseModel, float]:
-    """Return the model with its last process of second order, if that is worth its further parameter."""
-    *others, last = model.processes
-    if _kind(last) != (False, False):
-        return model, value
-    shortest, longest = _memories(likelihood.records)
-    smooth = [replace(last, damping=1.0, memory=0.5 * last.memory)]
-    periods = np.geomspace(shortest / LEAST_MEMORY * LEAST_PERIOD, longest / LARGEST_MEMORY, PERIODS)
-    narrow = [replace(last, damping=NARROW, memory=float(p / (2.0 * np.pi))) for p in periods]
-    best, reached = model, value + WORTH
-    for of_kind in (smooth, narrow):
-        trials = [replace(model, processes=(*others, q)) for q in of_kind]
-        trial = max(trials, key=screened) if len(trials) > 1 else trials[0]
-        fitted, found = _climb(trial, likelihood(trial), likelihood, floor)
-        if found > reached:
-            best, reached = fitted, found
-    return (model, value) if best is model else (best, reached)
+    """Return the model with the memory of its last process changed, as long as that is likelier."""
+    for factor in MEMORY_FACTORS:
+        better = False
+        while True:
+            *others, last = model.processes
+            # what drives the process keeps its size
+            changed = replace(last, memory=factor * last.memory, std=float(np.sqrt(factor)) * last.std)
+            trial = replace(model, processes=(*others, changed))
+            fitted, reached = _climb(trial, likelihood(trial), likelihood, floor)
+            if not reached > value + CLOSE:
+                break
+            model, value, better = fitted, reached, True
+        if better:
+            break
+    return model, value
 
 
 def _with_correlation(
     model: NoiseModel,
     records: Sequence[RecordColumns],
-    likelihood: RestrictedLikelihood,
+    likelihood: Callable[[NoiseModel], float],
     floor: np.ndarray,
 ) -> tuple[NoiseModel, float]:
     """Return the model with the covariance of the white noise that the innovations ask for, if that is likelier."""
@@ -164,78 +340,38 @@ def _noise_of(model: NoiseModel, covariance: np.ndarray, floor: np.ndarray) -> N
 
 
 def _climb(
-    model: NoiseModel, value: float, likelihood: RestrictedLikelihood, floor: np.ndarray
+    model: NoiseModel, value: float, likelihood: Callable[[NoiseModel], float], floor: np.ndarray
 ) -> tuple[NoiseModel, float]:
-    """Maximise over the logarithms of standard deviations and memories, from a model and its likelihood.
+    """Maximise over the logarithms of all standard deviations (L-BFGS-B), beginning at a model and its likelihood."""
+    from scipy.optimize import Bounds, minimize
 
-    By Fisher scoring, damped as by Levenberg and Marquardt.  Of a process of first order the variance per unit of
-    memory, which drives it, is a coordinate: what changes faster than its memory does not depend on that.
-    """
-    if not np.isfinite(value):
-        return model, value
-    least = np.log(floor)
-    damping = DAMPING
-    shortest, longest = _memories(likelihood.records)
-    for _ in range(ROUNDS):
-        count = len(model.noise) + sum(1 + q.order for q in model.processes)
-        steps = STEP * np.eye(count)
-        try:
-            gradient, information = likelihood.slopes([_moved(model, e) for e in steps], model, STEP)
-        except np.linalg.LinAlgError:
-            break
-        at_floor = np.log(model.noise) <= least + STEP
-        free = np.ones(count, dtype=bool)
-        free[: at_floor.size] = ~(at_floor & (gradient[: at_floor.size] < 0.0))
-        better = False
-        while damping < MOST_DAMPING:
-            matrix = information + damping * np.diag(np.diag(information)) + 1e-9 * np.eye(count)
-            step = np.zeros(count)
-            step[free] = np.linalg.solve(matrix[np.ix_(free, free)], gradient[free])
-            step = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
-            step[: least.size] = np.maximum(step[: least.size], least - np.log(model.noise))
-            memory = np.array([q.memory for q in model.processes])
-            ways = slice(least.size + memory.size, least.size + 2 * memory.size)
-            step[ways] = np.log(np.clip(memory * np.exp(step[ways]), shortest, longest) / memory)
-            expected = float(gradient @ step - 0.5 * step @ information @ step)
-            if expected < CLOSE:
-                return model, value
-            trial = _moved(model, step)
-            reached = likelihood(trial)
-            if reached > value:
-                better = True
-                break
-            damping *= TIGHTENED
-        if not better:
-            break
-        gain, model, value = reached - value, trial, reached
-        damping *= EASED
-        if gain < CLOSE:
-            break
-    return model, value
+    n_c = len(model.noise)
 
+    def at(x: np.ndarray) -> NoiseModel:
+        std = np.exp(x)
+        processes = tuple(replace(q, std=float(s)) for q, s in zip(model.processes, std[n_c:], strict=True))
+        return replace(model, noise=tuple(std[:n_c].tolist()), processes=processes)
 
-def _memories(records: Sequence[RecordColumns]) -> tuple[float, float]:
-    """Return the least and the largest memory that records can tell, s."""
-    times = [r.record.time for r in records]
-    step = float(np.median(np.concatenate([np.diff(t) for t in times])))
-    return LEAST_MEMORY * step, LARGEST_MEMORY * max(float(t[-1] - t[0]) for t in times)
+    begin = np.log([*model.noise, *(max(q.std, 1e-300) for q in model.processes)])
+    least = np.concatenate([np.log(floor), begin[n_c:] - FURTHEST])
+    begin = np.maximum(begin, least)
 
+    def loss(x: np.ndarray) -> float:
+        return -max(likelihood(at(x)), value - HOPELESS)
 
-def _moved(model: NoiseModel, step: np.ndarray) -> NoiseModel:
-    """Return a noise model with its logarithms changed: noise, what drives each process, memories, dampings."""
-    n_c, n_p = len(model.noise), len(model.processes)
-    factors = np.exp(step)
-    size, memory, dampings = (
-        factors[n_c : n_c + n_p],
-        factors[n_c + n_p : n_c + 2 * n_p],
-        iter(factors[n_c + 2 * n_p :]),
+    bounds: Any = Bounds(least, begin + FURTHEST)
+    result = minimize(
+        loss,
+        begin,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={
+            "eps": STEP,
+            "maxiter": ROUNDS,
+            "maxls": LINE_SEARCH,
+            "gtol": STEEP,
+            "ftol": CLOSE / max(abs(value), 1.0),
+        },
     )
-    processes = []
-    for q, s, m in zip(model.processes, size, memory, strict=True):
-        if q.damping is None:
-            processes.append(replace(q, std=float(q.std * s * np.sqrt(m)), memory=float(q.memory * m)))
-        else:
-            damping = float(np.clip(q.damping * next(dampings), LEAST_DAMPING, LARGEST_DAMPING))
-            processes.append(replace(q, std=float(q.std * s), memory=float(q.memory * m), damping=damping))
-    noise = tuple((np.array(model.noise) * factors[:n_c]).tolist())
-    return replace(model, noise=noise, processes=tuple(processes))
+    reached = -float(result.fun)
+    return (at(result.x), reached) if reached > value else (model, value)

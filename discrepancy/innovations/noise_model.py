@@ -12,15 +12,10 @@ from discrepancy.innovations.linear_record import LinearRecord
 
 __all__ = ["InnovationWeighting", "NoiseModel", "Process", "innovation_weighting"]
 
-EIGENVALUES_APART = 1e-4  # half their least distance: the error is of its square
-
 
 @dataclass(frozen=True, kw_only=True)
 class Process:
-    """A random process of first order (Ornstein-Uhlenbeck) or of second order.
-
-    One of second order is an oscillator driven by white noise, f'' + 2 ζ f' / T + f / T² = w: smooth where its damping
-    ζ is about one (Matérn 3/2 at one), narrow in frequency where it is far below.
+    """A random process with an exponential correlation (Ornstein-Uhlenbeck).
 
     Parameters
     ----------
@@ -29,11 +24,9 @@ class Process:
     source, channel : int
         Column of the record's latent forces, or -1; index of the output, or -1.
     memory : float, s
-        Correlation time of a process of first order; T of one of second order.
+        Correlation time.
     std : float
         Stationary standard deviation, SI.
-    damping : float, optional
-        Of second order: ζ.
     at_standstill : bool
         Whether it acts only while the connection stands still: what dry friction holds it with then is not determined
         by its motion.
@@ -44,42 +37,14 @@ class Process:
     channel: int
     memory: float
     std: float
-    damping: float | None = None
     at_standstill: bool = False
-
-    @property
-    def order(self) -> int:
-        """Number of its states."""
-        return 1 if self.damping is None else 2
-
-    def stationary(self) -> np.ndarray:
-        """Return the stationary covariance of its states, its value and of second order its rate, shape (2, 2)."""
-        rate = 0.0 if self.damping is None else self.std / self.memory
-        covariance: np.ndarray = np.diag([self.std**2, rate**2])
-        return covariance
-
-    def transitions(self, steps: np.ndarray) -> np.ndarray:
-        """Return how its states go on over some steps of time, shape (n, 2, 2)."""
-        out = np.zeros((steps.size, 2, 2))
-        if self.damping is None:
-            out[:, 0, 0] = np.exp(-steps / self.memory)
-            return out
-        # exp(A t) of A = [[0, 1], [-1/T², -2 ζ/T]] by its eigenvalues -ζ/T ± s; near s = 0 they are moved apart
-        t, zeta = steps / self.memory, self.damping
-        s = np.sqrt(complex(zeta**2 - 1.0))
-        s = s if abs(s) > EIGENVALUES_APART else complex(EIGENVALUES_APART)
-        slow, fast = np.exp((s - zeta) * t), np.exp(-(s + zeta) * t)
-        even, odd = (0.5 * (slow + fast)).real, (0.5 * (slow - fast) / s).real
-        out[:, 0, 0], out[:, 0, 1] = even + zeta * odd, self.memory * odd
-        out[:, 1, 0], out[:, 1, 1] = -odd / self.memory, even - zeta * odd
-        return out
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NoiseModel:
     """White noise of the outputs, and latent processes: all independent of each other.
 
-    Several processes at one place add up to a richer spectrum.
+    Several processes at one place add up to a spectrum that is richer than one of first order.
 
     Parameters
     ----------
@@ -144,7 +109,7 @@ class InnovationWeighting:
             r.observed,
             r.counts,
             *_indices(model.processes),
-            _transitions(r, model.processes),
+            _decay(r, model.processes),
             self.gain,
             self.root,
             columns,
@@ -157,7 +122,7 @@ class InnovationWeighting:
 def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationWeighting:
     """Return the whitening of a record under a noise model."""
     count, n_c, n = record.c.shape
-    size = n + sum(q.order for q in model.processes)
+    size = n + len(model.processes)
     gain, root = np.zeros((count, size, n_c)), np.zeros((count, n_c, n_c))
     log_det = covariance_pass(
         record.phi,
@@ -167,8 +132,8 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
         record.d,
         record.counts,
         *_indices(model.processes),
-        _transitions(record, model.processes),
-        np.array([q.stationary() for q in model.processes]).reshape(-1, 2, 2),
+        _decay(record, model.processes),
+        np.array([q.std**2 for q in model.processes]),
         model.noise_covariance(),
         gain,
         root,
@@ -176,18 +141,14 @@ def innovation_weighting(record: LinearRecord, model: NoiseModel) -> InnovationW
     return InnovationWeighting(record=record, model=model, gain=gain, root=root, log_det=float(log_det))
 
 
-def _indices(processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    order = np.array([q.order for q in processes], dtype=np.int64)
+def _indices(processes: Sequence[Process]) -> tuple[np.ndarray, np.ndarray]:
     return (
         np.array([q.source for q in processes], dtype=np.int64),
         np.array([q.channel for q in processes], dtype=np.int64),
-        np.cumsum(order) - order,
-        order,
     )
 
 
-def _transitions(record: LinearRecord, processes: Sequence[Process]) -> np.ndarray:
-    steps, which = np.unique(np.diff(record.time), return_inverse=True)
-    if not processes:
-        return np.zeros((which.size, 0, 2, 2))
-    return np.ascontiguousarray(np.stack([q.transitions(steps)[which] for q in processes], axis=1))
+def _decay(record: LinearRecord, processes: Sequence[Process]) -> np.ndarray:
+    step = np.diff(record.time)
+    memory = np.array([q.memory for q in processes])
+    return np.exp(-step[:, None] / memory) if memory.size else np.zeros((step.size, 0))

@@ -11,45 +11,32 @@ from discrepancy.statistics.blocks import Sensitivities
 N = 200
 T = np.linspace(0.0, 1.0, N)
 MASS, FRICTION = np.sin(9.0 * T), np.sign(np.cos(5.0 * T))
-LEAST = 5.0  # nats
 
 
-def likeness(std=(np.inf, np.inf), own=None, residual=None):
+def likeness(std=(np.inf, np.inf), own=None):
     columns = np.stack([MASS, FRICTION], axis=1)[:, None, :]
-    residual = np.zeros(N) if residual is None else residual
-    return parameter_likeness(
-        [residual[:, None]], Sensitivities(["mass", "friction"], [columns], prior_std=std, nuisance=[own])
-    )
+    return parameter_likeness(Sensitivities(["mass", "friction"], [columns], prior_std=std, nuisance=[own]))
 
 
 def test_a_candidate_that_does_what_a_parameter_does_is_its() -> None:
-    assert likeness().owner([2.0 * MASS[:, None]], LEAST) == "mass"
-    assert likeness().owner([-0.1 * FRICTION[:, None]], LEAST) == "friction"
+    assert likeness().owner([2.0 * MASS[:, None]]) == "mass"
+    assert likeness().owner([-0.1 * FRICTION[:, None]]) == "friction"
 
 
 def test_a_candidate_of_its_own_belongs_to_no_parameter() -> None:
-    assert likeness().owner([(MASS + FRICTION)[:, None]], LEAST) == ""
-    assert likeness().owner([np.zeros((N, 1))], LEAST) == ""
+    assert likeness().owner([(MASS + FRICTION)[:, None]]) == ""
+    assert likeness().owner([np.zeros((N, 1))]) == ""
 
 
 def test_a_parameter_that_would_have_to_move_further_than_its_prior_allows_does_not_stand_for_a_candidate() -> None:
-    assert likeness(std=(1.0, np.inf)).owner([2.9 * MASS[:, None]], LEAST) == "mass"
-    assert likeness(std=(1.0, np.inf)).owner([3.1 * MASS[:, None]], LEAST) == ""
-
-
-def test_a_candidate_that_explains_what_no_value_of_the_parameter_does_belongs_to_none() -> None:
-    """Drag and viscous friction are alike over a narrow range of speeds, and yet the records may tell them apart."""
-    drag = MASS + 0.2 * MASS**2
-    rest = drag - likeness()._basis @ (likeness()._basis.T @ drag)
-    for size, owner in ((1.0, "mass"), (10.0, "")):
-        seen = likeness(residual=size * rest / np.linalg.norm(rest))
-        assert seen.owner([drag[:, None]], LEAST) == owner, "½ nat and 50 nats beside any mass"
+    assert likeness(std=(1.0, np.inf)).owner([2.9 * MASS[:, None]]) == "mass"
+    assert likeness(std=(1.0, np.inf)).owner([3.1 * MASS[:, None]]) == ""
 
 
 def test_what_a_record_has_of_its_own_tells_nothing_apart() -> None:
     offset = np.ones((N, 1, 1))
-    assert likeness(own=offset).owner([(2.0 * MASS + 40.0)[:, None]], LEAST) == "mass"
-    assert likeness().owner([(2.0 * MASS + 40.0)[:, None]], LEAST) == ""
+    assert likeness(own=offset).owner([(2.0 * MASS + 40.0)[:, None]]) == "mass"
+    assert likeness().owner([(2.0 * MASS + 40.0)[:, None]]) == ""
 
 
 def test_the_correlation_beside_everything_else_is_the_partial_one() -> None:
