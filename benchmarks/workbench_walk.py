@@ -2,16 +2,19 @@
 
 ``python benchmarks/workbench_walk.py`` writes recordings of a virtual axis with dry friction that its model lacks,
 opens the study, adds the second-best candidate, undoes it, adds the best, lets the search go on, exports, and takes the
-steps again with ``vtsdt diagnose --resume``.  It prints how long things took, there and on two heavier studies.  With
-``--pictures docs/images`` it also makes the pictures of docs/howto/workbench.md.  It needs the packages of the extra
-``browser`` and Chromium.
+steps again with ``vtsdt diagnose --resume`` and with the exported script.  It prints how long things took, there and on
+two heavier studies; ``--page docs/benchmarks/workbench.md`` writes them into that page, and ``--pictures docs/images``
+makes the pictures of docs/howto/workbench.md.  It needs the packages of the extra ``browser`` and Chromium.
 """
 
 from __future__ import annotations
 
 import argparse
+import datetime
 import importlib.util
 import json
+import math
+import os
 import re
 import shutil
 import signal
@@ -27,11 +30,21 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-__all__ = ["Seen", "chromium", "opened", "page_of", "replayed", "walk", "workbench"]
+__all__ = [
+    "Seen",
+    "chromium",
+    "opened",
+    "page_of",
+    "replayed",
+    "replayed_by_script",
+    "same_errors",
+    "walk",
+    "workbench",
+]
 
 PATIENCE = 300.0  # s, for whatever the page computes: computers that run these tests may have other work
 SIZES = {"wide": (1400, 1000), "narrow": (400, 900)}
-FILES = {"model": "model.json", "script": "steps.py", "report": "report.html"}
+FILES = {"model": "model.json", "fmu": ".fmu", "script": "steps.py", "report": "report.html"}
 COLOURS = 96  # of a picture: text and lines stay sharp, and the file is a third as long
 
 
@@ -98,7 +111,8 @@ class Seen:
         Titles of the stages at the same moments.
     candidates : list of str
         The two best, as the page listed them.
-    measures : dict of str to float, ms
+    measures : dict of str to list of float, ms
+        Each time that it was taken.
     written : list of str
         Files that were exported.
     """
@@ -106,7 +120,7 @@ class Seen:
     errors: dict[str, dict[str, str]] = field(default_factory=dict)
     stages: dict[str, list[str]] = field(default_factory=dict)
     candidates: list[str] = field(default_factory=list)
-    measures: dict[str, float] = field(default_factory=dict)
+    measures: dict[str, list[float]] = field(default_factory=dict)
     written: list[str] = field(default_factory=list)
 
 
@@ -140,11 +154,17 @@ def walk(page: Page, picture: Callable[[str], None] = lambda name: None) -> Seen
         page.locator("#stages li").nth(2).wait_for()
         page.locator("#undo:enabled").wait_for()
 
-    seen.measures["first picture"] = page.evaluate("wb.times.first")
+    firsts = seen.measures["first picture"] = []
+    for _ in range(3):
+        page.reload()
+        page.locator("body[data-figures]").wait_for()
+        firsts.append(page.evaluate("wb.times.first"))
     look("begin")
     picture("opened")
-    second = choose(1)
-    seen.measures["linear prediction"] = page.evaluate("wb.times.last")
+    predictions = seen.measures["linear prediction"] = []
+    for rank in (0, 1, 0, 1):
+        second = choose(rank)
+        predictions.append(page.evaluate("wb.times.last"))
     page.locator(".candidate.chosen img:visible").wait_for()
     picture("predicted")
     add()
@@ -179,6 +199,27 @@ def replayed(study: Path, out: Path) -> list[dict[str, Any]]:
     return stages
 
 
+def same_errors(one: list[dict[str, dict[str, float]]], other: list[dict[str, dict[str, float]]]) -> bool:
+    """Tell whether the errors of stages are the same, but for the last digits, which differ with the order of sums."""
+    return len(one) == len(other) and all(
+        set(a[part]) == set(b[part]) and all(math.isclose(a[part][n], b[part][n], rel_tol=1e-9) for n in a[part])
+        for a, b in zip(one, other, strict=True)
+        for part in ("identify", "validate")
+    )
+
+
+def replayed_by_script(script: Path) -> list[dict[str, dict[str, float]]]:
+    """Run an exported script; return the errors of its stages by part and output."""
+    errors = "[{p: s.rmse(p) for p in ('identify', 'validate')} for s in study.stages]"
+    code = f"import json, runpy; study = runpy.run_path({str(script)!r})['study']; print(json.dumps({errors}))"
+    command = [sys.executable, "-c", code]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=2 * PATIENCE, check=False, cwd=script.parent)
+    if run.returncode:
+        raise RuntimeError(run.stderr)
+    found: list[dict[str, dict[str, float]]] = json.loads(run.stdout.splitlines()[-1])
+    return found
+
+
 # -------------------------------------------------------------------- as a program
 
 
@@ -196,8 +237,8 @@ def _keep(page: Page, path: Path, *, whole: bool = False) -> None:
     image.quantize(COLOURS).save(path, optimize=True)
 
 
-def _slider(browser: Browser, folder: Path) -> float:
-    """Return how long one position of a slider takes on the lift of 17 states, ms: median of several."""
+def _slider(browser: Browser, folder: Path) -> list[float]:
+    """Return how long each position of a slider takes on the lift of 17 states, ms."""
     _bench("lift", "--out", str(folder))
     with workbench(folder / "study.toml", "--out", folder / "out") as (address, _):
         page = page_of(browser, address)
@@ -209,11 +250,11 @@ def _slider(browser: Browser, folder: Path) -> float:
             slider.fill(str(value))
             page.locator(f'body[data-figures="{drawn + 1}"]').wait_for()
             taken.append(page.evaluate("wb.times.last"))
-    return float(sorted(taken[1:])[len(taken[1:]) // 2])
+    return taken
 
 
-def _zoom(browser: Browser, folder: Path) -> float:
-    """Return how long a zoom takes in a record of a million samples, ms: median of several."""
+def _zoom(browser: Browser, folder: Path) -> list[float]:
+    """Return how long each zoom takes in a record of a million samples, ms."""
     folder.mkdir(parents=True)
     (folder / "slide.py").write_text(MODEL, encoding="utf-8")
     (folder / "study.toml").write_text(STUDY, encoding="utf-8")
@@ -227,7 +268,7 @@ def _zoom(browser: Browser, folder: Path) -> float:
             page.locator(".zoom-bar button").first.click()
             page.locator(f'body[data-figures="{drawn + 1}"]').wait_for()
             taken.append(page.evaluate("wb.times.last"))
-    return float(sorted(taken)[len(taken) // 2])
+    return taken
 
 
 MODEL = """
@@ -284,8 +325,12 @@ def main() -> None:
     """Take the walk, and print the measures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pictures", metavar="DIR", type=Path, help="make the pictures of the docs in this folder")
+    parser.add_argument("--page", metavar="FILE", type=Path, help="write the measures into this page of the docs")
     parser.add_argument("--walk-only", action="store_true", help="leave out the two heavier studies")
     args = parser.parse_args()
+    if args.pictures is not None:
+        args.pictures.mkdir(parents=True, exist_ok=True)
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False).stdout
     with tempfile.TemporaryDirectory() as name, opened() as browser:
         folder = Path(name)
         _bench("axis", "--hide", "coulomb_friction@guide", "--seed", "1", "--out", str(folder / "axis"))
@@ -307,19 +352,42 @@ def main() -> None:
             seen = walk(page, picture)
         kept = json.loads((out / "history.json").read_text(encoding="utf-8"))["stages"]
         stages = replayed(folder / "axis" / "study.toml", out)
-        same = all(
-            {n: v["rmse"] for n, v in stage[part].items()} == entry["rmse"][part]
-            for entry, stage in zip(kept, stages, strict=True)
-            for part in ("identify", "validate")
-        )
+        again = [{p: {n: v["rmse"] for n, v in s[p].items()} for p in ("identify", "validate")} for s in stages]
+        first = [entry["rmse"] for entry in kept]
+        same, by_script = same_errors(again, first), same_errors(replayed_by_script(out / "steps.py"), first)
         for moment, titles in seen.stages.items():
             print(f"{moment:8} {titles[-1]:50} {seen.errors[moment]}")
         print(f"replayed by vtsdt diagnose --resume: {'the same numbers' if same else 'OTHER NUMBERS'}")
+        print(f"replayed by the exported script: {'the same numbers' if by_script else 'OTHER NUMBERS'}")
         if not args.walk_only:
             seen.measures["slider on the lift of 17 states"] = _slider(browser, folder / "lift")
             seen.measures["zoom in 1e6 samples"] = _zoom(browser, folder / "long")
-        for what, taken in seen.measures.items():
-            print(f"{what}: {taken:.0f} ms")
+    lines = [_line(what, taken) for what, taken in seen.measures.items()]
+    print(*lines, sep="\n")
+    if args.page is not None:
+        text = args.page.read_text(encoding="utf-8")
+        when = f"Measured on {datetime.date.today().isoformat()} at {commit.strip() or 'unknown'}"
+        busy = f"with {os.getloadavg()[0]:.0f} programs at work on {os.cpu_count()} cores"
+        table = "\n".join([f"{when}, {busy}.", "", *HEAD, *lines])
+        begin, end = "<!-- measures -->\n", "<!-- /measures -->"
+        before, rest = text.split(begin)
+        args.page.write_text(f"{before}{begin}{table}\n{end}{rest.split(end)[1]}", encoding="utf-8")
+
+
+#: What is measured, ms at most as it was asked for, by name.
+ASKED = {
+    "first picture": 2000,
+    "linear prediction": 200,
+    "slider on the lift of 17 states": 100,
+    "zoom in 1e6 samples": 200,
+}
+HEAD = ("| what | median [ms] | fastest to slowest [ms] | times | asked for [ms] |", "|---|---:|---:|---:|---:|")
+
+
+def _line(what: str, taken: list[float]) -> str:
+    """Return a line of the table of measures."""
+    middle = sorted(taken)[len(taken) // 2]
+    return f"| {what} | {middle:.0f} | {min(taken):.0f} to {max(taken):.0f} | {len(taken)} | {ASKED[what]} |"
 
 
 if __name__ == "__main__":

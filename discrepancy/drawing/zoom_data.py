@@ -31,6 +31,8 @@ def zoom_figure(
 ) -> dict[str, Any]:
     """Return the data of a figure: measurement and models over a stretch of time.
 
+    Times are kept from the first one that is shown (``"from"``), so that 32 bits tell samples apart in records of days.
+
     Parameters
     ----------
     signal : ComparedSignal
@@ -62,7 +64,8 @@ def zoom_figure(
         "whole": [float(time[0]), float(time[-1])],
         "noise": signal.noise or 0.0,
         "marks": [[float(a), float(b)] for a, b in marks],
-        "x": _packed(time[part][rows]),
+        "from": float(time[low]),
+        "x": _packed(time[part][rows] - time[low]),
         "measured": _packed(measured[rows]),
         "models": [
             {"name": name, "style": style, "y": _packed(y[rows])}

@@ -36,7 +36,7 @@ def script_of(steps: Sequence[Mapping[str, Any]], study: str | Path, seed: int |
 def _line(step: Mapping[str, Any]) -> str:
     action = step["action"]
     if action == "search":
-        return "study.diagnose()"
+        return "study.diagnose()" + ("  # it was stopped then; here it runs to its end" if step.get("stopped") else "")
     if action == "add":
         options = "".join(f", {k}={step[k]!r}" for k in ("strength", "shape") if step.get(k))
         return f"study.add({step['effect']!r}{options})"

@@ -267,7 +267,10 @@ class Study(SearchState):
     def diagnose(self) -> Conclusion:
         """Search for what the model lacks, as ``problem.search`` says; then conclude."""
         self._undone.clear()
-        self.steps.append({"action": "search"})
+        step: dict[str, Any] = {"action": "search"}
+        self.steps.append(step)
+        if self.stages:
+            self.save()
         by_evidence: EvidenceSearch | None = None
         try:
             if is_by_evidence(self):
@@ -280,7 +283,8 @@ class Study(SearchState):
         except KeyboardInterrupt as stopped:
             if len(self.stages) < 2:
                 raise  # no result would be lost
-            self.interrupted = True
+            step["stopped"] = self.interrupted = True
+            self.save()
             self.interruption = str(stopped) or "interrupted"
             go_on()
         return conclude(self, by_evidence)

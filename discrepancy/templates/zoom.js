@@ -1,6 +1,6 @@
 /* Zoomable figures of measurement and model over time; the horizontal axes of one group are linked.
-   A figure is {title, x, measured, models: [{name, style, y}], noise, label, marks: [[from, to]]}, with its numbers as
-   base64 of little-endian 32-bit floats.  Needs uPlot. */
+   A figure is {title, from, x, measured, models: [{name, style, y}], noise, label, marks: [[from, to]]}, with its numbers as
+   base64 of little-endian 32-bit floats, and x counted from ``from``.  Needs uPlot. */
 window.vtsdtZoom = (function () {
   "use strict";
   const STYLE = {
@@ -14,6 +14,8 @@ window.vtsdtZoom = (function () {
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
     return Array.from(new Float32Array(bytes.buffer), (v) => (Number.isNaN(v) ? null : v));
   }
+
+  const times = (figure) => numbers(figure.x).map((t) => t + figure.from);
 
   function bands(figure, noise) {
     return {
@@ -87,7 +89,7 @@ window.vtsdtZoom = (function () {
     }
 
     function data(figure, residual) {
-      const x = numbers(figure.x), measured = numbers(figure.measured), models = figure.models.map((m) => numbers(m.y));
+      const x = times(figure), measured = numbers(figure.measured), models = figure.models.map((m) => numbers(m.y));
       if (!residual) return [x, measured, ...models];
       return [x, ...models.map((y) => y.map((v, k) => (v === null || measured[k] === null ? null : measured[k] - v)))];
     }
@@ -111,7 +113,7 @@ window.vtsdtZoom = (function () {
           scales: { x: { time: false } },
           axes: [
             { ...look, label: residual ? "time [s]" : undefined, labelSize: residual ? 20 : 0, size: residual ? 30 : 26 },
-            { ...axis, label: narrow ? undefined : residual ? "residual" : figure.label, labelSize: narrow ? 0 : 20 },
+            { ...axis, ...(residual ? { space: 18 } : {}), label: narrow ? undefined : residual ? "residual" : figure.label, labelSize: narrow ? 0 : 20 },
           ],
           series,
           legend: { show: !residual, markers: { width: 0, fill: (u, i) => u.series[i].stroke(u, i) } },
@@ -191,7 +193,7 @@ window.vtsdtZoom = (function () {
     }
 
     build(figures);
-    const first = numbers(figures[0].x);
+    const first = times(figures[0]);
     whole = shown = figures[0].whole || [first[0], first[first.length - 1]];
     show(whole[0], whole[1], false);
     new ResizeObserver(() => {

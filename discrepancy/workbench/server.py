@@ -80,7 +80,7 @@ def application(session: Session, token: str, hosts: list[str] | None = None) ->
         "motion": lambda given: session.against_motion(given.get("output", "")),
         "spectra": lambda given: session.spectra(given.get("record", "")),
         "force": lambda given: session.force(given.get("where", "")),
-        "table": lambda given: session.table(),
+        "table": lambda given: session.table(int(given["against"]) if "against" in given else None),
     }
     posts = {
         "figures": figures,

@@ -190,11 +190,11 @@ class Session:
                 name = str(given["effect"])
                 steps["add"] = (f"add {name} and fit again", lambda: study.add(name, strength=given.get("strength")))
             if action == "leave_out":
-                start, stop = (float(given[k]) for k in ("start", "stop"))
+                stretch = {k: float(given[k]) for k in ("start", "stop") if given.get(k) is not None}
                 record = str(given["record"])
                 steps["leave_out"] = (
-                    f"fit again without a stretch of {record}",
-                    lambda: study.leave_out(record, start, stop),
+                    f"fit again without {'a stretch of ' if stretch else ''}{record}",
+                    lambda: study.leave_out(record, **stretch),
                 )
             if action == "set_prior":
                 name = str(given["name"])
@@ -424,9 +424,11 @@ class Session:
         stage = self.study.stages[-1]
         return views.spectra(stage, self._comparison(stage), record)
 
-    def table(self) -> list[Entry]:
-        """Return the error of the latest stage by record and output."""
-        return views.by_record(self._comparison(self.study.stages[-1]))
+    def table(self, against: int | None = None) -> list[Entry]:
+        """Return the error of the latest stage by record and output, and of a stage to compare with."""
+        latest = self.study.stages[-1]
+        other = latest if against is None else self._branch(against)
+        return views.by_record(self._comparison(latest), None if other is latest else self._comparison(other))
 
     def force(self, where: str) -> Entry:
         """Return what is known of the missing force at a place, once it has been estimated, and what could be tried."""

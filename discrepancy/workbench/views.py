@@ -51,8 +51,9 @@ def where(stage: Stage) -> list[Entry]:
     ]
 
 
-def by_record(comparison: Comparison) -> list[Entry]:
-    """Return the error by record and output."""
+def by_record(comparison: Comparison, other: Comparison | None = None) -> list[Entry]:
+    """Return the error by record and output, and that of another stage as ``before`` (None where it has none)."""
+    before = {(s.record, s.output): s.figures.rmse for s in other} if other is not None else {}
     return [
         {
             "record": s.record,
@@ -60,6 +61,7 @@ def by_record(comparison: Comparison) -> list[Entry]:
             "output": s.output,
             "unit": unit_text(s.unit),
             "rmse": s.figures.rmse,
+            "before": before.get((s.record, s.output)),
             "nrmse": s.figures.nrmse,
             "over_noise": s.over_noise,
         }

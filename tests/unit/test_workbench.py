@@ -82,7 +82,7 @@ def test_figures_have_the_measurement_and_the_models(session):
     assert shown.max() == np.float32(signal.measured.max())
     assert shown.min() == np.float32(signal.measured.min())
     (part,) = session.figures("run1", start=3.0, stop=4.0)
-    time = _numbers(part["x"])
+    time = part["from"] + _numbers(part["x"])
     assert time[0] == pytest.approx(2.99)
     assert time[-1] == pytest.approx(4.0, abs=0.011)
 
@@ -90,6 +90,9 @@ def test_figures_have_the_measurement_and_the_models(session):
 def test_another_branch_can_be_compared_with(session):
     (figure,) = session.figures("run0", against=3)
     assert "sensor" in figure["models"][0]["name"]
+    rows = session.table(against=3)
+    assert all(r["before"] > 2.0 * r["rmse"] for r in rows)
+    assert all(r["before"] is None for r in session.table())
 
 
 def test_the_sliders_values_are_simulated(session):
@@ -115,7 +118,7 @@ def test_candidates_are_listed_with_what_they_would_change(tmp_path):
     assert listed["nothing"] + sum(r["weight"] for r in listed["rows"]) == pytest.approx(1.0)
     (figure,) = session.figures("run0", predict=NAME)
     signal = session.study.compare().of(record="run0")[0]
-    rows = np.searchsorted(signal.time, _numbers(figure["x"]) - 1e-4)
+    rows = np.searchsorted(signal.time, figure["from"] + _numbers(figure["x"]) - 1e-4)
     predicted = _numbers(figure["models"][-1]["y"])
     left = np.sqrt(np.mean((signal.measured[rows] - predicted) ** 2))
     assert left < 0.5 * np.sqrt(np.mean(signal.residual[rows] ** 2))

@@ -98,6 +98,9 @@ def test_the_whole_path_by_clicks_and_its_replay(browser, study, tmp_path):
             page.locator(f'#view[data-view="{tab.get_attribute("data-view")}"]').wait_for()
             assert page.evaluate("document.documentElement.scrollWidth") <= 400, tab.inner_text()
     history = json.loads((tmp_path / "history.json").read_text(encoding="utf-8"))
+    assert [s["action"] for s in history["steps"]] == ["add", "undo", "add", "search"]
+    kept = [s["rmse"] for s in history["stages"]]
+    assert walking.same_errors(walking.replayed_by_script(tmp_path / "steps.py"), kept)
     again = walking.replayed(study, tmp_path)
     assert [s["name"] for s in again] == [s["name"] for s in history["stages"]]
     for kept, stage in zip(history["stages"], again, strict=True):

@@ -38,7 +38,7 @@ wb.candidates = (function () {
       const group = box.appendChild(element("div", undefined, { className: "tied" }));
       const apart = element("details");
       apart.append(element("summary", "What would tell them apart"), ...found.tell_apart.map((t) => element("p", t)));
-      group.append(element("p", `These records leave open which of these ${tied.length} it is.`), ...(found.tell_apart.length ? [apart] : []), ...tied.map(card));
+      group.append(element("p", `Each of these ${tied.length} explains the records as well as the others. Their weights count how many values each needs.`), ...(found.tell_apart.length ? [apart] : []), ...tied.map(card));
       rest = shown.filter((c) => !tied.includes(c));
     }
     box.append(...rest.map(card));
@@ -49,7 +49,7 @@ wb.candidates = (function () {
 
   function card(c) {
     const chosen = c.name === wb.chosen.candidate;
-    const box = element("div", undefined, { className: `candidate${chosen ? " chosen" : ""}`, title: chosen ? "" : `${c.what} Usual causes: ${c.causes}`, tabIndex: 0 });
+    const box = element("div", undefined, { className: `candidate${chosen ? " chosen" : ""}`, tabIndex: 0 });
     box.dataset.name = c.name;
     const head = element("div", undefined, { className: "head" });
     head.append(element("span", `${c.title} at ${c.where}`), element("span", percent(c.weight), { className: "weight", title: "weight among single effects" }));
@@ -63,6 +63,10 @@ wb.candidates = (function () {
     }
     box.append(head, weighs, falls);
     if (chosen) box.append(details(c));
+    else {
+      head.onmouseenter = () => wb.hover.begin(box, c);
+      box.onmouseleave = wb.hover.end;
+    }
     box.onclick = (e) => { if (!e.target.closest(".more")) choose(chosen ? "" : c.name); };
     box.onkeydown = (e) => { if (e.key === "Enter" && e.target === box) box.onclick(e); };
     return box;
@@ -74,16 +78,12 @@ wb.candidates = (function () {
     const law = element("dd", "…");
     list.append(element("dt", "What it is"), element("dd", c.what), element("dt", "Law"), law, element("dt", "Causes"), element("dd", c.causes), element("dt", "Shown by"), element("dd", c.confirm));
     if (c.taken_for.length) list.append(element("dt", "Taken for"), element("dd", c.taken_for.join("; ")));
-    wb.ask("kind", { name: c.kind }).then((k) => {
-      law.textContent = k.law;
-      if (!k.picture) return;
-      picture.src = `data:image/svg+xml;utf8,${encodeURIComponent(k.picture)}`;
-      picture.hidden = false;
-    }).catch(() => { law.textContent = "–"; });
+    wb.showLaw(c.kind, law, picture);
     more.append(element("button", "Add it and fit again", { className: "add main", disabled: wb.isBusy(), onclick: () => wb.act("add", { effect: c.name }) }), picture, list);
     return more;
   }
   async function choose(name) {
+    wb.hover.end();
     wb.chosen.candidate = name;
     show();
     const card = $("candidates").querySelector(".chosen");

@@ -24,7 +24,7 @@ wb.views = (function () {
     const found = await {
       spectra: () => wb.ask("spectra", { record: chosen.record }),
       motion: () => wb.ask("motion", { output: output() }),
-      table: () => wb.ask("table"),
+      table: () => wb.ask("table", { against: chosen.against }),
       where: () => wb.ask("where"),
       force: () => wb.ask("force", { where: chosen.place }),
     }[view]();
@@ -42,15 +42,19 @@ wb.views = (function () {
     row.replaceChildren();
     if (["time", "spectra"].includes(chosen.view)) row.append(select("record", records, chosen.record, (v) => { chosen.record = v; chosen.span = null; drawing = null; show().catch(wb.complain); }));
     if (chosen.view === "motion") row.append(select("output", state.outputs.map((o) => [o.name, o.name]), output(), (v) => { chosen.output = v; show().catch(wb.complain); }));
-    if (chosen.view !== "time") return;
+    if (!["time", "table"].includes(chosen.view)) return;
     const stages = [...state.stages.map((s, k) => [String(k), `compare with: ${s.title}`]), ...state.kept.map((s, k) => [String(state.stages.length + k), `compare with the branch: ${s.name}`])];
     if (chosen.against >= stages.length) chosen.against = 1;
-    row.append(select("compare with", stages, String(chosen.against), (v) => { chosen.against = Number(v); drawTime().catch(wb.complain); }));
-    row.append(element("button", "Leave the visible stretch out", { className: "leave", disabled: wb.isBusy(), title: "Fit every stage again without it", onclick: () => {
-      const [start, stop] = chosen.span || drawing.whole;
+    row.append(select("compare with", stages, String(chosen.against), (v) => { chosen.against = Number(v); (chosen.view === "time" ? drawTime() : show()).catch(wb.complain); }));
+    if (chosen.view !== "time") return;
+    row.append(element("button", leaveWords(), { className: "leave", disabled: wb.isBusy(), title: "Fit every stage again without it", onclick: () => {
+      const [start, stop] = isPart() ? chosen.span : [];
       wb.act("leave_out", { record: chosen.record, start, stop });
     } }));
   }
+
+  const isPart = () => !!(chosen.span && drawing && (chosen.span[0] > drawing.whole[0] || chosen.span[1] < drawing.whole[1]));
+  const leaveWords = () => (isPart() ? "Leave the visible stretch out" : "Leave this record out");
 
   // ------------------------------------------------------------------ over time
   async function time() {
@@ -79,6 +83,8 @@ wb.views = (function () {
   }
   function zoomed(from, to) {
     chosen.span = [from, to];
+    const leave = document.querySelector("button.leave");
+    if (leave) leave.textContent = leaveWords();
     clearTimeout(later);
     later = setTimeout(() => drawTime().catch(wb.complain), 60);
   }
@@ -93,7 +99,7 @@ wb.views = (function () {
   };
   const power = (u, ticks) => ticks.map((v) => (v >= 0.01 && v < 1e4 ? String(+v.toPrecision(3)) : `1e${Math.round(Math.log10(v))}`));
   function plot(box, title, series, data, scales, labels, options) {
-    const look = (scale, ...rest) => ({ ...axis(...rest), ...(scale && scale.distr === 3 ? { splits: decades, values: power } : { values: (u, ticks) => ticks.map((v) => +v.toPrecision(5)) }) });
+    const look = (scale, ...rest) => ({ ...axis(...rest), ...(scale && scale.distr === 3 ? { splits: decades, values: power, filter: (u, ticks) => ticks } : { values: (u, ticks) => ticks.map((v) => +v.toPrecision(5)) }) });
     if (scales.x.distr === 3) scales = { ...scales, x: { ...scales.x, range: [data[0][0], data[0][data[0].length - 1]] } };
     const inner = box.appendChild(element("div", undefined, { className: "plot" }));
     const size = () => Math.max(220, inner.clientWidth);
@@ -149,8 +155,9 @@ wb.views = (function () {
     return drawn;
   }
   function table(box, rows) {
-    const heads = [["record"], ["output"], ["RMS error", 1], ["of the signal", 1], ["of the noise", 1]];
-    grid(box, heads, rows.map((r) => [`${r.record} (${r.part === "identify" ? "fitted" : "held out"})`, r.output, `${digits(r.rmse)} ${r.unit}`, `${digits(100 * r.nrmse)} %`, r.over_noise === null ? "–" : `${digits(r.over_noise)} ×`]));
+    const other = rows.some((r) => r.before !== null);
+    const heads = [["record"], ["output"], ...(other ? [["RMS error, compared", 1]] : []), ["RMS error, latest", 1], ["of the signal", 1], ["of the noise", 1]];
+    grid(box, heads, rows.map((r) => [`${r.record} (${r.part === "identify" ? "fitted" : "held out"})`, r.output, ...(other ? [r.before === null ? "–" : `${digits(r.before)} ${r.unit}`] : []), `${digits(r.rmse)} ${r.unit}`, `${digits(100 * r.nrmse)} %`, r.over_noise === null ? "–" : `${digits(r.over_noise)} ×`]));
   }
   function where(box, found) {
     for (const { heading, sentences } of found) {
