@@ -24,6 +24,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "unit"))
 
 from broken_inputs import Broken, corpus, judged, write
+from share_interval import share_interval
 
 LIMIT = 10.0  # s of processor time
 
@@ -46,15 +47,6 @@ def answer(broken: Broken, folder: Path) -> tuple[int, str, float]:
     if os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGXCPU, signal.SIGKILL):
         return -1, "", seconds
     return os.waitstatus_to_exitcode(status), told.read_text(), seconds
-
-
-def _interval(count: int, of: int) -> str:
-    """Return the 95 % interval of Clopper and Pearson of a share, in percent."""
-    from scipy.stats import beta
-
-    low = beta.ppf(0.025, count, of - count + 1) if count else 0.0
-    high = beta.ppf(0.975, count + 1, of - count) if count < of else 1.0
-    return f"{100 * low:.1f} to {100 * high:.1f} %"
 
 
 def main() -> None:
@@ -105,7 +97,7 @@ def main() -> None:
                 )
     kinds = len({b.kind for b in inputs})
     line = f"{len(inputs)} inputs of {kinds} kinds: " + ", ".join(
-        f"{verdicts[v]} {v} ({_interval(verdicts[v], len(inputs))})"
+        f"{verdicts[v]} {v} ({share_interval(verdicts[v], len(inputs))})"
         for v in ("clear", "vague", "silent", "fault", "hang")
     )
     print(line, f"({time.perf_counter() - begun:.0f} s)")

@@ -8,6 +8,7 @@ import os
 import secrets
 import shutil
 import struct
+import sys
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -64,7 +65,7 @@ def written_together(out: Path, owner: str, subject: str, run: str) -> Iterator[
 
     Every JSON object, page and PNG picture gets the run written into it: ``"run"``, ``<meta name="vtsdt-run">`` and a
     text ``Run``.  If anything fails the folder is as before.  A process that ends while files are moved leaves what is
-    still to be moved; the next run on the folder moves it first.
+    still to be moved; the next run on the folder moves it first.  Of two processes one waits for the other.
 
     Parameters
     ----------
@@ -82,8 +83,7 @@ def written_together(out: Path, owner: str, subject: str, run: str) -> Iterator[
     OSError
         If something cannot be written; it names the folder.
     """
-    with naming(out):
-        out.mkdir(parents=True, exist_ok=True)
+    with naming(out), _alone(out):
         _finish_earlier(out)
         check_owner(out, owner, subject)
         draft = out / f"{_DRAFT}{secrets.token_hex(4)}"
@@ -102,6 +102,27 @@ def written_together(out: Path, owner: str, subject: str, run: str) -> Iterator[
             shutil.rmtree(draft, ignore_errors=True)
             raise
         _move(ready, out)
+
+
+@contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """Make the folder, and wait until no other process writes into it; a lock ends with the process that holds it.
+
+    Without this one of two processes would take the draft of the other for one that a killed process has left.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    if sys.platform == "win32":  # has no lock on folders
+        yield
+        return
+    import fcntl
+
+    folder = os.open(out, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # some network file systems have no locks
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
 
 
 def _finish_earlier(out: Path) -> None:

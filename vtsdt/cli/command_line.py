@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+from multibody.base.out_of_memory import memory_used_up
 from multibody.base.stopping import Stopped, stoppable
 from multibody.base.terminal_text import printable
 from vtsdt.cli.arguments import CommandError, memory_limit, time_limit
@@ -73,8 +74,9 @@ def _run(command: Command, name: str, arguments: list[str]) -> int:
     return function(arguments) or 0
 
 
-def _is_bad_input(error: BaseException) -> bool:
-    classes: list[type] = [OSError, MemoryError]
+def _is_named(error: BaseException) -> bool:
+    """Tell whether an error is one of those whose message says what to do."""
+    classes: list[type] = [OSError]
     for module, names in BAD_INPUT.items():
         loaded = sys.modules.get(module)
         classes += [getattr(loaded, n) for n in names.split() if loaded is not None and hasattr(loaded, n)]
@@ -91,7 +93,7 @@ def _shortened(text: str) -> str:
 
 
 def _message(error: BaseException) -> str:
-    if isinstance(error, MemoryError):
+    if memory_used_up(error):
         return (
             f"the memory that this process may have is used up{f' ({error})' if str(error) else ''}: give it more, "
             "lower --memory so that more is kept in a file, or take fewer or shorter records ([records] identify, "
@@ -160,7 +162,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
-        expected = _is_bad_input(error)
+        expected = _is_named(error) or memory_used_up(error)
         if debug:
             import traceback
 
