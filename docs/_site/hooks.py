@@ -25,6 +25,7 @@ from pygments.formatters import HtmlFormatter
 
 SECTIONS = {
     "tutorial": "Tutorial",
+    "gallery": "Gallery",
     "howto": "How to",
     "physics": "Physics",
     "method": "Method",
