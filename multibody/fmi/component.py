@@ -21,6 +21,7 @@ from multibody.declare.declarations import (
 )
 from multibody.equations.statements import variable
 from multibody.fmi.errors import FmuError
+from multibody.fmi.foreign import start_states
 from multibody.fmi.foreign_description import ForeignUnit, ForeignVariable, read_unit
 
 __all__ = ["Fmu", "Gap"]
@@ -33,7 +34,9 @@ class Fmu(Component):
 
     Its states, inputs, parameters and outputs are those of the unit, in SI, under their own names with an underscore in
     the place of every other character: ``body.x[1]`` is ``body_x_1``.  An input that nothing drives keeps its start
-    value.  The unit runs in a process of its own; the equations of a model that has one are evaluated by Python.
+    value.  A state that its description gives no start value starts where the unit's own initialization puts it, with
+    the parameters of the description.  The unit runs in a process of its own; the equations of a model that has one are
+    evaluated by Python.
 
     Parameters
     ----------
@@ -74,8 +77,8 @@ class Fmu(Component):
 
         for v in unit.parameters:
             add(v.own, Parameter(v.start, v.unit, v.meaning, min=v.min, max=v.max))
-        for v in unit.states:
-            add(v.own, State(v.unit, v.meaning, v.start))
+        for v, start in zip(unit.states, _starts(unit), strict=True):
+            add(v.own, State(v.unit, v.meaning, start))
         for v in unit.inputs:
             add(v.own, Input(v.unit, v.meaning, v.start))
         for v in unit.outputs:
@@ -152,6 +155,14 @@ class _Asks:
     def tangent_text(self, name: str) -> str:
         """Return the text of its tangent under a name."""
         return f"def {name}{self._tangent}"
+
+
+def _starts(unit: ForeignUnit) -> list[float]:
+    """Return the start values of the states: those of the description, and what the unit computes where it has none."""
+    if not any(v.computed for v in unit.states):
+        return [v.start for v in unit.states]
+    computed = start_states(str(unit.path), unit.digest)
+    return [c if v.computed else v.start for v, c in zip(unit.states, computed, strict=True)]
 
 
 def _tuple(names: list[str]) -> str:

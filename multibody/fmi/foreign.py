@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import threading
+from functools import lru_cache
 from multiprocessing import Pipe
 from pathlib import Path
 
@@ -15,9 +16,9 @@ import numpy as np
 
 from multibody.base.errors import SimulationError
 from multibody.fmi.foreign_description import ForeignVariable, read_unit
-from multibody.fmi.server import COLUMNS, EVALUATE
+from multibody.fmi.server import COLUMNS, EVALUATE, START
 
-__all__ = ["TIMEOUT", "evaluate", "tangent"]
+__all__ = ["TIMEOUT", "evaluate", "start_states", "tangent"]
 
 #: Seconds after which a unit that does not answer counts as hung; an evaluation takes microseconds.
 TIMEOUT = 60.0
@@ -86,6 +87,14 @@ class _Process:
             slopes += self.columns[k] * along[k]
         return self.values, slopes
 
+    def start(self) -> np.ndarray:
+        """Return the states with which the unit starts, SI."""
+        n = len(self.unit.states)
+        factor, offset = _scales(self.unit.parameters)
+        own = (np.array([v.start for v in self.unit.parameters]) - offset) / factor
+        found = self._ask(START + own.tobytes())
+        return found * self.known_factor[:n] + self.known_offset[:n]
+
     def _point(self, t: float, known: tuple[float, ...]) -> bytes:
         own = (np.array(known) - self.known_offset) / self.known_factor
         return np.concatenate([[t], own]).tobytes()
@@ -151,6 +160,19 @@ def _stop_all() -> None:
     for one in list(_running.values()):
         if one.process.returncode is None:
             one.stop()
+
+
+@lru_cache(maxsize=16)
+def start_states(path: str, digest: str) -> tuple[float, ...]:
+    """Return the states that a unit has after its own initialization, SI, with the parameters of its description.
+
+    Raises
+    ------
+    SimulationError
+        As `evaluate`.
+    """
+    with _lock:
+        return tuple(map(float, _process(path, digest).start()))
 
 
 def evaluate(path: str, digest: str, wanted: tuple[int, ...], t: float, known: tuple[float, ...]) -> tuple[float, ...]:

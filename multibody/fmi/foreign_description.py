@@ -36,6 +36,8 @@ class ForeignVariable:
         Value in SI = factor · value of the unit + offset.
     start : float
         In SI.
+    computed : bool
+        Whether the unit computes its start value: the description has none, or an approximate one.
     min, max : float or None
         In SI.
     tunable : bool
@@ -52,6 +54,7 @@ class ForeignVariable:
     factor: float = 1.0
     offset: float = 0.0
     start: float = 0.0
+    computed: bool = False
     min: float | None = None
     max: float | None = None
     tunable: bool = False
@@ -245,6 +248,7 @@ def _variable(v: Any, units: dict[str, Any], names: _OwnNames, depends_on: tuple
         factor=factor,
         offset=offset,
         start=si(v.start) or 0.0,
+        computed=v.start is None or v.initial == "approx",
         min=si(v.min),
         max=si(v.max),
         tunable=v.variability == "tunable",

@@ -2,7 +2,8 @@
 
 Started by `multibody.fmi.foreign` as ``python -m multibody.fmi.server FMU FD``.  A request is one byte and float64
 numbers: time, states, inputs, parameters, and then, of a Jacobian, the places of the columns wanted among the last
-three.  The answer is one byte, ``+`` and float64 numbers or ``-`` and a text.  Numbers are those of the unit, not SI.
+three; of the start the parameters alone.  The answer is one byte, ``+`` and float64 numbers or ``-`` and a text.
+Numbers are those of the unit, not SI.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ import numpy as np
 from multibody.fmi.errors import FmuError
 from multibody.fmi.foreign_description import ForeignUnit, read_unit
 
-__all__ = ["COLUMNS", "EVALUATE", "serve"]
+__all__ = ["COLUMNS", "EVALUATE", "START", "serve"]
 
-EVALUATE, COLUMNS = b"E", b"C"
+EVALUATE, COLUMNS, START = b"E", b"C", b"S"
 _STEP = float(np.finfo(float).eps) ** (1 / 3)  # relative step of central differences: truncation against rounding
 
 
@@ -45,8 +46,8 @@ def serve(path: str, connection: Connection) -> None:
                 return
             try:
                 numbers = np.frombuffer(request, offset=1) if len(request) > 1 else np.empty(0)
-                answer = running.evaluate(numbers) if request[:1] == EVALUATE else running.columns(numbers)
-                connection.send_bytes(b"+" + answer.tobytes())
+                answers = {EVALUATE: running.evaluate, COLUMNS: running.columns, START: running.start}
+                connection.send_bytes(b"+" + answers[request[:1]](numbers).tobytes())
             except Exception as error:
                 connection.send_bytes(b"-" + f"{error}".encode())
     finally:
@@ -127,6 +128,11 @@ class _Running:
         if self.x.size:
             self.fmu.setContinuousStates(_pointer(self.x), self.x.size)
         self._set(self.inputs, numbers[b:c])
+
+    def start(self, p: np.ndarray) -> np.ndarray:
+        """Return the states after the unit's own initialization with these parameters."""
+        self._start(p)
+        return np.array((self.fmu.getReal if self.second else self.fmu.getFloat64)(self.states), dtype=float)
 
     def evaluate(self, numbers: np.ndarray) -> np.ndarray:
         """Return rates and outputs at time, states, inputs, parameters."""

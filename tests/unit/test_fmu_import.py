@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
+import platform
+import re
 import shutil
 import subprocess
 import zipfile
@@ -127,6 +130,19 @@ def test_units_of_the_other_tool_become_si(axis: System, second: Path) -> None:
     mass = next(v for v in read_unit(second).parameters if v.name == "carriage.m")
     assert (mass.unit, mass.factor) == ("kg", 1e-3)
     assert mass.start == pytest.approx(0.04)
+
+
+def test_a_start_that_only_the_unit_knows_is_asked_for(axis: System, tmp_path: Path) -> None:
+    path = axis.to_fmu(tmp_path / "axis.fmu", fmi_version="2.0", initial={"carriage.position": 0.003})
+
+    def without(text: str) -> str:
+        head, name, rest = text.partition('name="carriage.position"')
+        rest = rest.replace('initial="exact"', 'initial="calculated"', 1).replace('start="0.003"', "", 1)
+        return head + name + rest
+
+    edit(path, without)
+    start = {s.name: s.value for s in plant_of(path).build().states}
+    assert start["plant.carriage_position"] == pytest.approx(0.003, abs=1e-15)
 
 
 def test_model_is_saved_and_loaded(unit: Path, tmp_path: Path) -> None:
@@ -357,3 +373,52 @@ def test_reference_fmus_run(name: str) -> None:
 def test_reference_fmu_with_events_is_refused() -> None:
     with pytest.raises(FmuError, match="event indicators"):
         Fmu(REFERENCE / "BouncingBall.fmu")
+
+
+def openmodelica() -> Path | None:
+    """Return the folder of units by OpenModelica: that in the wheel of gemseo-fmu, or a given one; None if absent."""
+    given = os.environ.get("VTSDT_OPENMODELICA_FMUS")
+    found = importlib.util.find_spec("gemseo_fmu")
+    inside = Path(found.origin).parent / "problems/fmu_files/linux" if found and found.origin else None
+    return Path(given) if given else inside
+
+
+OPENMODELICA = openmodelica()
+needs_openmodelica = pytest.mark.skipif(
+    OPENMODELICA is None or not OPENMODELICA.is_dir() or platform.system() != "Linux",
+    reason="neither the wheel of gemseo-fmu is installed nor does VTSDT_OPENMODELICA_FMUS name a folder of its units",
+)
+
+
+@needs_openmodelica
+@pytest.mark.parametrize(("name", "given"), [("MassSpringSystem", {}), ("Mass_Damper", {"f": 10.0})])
+def test_openmodelica_units_move_as_fmpy_moves_them(name: str, given: dict[str, float]) -> None:
+    assert OPENMODELICA is not None
+    path = OPENMODELICA / f"{name}.fmu"
+    model = Model(name)
+    plant = model.add("plant", Fmu(path))
+    for own, value in given.items():
+        model.input(own, getattr(plant, own), default=value)
+    run = model.build().simulate(0.5, step=0.05, rtol=1e-8)
+    states = [v.variable.derivative.name for v in fmpy.read_model_description(str(path)).derivatives]
+    true = fmpy.simulate_fmu(
+        str(path),
+        fmi_type="ModelExchange",
+        stop_time=0.5,
+        output_interval=0.05,
+        relative_tolerance=1e-8,
+        start_values=given,
+        output=states,
+    )
+    for state in states:
+        own, spread = re.sub(r"\W", "_", state).strip("_"), float(np.ptp(true[state]))
+        assert spread > 1e-3, state
+        assert np.allclose(run[f"plant.{own}"], true[state], atol=1e-4 * spread), state
+
+
+@needs_openmodelica
+@pytest.mark.parametrize(("name", "said"), [("ramp", "2 event indicators"), ("FMU3Model", "no Model Exchange")])
+def test_openmodelica_units_that_cannot_run_say_why(name: str, said: str) -> None:
+    assert OPENMODELICA is not None
+    with pytest.raises(FmuError, match=said):
+        Fmu(OPENMODELICA / f"{name}.fmu")

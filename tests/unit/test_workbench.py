@@ -348,6 +348,30 @@ def test_the_model_is_exported_beside_the_history(ask, session):
     assert "coulomb_friction.guide" in Model.load(written[0]).components
 
 
+def test_a_stage_travels_with_its_effects_and_sensor_errors(session, tmp_path):
+    pytest.importorskip("fmpy", reason="needs fmpy: pip install 'vtsdt[fmi]'")
+    from multibody import Model
+    from multibody.fmi.compiler import c_compiler
+    from multibody.fmi.component import Fmu
+
+    if c_compiler() is None:
+        pytest.skip("needs a C compiler")
+    time = np.linspace(0.0, 0.2, 21)
+    given = {"drive.force": (time, 60.0 * np.sin(30.0 * time))}
+    friction, offset = session.study.stage, session._kept[0]
+    for stage, told in ((friction, "coulomb_friction.guide"), (offset, "sensor.carriage.position")):
+        system = stage.machine.build()
+        assert any(n.startswith(told) for n in system.parameter_names)
+        model = Model("read back")
+        plant = model.add("plant", Fmu(system.to_fmu(tmp_path / "stage.fmu", fmi_version="2.0")))
+        model.input("drive.force", plant.drive_force)
+        own = system.simulate(0.2, times=time, inputs=given)
+        read = model.build().simulate(0.2, times=time, inputs=given)
+        for name in system.output_names:
+            other = read[f"plant.{name.replace('.', '_')}"]
+            assert np.allclose(other, own[name], atol=1e-4 * np.ptp(own[name])), name
+
+
 def test_what_cannot_be_opened_is_told(tmp_path):
     with pytest.raises(StudyError, match=r"there is no history\.json in this folder"):
         open_session(tmp_path)
