@@ -1,8 +1,8 @@
 """What MkDocs does for this site beyond its settings.
 
-A page dropped into one of the folders below stands in the navigation by itself, in the order of the file
-names, with the folder's ``index.md`` first; what a package offers to users gets a reference page; equations between
-dollars become MathML at build time, because a reader of the pages may have no network.
+A page dropped into one of the folders below stands in the navigation by itself: the folder's ``index.md`` first, then
+the pages that it links to in their order, then the others by name; what a package offers to users gets a reference
+page; equations between dollars become MathML at build time, because a reader of the pages may have no network.
 """
 
 from __future__ import annotations
@@ -97,8 +97,11 @@ def _root(config: MkDocsConfig) -> Path:
 
 
 def _pages(folder: Path, docs: Path) -> list[Any]:
-    """Navigation of a folder: its index, its pages, then its folders."""
-    pages = sorted(folder.glob("*.md"), key=lambda path: (path.name != "index.md", path.name))
+    """Navigation of a folder: its index, its pages in the order in which the index links them, then its folders."""
+    index = folder / "index.md"
+    linked = re.findall(r"\(([\w-]+\.md)", index.read_text(encoding="utf-8")) if index.is_file() else []
+    place = {name: k for k, name in reversed(list(enumerate(linked)))}
+    pages = sorted(folder.glob("*.md"), key=lambda path: (path != index, place.get(path.name, len(linked)), path.name))
     entries: list[Any] = [path.relative_to(docs).as_posix() for path in pages]
     for below in sorted(path for path in folder.iterdir() if path.is_dir()):
         inside = _pages(below, docs)
