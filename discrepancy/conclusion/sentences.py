@@ -103,7 +103,10 @@ def answer(
     if not accepted and verdict == "unknown effect":
         return "Something is missing that no effect of the catalogue explains." + negligible_sentence(negligible)
     if not accepted:
-        return _nothing_found(hidden, negligible)
+        given = stages[-1].effects
+        added = listed([f"{kind_title(e.kind)} at {e.where}" for e in given])
+        fall = _error_reduction(stages[1], stages[-1]) if given else ""
+        return _nothing_found(hidden, negligible, added, fall)
     names = [title_of(a) for a in accepted]
     count = _NUMBER.get(len(names), f"{len(names)} effects")
     text = f"The model lacks {count}: {listed(names)}."
@@ -141,10 +144,14 @@ def _wrong_factor(accepted: AcceptedEffect, stage: Stage) -> str:
     return f" It looks as if {effect.where} were {verb} {words}." if words else ""
 
 
-def _nothing_found(hidden: Sequence[HiddenEffect], negligible: Sequence[NegligibleEffect]) -> str:
+def _nothing_found(
+    hidden: Sequence[HiddenEffect], negligible: Sequence[NegligibleEffect], added: str = "", fall: str = ""
+) -> str:
+    """Return that nothing is missing; beyond effects that were added by hand, with the fall of the error, if any."""
     small = negligible_sentence(negligible)
     could = [f"{kind_title(kind)} at {where}" for kind, where, mde, delta, _ in hidden if not (mde < delta < math.inf)]
-    base = "No missing effect was found" + (" that would matter" if small else "")
+    base = f"Added by hand: {added}.{fall} No further missing effect" if added else "No missing effect"
+    base += " was found" + (" that would matter" if small else "")
     if not could:
         return f"{base}; every effect of the catalogue that would matter would have been detected.{small}"
     many = f"{len(could)} effects of a size that would matter, for example {could[0]}"

@@ -48,12 +48,18 @@ def kind_text(kind: str) -> KindText:
     return _UNKNOWN if name == "unknown_force" else KindText(kind.replace("_", " "), "", "", "")
 
 
+def _headline(conclusion: Conclusion) -> str:
+    if conclusion.verdict == "nothing missing" and conclusion.final.effects:
+        return "Beyond the effects added by hand, these records show no missing effect"
+    return HEADLINES.get(conclusion.verdict, conclusion.verdict)
+
+
 def content(conclusion: Conclusion, evidence: Evidence) -> Entry:
     """Return everything that the template shows."""
     outputs = worst_outputs(conclusion, 99)
     return {
         "title": conclusion.name or conclusion.final.model.name,
-        "headline": HEADLINES.get(conclusion.verdict, conclusion.verdict),
+        "headline": _headline(conclusion),
         "verdict": conclusion.verdict,
         "sentence": conclusion.sentence,
         "judged_on": PART_WORDS[conclusion.judged_on],

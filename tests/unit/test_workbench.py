@@ -87,6 +87,12 @@ def test_figures_have_the_measurement_and_the_models(session):
     assert time[-1] == pytest.approx(4.0, abs=0.011)
 
 
+def test_what_was_added_by_hand_is_said_in_the_answer(session):
+    sentence = session.study.conclude().sentence
+    assert sentence.startswith("Added by hand: dry (Coulomb) friction at guide.")
+    assert "carriage.position" in sentence
+
+
 def test_another_branch_can_be_compared_with(session):
     (figure,) = session.figures("run0", against=3)
     assert "sensor" in figure["models"][0]["name"]

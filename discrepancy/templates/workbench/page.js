@@ -2,7 +2,7 @@
 (function () {
   "use strict";
   const { element, act, complain, $ } = wb;
-  let shown = "", scoring = "";
+  let shown = "", stopped = ""; // the stages that stand there, and those whose scoring was stopped by hand
   wb.isBusy = () => !!(wb.state && wb.state.doing && !wb.state.doing.yields);
 
   async function listen() {
@@ -44,8 +44,7 @@
     } else if (wb.isBusy()) wb.showStages(); // a search adds stages while it runs
     if (wb.chosen.view === "force" && before && before.doing && before.doing.what.startsWith("estimate") && !wb.isBusy()) await wb.views.show();
     if (!news.doing && news.scored && !wb.candidates.known) await wb.candidates.load();
-    else if (!news.doing && !news.scored && !news.error && scoring !== mark) {
-      scoring = mark; // once for these stages: who stops it can ask again
+    else if (!news.doing && !news.scored && !news.error && stopped !== mark) {
       await wb.send("do", { action: "score", yields: true }).catch(() => {});
     }
   }
@@ -63,7 +62,7 @@
     }
     const bar = element("progress");
     if (doing.share !== null && doing.share !== undefined) bar.value = doing.share;
-    box.replaceChildren(bar, element("strong", doing.what), element("button", "Stop", { onclick: () => wb.send("stop").catch(complain) }), element("span", doing.text, { className: "text", title: doing.text }));
+    box.replaceChildren(bar, element("strong", doing.what), element("button", "Stop", { onclick: () => { if (doing.yields) stopped = shown; wb.send("stop").catch(complain); } }), element("span", doing.text, { className: "text", title: doing.text }));
   }
   function showSteps() {
     const { steps } = wb.state, { digits } = wb;
