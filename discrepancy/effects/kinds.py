@@ -75,6 +75,9 @@ class Kind:
         Parameter effects: from the component and the ending, the shapes to try.
     stated : bool
         Parameter effects: the component holds the stated value, which may be wrong; absence is that value, not zero.
+    same_law : tuple of str
+        Connections: parameters of components that are the strength of the same law.  Where such a component stands and
+        that parameter is uncertain, nothing of this kind is missing: its value is fitted.
     """
 
     name: str
@@ -96,6 +99,7 @@ class Kind:
     component_shapes: Callable[[Component, str], Shapes] | None = None
     stated: bool = False
     signal: str = ""
+    same_law: tuple[str, ...] = ()
 
     @property
     def law_input(self) -> str:
@@ -224,17 +228,17 @@ _add([
         "viscous friction", "A resistance proportional to speed.",
         "Lubricant shear in guides, bearings and seals; grease that is cold or too stiff; eddy currents.",
         "Move at several constant speeds in both directions: the drive force rises in a straight line with speed."),
-        one_sided=True, elastic=False),
+        one_sided=True, elastic=False, same_law=("viscous", "damping")),
     Kind("extra_damping", "connection", "Viscous", ("viscous",), _T(
         "additional damping", "Damping between two sides that are joined by a spring, beyond what the model has.",
         "Material damping, joints, rubber elements, rope strands that rub.",
         "Let the machine ring down after a step or knock: the vibration dies faster or slower than the model's."),
-        elastic=True),
+        elastic=True, same_law=("viscous", "damping")),
     Kind("coulomb_friction", "connection", "Coulomb", ("coulomb",), _T(
         "dry (Coulomb) friction", "A resistance of constant size against the motion, whatever the speed.",
         "Sliding guides, seals, plain bearings, screws, preloaded rolling guides.",
         "Move slowly in both directions: the drive force jumps by twice the friction when the direction changes."),
-        shape_grids.smooth_sign, ("v_s",), one_sided=True),
+        shape_grids.smooth_sign, ("v_s",), one_sided=True, same_law=("coulomb",)),
     Kind("asymmetric_coulomb_friction", "connection", "AsymmetricCoulomb", ("forward", "backward"), _T(
         "dry friction that differs with direction", "A constant resistance, of another size in each direction.",
         "Worn or tilted guides, a one-sided preload, a screw worn on one flank, a cable chain, weight on an incline.",

@@ -208,7 +208,9 @@ def propose(
     entries = entries_of(stage, include, exclude)
     present = {str(e) for e in stage.effects}
     entries = [e for e in entries if e.name not in present or e.kind.name in REPEATABLE]
-    raw, refused = candidate_sensitivities(plain, entries, progress, stage.effects, curves=not stage.effects)
+    stands = {e.name: name for e in entries if (name := _stands_there(e, plain.sensitivities().names))}
+    asked = [e for e in entries if e.name not in stands]
+    raw, refused = candidate_sensitivities(plain, asked, progress, stage.effects, curves=not stage.effects)
     progress(f"scores of {len(raw)} candidates")
     residual, sens = problem.residual(), problem.sensitivities()
     white = _whitened(raw, problem.weighting)
@@ -225,7 +227,7 @@ def propose(
     )
     noise = noise_floor(plain)
     likeness = parameter_likeness(sens)
-    owned = _owned(_by_evidence(scored, raw, noise), raw, white, likeness)
+    owned = stands | _owned(_by_evidence(scored, raw, noise), raw, white, likeness)
     sticks = any(np.any(mask) for mask in likelihood.left_out)
     alike = likeness.alike(stage.effects, white, POLICY.same_direction)
     refused += [(e, f"{owned[e.name]} of the model does the same, and is fitted") for e in entries if e.name in owned]
@@ -241,6 +243,17 @@ def propose(
     return Proposals(
         scan=result, candidates=tuple(best), refused=tuple(refused), owned=owned, alike=alike, sticks=sticks
     )
+
+
+def _stands_there(entry: Entry, fitted: Sequence[str]) -> str:
+    """Return the fitted parameter of the machine that is the strength of an entry's law at its place; empty if none is.
+
+    Two dry frictions between the same two parts are one dry friction.
+    """
+    if entry.place is None:
+        return ""
+    own = (f"{part}.{name}" for part in (entry.place.name, *entry.place.also) for name in entry.kind.same_law)
+    return next((name for name in own if name in fitted), "")
 
 
 def _owned(

@@ -37,6 +37,10 @@ SCREENING_ROWS = 1500
 #: Updates of the correlation of the outputs' white noise, and its least eigenvalue: a command that a sampled controller
 #: makes of noisy measurements has their noise some time later, so no combination of outputs is nearly free of noise.
 CORRELATION_ROUNDS, LEAST_EIGENVALUE = 3, 0.05
+#: How well a record's own unknowns are known without it, over how well it tells the one that it tells best: a position
+#: to a metre, say, where it is measured to a millimetre.  Dry friction soon forgets the speed at the start, and what a
+#: record hardly tells would otherwise count for or against a model as rounding has it.
+LEAST_TOLD = 1e-3
 LEAST_EIGENVALUE_OF_NORMAL = 1e-12  # of the scaled normal matrix: directions below are not known at all
 CLOSE = 0.05  # nats that an iteration must gain, or it is the last: far below what two models are told apart by
 
@@ -53,7 +57,7 @@ class WhitenedRecord:
         Log-determinant of every sample's whitening: minus half that of the covariance of its innovations; zero where it
         does not count.
     own_log_det : float
-        Half the log-determinant of the own unknowns' normal matrix, in units of their columns.
+        Half the log-determinant of the own unknowns' normal matrix, priors included, in units of their columns.
     """
 
     residual: np.ndarray
@@ -82,7 +86,11 @@ class RecordColumns:
     own: np.ndarray
 
     def whitened(self, model: NoiseModel) -> WhitenedRecord:
-        """Return residual and shared columns as innovations, free of the own unknowns."""
+        """Return residual and shared columns as innovations, free of the own unknowns.
+
+        These have independent normal priors of equal width in units of what they change, so wide that it matters for
+        those alone that the record hardly tells.
+        """
         weighting = innovation_weighting(self.record, model)
         together = np.concatenate([self.residual[:, :, None], self.shared, self.own], axis=2)
         flat = weighting(together).reshape(-1, together.shape[2])
@@ -90,11 +98,11 @@ class RecordColumns:
         if self.own.shape[2]:
             own = flat[:, 1 + k :]
             size = np.maximum(np.linalg.norm(self.own.reshape(-1, own.shape[1]), axis=0), 1e-300)
-            q, r = np.linalg.qr(own / size)
-            kept = np.abs(np.diag(r)) > 1e-12 * np.max(np.abs(np.diag(r)), initial=0.0)
-            q = q[:, kept]
-            flat = flat[:, : 1 + k] - q @ (q.T @ flat[:, : 1 + k])
-            own_log_det = float(np.sum(np.log(np.abs(np.diag(r)[kept]))))
+            u, told, _ = np.linalg.svd(own / size, full_matrices=False)
+            precision = (LEAST_TOLD * told[0]) ** 2
+            left = np.sqrt(precision / np.maximum(told**2 + precision, 1e-300))
+            flat = flat[:, : 1 + k] - u @ ((1.0 - left)[:, None] * (u.T @ flat[:, : 1 + k]))
+            own_log_det = 0.5 * float(np.sum(np.log(np.maximum(told**2 + precision, 1e-300))))
         root = np.diagonal(weighting.root[self.record.observed], axis1=1, axis2=2)
         return WhitenedRecord(
             residual=flat[:, 0],
