@@ -18,17 +18,18 @@ import vtsdt.parts
 import vtsdt.rig
 from multibody import Component, Input, Model, Output, Parameter, State, Translation
 from multibody.assembly.dimensions import component_dimension_faults
-from multibody.base.references import OWN
 from multibody.declare.declarations import Option, Table
 
-for _room in (discrepancy.effects, discrepancy.rigs, gearbox.parts, multibody.library, vtsdt.parts, vtsdt.rig):
+ROOMS = (discrepancy.effects, discrepancy.rigs, gearbox.parts, multibody.library, vtsdt.parts, vtsdt.rig)
+
+for _room in ROOMS:
     for _file in pkgutil.iter_modules(_room.__path__, f"{_room.__name__}."):
         importlib.import_module(_file.name)
 
 
 def shipped(cls: type = Component) -> Iterator[type]:
     for below in cls.__subclasses__():
-        if below.__module__.partition(".")[0] in OWN:
+        if below.__module__.startswith(tuple(f"{room.__name__}." for room in ROOMS)):
             yield below
         yield from shipped(below)
 
