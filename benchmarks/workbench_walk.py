@@ -259,7 +259,7 @@ def _zoom(browser: Browser, folder: Path) -> list[float]:
     """Return how long each zoom takes in a record of a million samples, ms."""
     folder.mkdir(parents=True)
     (folder / "slide.py").write_text(MODEL, encoding="utf-8")
-    (folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    (folder / "study.toml").write_text(STUDY + RECORDS, encoding="utf-8")
     write_slide(folder / "long.csv", 1_000_000)
     write_slide(folder / "short.csv", 5_000)
     with workbench(folder / "study.toml", "--out", folder / "out") as (address, _):
@@ -300,9 +300,8 @@ build = "slide.py:slide"
 "carriage.position" = 0.0
 [records]
 time = "t_s"
-identify = ["long.csv"]
-validate = ["short.csv"]
 """
+RECORDS = 'identify = ["long.csv"]\nvalidate = ["short.csv"]\n'
 
 
 def write_slide(path: Path, samples: int) -> None:

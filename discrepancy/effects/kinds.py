@@ -76,8 +76,8 @@ class Kind:
     stated : bool
         Parameter effects: the component holds the stated value, which may be wrong; absence is that value, not zero.
     same_law : tuple of str
-        Connections: parameters of components that are the strength of the same law.  Where such a component stands and
-        that parameter is uncertain, nothing of this kind is missing: its value is fitted.
+        Connections: names of parameters that are, in a component, the strength of the same law.  Where a component at
+        the connection has one that is uncertain, the kind is not offered: the value is fitted already.
     """
 
     name: str

@@ -208,8 +208,8 @@ def propose(
     entries = entries_of(stage, include, exclude)
     present = {str(e) for e in stage.effects}
     entries = [e for e in entries if e.name not in present or e.kind.name in REPEATABLE]
-    stands = {e.name: name for e in entries if (name := _stands_there(e, plain.sensitivities().names))}
-    asked = [e for e in entries if e.name not in stands]
+    same_law = {e.name: name for e in entries if (name := _parameter_of_same_law(e, plain.sensitivities().names))}
+    asked = [e for e in entries if e.name not in same_law]
     raw, refused = candidate_sensitivities(plain, asked, progress, stage.effects, curves=not stage.effects)
     progress(f"scores of {len(raw)} candidates")
     residual, sens = problem.residual(), problem.sensitivities()
@@ -227,7 +227,7 @@ def propose(
     )
     noise = noise_floor(plain)
     likeness = parameter_likeness(sens)
-    owned = stands | _owned(_by_evidence(scored, raw, noise), raw, white, likeness)
+    owned = same_law | _owned(_by_evidence(scored, raw, noise), raw, white, likeness)
     sticks = any(np.any(mask) for mask in likelihood.left_out)
     alike = likeness.alike(stage.effects, white, POLICY.same_direction)
     refused += [(e, f"{owned[e.name]} of the model does the same, and is fitted") for e in entries if e.name in owned]
@@ -245,7 +245,7 @@ def propose(
     )
 
 
-def _stands_there(entry: Entry, fitted: Sequence[str]) -> str:
+def _parameter_of_same_law(entry: Entry, fitted: Sequence[str]) -> str:
     """Return the fitted parameter of the machine that is the strength of an entry's law at its place; empty if none is.
 
     Two dry frictions between the same two parts are one dry friction.

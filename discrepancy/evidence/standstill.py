@@ -15,7 +15,7 @@ import numpy as np
 from discrepancy.effects.catalogue import has_friction
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 
-__all__ = ["places_that_stick", "samples_at_standstill", "standstill_at"]
+__all__ = ["STANDSTILL", "places_that_stick", "samples_at_standstill", "standstill_at"]
 
 #: Share of a connection's largest speed below which it counts as standing still.  Friction laws bend within a few per
 #: cent of the speeds that machines are run at.

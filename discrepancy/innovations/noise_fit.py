@@ -37,10 +37,10 @@ SCREENING_ROWS = 1500
 #: Updates of the correlation of the outputs' white noise, and its least eigenvalue: a command that a sampled controller
 #: makes of noisy measurements has their noise some time later, so no combination of outputs is nearly free of noise.
 CORRELATION_ROUNDS, LEAST_EIGENVALUE = 3, 0.05
-#: How well a record's own unknowns are known without it, over how well it tells the one that it tells best: a position
-#: to a metre, say, where it is measured to a millimetre.  Dry friction soon forgets the speed at the start, and what a
-#: record hardly tells would otherwise count for or against a model as rounding has it.
-LEAST_TOLD = 1e-3
+#: Root of the prior precision of a record's own unknowns, over that with which the record determines the best of them:
+#: the prior is a thousand times as wide.  With dry friction the record soon no longer depends on the initial speed, and
+#: the determinant of such an unknown, without a prior, is a matter of rounding.
+OWN_PRIOR = 1e-3
 LEAST_EIGENVALUE_OF_NORMAL = 1e-12  # of the scaled normal matrix: directions below are not known at all
 CLOSE = 0.05  # nats that an iteration must gain, or it is the last: far below what two models are told apart by
 
@@ -88,8 +88,8 @@ class RecordColumns:
     def whitened(self, model: NoiseModel) -> WhitenedRecord:
         """Return residual and shared columns as innovations, free of the own unknowns.
 
-        These have independent normal priors of equal width in units of what they change, so wide that it matters for
-        those alone that the record hardly tells.
+        These have independent normal priors, so wide that they matter only for unknowns that the record hardly
+        determines.
         """
         weighting = innovation_weighting(self.record, model)
         together = np.concatenate([self.residual[:, :, None], self.shared, self.own], axis=2)
@@ -98,11 +98,12 @@ class RecordColumns:
         if self.own.shape[2]:
             own = flat[:, 1 + k :]
             size = np.maximum(np.linalg.norm(self.own.reshape(-1, own.shape[1]), axis=0), 1e-300)
-            u, told, _ = np.linalg.svd(own / size, full_matrices=False)
-            precision = (LEAST_TOLD * told[0]) ** 2
-            left = np.sqrt(precision / np.maximum(told**2 + precision, 1e-300))
+            u, singular, _ = np.linalg.svd(own / size, full_matrices=False)
+            precision = (OWN_PRIOR * singular[0]) ** 2
+            information = np.maximum(singular**2 + precision, 1e-300)
+            left = np.sqrt(precision / information)
             flat = flat[:, : 1 + k] - u @ ((1.0 - left)[:, None] * (u.T @ flat[:, : 1 + k]))
-            own_log_det = 0.5 * float(np.sum(np.log(np.maximum(told**2 + precision, 1e-300))))
+            own_log_det = 0.5 * float(np.sum(np.log(information)))
         root = np.diagonal(weighting.root[self.record.observed], axis1=1, axis2=2)
         return WhitenedRecord(
             residual=flat[:, 0],

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from discrepancy.evidence.standstill import STANDSTILL
 from discrepancy.questions.compare import Comparison
 from discrepancy.questions.locate import locate
 from discrepancy.stages.force_estimate import load_at
@@ -18,7 +19,6 @@ from multibody.machine.model import Model
 __all__ = ["against_motion", "by_record", "machine", "spectra", "where"]
 
 MOST_POINTS = 1500  # of a cloud of residuals: more do not show on a screen
-AT_REST = 0.02  # of a connection's largest speed, below which it counts as standing still
 BINS = 24  # of the mean of a cloud
 
 Entry = dict[str, Any]
@@ -107,7 +107,7 @@ def against_motion(stage: Stage, output: str) -> Entry:
 
 
 def _direction(motion: PlaceMotion) -> np.ndarray:
-    moving = np.abs(motion.speed) > AT_REST * float(np.max(np.abs(motion.speed)))
+    moving = np.abs(motion.speed) > STANDSTILL * float(np.max(np.abs(motion.speed)))
     direction: np.ndarray = np.where(moving, np.sign(motion.speed), 0.0).astype(int)
     return direction
 

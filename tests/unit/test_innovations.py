@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from discrepancy.innovations.linear_record import LinearRecord
-from discrepancy.innovations.noise_fit import LEAST_TOLD, RecordColumns, fit_noise, restricted_log_likelihood
+from discrepancy.innovations.noise_fit import OWN_PRIOR, RecordColumns, fit_noise, restricted_log_likelihood
 from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
 
 STEP, STIFFNESS, DAMPING = 0.02, 40.0, 1.5
@@ -98,7 +98,7 @@ def test_the_restricted_likelihood_is_that_of_the_dense_covariance() -> None:
     # own unknowns are scaled by their size, which is the same for all models
     f[:, 2] /= np.linalg.norm(f[:, 2])
     normal = f.T @ inverse @ f
-    normal[2, 2] *= 1.0 + LEAST_TOLD**2  # their wide prior
+    normal[2, 2] *= 1.0 + OWN_PRIOR**2  # their wide prior
     right = f.T @ inverse @ e
     expected = (
         -0.5 * (e @ inverse @ e - right @ np.linalg.solve(normal, right))
@@ -108,8 +108,8 @@ def test_the_restricted_likelihood_is_that_of_the_dense_covariance() -> None:
     assert restricted_log_likelihood([one], model, NO_PRIOR, NO_OFFSET) == pytest.approx(expected, abs=1e-6)
 
 
-def test_an_own_unknown_that_a_record_hardly_tells_has_no_say() -> None:
-    """Dry friction forgets the speed at the start: how far below the noise its trace lies is a matter of rounding."""
+def test_an_own_unknown_that_the_record_hardly_determines_does_not_change_the_likelihood() -> None:
+    """With dry friction a record soon no longer depends on the initial speed."""
     record, model = oscillator(40), noise_model()
     one = columns_of(record, 1, model)
     values = []

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
-import inspect
 import json
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from test_study_history import problem_of, slide
+from test_study_history import problem_of
 
 ROOT = Path(__file__).resolve().parents[2]
-STUDY = """
-[model]
-build = "slide.py:slide"
-[uncertain]
-"guide.viscous" = { value = 30.0, std = 5.0, min = 0.0 }
-[inputs]
-"drive.force" = "f_N"
-[outputs]
-"carriage.position" = { column = "x_m", noise = 2e-4 }
-[initial]
-"carriage.position" = 0.0
-[records]
-time = "t_s"
+RECORDS = """\
 identify = ["run0.csv", "run1.csv"]
 validate = ["run2.csv"]
 [candidates]
@@ -55,11 +42,8 @@ def study(tmp_path_factory) -> Path:
         columns = [record.time, *(record.signals[n].values for n in ("drive.force", "carriage.position"))]
         header = "t_s,f_N,x_m"
         np.savetxt(folder / f"{record.name}.csv", np.column_stack(columns), "%.9g", ",", header=header, comments="")
-    imports = (
-        "from multibody import Model\nfrom multibody.library import ForceSource, Mass, Spring, ViscousFriction\n\n\n"
-    )
-    (folder / "slide.py").write_text(imports + inspect.getsource(slide), encoding="utf-8")
-    (folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    (folder / "slide.py").write_text(walking.MODEL, encoding="utf-8")
+    (folder / "study.toml").write_text(walking.STUDY + RECORDS, encoding="utf-8")
     return folder / "study.toml"
 
 
