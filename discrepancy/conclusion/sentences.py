@@ -17,7 +17,7 @@ from discrepancy.evidence.posterior import Posterior
 from discrepancy.questions.explained_share import explained_share
 from discrepancy.stages.prior_conflict import conflict_text, prior_conflicts
 from discrepancy.stages.stage import AcceptedEffect, RivalExplanation, Stage
-from multibody.base.quantity_text import quantity_text
+from multibody.base.quantity_text import quantity_text, two_quantities_text
 
 __all__ = [
     "answer",
@@ -179,7 +179,7 @@ def _error_reduction(before: Stage, after: Stage) -> str:
     changes = []
     for name in sorted(b, key=lambda n: b[n] / a[n] if a[n] > 0.0 else 1.0):
         unit = after.system.unit(name)
-        before_text, after_text = quantity_text(a[name], unit), quantity_text(b[name], unit)
+        before_text, after_text = two_quantities_text(a[name], b[name], unit)
         if a[name] > 0.0 and abs(b[name] / a[name] - 1.0) < SAME_ERROR:
             changes.append(f"that of {name} stays at {after_text}")
         else:

@@ -16,7 +16,7 @@ from discrepancy.report.figures import PART_WORDS, stage_title, worst_outputs
 from discrepancy.report.method_section import how, records
 from discrepancy.report.wording import chance_words, interval_words, ratio_words, rival_words, share_words
 from discrepancy.stages.stage import AcceptedEffect, Stage
-from multibody.base.quantity_text import quantity_text, unit_text
+from multibody.base.quantity_text import quantity_text, two_quantities_text, unit_text
 
 __all__ = ["content"]
 
@@ -104,11 +104,12 @@ def _summary(conclusion: Conclusion, outputs: list[str]) -> Entry:
         unit = conclusion.final.system.unit(output)
         ratio = new[output] / old[output] if old[output] > 0.0 else 1.0
         changed = conclusion.final is not conclusion.baseline
+        before, after = two_quantities_text(old[output], new[output], unit)
         bars.append(
             {
                 "output": output,
-                "before": quantity_text(old[output], unit),
-                "after": quantity_text(new[output], unit) if changed else "",
+                "before": before,
+                "after": after if changed else "",
                 "width": f"{100.0 * min(1.0, ratio):.0f}",
                 "change": f"{100.0 * (ratio - 1.0):+.0f} %".replace("-", "−"),
                 "worse": ratio > 1.0,
@@ -138,13 +139,12 @@ def _compared(conclusion: Conclusion) -> str:
     )
     if fits["validate"]:
         purpose = (
-            "neither to fit parameters nor to choose effects, only to verify."
+            "They were used neither to fit parameters nor to choose effects, only to verify."
             if conclusion.probabilities is None
-            else "not to fit parameters, only to verify: an effect that they do not confirm is not announced."
+            else "They were not used to fit parameters, but an effect that they do not confirm is not announced."
         )
         return text + (
-            f" and {_count(len(fits['validate']), 'record')} ({_seconds(fits['validate'])}) held out, which were used "
-            + purpose
+            f" and {_count(len(fits['validate']), 'record')} ({_seconds(fits['validate'])}) held out. {purpose}"
         )
     return text + (
         ". No record was held out, so the result cannot be verified on records that were not used to find it; hold one "
@@ -305,10 +305,8 @@ def _error_changes(conclusion: Conclusion, before: Stage, after: Stage) -> list[
     changes = []
     for output in worst_outputs(conclusion, 99):
         unit = after.system.unit(output)
-        changes.append(
-            f"{output}: error {ratio_words(old[output], new[output])}, from {quantity_text(old[output], unit)} to "
-            f"{quantity_text(new[output], unit)}"
-        )
+        was, now = two_quantities_text(old[output], new[output], unit)
+        changes.append(f"{output}: error {ratio_words(old[output], new[output])}, from {was} to {now}")
     return changes
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["bare_unit", "number_text", "quantity_text", "readable_scale", "unit_text"]
+__all__ = ["bare_unit", "number_text", "quantity_text", "readable_scale", "two_quantities_text", "unit_text"]
 
 _PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -82,3 +82,19 @@ def quantity_text(value: float | None, unit: str = "", digits: int = 3) -> str:
         return "not known"
     factor, text = readable_scale(abs(value), unit)
     return f"{number_text(value / factor, digits)} {text}".rstrip()
+
+
+def two_quantities_text(first: float, second: float, unit: str, digits: int = 3) -> tuple[str, str]:
+    """Return two values to be compared, both with the same prefix unless one is more than a thousand times the other.
+
+    Examples
+    --------
+    >>> two_quantities_text(0.192, 0.0999, "rad/s"), two_quantities_text(0.2, 2e-5, "m")
+    (('192 mrad/s', '99.9 mrad/s'), ('0.200 m', '20.0 µm'))
+    """
+    small, large = sorted((abs(first), abs(second)))
+    if not (small > 0.0 and large < 1e3 * small):
+        return quantity_text(first, unit, digits), quantity_text(second, unit, digits)
+    factor, text = readable_scale(small, unit)
+    one, other = (f"{number_text(value / factor, digits)} {text}".rstrip() for value in (first, second))
+    return one, other
