@@ -1,46 +1,20 @@
 /* Zoomable figures of measurement and model over time; the horizontal axes of one group are linked.
    A figure is {title, from, x, measured, models: [{name, style, y}], noise, label, marks: [[from, to]]}, with its numbers as
-   base64 of little-endian 32-bit floats, and x counted from ``from``.  Needs uPlot. */
+   base64 of little-endian 32-bit floats, and x counted from ``from``.  Needs uPlot and plot_marks.js. */
 window.vtsdtZoom = (function () {
   "use strict";
-  const STYLE = {
-    measured: { stroke: "#000000", width: 2 },
-    before: { stroke: "#D55E00", width: 1.2, dash: [6, 3] },
-    after: { stroke: "#0072B2", width: 1.2 },
-    predicted: { stroke: "#009E73", width: 1.4, dash: [2, 2] },
-  };
+  const { STYLE, below } = vtsdtMarks;
 
   function numbers(text) {
     const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
     return Array.from(new Float32Array(bytes.buffer), (v) => (Number.isNaN(v) ? null : v));
   }
 
-  const times = (figure) => numbers(figure.x).map((t) => t + figure.from);
-
-  function bands(figure, noise) {
-    return {
-      hooks: {
-        drawClear: (u) => {
-          const { ctx, bbox } = u;
-          ctx.save();
-          ctx.beginPath();
-          ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-          ctx.clip();
-          for (const [from, to] of figure.marks || []) {
-            const a = u.valToPos(from, "x", true), b = u.valToPos(to, "x", true);
-            ctx.fillStyle = "rgba(240, 228, 66, 0.35)";
-            ctx.fillRect(a, bbox.top, b - a, bbox.height);
-          }
-          if (noise) {
-            const a = u.valToPos(2 * noise, "y", true), b = u.valToPos(-2 * noise, "y", true);
-            ctx.fillStyle = "rgba(160, 160, 160, 0.35)";
-            ctx.fillRect(bbox.left, a, bbox.width, b - a);
-          }
-          ctx.restore();
-        },
-      },
-    };
+  function tick(v) { // no longer than the space beside the axis
+    const short = v === 0 || (Math.abs(v) >= 1e-3 && Math.abs(v) < 1e5);
+    return short ? +v.toPrecision(5) : v.toExponential().replace("e+", "e");
   }
+  const times = (figure) => numbers(figure.x).map((t) => t + figure.from);
 
   /* Draws figures into an element.  options.onZoom(from, to) is called when the visible stretch was changed by hand,
      options.onMark(figure, mark) when a marked stretch is clicked.  Returns {show(from, to), update(figures)}. */
@@ -104,7 +78,7 @@ window.vtsdtZoom = (function () {
       for (const m of figure.models) series.push({ label: m.name, value, ...STYLE[m.style] });
       const narrow = element.clientWidth < 480, font = "12px system-ui, sans-serif";
       const look = { font, labelFont: font, grid: { stroke: "#e5e9ed", width: 1 }, ticks: { stroke: "#c3cad2", width: 1 } };
-      const axis = { ...look, size: narrow ? 48 : 62, values: (u, ticks) => ticks.map((v) => +v.toPrecision(5)) };
+      const axis = { ...look, size: narrow ? 48 : 62, values: (u, ticks) => ticks.map(tick) };
       const plot = new uPlot(
         {
           title: residual ? "" : narrow ? `${figure.title}, ${figure.label}` : figure.title,
@@ -145,7 +119,7 @@ window.vtsdtZoom = (function () {
               },
             ],
           },
-          plugins: [bands(figure, residual ? figure.noise : 0)],
+          plugins: [below({ stretches: figure.marks, noise: residual ? figure.noise : 0 })],
         },
         data(figure, residual),
         box,

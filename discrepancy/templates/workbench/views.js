@@ -152,6 +152,7 @@ wb.views = (function () {
       const line = body.insertRow();
       r.forEach((t, k) => line.append(element("td", t, { className: heads[k][1] ? "n" : "" })));
     }
+    vtsdtTables.fit(scroll);
     return drawn;
   }
   function table(box, rows) {
