@@ -11,10 +11,11 @@ window.vtsdtMarks = (function () {
   };
   const STRETCH = "rgba(240, 228, 66, 0.35)", NOISE = "rgba(160, 160, 160, 0.35)", RULE = "#c3cad2", WORD = "#57606a";
 
-  /* A plugin that draws stretches of the abscissa ([[from, to]]), the band of a noise (its standard deviation), and
-     vertical rules ([{at, name}]). */
-  function below({ stretches, noise, rules }) {
+  /* A plugin that draws what marks() returns: stretches of the abscissa ([[from, to]]), the band of a noise (its
+     standard deviation), and vertical rules ([{at, name}]). */
+  function below(marks) {
     function drawClear(u) {
+      const { stretches, noise, rules } = marks();
       const { ctx, bbox } = u;
       ctx.save();
       ctx.beginPath();

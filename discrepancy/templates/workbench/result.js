@@ -43,7 +43,7 @@
   function figure(box, f) {
     const names = new Map();
     for (const l of f.lines) if (l.name && !names.has(l.name)) names.set(l.name, STYLE[l.style].stroke);
-    wb.views.scatter(box, f.title, f.lines.map((l) => ({ ...STYLE[l.style], points_: l.x.map((x, k) => [x, l.y[k]]) })), [], f.labels, { height: 300, plugins: [below({ stretches: f.bands, rules: f.marks })], logarithmic: f.logarithmic });
+    wb.views.scatter(box, f.title, f.lines.map((l) => ({ ...STYLE[l.style], points_: l.x.map((x, k) => [x, l.y[k]]) })), [], f.labels, { height: 300, plugins: [below(() => ({ stretches: f.bands, rules: f.marks }))], logarithmic: f.logarithmic });
     wb.views.key(box, [...names].map(([name, colour]) => [colour, name]));
   }
   refresh();
