@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discrepancy.drawing.figure_style import label
-from multibody.base.thinning import extreme_rows
+from multibody.base.thinning import extreme_rows_of
 
 if TYPE_CHECKING:
     from discrepancy.drawing.comparison_figure import ComparedSignal
@@ -54,8 +54,7 @@ def zoom_figure(
     part = slice(low, high)
     measured = signal.measured[part]
     lines = [np.asarray(y[part], dtype=float) for _, _, y in models]
-    drawn = [measured, *lines, *(measured - y for y in lines)]
-    rows = np.unique(np.concatenate([extreme_rows(y, most) for y in drawn]))
+    rows = extreme_rows_of([measured, *lines, *(measured - y for y in lines)], most)
     return {
         "title": title or f"{signal.output} on '{signal.record}'",
         "label": label(signal.output, signal.unit),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import json
 import logging
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from discrepancy.conclusion.conclusion import Conclusion, Evidence, evidence_of
+from discrepancy.drawing.page import picture_address, rendered
 from discrepancy.report import effect_figures, figures
 from discrepancy.report.content import content
 from discrepancy.report.decisions_json import save_decisions
@@ -54,7 +54,7 @@ class Picture:
     @property
     def source(self) -> str:
         """The picture as a data address for the page."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+        return picture_address(self.png)
 
 
 def _picture(figure: Figure, name: str, caption: str, section: str) -> Picture:
@@ -176,19 +176,12 @@ def _score_pictures(conclusion: Conclusion) -> list[Picture]:
 
 def render(conclusion: Conclusion, evidence: Evidence, drawn: list[Picture]) -> str:
     """Return the page as HTML that needs nothing from outside."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("discrepancy", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     by_section: dict[str, list[Picture]] = {}
     for picture in drawn:
         by_section.setdefault(picture.section, []).append(picture)
-    return environment.get_template("report.html").render(
+    return rendered(
+        "discrepancy",
+        "report.html",
         pictures=by_section,
         zoomable=_in_script(figures.zoomable(conclusion, evidence)),
         **content(conclusion, evidence),

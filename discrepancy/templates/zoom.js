@@ -1,45 +1,28 @@
 /* Zoomable figures of measurement and model over time; the horizontal axes of one group are linked.
    A figure is {title, from, x, measured, models: [{name, style, y}], noise, label, marks: [[from, to]]}, with its numbers as
-   base64 of little-endian 32-bit floats, and x counted from ``from``.  Needs uPlot. */
+   base64 of little-endian 32-bit floats, and x counted from ``from``.  Needs uPlot and plot_marks.js. */
 window.vtsdtZoom = (function () {
   "use strict";
-  const STYLE = {
-    measured: { stroke: "#000000", width: 2 },
-    before: { stroke: "#D55E00", width: 1.2, dash: [6, 3] },
-    after: { stroke: "#0072B2", width: 1.2 },
-    predicted: { stroke: "#009E73", width: 1.4, dash: [2, 2] },
-  };
+  const { STYLE, below } = vtsdtMarks;
 
   function numbers(text) {
-    const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+    const raw = atob(text), bytes = new Uint8Array(raw.length);
+    for (let k = 0; k < raw.length; k++) bytes[k] = raw.charCodeAt(k);
     return Array.from(new Float32Array(bytes.buffer), (v) => (Number.isNaN(v) ? null : v));
   }
 
-  const times = (figure) => numbers(figure.x).map((t) => t + figure.from);
-
-  function bands(figure, noise) {
-    return {
-      hooks: {
-        drawClear: (u) => {
-          const { ctx, bbox } = u;
-          ctx.save();
-          ctx.beginPath();
-          ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-          ctx.clip();
-          for (const [from, to] of figure.marks || []) {
-            const a = u.valToPos(from, "x", true), b = u.valToPos(to, "x", true);
-            ctx.fillStyle = "rgba(240, 228, 66, 0.35)";
-            ctx.fillRect(a, bbox.top, b - a, bbox.height);
-          }
-          if (noise) {
-            const a = u.valToPos(2 * noise, "y", true), b = u.valToPos(-2 * noise, "y", true);
-            ctx.fillStyle = "rgba(160, 160, 160, 0.35)";
-            ctx.fillRect(bbox.left, a, bbox.width, b - a);
-          }
-          ctx.restore();
-        },
-      },
-    };
+  function tick(v) { // no longer than the space beside the axis
+    const short = v === 0 || (Math.abs(v) >= 1e-3 && Math.abs(v) < 1e5);
+    return short ? +v.toPrecision(5) : v.toExponential().replace("e+", "e");
+  }
+  const known = new WeakMap();
+  /* The numbers of a figure, read once, for the signal and its residual alike. */
+  function read(figure) {
+    if (!known.has(figure)) {
+      const x = numbers(figure.x).map((t) => t + figure.from), measured = numbers(figure.measured);
+      known.set(figure, { x, measured, models: figure.models.map((m) => numbers(m.y)) });
+    }
+    return known.get(figure);
   }
 
   /* Draws figures into an element.  options.onZoom(from, to) is called when the visible stretch was changed by hand,
@@ -51,10 +34,10 @@ window.vtsdtZoom = (function () {
 
     /* What changes in a panel that is out of sight is drawn when it comes into sight. */
     function refresh(p) {
-      if (!p.visible || !(p.data || p.moved)) return;
-      if (p.data) p.plot.setData(p.data, !shown);
+      if (!p.visible || !(p.stale || p.moved)) return;
+      if (p.stale) p.plot.setData(data(p.figure, p.residual), !shown);
       if (shown) p.plot.setScale("x", { min: shown[0], max: shown[1] });
-      p.data = null;
+      p.stale = false;
       p.moved = false;
     }
     const watch = new IntersectionObserver((entries) => {
@@ -89,13 +72,13 @@ window.vtsdtZoom = (function () {
     }
 
     function data(figure, residual) {
-      const x = times(figure), measured = numbers(figure.measured), models = figure.models.map((m) => numbers(m.y));
+      const { x, measured, models } = read(figure);
       if (!residual) return [x, measured, ...models];
       return [x, ...models.map((y) => y.map((v, k) => (v === null || measured[k] === null ? null : measured[k] - v)))];
     }
 
     function panel(figure, residual) {
-      const box = document.createElement("div");
+      const box = document.createElement("div"), own = { figure, residual, box, visible: true, stale: false, moved: false };
       box.className = "zoom-panel";
       element.appendChild(box);
       const series = [{ label: "time", value: (u, v) => (v === null ? "" : v.toPrecision(6) + " s") }];
@@ -104,7 +87,7 @@ window.vtsdtZoom = (function () {
       for (const m of figure.models) series.push({ label: m.name, value, ...STYLE[m.style] });
       const narrow = element.clientWidth < 480, font = "12px system-ui, sans-serif";
       const look = { font, labelFont: font, grid: { stroke: "#e5e9ed", width: 1 }, ticks: { stroke: "#c3cad2", width: 1 } };
-      const axis = { ...look, size: narrow ? 48 : 62, values: (u, ticks) => ticks.map((v) => +v.toPrecision(5)) };
+      const axis = { ...look, size: narrow ? 48 : 62, values: (u, ticks) => ticks.map(tick) };
       const plot = new uPlot(
         {
           title: residual ? "" : narrow ? `${figure.title}, ${figure.label}` : figure.title,
@@ -139,20 +122,22 @@ window.vtsdtZoom = (function () {
                 u.over.addEventListener("click", () => {
                   if (!options.onMark || u.cursor.left < 0) return;
                   const t = u.posToVal(u.cursor.left, "x");
-                  const mark = (figure.marks || []).find(([a, b]) => t >= a && t <= b);
-                  if (mark) options.onMark(figure, mark);
+                  const mark = (own.figure.marks || []).find(([a, b]) => t >= a && t <= b);
+                  if (mark) options.onMark(own.figure, mark);
                 });
               },
             ],
           },
-          plugins: [bands(figure, residual ? figure.noise : 0)],
+          plugins: [below(() => ({ stretches: own.figure.marks, noise: residual ? own.figure.noise : 0 }))],
         },
         data(figure, residual),
         box,
       );
       watch.observe(box);
-      plots.push({ plot, residual, box, visible: true, data: null, moved: false, lines: [figure.title, ...figure.models.map((m) => m.name + m.style)].join("\n") });
+      plots.push(Object.assign(own, { plot, lines: lines(figure) }));
     }
+
+    const lines = (f) => [f.title, ...f.models.map((m) => m.name + m.style)].join("\n");
 
     function toolbar() {
       const bar = document.createElement("div");
@@ -183,17 +168,16 @@ window.vtsdtZoom = (function () {
 
     function update(list) {
       // A finer drawing of the visible stretch, or other models: the panels stay where their lines are the same.
-      const lines = (f) => [f.title, ...f.models.map((m) => m.name + m.style)].join("\n");
       const same = plots.length === 2 * list.length && list.every((f, k) => plots[2 * k].lines === lines(f));
       busy = true;
       if (!same) build(list);
-      else plots.forEach((p, k) => { p.data = data(list[Math.floor(k / 2)], p.residual); });
+      else plots.forEach((p, k) => { p.figure = list[Math.floor(k / 2)]; p.stale = true; });
       busy = false;
       if (shown) show(shown[0], shown[1], false);
     }
 
     build(figures);
-    const first = times(figures[0]);
+    const first = read(figures[0]).x;
     whole = shown = figures[0].whole || [first[0], first[first.length - 1]];
     show(whole[0], whole[1], false);
     new ResizeObserver(() => {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import json
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from discrepancy.drawing.page import picture_address, rendered
 from gearbox.signals.similarity import LAG_RULES
 from gearbox.updating.figures import all_figures
 from gearbox.updating.json_file import content
@@ -73,25 +73,8 @@ def write(result: UpdatingOutcome, out: str | Path, subject: str = "") -> list[P
 
 def render(result: UpdatingOutcome, pictures: dict[str, bytes]) -> str:
     """Return the page as HTML that needs nothing from outside."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(
-            [jinja2.PackageLoader("gearbox", "templates"), jinja2.PackageLoader("discrepancy", "templates")]
-        ),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    shown = {
-        name: {
-            "source": "data:image/png;base64," + base64.b64encode(png).decode("ascii"),
-            "caption": CAPTIONS[name],
-        }
-        for name, png in pictures.items()
-    }
-    return environment.get_template("updating.html").render(pictures=shown, **_page_content(result))
+    shown = {name: {"source": picture_address(png), "caption": CAPTIONS[name]} for name, png in pictures.items()}
+    return rendered("gearbox", "updating.html", pictures=shown, **_page_content(result))
 
 
 def _page_content(result: UpdatingOutcome) -> dict[str, Any]:

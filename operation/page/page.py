@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from discrepancy.drawing.page import rendered
 from multibody.base.json_file import naming
 from multibody.base.quantity_text import quantity_text
 from operation.fleet.fleet_view import FleetQuantity, fleet_view
@@ -90,20 +91,12 @@ def write_page(
     share : float
         Of the machines that a threshold covers.
     """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(
-            [jinja2.PackageLoader("operation", "templates"), jinja2.PackageLoader("discrepancy", "templates")]
-        ),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     fleet = fleet_view(states, share)
     rows = [_row(name, states[name], store.events(name), trends, advice, fleet) for name in _worst_first(states)]
     last = max((s.last for s in states.values() if math.isfinite(s.last)), default=None)
-    text = environment.get_template("machines.html").render(
+    text = rendered(
+        "operation",
+        "machines.html",
         title=title,
         rows=rows,
         counts=[(word, sum(s.word == word for s in states.values())) for word in STATES],

@@ -13,7 +13,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from discrepancy.drawing.zoom_data import zoom_figure
 from discrepancy.questions.unknown_force import UnknownCurve
+from discrepancy.report.figures import zoomable
 from discrepancy.report.schema import check_diagnosis
 from discrepancy.report.wording import interval_words
 from discrepancy.report.write import pictures, render, write_report
@@ -264,6 +266,7 @@ frame.onload = () => {
     drawn: images.filter(i => i.complete && i.naturalWidth > 300).length,
     out: [...page.querySelectorAll('main *:not(.scroll *)')].filter(
       e => e.getBoundingClientRect().right > frame.clientWidth + 1).map(e => e.tagName).slice(0, 5),
+    cut: [...page.querySelectorAll('.scroll')].filter(b => b.scrollWidth > b.clientWidth + 1).map(b => b.innerText),
     tables: [...page.querySelectorAll('table')].filter(t => !t.closest('.scroll, .zoom')).length});
 };"""
     probe.write_text(
@@ -280,6 +283,8 @@ frame.onload = () => {
     assert seen["wide"] <= width, seen
     assert seen["out"] == []
     assert seen["tables"] == 0
+    if width < 400:
+        assert seen["cut"] == []
     assert seen["images"] == seen["drawn"] == page.count("<img ")
     assert "CONSOLE" not in run.stderr, run.stderr
 
@@ -295,4 +300,15 @@ def test_zoomable_figures_are_in_the_page_and_need_nothing_from_outside(written)
     page = (written[0] / "report.html").read_text(encoding="utf-8")
     assert "vtsdtZoom.draw" in page
     assert "leeoniya/uPlot" in page  # the library itself
-    assert len(page) < 3_000_000
+
+
+def test_a_page_of_six_outputs_stays_below_3_mb(page, conclusion, evidence) -> None:
+    """White noise in measurement and models keeps the most rows of a figure; the rest of a page hardly grows."""
+    rng = np.random.default_rng(1)
+    time = np.arange(200_000) * 1e-3
+    signal = replace(evidence.comparisons[-1].of()[0], time=time, measured=rng.standard_normal(time.size))
+    models = [(name, "after", rng.standard_normal(time.size)) for name in ("recalibrated", "with an effect")]
+    largest = len(json.dumps(zoom_figure(signal, models)))
+    drawn = len(conclusion.final.outputs)
+    assert len(page) + (6 - drawn) * largest < 3_000_000
+    assert len(json.dumps(zoomable(conclusion, evidence))) <= drawn * largest

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import csv
 import io
 import json
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discrepancy.drawing.page import picture_address, rendered
 from multibody.base.cache import digest_of
 from multibody.base.result_folder import written_together
 from vtsdt.alignment.result import Alignment
@@ -55,22 +55,20 @@ def write(alignment: Alignment, out: Path, parameters: LiftParameters, trips: Se
 
 def _write_page(alignment: Alignment, out: Path, parameters: LiftParameters, trips: Sequence[Trip]) -> None:
     import matplotlib.pyplot as plt
-    from jinja2 import ChoiceLoader, Environment, PackageLoader
 
     figures = {"alignment": alignment.plot(), "rail": alignment.plot_rail(), "trips": plot_trips(trips)}
     sources = {}
     for name, figure in figures.items():
         png = _png(figure)
         (out / f"{name}.png").write_bytes(png)
-        sources[name] = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+        sources[name] = {"source": picture_address(png), "caption": _CAPTIONS[name]}
         plt.close(figure)
-    loader = ChoiceLoader([PackageLoader("vtsdt", "templates"), PackageLoader("discrepancy", "templates")])
-    environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    text = environment.get_template("alignment.html").render(
+    text = rendered(
+        "vtsdt",
+        "alignment.html",
         name=parameters.name,
         sentences=alignment.sentences(),
         pictures=sources,
-        captions=_CAPTIONS,
         headline=_headline(alignment),
         trips=_trip_rows(alignment, trips),
         sections=_section_rows(alignment),

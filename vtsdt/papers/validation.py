@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from discrepancy.drawing.page import picture_address, rendered
 from discrepancy.validation.published import AGREES, DIFFERS, KINDS, UNCHECKED, PaperChapter
 from discrepancy.validation.source_hash import source_hash
 from multibody.base.progress import Progress, silent
@@ -203,31 +204,22 @@ def to_json(chapters: Sequence[PaperChapter], stamp: Stamp | None = None) -> dic
 
 def write(out: Path, chapters: Sequence[PaperChapter]) -> Path:
     """Write page (HTML and Markdown), JSON and figures into a folder; return the HTML page."""
-    import base64
-    from importlib import resources
-
-    import jinja2
-    from markupsafe import Markup
-
     out.mkdir(parents=True, exist_ok=True)
     images: dict[str, str] = {}
     for chapter in chapters:
         for name, figure in chapter.figures.items():
             figure.savefig(out / f"{name}.png", dpi=110, metadata={"Software": None})
-            images[name] = base64.b64encode((out / f"{name}.png").read_bytes()).decode("ascii")
+            images[name] = picture_address((out / f"{name}.png").read_bytes())
     stamp = Stamp.now()
     (out / "validation.md").write_text(to_markdown(chapters, stamp=stamp), encoding="utf-8")
     text = json.dumps(to_json(chapters, stamp), indent=1, ensure_ascii=False) + "\n"
     (out / "validation.json").write_text(text, encoding="utf-8")
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("vtsdt", "templates"), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    css = resources.files("discrepancy").joinpath("templates/report.css").read_text(encoding="utf-8")
     page = out / "validation.html"
     total = count(chapters)
     page.write_text(
-        environment.get_template("validation.html").render(
-            css=Markup(css),
+        rendered(
+            "vtsdt",
+            "validation.html",
             chapters=[(c, _paragraphs(c.text)) for c in chapters],
             images=images,
             summary=summary(total),

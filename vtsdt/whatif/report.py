@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import json
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discrepancy.drawing.page import picture_address, rendered
 from multibody.base.cache import digest_of
 from multibody.base.result_folder import written_together
 from vtsdt.lift.comfort import ComfortError, RideComfort, ride_comfort
@@ -171,29 +171,12 @@ def _page(
     notes: Sequence[str],
     pictures: dict[str, bytes],
 ) -> str:
-    from importlib import resources
-
-    import jinja2
-    from markupsafe import Markup
-
-    def figure(name: str) -> Markup:
-        if name not in pictures:
-            return Markup("")
-        data = base64.b64encode(pictures[name]).decode("ascii")
-        return Markup(
-            f'<figure><img alt="{name}" src="data:image/png;base64,{data}">'
-            f"<figcaption>{_CAPTIONS[name]}</figcaption></figure>"
-        )
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("vtsdt", "templates"), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    css = resources.files("discrepancy").joinpath("templates/report.css").read_text(encoding="utf-8")
     year = _yearly(study, settings)
     draws = len(study.drawn)
-    return environment.get_template("what_if.html").render(
-        css=Markup(css),
-        figure=figure,
+    return rendered(
+        "vtsdt",
+        "what_if.html",
+        pictures={n: {"source": picture_address(png), "caption": _CAPTIONS[n]} for n, png in pictures.items()},
         lift=lift,
         answer=summary(study),
         notes=list(notes),

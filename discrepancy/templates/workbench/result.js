@@ -2,13 +2,7 @@
 (function () {
   "use strict";
   const { element, digits, $ } = wb;
-  const STYLE = {
-    measured: { stroke: "#000000", width: 1.6 },
-    before: { stroke: "#D55E00", width: 1.4, dash: [6, 3] },
-    after: { stroke: "#0072B2", width: 1.8 },
-    each: { stroke: "#c3cad2", width: 1 },
-    limit: { stroke: "#a11111", width: 1.4, dash: [4, 4] },
-  };
+  const { STYLE, below } = vtsdtMarks;
   const at = {};
   let running = false, waiting = false;
 
@@ -47,31 +41,9 @@
     return line;
   }
   function figure(box, f) {
-    const under = {
-      hooks: {
-        drawClear: (u) => {
-          const { ctx, bbox } = u;
-          ctx.save();
-          ctx.beginPath();
-          ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-          ctx.clip();
-          ctx.fillStyle = "rgba(240, 228, 66, 0.35)";
-          for (const [a, b] of f.bands || []) { const x = u.valToPos(a, "x", true); ctx.fillRect(x, bbox.top, u.valToPos(b, "x", true) - x, bbox.height); }
-          ctx.strokeStyle = "#c3cad2";
-          ctx.fillStyle = "#57606a";
-          ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
-          for (const m of f.marks || []) {
-            const x = u.valToPos(m.at, "x", true);
-            ctx.beginPath(); ctx.moveTo(x, bbox.top); ctx.lineTo(x, bbox.top + bbox.height); ctx.stroke();
-            if (m.name) ctx.fillText(m.name, x + 3, bbox.top + 11 * devicePixelRatio);
-          }
-          ctx.restore();
-        },
-      },
-    };
     const names = new Map();
     for (const l of f.lines) if (l.name && !names.has(l.name)) names.set(l.name, STYLE[l.style].stroke);
-    wb.views.scatter(box, f.title, f.lines.map((l) => ({ ...STYLE[l.style], points_: l.x.map((x, k) => [x, l.y[k]]) })), [], f.labels, { height: 300, plugins: [under], logarithmic: f.logarithmic });
+    wb.views.scatter(box, f.title, f.lines.map((l) => ({ ...STYLE[l.style], points_: l.x.map((x, k) => [x, l.y[k]]) })), [], f.labels, { height: 300, plugins: [below(() => ({ stretches: f.bands, rules: f.marks }))], logarithmic: f.logarithmic });
     wb.views.key(box, [...names].map(([name, colour]) => [colour, name]));
   }
   refresh();

@@ -77,6 +77,7 @@ wb.views = (function () {
       drawing.whole = figures[0].whole;
       if (chosen.span) drawing.show(chosen.span[0], chosen.span[1], false);
     }
+    await new Promise(requestAnimationFrame); // what uPlot has put off until the end of this task is drawn by then
     wb.times.last = performance.now() - begun;
     if (wb.times.first === undefined) wb.times.first = performance.now();
     document.body.dataset.figures = String(Number(document.body.dataset.figures || 0) + 1);
@@ -152,6 +153,7 @@ wb.views = (function () {
       const line = body.insertRow();
       r.forEach((t, k) => line.append(element("td", t, { className: heads[k][1] ? "n" : "" })));
     }
+    vtsdtTables.fit(scroll);
     return drawn;
   }
   function table(box, rows) {
