@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import re
-from pathlib import Path
 
 import pytest
 
 from discrepancy.effects.alike import ALIKE
 from discrepancy.effects.kinds import kinds
 
-SOURCE = Path(__file__).resolve().parents[2] / "docs" / "_site" / "catalogue_page.py"
-
 
 @pytest.fixture(scope="module")
 def module():
-    spec = importlib.util.spec_from_file_location("catalogue_page", SOURCE)
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
-    return made
+    return importlib.import_module("docs._site.catalogue_page")
 
 
 def test_every_kind_is_shown_once_with_law_cause_and_record(module):
