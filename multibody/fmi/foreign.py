@@ -22,6 +22,8 @@ __all__ = ["TIMEOUT", "evaluate", "start_states", "tangent"]
 
 #: Seconds after which a unit that does not answer counts as hung; an evaluation takes microseconds.
 TIMEOUT = 60.0
+#: The same for the start of its process, which imports fmpy and loads the unit.
+START_TIMEOUT = 120.0
 
 _running: dict[tuple[str, str, int], _Process] = {}
 _lock = threading.RLock()
@@ -54,7 +56,7 @@ class _Process:
         self.values = np.empty(0)
         self.columns: dict[int, np.ndarray] = {}
         self.used: set[int] = set()
-        self._answer()
+        self._answer(START_TIMEOUT)
 
     def values_at(self, t: float, known: tuple[float, ...]) -> np.ndarray:
         """Return rates and outputs at a point, SI; the last point is remembered."""
@@ -106,14 +108,14 @@ class _Process:
     def _ask(self, request: bytes) -> np.ndarray:
         try:
             self.connection.send_bytes(request)
-            return self._answer()
+            return self._answer(TIMEOUT)
         except (BrokenPipeError, ConnectionError) as error:
             raise self._died() from error
 
-    def _answer(self) -> np.ndarray:
-        if not self.connection.poll(TIMEOUT):
+    def _answer(self, limit: float) -> np.ndarray:
+        if not self.connection.poll(limit):
             self.stop()
-            raise SimulationError(f"the FMU '{self.path.name}' has not answered for {TIMEOUT:g} s: it was stopped")
+            raise SimulationError(f"the FMU '{self.path.name}' has not answered for {limit:g} s: it was stopped")
         try:
             answer = self.connection.recv_bytes()
         except (EOFError, ConnectionError) as error:
