@@ -285,7 +285,7 @@ def test_a_crash_is_told(second: Path) -> None:
 def test_a_unit_that_hangs_is_stopped(second: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     replaced(second, "    for (volatile int k = 0;; k++) {}\n    return fmi2OK;")
     system = plant_of(second).build()
-    monkeypatch.setattr(foreign, "TIMEOUT", 20.0)  # the process loads fmpy first
+    monkeypatch.setattr(foreign, "TIMEOUT", 1.0)
     with pytest.raises(SimulationError, match="has not answered for"):
         system.rhs(0.0, np.zeros(5))
 
