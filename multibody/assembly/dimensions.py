@@ -368,7 +368,7 @@ def dimension_faults(model: ModelGraph) -> tuple[str, ...]:
     seen: set[object] = set()
     for name, component in model.components.items():
         options = tuple(sorted(component.options.items())), tuple(sorted(component.units.items()))
-        if component.opaque or (key := (type(component), options)) in seen:
+        if component.only_python or (key := (type(component), options)) in seen:
             continue
         seen.add(key)
         faults += component_dimension_faults(name, component)

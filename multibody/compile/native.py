@@ -25,7 +25,6 @@ import numpy as np
 from multibody.base.cache import cache_dir, digest_of, write_once
 from multibody.base.compile_events import on_compile
 from multibody.base.errors import EquationError
-from multibody.base.foreign_faults import ASKS_FOREIGN, FOREIGN_FAULTS
 from multibody.compile.calls import register_python
 from multibody.compile.emitter.build import build
 from multibody.compile.emitter.kinds import FLOAT, FLOATS, LanesAt
@@ -146,7 +145,7 @@ class NativeFunction:
         return out
 
     def check(self) -> None:
-        """Raise what a plain Python function, or a foreign program, raised when compiled code called it."""
+        """Raise what a plain Python function raised when compiled code called it."""
         if self.faults:
             error = self.faults[0]
             self.faults.clear()
@@ -277,14 +276,13 @@ def compile_text(text: str, stem: str, name: str, arrays: int, compiled: bool = 
         If a tangent for several directions is outside the emitter's subset.
     """
     python = _Plain(text, stem, name)
-    foreign = ASKS_FOREIGN in text
-    faults: list[BaseException] = FOREIGN_FAULTS if foreign else []
     if compiled and jit_enabled():
         made = None
-        if lanes or (models_by_emitter() and not foreign):
+        if lanes or models_by_emitter():
             made = _by_emitter(text, stem, name, arrays, lanes), None
-        return NativeFunction(name, python, arrays, True, (text, stem), faults, lanes=lanes, _made=made)
+        return NativeFunction(name, python, arrays, True, (text, stem), lanes=lanes, _made=made)
 
+    faults: list[BaseException] = []
     guarded = _guard(python, faults)
     pointer = ctypes.POINTER(ctypes.c_double)
     back = ctypes.CFUNCTYPE(None, ctypes.c_double, *([pointer] * arrays))(guarded)

@@ -44,8 +44,8 @@ class Component:
     #: distance of its points) or an output; the speed is the output at which the feature passes, or ``"time"``.
     features: ClassVar[dict[str, str]] = {}
 
-    #: Whether what the equations do is not written in them: their dimensions cannot be checked.
-    opaque: ClassVar[bool] = False
+    #: Whether the equations call what only Python can: a model with such a component is not compiled.
+    only_python: ClassVar[bool] = False
 
     #: Parameters whose unit, and tables whose argument's unit, an option decides: their dimension is not checked.
     units_by_option: ClassVar[tuple[str, ...]] = ()

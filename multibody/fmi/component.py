@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from multibody.assembly.equation_set import Assembly
-from multibody.base.foreign_faults import ASKS_FOREIGN
 from multibody.base.spelling import nearest
 from multibody.declare.component import Component
 from multibody.declare.declarations import (
@@ -22,7 +21,7 @@ from multibody.declare.declarations import (
 )
 from multibody.equations.statements import variable
 from multibody.fmi.errors import FmuError
-from multibody.fmi.foreign import EVALUATE, SLOPES, start_states
+from multibody.fmi.foreign import start_states
 from multibody.fmi.foreign_description import ForeignUnit, ForeignVariable, read_unit
 
 __all__ = ["Fmu", "Gap"]
@@ -36,7 +35,8 @@ class Fmu(Component):
     Its states, inputs, parameters and outputs are those of the unit, in SI, under their own names with an underscore in
     the place of every other character: ``body.x[1]`` is ``body_x_1``.  An input that nothing drives keeps its start
     value.  A state that its description gives no start value starts where the unit's own initialization puts it, with
-    the parameters of the description.  The unit runs in a process of its own, which compiled equations ask.
+    the parameters of the description.  The unit runs in a process of its own; the equations of a model that has one are
+    evaluated by Python.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Fmu(Component):
     path = Option("", "the file")
     connections = Option("", "flanges, as 'guide: force=F_ext motion=s rate=v; ...'")
 
-    opaque: ClassVar[bool] = True
+    only_python: ClassVar[bool] = True
 
     def __init__(
         self, path: str | Path = "", connections: Mapping[str, Mapping[str, str]] | str = "", **given: Any
@@ -135,35 +135,26 @@ class _Asks:
 
     def __init__(self, unit: ForeignUnit, members: tuple[int, ...]) -> None:
         names = [f"a{k}" for k in range(len(unit.states) + len(unit.inputs) + len(unit.parameters))]
+        self.returned = len(members)
+        first = f"{str(unit.path)!r}, {unit.digest!r}, {members!r}, t, {_tuple(names)}"
         dots = [f"{n}_dot" for n in names]
-        self.returned, count = len(members), len(unit.states) + len(unit.outputs)
-        self._key = f"key_of({str(unit.path)!r}, {unit.digest!r})"
-        plain, both = ["t", *names], ["t", *names, *dots]
-        results = [f"values[{k}]" for k in members]
-        slopes = [f"values[{count + k}]" for k in members]
-        self._plain = _question(plain, plain, EVALUATE, count, results)
-        self._tangent = _question(["t", *names, "t_dot", *dots], both, SLOPES, 2 * count, results + slopes)
+        one = "[0]" if self.returned == 1 else ""
+        module = "multibody.fmi.foreign"
+        self._plain = (
+            f"({', '.join(['t', *names])}):\n    from {module} import evaluate\n    return evaluate({first}){one}\n"
+        )
+        self._tangent = (
+            f"({', '.join(['t', *names, 't_dot', *dots])}):\n    from {module} import tangent\n"
+            f"    return tangent({first}, {_tuple(dots)})\n"
+        )
 
     def text(self, name: str) -> str:
         """Return the text of the function under a name."""
-        top = f"import numpy as np\n{ASKS_FOREIGN}\n{name}_key = {self._key}\n\n\n"
-        return f"{top}def {name}{self._plain.replace('{0}', name)}"
+        return f"def {name}{self._plain}"
 
     def tangent_text(self, name: str) -> str:
         """Return the text of its tangent under a name."""
-        return f"def {name}{self._tangent.replace('{0}', name.removesuffix('_tangent'))}"
-
-
-def _question(arguments: list[str], given: list[str], kind: float, count: int, results: list[str]) -> str:
-    """Return a function without its name that asks a unit; ``{0}`` stands for the name of its key."""
-    lines = [
-        f"given = np.empty({len(given)})",
-        *(f"given[{k}] = {name}" for k, name in enumerate(given)),
-        f"values = np.empty({count})",
-        f"ask({{0}}_key, {kind!r}, given, values)",
-        f"return {', '.join(results)}",
-    ]
-    return f"({', '.join(arguments)}):\n" + "".join(f"    {line}\n" for line in lines)
+        return f"def {name}{self._tangent}"
 
 
 def _starts(unit: ForeignUnit) -> list[float]:
@@ -172,6 +163,10 @@ def _starts(unit: ForeignUnit) -> list[float]:
         return [v.start for v in unit.states]
     computed = start_states(str(unit.path), unit.digest)
     return [c if v.computed else v.start for v, c in zip(unit.states, computed, strict=True)]
+
+
+def _tuple(names: list[str]) -> str:
+    return f"({', '.join(names)},)" if names else "()"
 
 
 def _groups(unit: ForeignUnit) -> dict[frozenset[int], tuple[int, ...]]:

@@ -4,156 +4,125 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import ctypes
-import hashlib
 import os
-import select
 import subprocess
 import sys
 import threading
 from functools import lru_cache
+from multiprocessing import Pipe
 from pathlib import Path
 
 import numpy as np
 
 from multibody.base.errors import SimulationError
-from multibody.fmi.foreign_description import read_unit
-from multibody.fmi.server import EVALUATE, SLOPES, START
+from multibody.fmi.foreign_description import ForeignVariable, read_unit
+from multibody.fmi.server import COLUMNS, EVALUATE, START
 
-__all__ = ["EVALUATE", "SLOPES", "TABLE", "TIMEOUT", "handle", "key_of", "process_of", "start_states"]
+__all__ = ["TIMEOUT", "evaluate", "start_states", "tangent"]
 
 #: Seconds after which a unit that does not answer counts as hung; an evaluation takes microseconds.
 TIMEOUT = 60.0
 #: The same for the start of its process, which imports fmpy and loads the unit.
 START_TIMEOUT = 120.0
 
-#: What compiled code knows of the processes (see `multibody.fmi.asking`): a row for each, zeros where there is none.
-#: Its columns are key, file descriptors, addresses of memory, whether the answer in memory is that to the question in
-#: memory, and how many milliseconds to wait.
-TABLE = np.zeros((32, 9), dtype=np.int64)
-KEY, OUT, IN, REQUEST, ANSWER, MUTEX, POLL, KNOWN, LIMIT = range(TABLE.shape[1])
-
-#: What compiled code calls `handle` for.
-INTERRUPTED, HUNG, DIED, REFUSED = range(4)
-
-_MUTEX_BYTES = 64  # of a pthread_mutex_t; 40 on 64-bit Linux, 64 on macOS
-_READABLE = 1  # POLLIN
-
-_units: dict[int, tuple[str, str]] = {}
-_running: dict[int, _Process] = {}
-_ended: list[_Process] = []  # another thread may still look into their memory
+_running: dict[tuple[str, str, int], _Process] = {}
 _lock = threading.RLock()
 
 
-def key_of(path: str, digest: str) -> int:
-    """Return the number under which equations ask for a unit, and remember its file; its process starts when asked.
-
-    Parameters
-    ----------
-    path, digest : str
-        The file, and its digest when the model was built.
-    """
-    key = int(hashlib.sha256(f"{digest} {path}".encode()).hexdigest()[:15], 16) + 1
-    _units[key] = path, digest
-    return key
-
-
 class _Process:
-    """A unit's process, and the memory that questions and answers pass through."""
+    """A unit's process, and what converts numbers between SI and the unit's own."""
 
-    def __init__(self, key: int, slot: int) -> None:
-        path, _ = _units[key]
-        self.path, self.slot = Path(path), slot
+    def __init__(self, path: str) -> None:
+        self.path = Path(path)
         if os.name != "posix":
             raise SimulationError(
-                f"the FMU '{self.path.name}' cannot run: its process inherits pipes, as on Linux and macOS"
+                f"the FMU '{self.path.name}' cannot run: its process inherits a pipe, as on Linux and macOS"
             )
-        unit = read_unit(path)
-        self.states = len(unit.states)
-        self.size = 1 + self.states + len(unit.inputs) + len(unit.parameters)
-        self.count = self.states + len(unit.outputs)
-        theirs_in, self.out = os.pipe()
-        self.back, theirs_out = os.pipe()
+        self.unit = unit = read_unit(path)
+        self.connection, theirs = Pipe()
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-        command = [sys.executable, "-m", "multibody.fmi.server", str(path), str(theirs_in), str(theirs_out)]
+        command = [sys.executable, "-m", "multibody.fmi.server", str(path), str(theirs.fileno())]
         self.process = subprocess.Popen(
-            command,
-            pass_fds=[theirs_in, theirs_out],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            env=environment,
+            command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=environment
         )
-        os.close(theirs_in)
-        os.close(theirs_out)
-        self.request, self.answer = np.empty(2 * self.size), np.empty(1 + 2 * self.count)
-        self.waits = np.array([self.back, _READABLE], dtype=np.int32)  # a struct pollfd
-        self.mutex = np.zeros(_MUTEX_BYTES, dtype=np.uint8)
-        _c_library().pthread_mutex_init(ctypes.c_void_p(self.mutex.ctypes.data), None)
-        row = TABLE[slot]
-        row[OUT], row[IN], row[KNOWN], row[LIMIT] = self.out, self.back, 0, int(1000 * TIMEOUT)
-        row[REQUEST], row[ANSWER] = self.request.ctypes.data, self.answer.ctypes.data
-        row[MUTEX], row[POLL] = self.mutex.ctypes.data, self.waits.ctypes.data
-        if length := int(self._received(1, START_TIMEOUT)[0]):
-            refusal = self._refusal(length)
-            self.stop()
-            raise refusal
-        row[KEY] = key
+        theirs.close()
+        known = (*unit.states, *unit.inputs, *unit.parameters)
+        self.known_factor, self.known_offset = _scales(known)
+        rate_factor = np.array([v.factor for v in unit.states])
+        out_factor, out_offset = _scales(unit.outputs)
+        self.factor = np.concatenate([rate_factor, out_factor])
+        self.offset = np.concatenate([np.zeros(rate_factor.size), out_offset])
+        self.point = b""
+        self.values = np.empty(0)
+        self.columns: dict[int, np.ndarray] = {}
+        self.used: set[int] = set()
+        self._answer(START_TIMEOUT)
 
-    def exchange(self, kind: float, given: np.ndarray, values: np.ndarray) -> None:
-        """Ask from Python, as `multibody.fmi.asking.ask` does from compiled code.
+    def values_at(self, t: float, known: tuple[float, ...]) -> np.ndarray:
+        """Return rates and outputs at a point, SI; the last point is remembered."""
+        point = self._point(t, known)
+        if point != self.point:
+            self._arrive(point, self._ask(EVALUATE + point))
+        return self.values
 
-        Raises
-        ------
-        SimulationError
-            If the unit refuses, does not answer, or its process has ended.
+    def slopes_at(self, t: float, known: tuple[float, ...], along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return rates and outputs at a point and their derivatives along a direction, SI.
+
+        Integration along many directions asks for the same columns of the Jacobian at each point: those that the last
+        point needed are fetched together, so that all directions cost one question.
         """
-        mutex = ctypes.c_void_p(self.mutex.ctypes.data)
-        _c_library().pthread_mutex_lock(mutex)
+        point = self._point(t, known)
+        moved = set(np.flatnonzero(along).tolist())
+        before = self.used if point != self.point else set()
+        have = self.columns if point == self.point else {}
+        if point != self.point or not moved <= have.keys():
+            wanted = sorted((moved | before) - have.keys())
+            answer = self._ask(COLUMNS + point + np.array(wanted, dtype=float).tobytes())
+            count = self.factor.size
+            if point != self.point:
+                self._arrive(point, answer[:count])
+            for j, k in enumerate(wanted):
+                self.columns[k] = answer[(1 + j) * count : (2 + j) * count] * self.factor / self.known_factor[k]
+        self.used |= moved
+        slopes = np.zeros(self.factor.size)
+        for k in moved:
+            slopes += self.columns[k] * along[k]
+        return self.values, slopes
+
+    def start(self) -> np.ndarray:
+        """Return the states with which the unit starts, SI."""
+        n = len(self.unit.states)
+        factor, offset = _scales(self.unit.parameters)
+        own = (np.array([v.start for v in self.unit.parameters]) - offset) / factor
+        found = self._ask(START + own.tobytes())
+        return found * self.known_factor[:n] + self.known_offset[:n]
+
+    def _point(self, t: float, known: tuple[float, ...]) -> bytes:
+        own = (np.array(known) - self.known_offset) / self.known_factor
+        return np.concatenate([[t], own]).tobytes()
+
+    def _arrive(self, point: bytes, answer: np.ndarray) -> None:
+        self.point, self.values, self.columns = point, answer * self.factor + self.offset, {}
+        self.used = set()
+
+    def _ask(self, request: bytes) -> np.ndarray:
         try:
-            TABLE[self.slot, KNOWN] = 0
-            data = memoryview(np.concatenate([[kind], given]).tobytes())
-            try:
-                while data:
-                    data = data[os.write(self.out, data) :]
-            except OSError as error:
-                raise self._died() from error
-            answer = self._received(1 + values.size, TIMEOUT)
-            if answer[0] != 0.0:
-                raise self._refusal(int(answer[0]))
-            values[:] = answer[1:]
-        finally:
-            _c_library().pthread_mutex_unlock(mutex)
+            self.connection.send_bytes(request)
+            return self._answer(TIMEOUT)
+        except (BrokenPipeError, ConnectionError) as error:
+            raise self._died() from error
 
-    def _received(self, count: int, limit: float) -> np.ndarray:
-        return np.frombuffer(self._bytes(8 * count, limit))
-
-    def _bytes(self, count: int, limit: float) -> bytes:
-        data = b""
-        while len(data) < count:
-            if not select.select([self.back], [], [], limit)[0]:
-                raise self._hung(limit)
-            part = os.read(self.back, count - len(data))
-            if not part:
-                raise self._died()
-            data += part
-        return data
-
-    def handle(self, what: int) -> None:
-        """Raise what has happened; return where it was only a signal."""
-        if what == HUNG:
-            raise self._hung(TIMEOUT)
-        if what == REFUSED:
-            raise self._refusal(int(self.answer[0]))
-        if what == DIED or self.process.poll() is not None:
-            raise self._died()
-
-    def _refusal(self, length: int) -> SimulationError:
-        text = self._bytes(length, TIMEOUT)
-        return SimulationError(f"the FMU '{self.path.name}' refuses: {text.decode(errors='replace')}")
-
-    def _hung(self, limit: float) -> SimulationError:
-        self.stop()
-        return SimulationError(f"the FMU '{self.path.name}' has not answered for {limit:g} s: it was stopped")
+    def _answer(self, limit: float) -> np.ndarray:
+        if not self.connection.poll(limit):
+            self.stop()
+            raise SimulationError(f"the FMU '{self.path.name}' has not answered for {limit:g} s: it was stopped")
+        try:
+            answer = self.connection.recv_bytes()
+        except (EOFError, ConnectionError) as error:
+            raise self._died() from error
+        if answer[:1] == b"-":
+            raise SimulationError(f"the FMU '{self.path.name}' refuses: {answer[1:].decode(errors='replace')}")
+        return np.frombuffer(answer, offset=1) if len(answer) > 1 else np.empty(0)
 
     def _died(self) -> SimulationError:
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -168,70 +137,31 @@ class _Process:
         with _lock:
             for key in [k for k, v in _running.items() if v is self]:
                 del _running[key]
-            TABLE[self.slot, KEY] = 0
-            _ended.append(self)
-        for fd in (self.out, self.back):
-            with contextlib.suppress(OSError):
-                os.close(fd)
+        with contextlib.suppress(OSError):
+            self.connection.close()
         if self.process.poll() is None:
             self.process.kill()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(5.0)
 
 
-@lru_cache(maxsize=1)
-def _c_library() -> ctypes.CDLL:
-    return ctypes.CDLL(None)
+def _scales(variables: tuple[ForeignVariable, ...]) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([v.factor for v in variables]), np.array([v.offset for v in variables])
 
 
-def process_of(key: int) -> _Process:
-    """Return the process of a unit, which is started where it does not run.
-
-    Raises
-    ------
-    SimulationError
-        If it cannot be started.
-    """
+def _process(path: str, digest: str) -> _Process:
+    key = path, digest, os.getpid()  # a forked process must not share a pipe
     with _lock:
         if key not in _running:
-            used = {one.slot: one for one in _running.values()}
-            free = [slot for slot in range(len(TABLE)) if slot not in used]
-            if not free:
-                oldest = next(iter(_running.values()))
-                oldest.stop()
-                free = [oldest.slot]
-            _running[key] = _Process(key, free[0])
+            _running[key] = _Process(path)
         return _running[key]
-
-
-def handle(slot: int, what: int) -> None:
-    """Raise what compiled code has met at a slot; return where it was only a signal.
-
-    Raises
-    ------
-    SimulationError
-    """
-    one = next((v for v in _running.values() if v.slot == slot), None)
-    if one is None:
-        raise SimulationError("the process of an FMU was stopped")
-    one.handle(what)
-
-
-def _forget_all() -> None:
-    """Leave the processes to the parent of a fork: two must not share a pipe."""
-    TABLE[:] = 0
-    _ended.extend(_running.values())
-    _running.clear()
 
 
 @atexit.register
 def _stop_all() -> None:
     for one in list(_running.values()):
-        one.stop()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget_all)
+        if one.process.returncode is None:
+            one.stop()
 
 
 @lru_cache(maxsize=16)
@@ -241,10 +171,39 @@ def start_states(path: str, digest: str) -> tuple[float, ...]:
     Raises
     ------
     SimulationError
-        If the unit refuses, does not answer, or its process cannot be started.
+        As `evaluate`.
     """
-    unit, one = read_unit(path), process_of(key_of(path, digest))
-    known = (*unit.states, *unit.inputs, *unit.parameters)
-    values = np.empty(len(unit.states))
-    one.exchange(START, np.array([0.0, *(v.start for v in known)]), values)
-    return tuple(values.tolist())
+    with _lock:
+        return tuple(map(float, _process(path, digest).start()))
+
+
+def evaluate(path: str, digest: str, wanted: tuple[int, ...], t: float, known: tuple[float, ...]) -> tuple[float, ...]:
+    """Return rates and outputs of a unit, SI.
+
+    Parameters
+    ----------
+    path, digest : str
+        The file, and its digest when the model was built.
+    wanted : tuple of int
+        Places among rates and outputs.
+    t : float, s
+    known : tuple of float
+        States, inputs and parameters, SI.
+
+    Raises
+    ------
+    SimulationError
+        If the unit refuses, does not answer, or its process has ended.
+    """
+    with _lock:
+        values = _process(path, digest).values_at(t, known)
+    return tuple(float(values[k]) for k in wanted)
+
+
+def tangent(
+    path: str, digest: str, wanted: tuple[int, ...], t: float, known: tuple[float, ...], known_dot: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Return rates and outputs, and then their derivatives along a direction; otherwise as `evaluate`."""
+    with _lock:
+        values, slopes = _process(path, digest).slopes_at(t, known, np.array(known_dot))
+    return tuple(float(values[k]) for k in wanted) + tuple(float(slopes[k]) for k in wanted)

@@ -349,7 +349,7 @@ class NativeProblem:
         field = self.field(jacobian=False)
         time, state, rates = np.empty(1), np.empty(self.size), np.empty(self.size)
         evaluate = evaluate_at.bound(time, state, rates, field.numbers)
-        check = [f.check for f in (self.rhs, self.tangent) if f is not None]
+        check = [f.check for f in (self.rhs, self.tangent) if f is not None and not f.compiled]
 
         def fun(t: float, y: np.ndarray, _owner: Any = field) -> np.ndarray:
             time[0] = t

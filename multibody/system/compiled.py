@@ -69,7 +69,7 @@ class CompiledSystem:
         self.name = model.name
         self.texts = plan.texts
         self.sparsity = plan.sparsity
-        self.compiled = compiled
+        self.compiled = compiled and not any(c.only_python for c in model.components.values())
         self._places = plan.places
         self.states, self.inputs = plan.states, plan.inputs
         self.parameters, self.outputs = plan.parameters, plan.outputs
