@@ -294,7 +294,9 @@ def test_every_dependency_has_a_locked_version_and_no_line_names_a_host() -> Non
     extras = project["optional-dependencies"]
     readers = [name for extra in re.findall(r"\w+", extras["readers"][0].split("[")[1]) for name in extras[extra]]
     tests = [name for name in extras["test"] if not name.startswith("vtsdt[")]
-    assert [name for name in extras["test"] if name not in tests] == ["vtsdt[readers,workbench,browser,mqtt,notebooks,fmi]"]
+    assert [name for name in extras["test"] if name not in tests] == [
+        "vtsdt[readers,workbench,browser,mqtt,notebooks,fmi]"
+    ]
     tests += [name for extra in ("workbench", "browser", "mqtt", "notebooks") for name in extras[extra]]
     wanted = [*project["dependencies"], *tests, *readers, *extras["lint"], *extras["docs"]]
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
