@@ -11,12 +11,7 @@ import numpy as np
 
 from discrepancy.evidence.standstill import places_that_stick, samples_at_standstill, standstill_at
 from discrepancy.innovations.linear_record import LinearRecord, linear_record
-from discrepancy.innovations.noise_fit import (
-    RecordColumns,
-    fit_noise,
-    likeliest_change,
-    restricted_log_likelihood,
-)
+from discrepancy.innovations.noise_fit import RecordColumns, fit_noise, likeliest_change
 from discrepancy.innovations.noise_model import InnovationWeighting, NoiseModel, Process, innovation_weighting
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
@@ -28,8 +23,6 @@ __all__ = [
     "StageLikelihood",
     "noise_floor",
     "record_columns",
-    "smaller_noises",
-    "sources",
     "with_columns",
 ]
 
@@ -42,8 +35,6 @@ SHORTEST = 200
 MEMORIES = 4
 #: Least white noise of an output, over its stated noise: a stated noise may be on the safe side.
 LEAST_NOISE = 0.3
-#: Factors on the size and on the memory of a random force that may have taken an effect into itself.
-SMALLER, SHORTER = 0.1, (0.3, 0.1)
 SHOWN = 3  # records from which it is worked out how far a force moves the outputs: an order of magnitude is enough
 
 
@@ -144,18 +135,13 @@ class StageLikelihood:
         columns, std, offset = record_columns(self.linearised, records, self.held)
         return fitted_noise(self.linearised, records, columns, std, offset, self.start, grow=self.grow)
 
-    def log_likelihood_of(self, model: NoiseModel) -> float:
-        """Return the restricted log likelihood of another noise model."""
-        columns, std, offset = record_columns(self.linearised, self.noise.records, self.held)
-        return restricted_log_likelihood(columns, model, std, offset)
-
     @cached_property
     def weighted(self) -> LinearisedProblem:
         """The linearised problem as innovations: white where the model and its noise explain the records."""
         return self.linearised.weighted_by(self.noise.weighting())
 
 
-def sources(linearised: LinearisedProblem) -> list[str]:
+def _sources(linearised: LinearisedProblem) -> list[str]:
     """Return the inputs that latent processes may be added to: a force at every connection, and recorded inputs."""
     recorded = [n for n in linearised.experiments[0].inputs if n in linearised.slim.input_names]
     return [*(f"probe.{place.name}" for place in linearised.system.places), *recorded]
@@ -170,7 +156,7 @@ def linear_records(linearised: LinearisedProblem, left_out: Sequence[np.ndarray]
     left_out : sequence of ndarray of bool, shape (n,)
         Samples of every record that do not count.
     """
-    channels = sources(linearised)
+    channels = _sources(linearised)
 
     def of(i: int) -> LinearRecord:
         start = linearised.initial_state(i)
@@ -225,20 +211,6 @@ def record_columns(
     return columns, sens.prior_std[moved], sens.prior_offset[moved]
 
 
-def smaller_noises(model: NoiseModel) -> list[NoiseModel]:
-    """Return noise models with one random force at a time smaller, or as quick as large but forgetting sooner.
-
-    An effect that is missing has made one of them large, or slow: a constant force looks like one that changes slowly.
-    """
-    out = []
-    for k, process in enumerate(model.processes):
-        # what drives a process that forgets sooner keeps its size
-        sooner = [replace(process, memory=m * process.memory, std=m**0.5 * process.std) for m in SHORTER]
-        for changed in (replace(process, std=SMALLER * process.std), *sooner):
-            out.append(replace(model, processes=(*model.processes[:k], changed, *model.processes[k + 1 :])))
-    return out
-
-
 def noise_floor(linearised: LinearisedProblem) -> np.ndarray:
     """Return the standard deviation of the noise of each prepared output, SI."""
     given = linearised.preparation
@@ -273,16 +245,16 @@ def _candidates(linearised: LinearisedProblem, records: Sequence[LinearRecord], 
     step = float(np.median(np.concatenate([np.diff(r.time) for r in records])))
     memories = np.geomspace(2.0 * step, max(longest / 3.0, 4.0 * step), MEMORIES)
     places = [place.name for place in linearised.system.places]
-    acted_on = sources(linearised)
+    sources = _sources(linearised)
     sticking = places_that_stick(linearised)
     shows = _reach(records, noise)
     candidates = []
-    acting = [(j, source, memories[:1]) for j, source in enumerate(acted_on)]  # the noise of a recorded input is white
+    acting = [(j, source, memories[:1]) for j, source in enumerate(sources)]  # the noise of a recorded input is white
     acting[: len(places)] = [(j, place, memories) for j, place in enumerate(places)]
-    acting += [(len(acted_on) + j, places[j], memories) for j in sticking]
+    acting += [(len(sources) + j, places[j], memories) for j in sticking]
     for j, where, own in acting:
         if shows[j] > 0.0:
-            size, still = float(1.0 / shows[j]), j >= len(acted_on)
+            size, still = float(1.0 / shows[j]), j >= len(sources)
             candidates += [
                 Process(where=where, source=j, channel=-1, memory=float(m), std=size, at_standstill=still) for m in own
             ]

@@ -91,7 +91,6 @@ def posterior(
     final: Proposals | None = None,
     *,
     unknown: bool = False,
-    systematic: Mapping[tuple[str, ...], float] | None = None,
     temperature: float = POLICY.temperature,
 ) -> Posterior:
     """Return the probabilities of the models that were tried, and of the effects that were found.
@@ -110,8 +109,6 @@ def posterior(
     unknown : bool
         Whether the model that was taken fails its predictive checks: what it leaves of the probability of "nothing" is
         then that of "unknown".
-    systematic : mapping of tuple to float, optional
-        Nats by which the evidence of some models rises with a force that no law describes.
     temperature : float
         Divisor of the log evidence.
 
@@ -122,7 +119,6 @@ def posterior(
     """
     totals = {k: m.total for k, m in models.items() if math.isfinite(m.total)}
     totals |= _twin_models(totals, proposals, final)
-    totals |= {(*k, UNKNOWN): totals[k] + gain for k, gain in (systematic or {}).items() if k in totals}
     probabilities = _of_what_matters(_softmax(totals, temperature), models, found)
     nothing = probabilities.get((), 0.0)
     of_unknown = sum(p for k, p in probabilities.items() if any(n.startswith(UNKNOWN) for n in k))
@@ -136,8 +132,6 @@ def posterior(
             new = set(key) - rest
             if name not in key and rest <= set(key) and len(new) == 1:
                 other = next(iter(new))
-                if other == UNKNOWN:
-                    continue  # told by itself
                 others[other] = others.get(other, 0.0) + p
         alternatives, total = [], own
         for other, p in sorted(others.items(), key=lambda t: -t[1]):

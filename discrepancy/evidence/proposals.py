@@ -22,7 +22,6 @@ from discrepancy.evidence.likelihood import (
 )
 from discrepancy.evidence.likeness import ParameterLikeness, parameter_likeness
 from discrepancy.evidence.policy import POLICY
-from discrepancy.evidence.same_law import parameters_of_same_law
 from discrepancy.sensitivities.candidates import candidate_sensitivities
 from discrepancy.sensitivities.linearised_problem import LinearisedProblem
 from discrepancy.stages.stage import Stage
@@ -209,7 +208,7 @@ def propose(
     entries = entries_of(stage, include, exclude)
     present = {str(e) for e in stage.effects}
     entries = [e for e in entries if e.name not in present or e.kind.name in REPEATABLE]
-    same_law = parameters_of_same_law(plain, entries)
+    same_law = {e.name: name for e in entries if (name := _parameter_of_same_law(e, plain.sensitivities().names))}
     asked = [e for e in entries if e.name not in same_law]
     raw, refused = candidate_sensitivities(plain, asked, progress, stage.effects, curves=not stage.effects)
     progress(f"scores of {len(raw)} candidates")
@@ -244,6 +243,17 @@ def propose(
     return Proposals(
         scan=result, candidates=tuple(best), refused=tuple(refused), owned=owned, alike=alike, sticks=sticks
     )
+
+
+def _parameter_of_same_law(entry: Entry, fitted: Sequence[str]) -> str:
+    """Return the fitted parameter of the machine that is the strength of an entry's law at its place; empty if none is.
+
+    Two dry frictions between the same two parts are one dry friction.
+    """
+    if entry.place is None:
+        return ""
+    own = (f"{part}.{name}" for part in (entry.place.name, *entry.place.also) for name in entry.kind.same_law)
+    return next((name for name in own if name in fitted), "")
 
 
 def _owned(

@@ -17,7 +17,6 @@ from discrepancy.evidence.policy import POLICY
 from discrepancy.evidence.posterior import rivals_of
 from discrepancy.evidence.predictive import PredictiveGain, gain_of_errors, held_out_errors, predictive_gain
 from discrepancy.evidence.proposals import Proposal, Proposals, entries_of, propose, proposed_effects
-from discrepancy.evidence.systematic_force import SystematicForce, systematic_force
 from discrepancy.search.moves import Decision
 from discrepancy.stages.fit_stage import with_validation
 from discrepancy.stages.stage import AcceptedEffect, Stage
@@ -50,8 +49,6 @@ class EvidenceSearch:
     unconfirmed : list of str
         Effects that no record held out is predicted better with.
     prior : ModelPrior or None
-    systematic : dict of tuple to SystematicForce
-        What a general function of motion and inputs explains beside the answer, and beside the model without effects.
     """
 
     state: SearchState
@@ -59,7 +56,6 @@ class EvidenceSearch:
     predictive: dict[str, PredictiveGain] = field(default_factory=dict, init=False)
     unconfirmed: list[str] = field(default_factory=list, init=False)
     prior: ModelPrior | None = field(default=None, init=False)
-    systematic: dict[tuple[str, ...], SystematicForce] = field(default_factory=dict, init=False)
 
     def run(self) -> None:
         """Extend the best models, keep of the best what predicts better, and make its stages."""
@@ -67,7 +63,7 @@ class EvidenceSearch:
         start = self._known(state.stage)
         while (model := self._next()) is not None:
             self._extend(model)
-        best = self._against_the_unknown(self._confirmed(self._kept_by_prediction(self._ranked()[0])))
+        best = self._confirmed(self._kept_by_prediction(self._ranked()[0]))
         best.taken = True
         self._make_stages(start, best)
 
@@ -356,41 +352,6 @@ class EvidenceSearch:
             self.unconfirmed.append(weakest[2])
             best = weakest[1]
         return best
-
-    def _against_the_unknown(self, best: TriedModel) -> TriedModel:
-        """Return the model without effects if a force that no law describes explains the records better than the best.
-
-        Such a force is a rival of the effects that were found, in the same criterion.
-        """
-        start = self.start
-        for model in {id(m): m for m in (best, start) if m is not None}.values():
-            self._ask_for_systematic_force(model)
-
-        def whole(model: TriedModel) -> float:
-            found = self.systematic.get(model.key)
-            return model.total + (max(found.gain, 0.0) if found is not None else 0.0)
-
-        if start is None or best is start:
-            return best
-        found = self.systematic.get(start.key)
-        if found is None or not found.convincing or whole(best) >= whole(start):
-            return best
-        best.refuse(f"a force at {found.where} that depends on {found.on} by no law of the catalogue explains more")
-        self.state.progress(f"{best.name}: {best.outcome}")
-        return start
-
-    def _ask_for_systematic_force(self, model: TriedModel) -> None:
-        likelihood = model.likelihood
-        if likelihood is None:
-            return
-        self.state.progress(f"is there a force that no law describes beside {model.name}?")
-        candidates = self.prior.candidates if self.prior is not None else 1
-        found = self.state.if_simulated(
-            "whether something else is missing", lambda: systematic_force(likelihood, candidates)
-        )
-        if found is not None:
-            self.systematic[model.key] = found
-            self.state.progress(f"{found}")
 
     def _fitted_once(self, model: TriedModel, proposals: Sequence[Proposal]) -> list[TriedModel]:
         """Return the models of some proposals: those that were not tried yet are fitted, others from here as well."""

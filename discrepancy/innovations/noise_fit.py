@@ -12,14 +12,7 @@ from discrepancy.innovations.linear_record import LinearRecord
 from discrepancy.innovations.noise_model import NoiseModel, Process, innovation_weighting
 from multibody.base.parallel import parallel_map
 
-__all__ = [
-    "RecordColumns",
-    "fit_noise",
-    "gains_of_random_columns",
-    "likeliest_change",
-    "prior_precision",
-    "restricted_log_likelihood",
-]
+__all__ = ["RecordColumns", "fit_noise", "likeliest_change", "prior_precision", "restricted_log_likelihood"]
 
 #: Nats by which a further process must raise the likelihood; it costs two parameters, of which one is at its bound
 #: where there is no such process.
@@ -219,66 +212,6 @@ def likeliest_change(
 ) -> np.ndarray:
     """Return by how much the shared parameters differ from the linearisation's at the largest likelihood, (k,)."""
     return _Normal.of(records, model, prior_std, prior_offset).solved()[0]
-
-
-def gains_of_random_columns(
-    records: Sequence[RecordColumns],
-    model: NoiseModel,
-    prior_std: np.ndarray,
-    prior_offset: np.ndarray,
-    groups: Sequence[np.ndarray],
-    sizes: Sequence[float],
-) -> list[tuple[float, float, np.ndarray]]:
-    """Return by how much the likelihood rises with each of some groups of random columns.
-
-    Parameters
-    ----------
-    records : sequence of RecordColumns
-        The shared columns that ``prior_std`` does not have are the random ones.
-    model : NoiseModel
-    prior_std, prior_offset : ndarray, shape (k,)
-        Of the other shared columns.
-    groups : sequence of ndarray of int
-        The random columns of each group, counted from the first of them.
-    sizes : sequence of float
-        Standard deviations of the weights that are tried.
-
-    Returns
-    -------
-    list of (float, float, ndarray)
-        For each group the gain in nats at the likeliest size, that size, and by how much all shared columns' factors
-        are likelier to differ with the group than without it: first the others', then those of the group.
-    """
-    known = prior_std.size
-    count = records[0].shared.shape[2] - known
-    free = np.full(count, np.inf)
-    impossible = [(-np.inf, 0.0, np.zeros(known + g.size)) for g in groups]
-    try:
-        normal = _Normal.of(records, model, np.append(prior_std, free), np.append(prior_offset, np.zeros(count)))
-    except np.linalg.LinAlgError:  # no covariance of the innovations under this noise
-        return impossible
-    if not normal.finite:
-        return impossible
-
-    def solved(columns: np.ndarray, precision: float) -> tuple[np.ndarray, float]:
-        more = np.concatenate([np.zeros(known), np.full(columns.size - known, precision)])
-        matrix = normal.matrix[np.ix_(columns, columns)] + np.diag(more)
-        change, quadratic, half_log_det = replace(normal, matrix=matrix, right=normal.right[columns]).solved()
-        return change, quadratic - half_log_det
-
-    own = np.arange(known)
-    before, without = solved(own, 0.0)
-    out = []
-    for group in groups:
-        best = -np.inf, 0.0, np.zeros(known + group.size)
-        for size in sizes:
-            change, value = solved(np.concatenate([own, known + group]), size**-2.0)
-            gain = value - group.size * np.log(size) - without
-            if gain > best[0]:
-                change[:known] -= before
-                best = float(gain), size, change
-        out.append(best)
-    return out
 
 
 def fit_noise(
