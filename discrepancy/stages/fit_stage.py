@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discrepancy.residual.windows import crop, samples_needed
 from discrepancy.stages.fitted_machine import machine_with_effects
 from discrepancy.stages.stage import Stage
 from estimation.fit.calibrate import calibrate, evaluate
@@ -22,6 +23,11 @@ if TYPE_CHECKING:
     from multibody.machine.model import Model
 
 __all__ = ["FittedValues", "fitted_stage", "with_validation"]
+
+#: Shares of the records to which strengths are fitted one after another where the effect of a disturbance accumulates:
+#: the model without the effect is right at their beginning, and its error at their end points nowhere.  Doubling from
+#: an eighth is chosen.
+GROWING_PARTS = (0.125, 0.25, 0.5, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +95,8 @@ def fitted_stage(
     sensors = tuple(s for e in effects if (s := e.sensor_error()) is not None)
     parameters = list(problem.uncertain) if calibrated else []
     begin = start.identify.to_dict() if start is not None else {}
-    own, scale = _own(start), start.identify.scale if trial and start is not None else None
+    own = _own(start.identify) if start is not None else None
+    scale = start.identify.scale if trial and start is not None else None
     if from_prior:
         begin, own = {k: v for k, v in begin.items() if k not in {q.name for q in problem.uncertain}}, None
     if values is not None:
@@ -97,17 +104,29 @@ def fitted_stage(
     base = system.parameter_vector({p.name: p.value for p in problem.uncertain})
     for effect in effects:
         parameters += effect.uncertain()
-    calibration = calibrate(
+    fit = partial(
+        calibrate,
         slim,
-        problem.identify,
-        parameters,
         noise=noise,
         sensors=sensors,
         base=base,
-        start=[begin.get(p.name, p.value) for p in parameters],
-        own=own,
         scale=scale,
         max_evaluations=20 if trial else 40,
+    )
+    shapes = _shapes_never_fitted(effects, start) if values is None else frozenset()
+    if shapes:
+        held = [p for p in parameters if p.name not in shapes]
+        accumulates = start is not None and start.disturbance is not None
+        for share in GROWING_PARTS if accumulates else (1.0,):
+            part = [_first_part(e, share) for e in problem.identify]
+            first = fit(part, held, start=[begin.get(p.name, p.value) for p in held], own=own)
+            if not first.at_bound:
+                begin, own = begin | first.to_dict(), _own(first)
+    calibration = fit(
+        problem.identify,
+        parameters,
+        start=[begin.get(p.name, p.value) for p in parameters],
+        own=own,
         hold=values is not None,
         progress=None if trial else progress,
     )
@@ -169,5 +188,26 @@ def with_validation(problem: Problem, stage: Stage) -> Stage:
     return replace(stage, validate=validation)
 
 
-def _own(stage: Stage | None) -> list[np.ndarray] | None:
-    return [np.array(list(f.own.values())) for f in stage.identify.fits] if stage is not None else None
+def _shapes_never_fitted(effects: Sequence[Effect], start: Stage | None) -> frozenset[str]:
+    """Return the shapes of laws that are not in the model where the fit begins.
+
+    Their strengths are fitted first.  A strength from a linear prediction is coarse, and beside a coarse strength a
+    shape runs into a minimum of its own: the order of an angle's harmonic turns its phase along the whole record.
+    """
+    known = start.identify.to_dict() if start is not None else {}
+    names = (e.parameter_name(shape) for e in effects for shape in e.definition.free_shapes)
+    return frozenset(name for name in names if name not in known)
+
+
+def _first_part(experiment: Experiment, share: float) -> Experiment:
+    """Return an experiment on the first part of its record, which is never too short for a fit."""
+    record, time = experiment.record, experiment.time
+    least = samples_needed(experiment.preparation, record.rate) / record.rate
+    stop = float(time[0] + max(share * (time[-1] - time[0]), least))
+    if stop >= time[-1]:
+        return experiment
+    return crop(replace(experiment, preparation=replace(experiment.preparation, stop=stop)))
+
+
+def _own(calibration: Calibration) -> list[np.ndarray]:
+    return [np.array(list(f.own.values())) for f in calibration.fits]
